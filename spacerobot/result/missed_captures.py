@@ -143,7 +143,8 @@ def _why(
                 }
             )
     told["violated"].sort(key=lambda one: (one["from_s"], -one["for_s"]))
-    if stays and not told["violated"] and "distance" in limits:
+    # a stay that lasts until the simulation ends is ended by no limit
+    if stays and not told["violated"] and "distance" in limits and rows[stay.stop - 1] + 1 < len(time):
         end = rows[stay.stop - 1] + 1
         told["violated"] = [
             {

@@ -68,6 +68,25 @@ def test_the_limit_that_was_violated_is_named(tmp_path, limit):
     assert why["violated"][0]["from_s"] == 0.0
 
 
+def test_a_limit_violated_for_a_part_of_the_way_says_how_long_and_how_long_the_stay_inside_was(tmp_path):
+    """The lateral speed by differences of the gap along the target's axes; the limit is between values."""
+    data = missed(tmp_path, DEEP, **{**WIDE, "distance": 1e-4})[0].data
+    turns = [pin.Quaternion(*np.roll(q, 1)).matrix() for q in data.body_orientation.sel(body="target").values]
+    seen = np.array([r.T @ g for r, g in zip(turns, data.grasp_gap.sel(grasp="left").values, strict=True)])
+    speed = np.linalg.norm(np.gradient(seen, data.time.values, axis=0)[:, 1:], axis=1)
+    allowed = float(speed.min() + 0.6 * np.ptp(speed))
+    over = 0.01 * np.count_nonzero(speed > allowed)
+    assert 0.3 < over < 2.7
+    wide = {**WIDE, "distance": 10, "lateral_speed": allowed, "dwell": 30}
+    _, never = missed(tmp_path, DEEP, **{**wide, "spin_deg": 1e-3})
+    lateral = next(one for one in never["violated"] if one["limit"] == "lateral_speed")
+    assert (lateral["from_s"], lateral["for_s"]) == (0.0, pytest.approx(over, abs=0.05))
+    _, why = missed(tmp_path, DEEP, **wide)
+    assert why["inside_s"] == pytest.approx(3 - over, abs=0.05)
+    assert why["violated"] == []
+    assert "the simulation ended before the dwell was over" in why["words"]
+
+
 def test_a_dwell_that_is_too_long_names_what_ended_the_stay(tmp_path):
     _, why = missed(tmp_path, FLAT, distance=0.06, dwell=30.0)
     assert 0.5 < why["inside_s"] < 3
