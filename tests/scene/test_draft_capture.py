@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 from spacerobot.errors import ScenarioError
+from spacerobot.scenario.load import to_document
 from spacerobot.scene import load_scene
 from spacerobot.scene.checks import gap
 from spacerobot.scene.draft import DraftRequest, draft_capture, surface_point
@@ -53,6 +54,14 @@ def test_the_object_begins_ahead_of_the_tip_along_the_axis_of_the_capture(tmp_pa
     mated = pin.rpy.rpyToMatrix(np.radians(capture.mated_deg))
     turned = (data.oMf[grasp.frame].rotation @ mated).T @ data.oMf[grasp.tip.frame].rotation
     assert np.degrees(np.linalg.norm(pin.log3(turned))) < 0.1
+    document = to_document(scene.scenario)
+    (free,), (holding,) = (
+        [tip for robot in robots.values() for tip in robot["tips"].values()]
+        for robots in (document["robots"], document["phases"]["stop"]["robots"])
+    )
+    for name in ("pid", "orientation_pid"):  # the arm alone is lighter than the arm with the object
+        assert bool(free.get(name)) == (name in holding)
+        assert name not in holding or holding[name]["kp"] > free[name]["kp"]
 
 
 def test_a_point_of_the_surface_stands_in_for_a_mating_frame(tmp_path):
