@@ -19,7 +19,7 @@ def main(folder: Path = Path("out/examples/first_steps"), duration_s: float = 10
     drift = result.summary["ledger"]["momentum"]["linear"]["relative_drift"]
     print(f"linear momentum changed by {drift:.1e} of the largest body's own")
 
-    sr.save(result, folder / "result")  # and back: sr.load(folder / "result")
+    result.save(folder / "result")  # and back: sr.load(folder / "result")
     viz.write_animation(result, folder / "docking.html")
     viz.save_figures(result, folder / "figures", formats=("pdf",), names=["tip_errors", "docking"])
     print(f"open {folder / 'docking.html'}")

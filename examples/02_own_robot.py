@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import spacerobot as sr
-from spacerobot.description.planar import PlanarBase, PlanarLink, planar_arm_urdf
+from spacerobot import description
 
 SCENARIO = """
 name: mine
@@ -29,7 +29,9 @@ def main(folder: Path = Path("out/examples/own_robot"), duration_s: float = 4.0)
     """An arm of three links moves an object that it holds rigidly."""
     folder.mkdir(parents=True, exist_ok=True)
     # any URDF will do; this one is written from numbers, as `spacerobot make-arm arm` does
-    urdf = planar_arm_urdf(3, PlanarLink(mass_kg=5.0), PlanarBase(mass_kg=100.0, inertia_kg_m2=10.0))
+    urdf = description.planar_arm_urdf(
+        3, description.PlanarLink(mass_kg=5.0), description.PlanarBase(mass_kg=100.0, inertia_kg_m2=10.0)
+    )
     (folder / "my_arm.urdf").write_text(urdf, encoding="utf-8")
     (folder / "mine.yaml").write_text(SCENARIO, encoding="utf-8")
 

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import spacerobot as sr
-from optim.campaign import load_campaign, run_campaign, simulate_sample, summarise
 
 CHANGES = {
     "campaign": {
@@ -26,15 +25,14 @@ def main(
 ) -> None:
     """Failures of two sets of gains, what matters, and the worst sample as a result of its own."""
     scene = sr.load_scene("paper", CHANGES | {"campaign.samples": samples} | (changes or {}))
-    found = run_campaign(scene, folder)  # run again after a kill, it goes on where it was
-    summary = summarise(folder, found.evaluator)
-    for name, told in summary["gains"].items():
+    found = sr.campaign(scene, folder)  # run again after a kill, it goes on where it was
+    for name, told in found.summary["gains"].items():
         failed = told["failure"]["any"]
         print(f"{name}: fails with {failed['value']:.1%} ({failed['low']:.1%} to {failed['high']:.1%})")
 
-    data = load_campaign(folder)  # xarray: draw(sample, parameter), tip_error_peak(sample, gains, ...), ...
-    worst = int(data.tip_error_peak.sel(gains="printed").max("tip_error_peak_of").argmax("sample"))
-    result = simulate_sample(found.evaluator, data.draw.values[worst], "printed")
+    # found.data is xarray: draw(sample, parameter), tip_error_peak(sample, gains, ...), ...
+    worst = int(found.data.tip_error_peak.sel(gains="printed").max("tip_error_peak_of").argmax("sample"))
+    result = found.simulate(worst, "printed")
     print(f"worst sample {worst}:", result.summary["tip_error"]["rpr1/tip"]["norm"])
 
 

@@ -3,12 +3,12 @@
 from pathlib import Path
 
 import spacerobot as sr
-from spacerobot.rollout import Backend
+from spacerobot import rollout
 
 PLUGINS = Path(__file__).parent / "plugins"
 
 
-def main(duration_s: float = 10.0, backend: Backend = "auto") -> None:
+def main(duration_s: float = 10.0, backend: rollout.Backend = "auto") -> None:
     """Both robots fly a lemniscate; a soft impedance helps the first."""
     for name in ("lemniscate", "impedance"):
         sr.load_plugin(PLUGINS / f"{name}.py")  # on the command line: --plugin FILE

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from scipy.stats import binomtest
 
 import spacerobot as sr
-from optim.campaign import load_campaign, run_campaign, share
 
 DURATION_S = 20.0  # until shortly after both grips close
 CHANGES = {  # the scenario's own campaign, with an object that turns faster
@@ -28,8 +28,7 @@ MOST_NM = 100.0  # captures that ask for more torque are told apart
 def main(folder: Path = Path("out/examples/capture"), samples: int = 512) -> None:
     """P(capture) by tumble rate for each set of gains: a table, and a figure with its intervals."""
     scene = sr.load_scene("docking", CHANGES | {"campaign.samples": samples})
-    run_campaign(scene, folder)  # run again after a kill, it goes on where it was
-    data = load_campaign(folder)
+    data = sr.campaign(scene, folder).data  # run again after a kill, it goes on where it was
     rate = abs(data.draw.sel(parameter="tumble").values)
     figure, axes = plt.subplots(figsize=(6, 3.5))
     print(f"tumble [deg/s]  gains      P(capture), 95 % interval    and at most {MOST_NM:g} N m")
@@ -42,11 +41,11 @@ def main(folder: Path = Path("out/examples/capture"), samples: int = 512) -> Non
         told = []
         for low, high in pairwise(EDGES_DEG):
             these = (rate >= low) & (rate < high)
-            p = share(int(captured[these].sum()), int(these.sum()), 0.95)
-            told.append((p.value, p.low, p.high))
-            print(
-                f"{low:2} to {high:2}        {gains:9}  {p.value:.1%} ({p.low:.1%} to {p.high:.1%})", end=""
-            )
+            p = binomtest(int(captured[these].sum()), int(these.sum()))
+            ends = p.proportion_ci(0.95)
+            told.append((p.statistic, *ends))
+            interval = f"{p.statistic:.1%} ({ends.low:.1%} to {ends.high:.1%})"
+            print(f"{low:2} to {high:2}        {gains:9}  {interval}", end="")
             print(f"      {within[these].mean():.1%}")
         value, lower, upper = np.array(told).T
         middle = (EDGES_DEG[:-1] + EDGES_DEG[1:]) / 2 + 0.3 * shift  # so that intervals stand side by side

@@ -6,9 +6,7 @@ from typing import Any
 import numpy as np
 
 import spacerobot as sr
-from optim.planning.output.plan_folder import FOLLOWED, write
-from optim.planning.search.make_plan import make_plan
-from viz.figures import base_disturbance, to_bytes
+from viz import figures
 
 TASK = Path(__file__).with_name("reach.yaml")
 ARM, TIP = "robots.arm", "robots.arm.tips.tip"
@@ -40,8 +38,8 @@ def main(
     shared = {"simulation.duration": duration_s}
     results = {name: sr.simulate(sr.load_scene(TASK, shared | WAYS[name])) for name in names if name in WAYS}
     if "plan" in names:
-        write(make_plan(sr.load_scene(TASK)), folder / "plan")
-        results["plan"] = sr.simulate(sr.load_scene(folder / "plan" / FOLLOWED, shared))
+        sr.plan(sr.load_scene(TASK), folder / "plan")  # writes also the scenario that follows the plan
+        results["plan"] = sr.simulate(sr.load_scene(folder / "plan" / "followed.yaml", shared))
     print(f"{'way':30s}base turns   base moves   torque rms   greatest   rest within 0.1 mm   tip at the end")
     for name, result in results.items():
         data = result.data
@@ -53,7 +51,7 @@ def main(
         print(f"{name:30s}{turned:7.2e} deg {moved:7.2e} mm{rms:9.3f} N m{torque.max():9.2f} N m", end="")
         print(f"{rests:14.2f} s{1e3 * away[-1]:19.4f} mm")
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "disturbance.png").write_bytes(to_bytes(base_disturbance(results), "png"))
+    (folder / "disturbance.png").write_bytes(figures.to_bytes(figures.disturbance(results), "png"))
 
 
 if __name__ == "__main__":

@@ -5,8 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import spacerobot as sr
-from optim.planning.output.plan_folder import FOLLOWED, write
-from optim.planning.search.make_plan import make_plan
 
 LEFT = {"tip": "servicer/left_tip", "frame": "mate_left"}
 RIGHT = {"tip": "servicer/right_tip", "frame": "mate_right"}
@@ -33,11 +31,10 @@ CHANGES = {  # what stood in the plan of the first arm alone stands in its phase
 def main(scenario: str | Path = "capture", changes: Mapping[str, Any] = CHANGES) -> None:
     """Plan, fly, and tell when and how softly each grip closed."""
     folder = Path("out/examples/one_plan")
-    planned = make_plan(sr.load_scene(scenario, changes))
-    write(planned, folder)
-    for name, motion in zip(planned.names, planned.course.motions, strict=True):
-        print(f"{name:8} {motion.duration_s:7.3f} s")
-    flown = sr.simulate(sr.load_scene(folder / FOLLOWED))
+    planned = sr.plan(sr.load_scene(scenario, changes), folder)
+    for phase in planned.summary["phases"]:
+        print(f"{phase['name']:8} {phase['duration_s']:7.3f} s")
+    flown = sr.simulate(planned.scene())
     for event in flown.summary["events"]:
         if event["kind"] == "captured":
             speed = 1e3 * sum(v**2 for v in event["relative_velocity_m_s"]) ** 0.5

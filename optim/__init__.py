@@ -13,14 +13,16 @@ if TYPE_CHECKING:
     from optim.comparison import Comparison as Comparison
     from optim.comparison import ProblemComparison as ProblemComparison
     from optim.comparison.compare import compare as compare
-    from optim.methods.evolutionary import EvolutionSettings as EvolutionSettings
     from optim.methods.evolutionary import evolve as evolve
-    from optim.methods.nlp import NlpSettings as NlpSettings
     from optim.methods.nlp import solve as solve
-    from optim.methods.run_method import Effort as Effort
     from optim.methods.run_method import MethodOutcome as MethodOutcome
-    from optim.methods.run_method import effort_of as effort_of
     from optim.methods.run_method import run_method as run_method
+    from optim.methods.settings import Effort as Effort
+    from optim.methods.settings import EvolutionSettings as EvolutionSettings
+    from optim.methods.settings import NlpSettings as NlpSettings
+    from optim.methods.settings import effort_of as effort_of
+    from optim.methods.tuning_method import MethodRequest as MethodRequest
+    from optim.methods.tuning_method import TuningMethod as TuningMethod
     from optim.problem.blackbox import ResultProblem as ResultProblem
     from optim.problem.sensitivities import Sensitivity as Sensitivity
     from optim.problem.sensitivities import sensitivity as sensitivity
@@ -41,11 +43,12 @@ if TYPE_CHECKING:
 _HOME = {
     "Comparison": "optim.comparison",
     "ProblemComparison": "optim.comparison",
-    "Effort": "optim.methods.run_method",
+    "Effort": "optim.methods.settings",
     "Measure": "spacerobot.rollout",
-    "NlpSettings": "optim.methods.nlp",
+    "NlpSettings": "optim.methods.settings",
     "MethodOutcome": "optim.methods.run_method",
-    "EvolutionSettings": "optim.methods.evolutionary",
+    "MethodRequest": "optim.methods.tuning_method",
+    "EvolutionSettings": "optim.methods.settings",
     "SearchProgress": "optim.search.search",
     "ResultProblem": "optim.problem.blackbox",
     "SearchRun": "optim.search.search",
@@ -53,11 +56,12 @@ _HOME = {
     "Sensitivity": "optim.problem.sensitivities",
     "SearchSession": "optim.search.session",
     "Signals": "spacerobot.rollout",
+    "TuningMethod": "optim.methods.tuning_method",
     "TuningResult": "optim.tuning",
     "TuningProblem": "optim.problem.tuning_problem",
     "build_problem": "optim.problem.tuning_problem",
     "compare": "optim.comparison.compare",
-    "effort_of": "optim.methods.run_method",
+    "effort_of": "optim.methods.settings",
     "evolve": "optim.methods.evolutionary",
     "final": "spacerobot.rollout",
     "integral": "spacerobot.rollout",

@@ -130,6 +130,18 @@ class BatchResult:
         return html_table(f"{self!r}: least .. median .. largest", rows)
 
 
+def load_evaluation(path: StrPath) -> GradientResult | BatchResult:
+    """Read what :meth:`GradientResult.save` or :meth:`BatchResult.save` wrote.
+
+    Raises
+    ------
+    ResultError
+        If it cannot be read.
+    """
+    data = _read(path, "parameter_value")
+    return GradientResult.load(path) if "gradient" in data else BatchResult.load(path)
+
+
 def gradient(
     scene: Scene,
     quantities: str | Sequence[str],

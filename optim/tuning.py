@@ -3,22 +3,36 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from optim.methods.evolutionary import METHODS as EVOLUTIONARY
-from optim.methods.run_method import Effort, MethodOutcome, effort_of, run_method
+from optim.json_values import plain
+from optim.methods.run_method import MethodOutcome, run_method
+from optim.methods.settings import Effort, effort_of
+from optim.methods.tuning_method import TuningMethod
 from optim.problem.blackbox import ResultProblem
+from optim.problem.problem import EvaluationCost
 from optim.problem.scene_recipe import tuning_of
 from optim.problem.tuning_problem import TuningProblem, build_problem
-from optim.search.search import Progress
+from optim.problem.variables import at_bound
+from optim.search.search import Progress, SearchRun
 from optim.search.session import SearchSession
-from spacerobot.errors import ScenarioError
-from spacerobot.files import StrPath
-from spacerobot.scene import Scene, build_scene
+from spacerobot.errors import ResultError, ScenarioError
+from spacerobot.files import StrPath, write_text
+from spacerobot.notebook import html_table
+from spacerobot.registry import TUNING_METHODS
+from spacerobot.result import check_folder
+from spacerobot.scenario.load import to_yaml
+from spacerobot.scene import Scene, build_scene, load_scene
+
+FILE, SCENARIO = "tuning.json", "scenario.yaml"
+"""Files of a tuning's folder."""
 
 HALVINGS = 6
 """Most halvings of a step at which derivatives are inaccurate at the best point."""
@@ -49,10 +63,90 @@ class TuningResult:
     scene: Scene
     outcome: MethodOutcome
 
+    def save(self, folder: StrPath) -> None:
+        """Write ``tuning.json``, and ``scenario.yaml`` with the gains unless a result of it is there.
+
+        Raises
+        ------
+        ResultError
+            If the folder holds something else or cannot be written.
+        """
+        folder = Path(folder)
+        check_folder(folder, FILE)
+        data = {
+            "gains": dict(self.gains),
+            "active_bounds": list(at_bound(list(self.gains), self.outcome.best.u)),
+            "objective": self.objective,
+            "status": self.status,
+            "message": self.message,
+            "method": self.outcome.method,
+            "runs": [_plain_run(run) for run in self.outcome.runs],
+        }
+        if not (folder / SCENARIO).is_file():
+            write_text(folder / SCENARIO, to_yaml(self.scene.scenario))
+        write_text(folder / FILE, json.dumps(plain(data), indent=1, allow_nan=False) + "\n")
+
+    @classmethod
+    def load(cls, folder: StrPath) -> TuningResult:
+        """Read what :meth:`save` wrote; the history of the runs is not kept.
+
+        Raises
+        ------
+        ResultError
+            If it cannot be read.
+        """
+        folder = Path(folder)
+        try:
+            data = json.loads((folder / FILE).read_text(encoding="utf-8"))
+            runs = tuple(_run_of(run) for run in data["runs"])
+            numbers = data["gains"], _number(data["objective"]), data["status"], data["message"]
+            outcome = MethodOutcome(data["method"], runs)
+        except (OSError, ValueError, LookupError, TypeError) as fault:
+            raise ResultError(f"holds no tuning that can be read: {fault}", source=folder / FILE) from None
+        return cls(*numbers, load_scene(folder / SCENARIO), outcome)
+
     def __repr__(self) -> str:
         """Objective and how the best run ended, in one line."""
         gains = ", ".join(f"{name} {value:.4g}" for name, value in self.gains.items())
-        return f"<Tuned {self.scene.scenario.name}: {self.status}, objective {self.objective:.6g}; {gains}>"
+        name = self.scene.scenario.name
+        return f"<TuningResult {name}: {self.status}, objective {self.objective:.6g}; {gains}>"
+
+    def _repr_html_(self) -> str:
+        """Gains and how the best run ended, for notebooks."""
+        rows = [("status", self.status), ("objective", f"{self.objective:.6g}")]
+        rows += [(name, f"{value:.6g}") for name, value in self.gains.items()]
+        return html_table(f"Tuning of {self.scene.scenario.name}", rows)
+
+
+def _plain_run(run: SearchRun) -> dict[str, Any]:
+    """A run without its history."""
+    told = {"method": run.method, "index": run.index, "seed": run.seed, "objective": run.objective}
+    told |= {"violation": run.violation, "u": run.u, "kkt": run.kkt}
+    told |= dataclasses.asdict(run.cost) | {"seconds": run.seconds}
+    return told | {"status": run.status, "message": run.message, "log": run.log}
+
+
+def _run_of(told: Mapping[str, Any]) -> SearchRun:
+    cost = EvaluationCost(**{field.name: told[field.name] for field in dataclasses.fields(EvaluationCost)})
+    return SearchRun(
+        told["method"],
+        told["index"],
+        told["seed"],
+        np.array(told["u"], dtype=float),
+        _number(told["objective"]),
+        _number(told["violation"], np.inf),
+        cost,
+        told["seconds"],
+        told["status"],
+        told["message"],
+        kkt=told["kkt"],
+        log=tuple(told["log"]),
+    )
+
+
+def _number(value: float | None, missing: float = np.nan) -> float:
+    """A stored number; null stands for one that is not finite."""
+    return missing if value is None else float(value)
 
 
 def tune(
@@ -72,8 +166,8 @@ def tune(
         :class:`optim.ResultProblem`, whose objective is any Python function of a result, for evolutionary
         methods only.
     method
-        ``manual``, ``ga``, ``de``, ``pso``, ``cmaes``, ``sobol``, ``random``, ``nlp``, or ``nlp_ga``: the NLP
-        from the GA's best.
+        ``manual``, ``ga``, ``de``, ``pso``, ``cmaes``, ``sobol``, ``random``, ``nlp``, ``nlp_ga`` (the NLP
+        from the GA's best), or one of a plugin.
     effort
         How much may be done; the tuning section's if None.
     folder
@@ -90,12 +184,16 @@ def tune(
     """
     stated = build_problem(problem) if isinstance(problem, Scene) else problem
     nominal = stated.problem if isinstance(stated, ResultProblem) else stated
-    if stated is not nominal and method not in EVOLUTIONARY:
-        raise ScenarioError(f"a function of a result has no gradients; methods: {', '.join(EVOLUTIONARY)}")
+    chosen: TuningMethod = TUNING_METHODS.find(method)
+    if stated is not nominal and (chosen.uses_gradients or not chosen.solves_any_problem):
+        able = [
+            n for n, m in TUNING_METHODS.entries().items() if m.solves_any_problem and not m.uses_gradients
+        ]
+        raise ScenarioError(f"a function of a result has no gradients; methods: {', '.join(able)}")
     effort = effort or effort_of(tuning_of(nominal.scene))
     run = partial(run_method, stated, effort=effort, session=SearchSession(folder, nominal.workers, progress))
-    outcome = _from_the_ga(run) if method == "nlp_ga" else run(method)
-    if method in ("nlp", "nlp_ga"):
+    outcome = run(method) if chosen.starts_from is None else _continued(run, chosen.starts_from, method)
+    if chosen.uses_gradients:
         nominal, outcome = _refined(nominal, outcome, effort, progress)
     return _tuned(nominal, outcome)
 
@@ -127,13 +225,13 @@ def _refined(
     return problem, outcome
 
 
-def _from_the_ga(run: Callable[..., MethodOutcome]) -> MethodOutcome:
-    """The GA, and the NLP from its best."""
-    ga = run("ga")
-    if ga.interrupted:
-        return ga
-    outcome = run("nlp_ga", first=np.array(ga.best.u))
-    return dataclasses.replace(outcome, runs=(*ga.runs, *outcome.runs))
+def _continued(run: Callable[..., MethodOutcome], first: str, method: str) -> MethodOutcome:
+    """A method, and another one from its best."""
+    before = run(first)
+    if before.interrupted:
+        return before
+    outcome = run(method, first=np.array(before.best.u))
+    return dataclasses.replace(outcome, runs=(*before.runs, *outcome.runs))
 
 
 def _tuned(problem: TuningProblem, outcome: MethodOutcome) -> TuningResult:

@@ -16,19 +16,25 @@ from typing import TYPE_CHECKING
 from spacerobot.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from optim.comparison.compare import compare as compare
     from optim.evaluation import BatchResult as BatchResult
     from optim.evaluation import GradientResult as GradientResult
     from optim.evaluation import batch as batch
     from optim.evaluation import gradient as gradient
+    from optim.methods.settings import Effort as Effort
+    from optim.problem.tuning_problem import build_problem as build_problem
+    from optim.tuning import TuningResult as TuningResult
     from optim.tuning import tune as tune
-    from spacerobot.api import CampaignResult as CampaignResult
-    from spacerobot.api import animate as animate
-    from spacerobot.api import campaign as campaign
-    from spacerobot.api import figures as figures
-    from spacerobot.api import plan as plan
-    from spacerobot.api import report as report
-    from spacerobot.api import simulate as simulate
+    from spacerobot.api.functions import animate as animate
+    from spacerobot.api.functions import campaign as campaign
+    from spacerobot.api.functions import compare as compare
+    from spacerobot.api.functions import figures as figures
+    from spacerobot.api.functions import plan as plan
+    from spacerobot.api.functions import report as report
+    from spacerobot.api.functions import simulate as simulate
+    from spacerobot.api.results import CampaignResult as CampaignResult
+    from spacerobot.api.results import ComparisonResult as ComparisonResult
+    from spacerobot.api.results import PlanResult as PlanResult
+    from spacerobot.api.results import load as load
     from spacerobot.closedloop import ClosedLoop as ClosedLoop
     from spacerobot.closedloop import build_closed_loop as build_closed_loop
     from spacerobot.elements import load_plugin as load_plugin
@@ -37,8 +43,6 @@ if TYPE_CHECKING:
     from spacerobot.quantities import Quantity as Quantity
     from spacerobot.quantities import register_quantity as register_quantity
     from spacerobot.result import Result as Result
-    from spacerobot.result import load as load
-    from spacerobot.result import save as save
     from spacerobot.rollout import Rollout as Rollout
     from spacerobot.rollout import build_rollout as build_rollout
     from spacerobot.scene import Scene as Scene
@@ -49,31 +53,35 @@ __version__ = "0.1.0"
 
 _HOME = {
     "BatchResult": "optim.evaluation",
-    "CampaignResult": "spacerobot.api",
+    "CampaignResult": "spacerobot.api.results",
     "ClosedLoop": "spacerobot.closedloop",
+    "ComparisonResult": "spacerobot.api.results",
+    "Effort": "optim.methods.settings",
     "GradientResult": "optim.evaluation",
+    "PlanResult": "spacerobot.api.results",
     "Quantity": "spacerobot.quantities",
     "Result": "spacerobot.result",
     "Rollout": "spacerobot.rollout",
     "Scene": "spacerobot.scene",
+    "TuningResult": "optim.tuning",
     "SpaceRobotError": "spacerobot.errors",
-    "animate": "spacerobot.api",
+    "animate": "spacerobot.api.functions",
     "batch": "optim.evaluation",
     "build_closed_loop": "spacerobot.closedloop",
+    "build_problem": "optim.problem.tuning_problem",
     "build_rollout": "spacerobot.rollout",
-    "campaign": "spacerobot.api",
-    "compare": "optim.comparison.compare",
-    "figures": "spacerobot.api",
+    "campaign": "spacerobot.api.functions",
+    "compare": "spacerobot.api.functions",
+    "figures": "spacerobot.api.functions",
     "gradient": "optim.evaluation",
-    "load": "spacerobot.result",
+    "load": "spacerobot.api.results",
     "load_plugin": "spacerobot.elements",
     "load_scene": "spacerobot.scene",
-    "plan": "spacerobot.api",
+    "plan": "spacerobot.api.functions",
     "register": "spacerobot.elements",
     "register_quantity": "spacerobot.quantities",
-    "report": "spacerobot.api",
-    "save": "spacerobot.result",
-    "simulate": "spacerobot.api",
+    "report": "spacerobot.api.functions",
+    "simulate": "spacerobot.api.functions",
     "studio": "viz.studio.server",
     "tune": "optim.tuning",
 }

@@ -8,8 +8,7 @@ from typing import Literal
 import casadi as ca
 
 import spacerobot as sr
-from spacerobot.elements import Contribution, Output, TipContext, TipController
-from spacerobot.section import quantity
+from spacerobot.elements import Contribution, Output, TipContext, TipController, quantity
 
 
 @sr.register

@@ -9,8 +9,7 @@ import casadi as ca
 import numpy as np
 
 import spacerobot as sr
-from spacerobot.elements import Reference, SectionContext, TimeProfile, cubic_blend
-from spacerobot.section import quantity
+from spacerobot.elements import Reference, SectionContext, TimeProfile, cubic_blend, quantity
 
 
 @sr.register

@@ -16,8 +16,9 @@ from spacerobot.elements import (
     PowerTerm,
     State,
     StoredMomentum,
+    Vector,
+    quantity,
 )
-from spacerobot.section import Vector, quantity
 
 
 @sr.register

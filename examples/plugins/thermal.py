@@ -6,9 +6,7 @@ spacerobot run paper --plugin thermal.py --set 'robots.*.sensors.joint_rate={kin
 from typing import Literal
 
 import spacerobot as sr
-from spacerobot.elements import SectionContext, Sensor
-from spacerobot.elements.context import Affine
-from spacerobot.section import SIGNALS_UNIT, quantity
+from spacerobot.elements import SIGNALS_UNIT, Affine, SectionContext, Sensor, quantity
 
 CALIBRATED = 20.0
 

@@ -10,8 +10,7 @@ import casadi as ca
 from pydantic import Field
 
 import spacerobot as sr
-from spacerobot.elements import BoundedRow, PlanCost, PlanInstant, PlanLimit, within
-from spacerobot.section import quantity
+from spacerobot.elements import BoundedRow, PlanCost, PlanInstant, PlanLimit, quantity, within
 
 
 @sr.register

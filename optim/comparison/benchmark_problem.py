@@ -11,8 +11,8 @@ import numpy as np
 from optim.comparison.cost_unit import CostUnit, cost_unit_of
 from optim.comparison.design_evaluator import DesignEvaluator
 from optim.comparison.running_time import MethodRun, trial_of
-from optim.methods.evolutionary import METHODS as EVOLUTIONARY
-from optim.methods.run_method import Effort, MethodOutcome, run_method
+from optim.methods.run_method import MethodOutcome, run_method
+from optim.methods.settings import Effort
 from optim.problem.problem import EvaluationCost, OptimisationProblem
 from optim.problem.sensitivities import Sensitivity, sensitivity
 from optim.problem.tuning_problem import TuningProblem
@@ -20,9 +20,7 @@ from optim.problem.variables import at_bound
 from optim.search.session import SearchSession
 from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError
-
-UNRANKED = ("manual",)  # knows no bounds, so that its values are not those of the same problem
-WITH_GRADIENTS = ("nlp", "nlp_ga")
+from spacerobot.registry import TUNING_METHODS
 
 
 @dataclass(frozen=True)
@@ -100,7 +98,7 @@ class ProblemComparison:
     @property
     def ranked(self) -> list[str]:
         """Methods that solve the same problem and are ranked."""
-        return [name for name in self.outcomes if name not in UNRANKED]
+        return [name for name in self.outcomes if TUNING_METHODS.find(name).is_ranked]
 
     @property
     def best_known(self) -> float:
@@ -109,11 +107,11 @@ class ProblemComparison:
         return min((run.objective for run in runs), default=float("nan"))
 
     def trials(self, method: str) -> list[MethodRun]:
-        """Independent runs of a method; one that begins with the GA's best is charged all runs of the GA."""
+        """Independent runs of a method; one that starts from another's best is charged all runs of it."""
         outcome = self.outcomes[method]
         before = EvaluationCost()
-        if method == "nlp_ga":
-            before = sum((run.cost for run in _evolved(self.outcomes).runs), before)
+        if TUNING_METHODS.find(method).starts_from is not None:
+            before = sum((run.cost for run in _evolved(self.outcomes, method).runs), before)
         return [trial_of(run, self.cost_unit, before) for run in outcome.runs]
 
     def active(self, method: str) -> list[str]:
@@ -166,19 +164,17 @@ def compare_on_problem(
     """
     problem, nominal = entry.problem, entry.nominal
     effort = replace(effort, repeats=effort.runs)  # as many independent runs of every method
-    start, readiness = _made_ready(problem, gradients=any(name in WITH_GRADIENTS for name in methods))
+    start, readiness = _made_ready(
+        problem, gradients=any(TUNING_METHODS.find(n).uses_gradients for n in methods)
+    )
     cost_unit, effort = cost_unit_of(nominal), replace(effort, repeats=effort.runs)
     place = None if session.place is None else session.place / entry.name
     own = replace(session, folder=place, workers=nominal.workers)
     outcomes: dict[str, MethodOutcome] = {}
     for method in methods:
-        outcomes[method] = run_method(
-            problem,
-            method,
-            effort,
-            first=np.array(_evolved(outcomes).best.u) if method == "nlp_ga" else None,
-            session=own,
-        )
+        continues = TUNING_METHODS.find(method).starts_from is not None
+        first = np.array(_evolved(outcomes, method).best.u) if continues else None
+        outcomes[method] = run_method(problem, method, effort, first=first, session=own)
         if outcomes[method].interrupted:
             break
     interrupted = any(outcome.interrupted for outcome in outcomes.values())
@@ -217,17 +213,20 @@ def _made_ready(problem: OptimisationProblem, *, gradients: bool) -> tuple[float
     return float(found.objective[0]), readiness
 
 
-def _evolved(outcomes: dict[str, MethodOutcome]) -> MethodOutcome:
-    """The GA's outcome; that of another evolutionary method if the GA did not run.
+def _evolved(outcomes: dict[str, MethodOutcome], method: str) -> MethodOutcome:
+    """Outcome from whose best a method starts; that of another one without gradients if it did not run.
 
     Raises
     ------
     SpaceRobotError
         If there is none.
     """
-    found = [outcomes[name] for name in EVOLUTIONARY if name in outcomes]
+    first = TUNING_METHODS.find(method).starts_from
+    known = TUNING_METHODS.entries()
+    able = [name for name, each in known.items() if each.is_ranked and not each.uses_gradients]
+    found = [outcomes[name] for name in (first, *able) if name in outcomes]
     if not found:
-        raise SpaceRobotError("nlp_ga starts from the GA's best: run ga too")
+        raise SpaceRobotError(f"{method} starts from the best of {first}: run it too")
     return found[0]
 
 

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 
 from optim.comparison.benchmark_problem import BenchmarkProblem, ProblemComparison, compare_on_problem
 from optim.comparison.design_evaluator import build_design_evaluator
-from optim.methods.run_method import Effort, effort_of
+from optim.methods.settings import Effort, effort_of
 from optim.problem.scene_recipe import tuning_of
 from optim.problem.tuning_problem import build_problem
 from optim.search.session import SearchSession
 from spacerobot.errors import ScenarioError, near_names
+from spacerobot.registry import TUNING_METHODS
 from spacerobot.scenario import Tuning
 from spacerobot.scene import Scene
 from spacerobot.scene.memory import check_size
@@ -85,7 +86,7 @@ def compare(
         for variant in _chosen(variants, list(tuning.variants), scene, "variants")
         for name in _chosen(sets, list(tuning.sets), scene, "sets")
     ]
-    asked = methods or tuning.methods
+    asked = methods or tuning.methods or tuple(TUNING_METHODS.entries())
     return compete(
         scene.scenario.name, ((e, asked, effort) for e in _entries(scene, chosen, session)), session
     )

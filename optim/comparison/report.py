@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from optim.comparison.benchmark_problem import UNRANKED, WITH_GRADIENTS, Assessment, ProblemComparison
+from optim.comparison.benchmark_problem import Assessment, ProblemComparison
 from optim.comparison.compare import Comparison
 from optim.comparison.conclusion import conclusion
 from optim.comparison.profiles import budgets_of, profile
@@ -19,6 +19,7 @@ from optim.problem.objectives import OBJECTIVE, UNITS
 from optim.problem.problem import EvaluationCost
 from optim.search.search import SearchRun
 from spacerobot.arrays import Array
+from spacerobot.registry import TUNING_METHODS
 
 FORMAT = 3
 MOST_MOMENTS = 200  # of each trial's history that are kept
@@ -114,9 +115,10 @@ def _method(benchmark: ProblemComparison, name: str) -> dict[str, Any]:
     outcome, variables = benchmark.outcomes[name], benchmark.nominal.variables
     values = np.array([run.objective for run in outcome.runs])
     best, assessed = outcome.best, benchmark.assessments.get(name)
+    ranked = name in benchmark.ranked
     return {
-        "ranked": name not in UNRANKED,
-        "running_times": [] if name in UNRANKED else _running_times(benchmark, name),
+        "ranked": ranked,
+        "running_times": _running_times(benchmark, name) if ranked else [],
         "objective": statistics(values),
         "largest_errors_m": {
             where: statistics(column)
@@ -133,7 +135,7 @@ def _method(benchmark: ProblemComparison, name: str) -> dict[str, Any]:
             "message": best.message,
             **({} if assessed is None else _assessment(assessed)),
         },
-        "trials": [] if name in UNRANKED else [_trial(trial) for trial in benchmark.trials(name)],
+        "trials": [_trial(trial) for trial in benchmark.trials(name)] if ranked else [],
         "runs": [_run(benchmark, run) for run in outcome.runs],
     }
 
@@ -146,7 +148,9 @@ def _running_times(benchmark: ProblemComparison, name: str) -> list[dict[str, An
 def _spent(benchmark: ProblemComparison, outcome: MethodOutcome) -> dict[str, Any]:
     cost, wall_s = spent(outcome), sum(run.seconds for run in outcome.runs)
     ready = benchmark.readiness
-    readied_s = ready.rollout_s + (ready.gradient_s if outcome.method in WITH_GRADIENTS else 0.0)
+    readied_s = ready.rollout_s + (
+        ready.gradient_s if TUNING_METHODS.find(outcome.method).uses_gradients else 0.0
+    )
     return {
         "equivalent_rollouts": benchmark.cost_unit.rollouts(cost),
         **asdict(cost),

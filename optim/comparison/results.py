@@ -11,7 +11,7 @@ from optim.comparison.benchmark_problem import ProblemComparison
 from optim.comparison.compare import Comparison
 from optim.comparison.report import to_data
 from spacerobot.files import StrPath, write_text
-from spacerobot.result import Result, save
+from spacerobot.result import Result
 from spacerobot.simulation import simulate_designs
 
 
@@ -38,7 +38,7 @@ def write(comparison: Comparison, folder: StrPath) -> dict[str, Any]:
     folder, data = Path(folder), to_data(comparison)
     for benchmark, found in zip(comparison.problems, data["problems"], strict=True):
         for method, made in results_of(benchmark):
-            result = save(made, folder / benchmark.name / method)
+            result = made.save(folder / benchmark.name / method)
             entry = found["baseline"] if method == "baseline" else found["methods"][method]["best"]
             entry["result"] = f"{benchmark.name}/{method}"
             entry["largest_error_checked_m"] = largest_error(result)

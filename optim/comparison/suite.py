@@ -8,7 +8,7 @@ from typing import Any
 
 from optim.comparison.benchmark_problem import BenchmarkProblem
 from optim.comparison.compare import Comparison, compete, even_effort
-from optim.methods.run_method import Effort
+from optim.methods.settings import Effort
 from optim.problem.scene_recipe import tuning_of
 from optim.problem.tuning_problem import build_problem
 from optim.robust.problem import Statistic, build_robust

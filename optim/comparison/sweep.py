@@ -10,7 +10,8 @@ from functools import partial
 
 import numpy as np
 
-from optim.methods.evolutionary import EvolutionSettings, evolve
+from optim.methods.evolutionary import evolve
+from optim.methods.settings import EvolutionSettings
 from optim.problem.problem import OptimisationProblem
 from optim.search.journal import Journal
 from optim.search.search import Search, SearchRun

@@ -9,17 +9,19 @@ by its own tolerances.
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 
+from optim.methods.settings import EvolutionSettings
+from optim.methods.tuning_method import MethodRequest, TuningMethod
 from optim.problem.problem import Evaluation, OptimisationProblem
 from optim.search.search import FEASIBLE, Search, SearchRun, better
 from spacerobot.arrays import Array
-from spacerobot.errors import SpaceRobotError, near_names
+from spacerobot.errors import SpaceRobotError
+from spacerobot.registry import TUNING_METHODS
 
 CMAES_POPULATION = 16  # two groups of eight lanes
 CMAES_SCREEN = 20  # points of which the best is its first mean
@@ -31,36 +33,78 @@ CMAES_TOLERANCES = {"tolfun": 1e-8, "tolx": 1e-6}  # of the first objectives, an
 DIVERGED = 1e3  # violation that a diverged rollout stands for: behind every other infeasible point
 
 
-@dataclass(frozen=True)
-class EvolutionSettings:
-    """How an evolutionary method is run; the defaults are the paper's.
+class EvolutionaryMethod(TuningMethod):
+    """A method that evaluates points and needs no derivatives: a population of pymoo's.
 
     Attributes
     ----------
-    population, budget
-        Individuals, and rollouts in all: the paper has 150 generations and does not print the population.
-    crossover
-        Probability at the first and at the last generation (GA): 0.5 falling to 0.1-0.2 in the paper.
-    mutation
-        Probability of each gene to mutate (GA): 0.01-0.1 in the paper.
+    has_own_budget
+        Whether its budget is ``Effort.protocol``, not that of the baselines.
     """
 
-    population: int = 50
-    budget: int = 50 * 150
-    crossover: tuple[float, float] = (0.5, 0.15)
-    mutation: float = 0.05
+    has_own_budget: ClassVar[bool] = False
 
-    def fingerprint(self, method: str, seed: int) -> str:
-        """Hash of the data, in addition to the problem, on which a journal of such a run depends.
+    def algorithm(self, protocol: EvolutionSettings, first: Array) -> Any:
+        """Pymoo's algorithm.
 
         Parameters
         ----------
-        method
-            Name of the method.
-        seed
-            Seed of the run.
+        protocol
+            Population, budget and probabilities.
+        first
+            First points (n, k) of the unit cube, or of CMA-ES its first mean (k,).
         """
-        return hashlib.sha256(repr((self, method, seed)).encode()).hexdigest()
+        raise NotImplementedError
+
+    def run(self, search: Search, protocol: EvolutionSettings) -> int:
+        """Spend the budget; how often the population was begun again."""
+        begun = 0
+        while search.cost.rollouts < protocol.budget and _generations(search, self, protocol, begun):
+            begun += 1
+        return begun
+
+    def searches(self, request: MethodRequest) -> Sequence[Callable[[], SearchRun]]:
+        """Runs that differ in their seeds."""
+        effort = request.effort
+        protocol = effort.protocol if self.has_own_budget else effort.baseline
+
+        def run(index: int) -> SearchRun:
+            seed = effort.seed + index
+            settings = protocol.fingerprint(self.name, seed)
+            return evolve(request.begin(self.name, index, seed, settings), protocol)
+
+        return [functools.partial(run, i) for i in range(effort.runs)]
+
+
+class PointSearch(EvolutionaryMethod):
+    """A method that draws points without looking at what was found."""
+
+    def points(self, sequence: Any, rng: np.random.Generator, count: int) -> Array:
+        """Next points (count, k) of the unit cube.
+
+        Parameters
+        ----------
+        sequence
+            A scrambled Sobol sequence of SciPy.
+        rng
+            Random numbers.
+        count
+            How many points.
+        """
+        raise NotImplementedError
+
+    def run(self, search: Search, protocol: EvolutionSettings) -> int:
+        """Points one after the other; the start first."""
+        from scipy.stats import qmc
+
+        k, rng = len(search.problem.names), np.random.default_rng(search.seed)
+        sequence = qmc.Sobol(k, rng=rng)
+        search.evaluate(search.problem.start)
+        while search.cost.rollouts < protocol.budget:
+            points = self.points(sequence, rng, AT_ONCE)
+            search.evaluate(points[: protocol.budget - search.cost.rollouts])
+            search.tell(search.cost.rollouts / protocol.budget)
+        return 0
 
 
 def evolve(search: Search, protocol: EvolutionSettings) -> SearchRun:
@@ -83,37 +127,18 @@ def evolve(search: Search, protocol: EvolutionSettings) -> SearchRun:
     SpaceRobotError
         If there is no such method.
     """
-    if search.method not in METHODS:
-        raise SpaceRobotError(
-            f"no evolutionary method '{search.method}', {near_names(search.method, METHODS)}"
-        )
-    begun = 0
+    method = TUNING_METHODS.find(search.method)
+    if not isinstance(method, EvolutionaryMethod):
+        raise SpaceRobotError(f"{search.method} is no evolutionary method")
     try:
-        if search.method not in POPULATIONS:
-            _try_points(search, protocol)
-            return search.finish("budget spent")
-        while search.cost.rollouts < protocol.budget and _generations(search, protocol, begun):
-            begun += 1
+        begun = method.run(search, protocol)
     except KeyboardInterrupt:
         return search.finish("interrupted")
     times = f"begun {begun + 1} times" if begun else ""
     return search.finish("budget spent", times)
 
 
-def _try_points(search: Search, protocol: EvolutionSettings) -> None:
-    """Points of a random or of a scrambled Sobol sequence, one after the other; the start before them."""
-    from scipy.stats import qmc
-
-    k, rng = len(search.problem.names), np.random.default_rng(search.seed)
-    sobol = qmc.Sobol(k, rng=rng)
-    search.evaluate(search.problem.start)
-    while search.cost.rollouts < protocol.budget:
-        points = sobol.random(AT_ONCE) if search.method == "sobol" else rng.random((AT_ONCE, k))
-        search.evaluate(points[: protocol.budget - search.cost.rollouts])
-        search.tell(search.cost.rollouts / protocol.budget)
-
-
-def _generations(search: Search, protocol: EvolutionSettings, begun: int) -> bool:
+def _generations(search: Search, method: EvolutionaryMethod, protocol: EvolutionSettings, begun: int) -> bool:
     """One population from its beginning; whether another may follow it."""
     from pymoo.core.evaluator import Evaluator
     from pymoo.core.termination import NoTermination
@@ -123,7 +148,7 @@ def _generations(search: Search, protocol: EvolutionSettings, begun: int) -> boo
     shape = _shape(search.problem, penalised=penalised)
     left = protocol.budget - search.cost.rollouts
     first = _first(search, CMAES_SCREEN if penalised else protocol.population, begun)
-    algorithm = POPULATIONS[search.method](dataclasses.replace(protocol, budget=left), first)
+    algorithm = method.algorithm(dataclasses.replace(protocol, budget=left), first)
     algorithm.setup(shape, termination=NoTermination(), seed=_seed(search, begun), verbose=False)
     fitness, stagnation = _Fitness(penalised=penalised), _Stagnation()
     while algorithm.has_next():
@@ -218,55 +243,3 @@ def _anneal(algorithm: Any, protocol: EvolutionSettings, share: float) -> None:
     if mating is not None and hasattr(mating, "annealed"):
         first, last = protocol.crossover
         mating.crossover.prob.set(first + (last - first) * min(share, 1.0))
-
-
-def _ga(protocol: EvolutionSettings, first: Array) -> Any:
-    from pymoo.algorithms.soo.nonconvex.ga import GA
-    from pymoo.operators.crossover.sbx import SBX
-    from pymoo.operators.mutation.pm import PM
-
-    algorithm = GA(
-        pop_size=protocol.population,
-        sampling=first,
-        crossover=SBX(prob=protocol.crossover[0], eta=15),
-        mutation=PM(prob=1.0, prob_var=protocol.mutation, eta=20),
-        eliminate_duplicates=True,
-    )
-    algorithm.mating.annealed = True
-    return algorithm
-
-
-def _de(protocol: EvolutionSettings, first: Array) -> Any:
-    from pymoo.algorithms.soo.nonconvex.de import DE
-
-    return DE(pop_size=protocol.population, sampling=first, variant="DE/rand/1/bin", CR=0.9, F=0.6)
-
-
-def _pso(protocol: EvolutionSettings, first: Array) -> Any:
-    from pymoo.algorithms.soo.nonconvex.pso import PSO
-
-    return PSO(pop_size=protocol.population, sampling=first)
-
-
-def _cmaes(protocol: EvolutionSettings, first: Array) -> Any:
-    from pymoo.algorithms.soo.nonconvex.cmaes import CMAES
-
-    return CMAES(
-        x0=first,
-        sigma=0.3,
-        restarts=9,
-        bipop=True,
-        pop_size=CMAES_POPULATION,
-        maxfevals=protocol.budget,
-        **CMAES_TOLERANCES,
-    )
-
-
-POPULATIONS: dict[str, Callable[[EvolutionSettings, Array], Any]] = {
-    "ga": _ga,
-    "de": _de,
-    "pso": _pso,
-    "cmaes": _cmaes,
-}
-"""Makers of pymoo's algorithms from a protocol and their first points, by name."""
-METHODS = (*POPULATIONS, "sobol", "random")

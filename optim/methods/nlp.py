@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from optim.methods.descent import DescentResult, DescentSettings, EvaluationRequest, descend
 from optim.methods.kkt import kkt_residual
 from optim.methods.local_model import EvaluatedPoint
+from optim.methods.settings import NlpSettings
 from optim.problem.problem import EvaluationCost, Linearisation
 from optim.search.search import FEASIBLE, Search, SearchRun
 from spacerobot.arrays import Array
@@ -18,32 +17,6 @@ from spacerobot.arrays import Array
 GRADIENT, SLOPE = 4.0, 3.0  # rollouts that they cost, about: decides where derivatives come from
 RADIUS, WARM_RADIUS = 0.1, 0.02  # of the first step
 APART = 0.1  # of the unit cube: starts are at least so far from one another, and from optima found
-
-
-@dataclass(frozen=True)
-class NlpSettings:
-    """How an NLP is solved.
-
-    Attributes
-    ----------
-    iterations
-        At most, from one start.
-    tolerance
-        Predicted fall of the objective, relative to its value, at which a descent ends.
-    screen
-        Points of a Sobol sequence that are tried for each start.
-    budget
-        Rollouts (gradients counted as four, slopes as three) after which the search ends; no limit if None.
-    """
-
-    iterations: int = 100
-    tolerance: float = 1e-4
-    screen: int = 8
-    budget: int | None = None
-
-    def fingerprint(self, *others: object) -> str:
-        """Hash of the data, in addition to the problem, on which a journal of such a run depends."""
-        return hashlib.sha256(repr((self, *others)).encode()).hexdigest()
 
 
 def solve(search: Search, start: Array, settings: NlpSettings, *, warm: bool = False) -> SearchRun:

@@ -2,79 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
-import hashlib
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass
 
 import numpy as np
 
-from optim.methods.evolutionary import METHODS as EVOLUTIONARY
-from optim.methods.evolutionary import EvolutionSettings, evolve
-from optim.methods.manual import manual
-from optim.methods.nlp import NlpSettings, solve, solve_from_many
+from optim.methods.settings import Effort
+from optim.methods.tuning_method import MethodRequest, SearchFactory, TuningMethod
 from optim.problem.problem import OptimisationProblem
-from optim.problem.tuning_problem import TuningProblem
-from optim.search.journal import Journal
-from optim.search.search import Search, SearchRun, better
+from optim.search.search import SearchRun, better
 from optim.search.session import SearchSession
 from spacerobot.arrays import Array
-from spacerobot.errors import SpaceRobotError, near_names
-from spacerobot.scenario import Tuning
-
-ALL = ("manual", *EVOLUTIONARY, "nlp", "nlp_ga")
-
-
-@dataclass(frozen=True)
-class Effort:
-    """How much each method may do.
-
-    Attributes
-    ----------
-    protocol, runs
-        Of the evolutionary methods.
-    baseline
-        Protocol of those that are not the GA.
-    nlp, starts, repeats
-        Settings of the NLP, its number of starts, and how often it is repeated with another seed.
-    seed
-        Seed of everything random.
-    """
-
-    protocol: EvolutionSettings = field(default_factory=EvolutionSettings)
-    baseline: EvolutionSettings = field(default_factory=EvolutionSettings)
-    runs: int = 6
-    nlp: NlpSettings = field(default_factory=NlpSettings)
-    starts: int = 4
-    seed: int = 0
-    repeats: int = 1
-
-
-def effort_of(tuning: Tuning, **changes: int | None) -> Effort:
-    """Effort that a tuning section asks for.
-
-    Parameters
-    ----------
-    tuning
-        The section.
-    **changes
-        ``budget``, ``baseline_budget``, ``runs``, ``starts``, ``seed`` and ``repeats`` in its place; None
-        leaves it.
-    """
-    asked = {name: value for name, value in changes.items() if value is not None}
-    whole = EvolutionSettings(population=tuning.population, budget=asked.get("budget", tuning.budget))
-    baseline_budget = min(whole.budget, asked.get("baseline_budget", tuning.baseline_budget))
-    baseline = dataclasses.replace(whole, budget=baseline_budget)
-    return Effort(
-        whole,
-        baseline,
-        asked.get("runs", tuning.runs),
-        NlpSettings(iterations=tuning.iterations),
-        asked.get("starts", tuning.starts),
-        asked.get("seed", tuning.seed),
-        asked.get("repeats", 1),
-    )
+from spacerobot.errors import SpaceRobotError
+from spacerobot.registry import TUNING_METHODS
 
 
 @dataclass(frozen=True)
@@ -128,11 +67,11 @@ def run_method(
     problem
         The problem; ``manual`` needs a :class:`TuningProblem`.
     method
-        One of ``ALL``.
+        Its name in :data:`spacerobot.registry.TUNING_METHODS`.
     effort
         How much it may do.
     first
-        Start of ``nlp_ga`` in the unit cube (k,): the GA's best.
+        Start in the unit cube (k,) of a method that starts from another one's best.
     session
         Journals, workers and callbacks; no journals and threads of this process if None.
 
@@ -141,58 +80,9 @@ def run_method(
     SpaceRobotError
         If there is no such method, or it lacks what it needs.
     """
-    if method not in ALL:
-        raise SpaceRobotError(f"no method '{method}', {near_names(method, ALL)}")
+    found: TuningMethod = TUNING_METHODS.find(method)
+    if found.starts_from is not None and first is None:
+        raise SpaceRobotError(f"{method} starts from the best of {found.starts_from}: run it too")
     session = session or SearchSession()
-    begin = SearchFactory(problem, session)
-    if method == "manual":
-        if not isinstance(problem, TuningProblem):
-            raise SpaceRobotError("the manual procedure tunes a scenario's gains, nothing else")
-        return MethodOutcome(method, (manual(begin(method, 0, 0, ""), problem),))
-    if method in EVOLUTIONARY:
-        return MethodOutcome(method, tuple(session.workers.together(_evolutions(begin, method, effort))))
-    if method == "nlp_ga" and first is None:
-        raise SpaceRobotError("nlp_ga starts from the GA's best: run ga too")
-    return MethodOutcome(method, tuple(session.workers.together(_solutions(begin, method, first, effort))))
-
-
-@dataclass(frozen=True)
-class SearchFactory:
-    """Begins searches of one problem, each with a journal of its own."""
-
-    problem: OptimisationProblem
-    session: SearchSession
-
-    def __call__(self, name: str, index: int, seed: int, settings: str) -> Search:
-        """A search by its name, number, seed and whatever else its values depend on."""
-        text = f"{self.problem.fingerprint} {name} {index} {seed} {settings}"
-        folder = self.session.place
-        path = None if folder is None else folder / f"{name}-{index}.journal"
-        journal = Journal(path, hashlib.sha256(text.encode()).hexdigest())
-        return Search(self.problem, name, index, seed, journal, self.session.progress)
-
-
-def _evolutions(begin: SearchFactory, method: str, effort: Effort) -> list[Callable[[], SearchRun]]:
-    protocol = effort.protocol if method == "ga" else effort.baseline
-
-    def run(index: int) -> SearchRun:
-        seed = effort.seed + index
-        return evolve(begin(method, index, seed, protocol.fingerprint(method, seed)), protocol)
-
-    return [partial(run, i) for i in range(effort.runs)]
-
-
-def _solutions(
-    begin: SearchFactory, method: str, first: Array | None, effort: Effort
-) -> list[Callable[[], SearchRun]]:
-    def from_first() -> SearchRun:
-        assert first is not None
-        search = begin(method, 0, effort.seed, effort.nlp.fingerprint(first.tolist()))
-        return solve(search, first, effort.nlp, warm=True)
-
-    def from_many(index: int) -> SearchRun:
-        seed = effort.seed + index
-        search = begin(method, index, seed, effort.nlp.fingerprint(effort.starts))
-        return solve_from_many(search, effort.nlp, effort.starts)
-
-    return [from_first] if method == "nlp_ga" else [partial(from_many, i) for i in range(effort.repeats)]
+    request = MethodRequest(problem, SearchFactory(problem, session), effort, first)
+    return MethodOutcome(method, tuple(session.workers.together(found.searches(request))))

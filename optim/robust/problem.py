@@ -26,7 +26,8 @@ from optim.campaign.sampling.parameter_space import (
 )
 from optim.campaign.sampling.samplers import draw
 from optim.json_values import plain
-from optim.methods.run_method import Effort, MethodOutcome, effort_of, run_method
+from optim.methods.run_method import MethodOutcome, run_method
+from optim.methods.settings import Effort, effort_of
 from optim.problem import worker_operations
 from optim.problem.objectives import OBJECTIVE
 from optim.problem.problem import Evaluation, EvaluationCost, Form, Linearisation
@@ -38,7 +39,8 @@ from optim.workers import Arrays, Workers
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError, SpaceRobotError
 from spacerobot.files import write_text
-from spacerobot.result import Result, save
+from spacerobot.registry import TUNING_METHODS
+from spacerobot.result import Result
 from spacerobot.scene import Scene, build_scene
 from spacerobot.simulation import simulate
 
@@ -339,8 +341,9 @@ def tune_robust(
     SpaceRobotError
         If there is no such method, or it cannot solve this problem.
     """
-    if method in ("manual", "nlp_ga"):
-        raise SpaceRobotError(f"no robust tuning by {method}; methods: ga, de, pso, cmaes, nlp")
+    able = [name for name, each in TUNING_METHODS.entries().items() if each.solves_any_problem]
+    if method not in able:
+        raise SpaceRobotError(f"no robust tuning by {method}; methods: {', '.join(able)}")
     scene = problem.nominal.scene
     effort = effort or effort_of(tuning_of(scene))
     places = {name: None if folder is None else folder / name for name in ("robust", "nominal")}
@@ -364,7 +367,7 @@ def tune_robust(
 def _draws(scene: Scene, samples: int, offset: int) -> Array:
     """Draws of a scene's campaign: so many, from its seed and an offset that sets apart what is fresh."""
     campaign = campaign_of(scene)
-    design = "sobol" if campaign.design in ("grid", "saltelli") else campaign.design
+    design = campaign.design if campaign.sampler.has_any_size else "sobol"
     changes = {"samples": samples, "seed": campaign.seed + offset, "design": design}
     return draw(campaign.model_copy(update=changes))
 
@@ -381,7 +384,7 @@ def save_robust(problem: RobustProblem, found: RobustTuningResult, folder: Path)
     """
     scene = problem.nominal.scene
     best = build_scene(scene.scenario, dict(found.changes), source=scene.source)
-    result = save(simulate(best), folder)
+    result = simulate(best).save(folder)
     data = {
         "measure": problem.kind,
         "percent": problem.percent if problem.kind == "percentile" else None,

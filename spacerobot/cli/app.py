@@ -18,60 +18,11 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from spacerobot.cli import (
-    animate,
-    campaign,
-    check,
-    compare,
-    figures,
-    kinds,
-    make_arm,
-    new,
-    paper,
-    plan,
-    report,
-    robust,
-    run,
-    scenarios,
-    schema,
-    studio,
-    sweep,
-    tune,
-)
 from spacerobot.cli.output import LEAST_WIDTH, print_error, warn
 from spacerobot.errors import SpaceRobotError, SpaceRobotWarning
 from spacerobot.interrupts import INTERRUPTED, minded
+from spacerobot.registry import COMMANDS
 
-app = typer.Typer(
-    name="spacerobot",
-    help="Robot arms on floating bases that capture and carry an object: simulate, tune, plan, show.",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-MODULES = (
-    run,
-    check,
-    studio,
-    animate,
-    figures,
-    report,
-    paper,
-    tune,
-    robust,
-    compare,
-    sweep,
-    campaign,
-    plan,
-    scenarios,
-    kinds,
-    new,
-    make_arm,
-    schema,
-)
-for module in MODULES:
-    module.register(app)
 EXAMPLE_INDENT = 4
 
 
@@ -83,7 +34,6 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def _options(
     version: Annotated[
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
@@ -102,6 +52,25 @@ def _options(
 
         for file in plugin:
             load_plugin(file)
+
+
+def application() -> typer.Typer:
+    """All commands."""
+    app = typer.Typer(
+        name="spacerobot",
+        help="Robot arms on floating bases that capture and carry an object: simulate, tune, plan, show.",
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        rich_markup_mode="rich",
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    app.callback()(_options)
+    for command in COMMANDS.entries().values():
+        command.join(app)
+    return app
+
+
+app = application()
 
 
 @functools.cache

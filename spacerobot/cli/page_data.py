@@ -34,7 +34,7 @@ def to_play(folders: Sequence[Path], tell: Tell) -> PageData:
         If a folder holds none of these, or the results cannot be compared.
     """
     from optim.planning.output.plan_folder import FOLLOWED, is_plan
-    from spacerobot.result import load
+    from spacerobot.result import Result
     from viz.page.animation import animation
     from viz.report.comparison_section import COMPARISON
 
@@ -45,8 +45,8 @@ def to_play(folders: Sequence[Path], tell: Tell) -> PageData:
             if (folders[0] / file).is_file():
                 return play(folders[0], tell)
     if len(folders) == 2 and is_plan(folders[1]):
-        return _over_its_plan(load(folders[0]), folders[1])
-    results = [load(folder) for folder in folders]
+        return _over_its_plan(Result.load(folders[0]), folders[1])
+    results = [Result.load(folder) for folder in folders]
     return PageData(animation(*results), results)
 
 

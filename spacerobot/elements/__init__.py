@@ -5,6 +5,7 @@ from spacerobot.elements.collision_shape import CollisionShape
 from spacerobot.elements.contact import Contact
 from spacerobot.elements.context import (
     ActuatorContext,
+    Affine,
     ContactContext,
     GraspContext,
     RobotContext,
@@ -37,16 +38,18 @@ from spacerobot.elements.registry import FAMILIES, PLANS, Family, create, kinds,
 from spacerobot.elements.robot_element import RobotElement, RobotProperties
 from spacerobot.elements.section_context import SectionContext, StartInstant
 from spacerobot.elements.sensor import Sensor
-from spacerobot.section import Vector, quantity
+from spacerobot.section import SIGNALS_UNIT, Vector, quantity
 from spacerobot.shapes import CrownedTerm, SmoothTerm, Support
 
 __all__ = [
     "FAMILIES",
     "PLANS",
+    "SIGNALS_UNIT",
     "AccelerationConstraint",
     "Actuator",
     "ActuatorContext",
     "ActuatorDrive",
+    "Affine",
     "AxesCost",
     "BoundedRow",
     "CollisionShape",

@@ -23,6 +23,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 from spacerobot.elements.element import Element
 from spacerobot.errors import FORMER_NAMES, SpaceRobotError, near_names
 from spacerobot.files import StrPath
+from spacerobot.registry import Registry, registered
 
 GROUP = "spacerobot.elements"
 """Entry points by which installed packages add kinds: each names a module that registers them."""
@@ -53,17 +54,19 @@ _LISTENERS: list[Callable[[], None]] = []
 _LOADED: set[str] = set()
 _PLUGINS: dict[Path, bytes] = {}
 
-Kind = TypeVar("Kind", bound=type[Element])
+Kind = TypeVar("Kind", bound=type[Any])
 
 
 def register(kind: Kind) -> Kind:
-    """Add a kind of element; use it as a decorator of the class.
+    """Add a kind of element, sampler, tuning method, figure or command; use it as a decorator of the class.
 
     Raises
     ------
     SpaceRobotError
         If the class belongs to no family, has no ``kind`` or documentation, or its name is taken.
     """
+    if isinstance(getattr(kind, "registry", None), Registry):
+        return registered(kind)
     where = f"{kind.__module__}.{kind.__qualname__}"
     family = getattr(kind, "family", None)
     if family not in _HOMES or not issubclass(kind, Element):

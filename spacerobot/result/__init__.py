@@ -2,6 +2,6 @@
 
 from spacerobot.result.derived_files import note_derived
 from spacerobot.result.result import Result
-from spacerobot.result.store import JOURNALS, check_folder, load, save
+from spacerobot.result.store import JOURNALS, check_folder
 
-__all__ = ["JOURNALS", "Result", "check_folder", "load", "note_derived", "save"]
+__all__ = ["JOURNALS", "Result", "check_folder", "note_derived"]

@@ -7,9 +7,12 @@ import hashlib
 import json
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from spacerobot.files import StrPath, locked, write_text
-from spacerobot.result.result import Result
+
+if TYPE_CHECKING:
+    from spacerobot.result.result import Result
 
 DERIVED = "derived.json"
 """File that lists what was made from a result and lies in its folder, by path, with the sha256 of each."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,9 @@ import numpy as np
 import xarray as xr
 
 from spacerobot.arrays import Array
+from spacerobot.files import StrPath
 from spacerobot.notebook import html_table
+from spacerobot.result.store import read_result, write_result
 from spacerobot.result.table import Row, headline, status_text
 from spacerobot.scenario import Scenario
 from spacerobot.scene import Scene, build_scene
@@ -37,6 +40,35 @@ class Result:
     data: xr.Dataset
     summary: Mapping[str, Any]
     folder: Path | None = None
+
+    def save(self, folder: StrPath) -> Result:
+        """Write it; a result that is there already is replaced, with the pages and figures made from it.
+
+        Returns
+        -------
+        Result
+            The same, knowing its folder.
+
+        Raises
+        ------
+        ResultError
+            If the folder cannot be written; what was there before is then still there.
+        KeyboardInterrupt
+            If Ctrl-C came meanwhile; the result is then written all the same.
+        """
+        write_result(Path(folder), self.scenario, self.data, self.summary)
+        return dataclasses.replace(self, folder=Path(folder))
+
+    @classmethod
+    def load(cls, folder: StrPath) -> Result:
+        """Read the folder of a result.
+
+        Raises
+        ------
+        ResultError
+            If it is not a complete result, or one of another version's layout.
+        """
+        return cls(*read_result(Path(folder)), Path(folder))
 
     @property
     def completed(self) -> bool:

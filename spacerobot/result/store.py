@@ -8,9 +8,8 @@ A lock on the folder keeps several processes from mixing their results, and a re
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +20,8 @@ from spacerobot.files import STAGE, StrPath, locked, staged
 from spacerobot.interrupts import uninterrupted
 from spacerobot.result.completeness import missing_data, missing_summary
 from spacerobot.result.derived_files import DERIVED, remove_derived
-from spacerobot.result.result import Result
 from spacerobot.result.summary import FORMAT
+from spacerobot.scenario import Scenario
 from spacerobot.scenario.load import read_document, to_yaml, validate
 
 SCENARIO, SUMMARY, DATA = "scenario.yaml", "summary.json", "result.nc"
@@ -78,20 +77,15 @@ def check_folder(folder: StrPath, job: str | None = None) -> None:
         pass
 
 
-def save(result: Result, folder: StrPath) -> Result:
-    """Write a result; an existing one is replaced, together with the pages and figures made from it.
+def write_result(folder: Path, scenario: Scenario, data: xr.Dataset, summary: Mapping[str, Any]) -> None:
+    """Write a result's files; those that are there already are replaced, and what was made of them goes.
 
     Parameters
     ----------
-    result
-        The result.
     folder
-        Folder to write to; it is made if it does not exist.
-
-    Returns
-    -------
-    Result
-        The same result with its folder set.
+        Where.
+    scenario, data, summary
+        What a result consists of.
 
     Raises
     ------
@@ -100,12 +94,11 @@ def save(result: Result, folder: StrPath) -> Result:
     KeyboardInterrupt
         If Ctrl-C came meanwhile; the result is then written all the same.
     """
-    folder = Path(folder)
     with uninterrupted(), _writing(folder), _stage(folder) as stage:
-        (stage / SCENARIO).write_text(to_yaml(result.scenario), encoding="utf-8")
-        encoding = {str(name): {"zlib": True, "complevel": 1} for name in result.data.data_vars}
-        result.data.to_netcdf(stage / DATA, engine="netcdf4", encoding=encoding)
-        text = json.dumps(result.summary, indent=2, allow_nan=False)
+        (stage / SCENARIO).write_text(to_yaml(scenario), encoding="utf-8")
+        encoding = {str(name): {"zlib": True, "complevel": 1} for name in data.data_vars}
+        data.to_netcdf(stage / DATA, engine="netcdf4", encoding=encoding)
+        text = json.dumps(summary, indent=2, allow_nan=False)
         (stage / SUMMARY).write_text(text + "\n", encoding="utf-8")
         folder.mkdir(parents=True, exist_ok=True)
         with locked(folder):
@@ -113,25 +106,23 @@ def save(result: Result, folder: StrPath) -> Result:
             remove_derived(folder)
             for name in FILES:
                 (stage / name).replace(folder / name)
-    return dataclasses.replace(result, folder=folder)
 
 
-def load(folder: StrPath) -> Result:
-    """Read a result folder.
+def read_result(folder: Path) -> tuple[Scenario, xr.Dataset, dict[str, Any]]:
+    """Scenario, data and summary of a result's folder.
 
     Raises
     ------
     ResultError
         If it is not a complete result, or one of another version's layout.
     """
-    folder = Path(folder)
     if not folder.is_dir():
         raise ResultError("no such folder", source=folder)
     with locked(folder, shared=True):
         return _load(folder)
 
 
-def _load(folder: Path) -> Result:
+def _load(folder: Path) -> tuple[Scenario, xr.Dataset, dict[str, Any]]:
     missing = [name for name in FILES if not (folder / name).is_file()]
     if missing:
         raise ResultError(f"not a complete result: no {', '.join(missing)}", source=folder)
@@ -152,7 +143,7 @@ def _load(folder: Path) -> Result:
         name, lacking = SUMMARY, missing_summary(summary, data)
     if lacking is not None:
         raise ResultError(f"damaged: {lacking}; run its scenario again", source=folder / name)
-    return Result(scenario, data, summary, folder)
+    return scenario, data, summary
 
 
 def _parse(path: Path, reader: Callable[[Path], Any]) -> Any:

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from spacerobot.errors import near_names
 from spacerobot.quantities import find_quantity, metrics
+from spacerobot.registry import SAMPLERS
+from spacerobot.samplers import Sampler
 from spacerobot.scenario.quantity_numbers import QuantityLimits
-from spacerobot.section import Name, Section, quantity
+from spacerobot.section import Name, OneOf, Section, quantity
 
 Distribution = Literal["uniform", "normal", "lognormal", "truncated_normal"]
-Design = Literal["monte_carlo", "latin_hypercube", "sobol", "grid", "saltelli"]
 NEEDS: dict[str, tuple[str, ...]] = {
     "uniform": ("lower", "upper"),
     "normal": ("mean", "std"),
@@ -97,10 +98,10 @@ class Campaign(Section):
         description="correlation matrix of the parameters' normal scores, in the order of `parameters` "
         "(Gaussian copula); independent if not given",
     )
-    design: Design = Field(
+    design: Annotated[str, OneOf(SAMPLERS.names)] = Field(
         default="sobol",
-        description="monte_carlo, latin_hypercube, sobol (scrambled), grid (every combination of levels), or "
-        "saltelli (for Sobol' indices; needs SALib)",
+        description="how samples are drawn: "
+        + "; ".join(f"{name}, {each.summary}" for name, each in SAMPLERS.entries().items()),
     )
     samples: int = Field(
         default=1024,
@@ -148,7 +149,7 @@ class Campaign(Section):
     def _known_words(cls, data: Any) -> Any:
         """Refuse unknown designs and metrics with the near names."""
         if isinstance(data, dict):
-            _check_word(data.get("design", "sobol"), "design", get_args(Design))
+            _check_word(data.get("design", "sobol"), "design", SAMPLERS.names())
             named = data.get("metrics", ())
             for word in named if isinstance(named, list | tuple) else ():
                 _check_word(word, "metrics", metrics())
@@ -167,11 +168,10 @@ class Campaign(Section):
             if name not in self.metrics:
                 raise ValueError(f"limits.{find_quantity(name).limit}: {name} must be among the metrics")
         if self.correlation is not None:
-            if self.design in ("grid", "saltelli"):
+            if not self.sampler.takes_correlation:
                 raise ValueError(f"correlation: the design {self.design} takes parameters as independent")
             _check_correlation(self.correlation, list(self.parameters))
-        if self.design == "saltelli" and self.samples & (self.samples - 1):
-            raise ValueError(f"samples: a power of two for the design saltelli, found {self.samples}")
+        self.sampler.check(self)
         if self.count > MOST_SAMPLES:
             raise ValueError(f"{self.count} samples, allowed: at most {MOST_SAMPLES}")
         return self
@@ -179,11 +179,13 @@ class Campaign(Section):
     @property
     def count(self) -> int:
         """Samples in all."""
-        if self.design == "grid":
-            return math.prod(p.levels or self.levels for p in self.parameters.values())
-        if self.design == "saltelli":
-            return self.samples * (len(self.parameters) + 2)
-        return self.samples
+        return self.sampler.count(self)
+
+    @property
+    def sampler(self) -> Sampler:
+        """The sampler that `design` names."""
+        found: Sampler = SAMPLERS.find(self.design)
+        return found
 
 
 def _check_correlation(rows: tuple[tuple[float, ...], ...], names: list[str]) -> None:

@@ -3,27 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
 from spacerobot.errors import near_names
 from spacerobot.quantities import Quantity, limited
+from spacerobot.registry import TUNING_METHODS
 from spacerobot.scenario.quantity_numbers import QuantityLimits, QuantityWeights
-from spacerobot.section import Name, Section, quantity
-
-Method = Literal["manual", "ga", "de", "pso", "cmaes", "sobol", "random", "nlp", "nlp_ga"]
-METHODS: tuple[Method, ...] = (
-    "manual",
-    "ga",
-    "de",
-    "pso",
-    "cmaes",
-    "sobol",
-    "random",
-    "nlp",
-    "nlp_ga",
-)
+from spacerobot.section import Name, OneOf, Section, quantity
 
 
 class DesignVariable(Section):
@@ -118,7 +106,9 @@ class Tuning(Section):
     objective: Objective = Field(default=Objective(), description="what is to become small")
     constraints: Constraints = Field(default=Constraints(), description="what must not be exceeded")
     robustness: Robustness = Field(default=Robustness(), description="plants on which the outcome is tried")
-    methods: tuple[Method, ...] = Field(default=METHODS, min_length=1, description="methods to compare")
+    methods: tuple[Annotated[str, OneOf(TUNING_METHODS.names)], ...] = Field(
+        default=(), description="methods to compare; all if none is given"
+    )
     budget: int = Field(default=7500, ge=1, description="rollouts that one run of the GA may spend")
     baseline_budget: int = Field(
         default=2500, ge=1, description="rollouts that one run of another evolutionary method may spend"

@@ -1,4 +1,4 @@
-"""A convex shape somewhere in the world, and what its kind must state."""
+"""A convex shape in the world, and the protocol of its kind."""
 
 from __future__ import annotations
 

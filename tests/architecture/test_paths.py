@@ -65,7 +65,7 @@ def test_a_path_may_be_a_text_or_like_a_path(name):
 
 def test_the_walk_finds_the_functions_that_take_paths():
     assert {
-        "spacerobot.save(folder)",
+        "spacerobot.load(path)",
         "viz.write_report(path)",
         "optim.campaign.run_campaign(folder)",
     } <= set(PATHS)
@@ -98,7 +98,7 @@ def result():
 def test_results_are_kept_and_shown_by_any_kind_of_path(result, kind, tmp_path):
     home = tmp_path / "r"
     check_folder(kind(home))
-    saved = spacerobot.save(result, kind(home))
+    saved = result.save(kind(home))
     assert saved.folder == home
     again = spacerobot.load(kind(home))
     assert [one.folder for one in find_results([kind(home)])] == [home]

@@ -43,3 +43,13 @@ def test_a_package_loads_nothing_before_a_name_is_used(package):
     assert not loaded & {"numpy", "casadi", "pinocchio", "pydantic", "matplotlib"}
     ours = {name for name in loaded if name.partition(".")[0] in PACKAGES}
     assert ours <= {package, "spacerobot", "spacerobot.lazy_names"}
+
+
+def test_every_result_of_the_namespace_is_saved_loaded_and_shown():
+    import spacerobot as sr
+
+    results = [getattr(sr, name) for name in sr.__all__ if name.endswith("Result")]
+    assert len(results) == 7
+    for result in results:
+        assert {"save", "_repr_html_", "__repr__"} <= vars(result).keys(), result
+        assert isinstance(vars(result)["load"], classmethod), result

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from spacerobot.cli.app import main
 from spacerobot.description.find import find_urdf
 from spacerobot.elements import kinds
-from spacerobot.result import load
+from spacerobot.result import Result
 from spacerobot.scenario.catalogue import shipped
 from tests.oracles.free_bodies import FLAT, free_bodies
 
@@ -47,7 +47,7 @@ def test_run_prints_headlines_and_leaves_a_result(spacerobot, tmp_path):
     assert (code, err.strip()) == (0, "")
     assert "tip error rpr1/tip" in out
     assert "momentum drift" in out
-    assert load(tmp_path / "r").completed
+    assert Result.load(tmp_path / "r").completed
 
 
 def test_run_of_a_result_again_gives_the_same_numbers(spacerobot, tmp_path):
@@ -62,7 +62,7 @@ def test_set_changes_leaves_by_pattern(spacerobot, tmp_path):
     changes = ("--set", "robots.*.tips.tip.pid.kp=77", "--set", "target.links.body.mass=33")
     code, _, _ = spacerobot("run", "paper", "--out", tmp_path / "r", *SHORT, *changes)
     assert code == 0
-    scenario = load(tmp_path / "r").scenario
+    scenario = Result.load(tmp_path / "r").scenario
     assert [robot.tips["tip"].pid.kp for robot in scenario.robots.values()] == [77, 77]
     assert scenario.target.links["body"].mass == 33
 
@@ -83,7 +83,7 @@ def test_a_diverging_run_says_when_exits_3_and_keeps_the_part(spacerobot, tmp_pa
     assert code == 3
     assert "diverged after" in one_line(err)
     assert "diverged after" in out
-    assert load(tmp_path / "r").summary["status"]["state"] == "diverged"
+    assert Result.load(tmp_path / "r").summary["status"]["state"] == "diverged"
 
 
 def test_a_grip_that_catches_and_lets_go_without_end_chatters_and_is_kept_up_to_there(
@@ -101,7 +101,7 @@ def test_a_grip_that_catches_and_lets_go_without_end_chatters_and_is_kept_up_to_
     assert code == 3
     assert told in one_line(err)
     assert "drop begins" in out
-    found = load(tmp_path / "r")
+    found = Result.load(tmp_path / "r")
     assert found.summary["status"]["state"] == "chattering"
     assert [event["kind"] for event in found.summary["events"][-4:]] == [
         "phase",

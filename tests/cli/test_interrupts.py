@@ -129,7 +129,7 @@ def run(monkeypatch, *arguments):
 
 
 def test_an_interrupt_lost_while_simulating_still_ends_the_run(monkeypatch, capsys, tmp_path):
-    import spacerobot.api as job
+    import spacerobot.api.functions as job
 
     simulate = job.simulate
 

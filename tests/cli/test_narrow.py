@@ -16,21 +16,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
-from spacerobot.cli import (
-    app,
-    campaign_tables,
-    compare,
-    design,
-    front,
-    output,
-    paper,
-    plan,
-    robust,
-    run,
-    sweep,
-    tune,
-)
+from spacerobot.cli import app, campaign_tables, design, front, output
+from spacerobot.cli.commands import compare, paper, plan, robust, run, sweep, tune
 from spacerobot.paper import VARIANTS
+from spacerobot.registry import COMMANDS
 from spacerobot.result.events import HEADINGS, event_rows
 
 REPOSITORY = Path(__file__).parents[2]
@@ -50,7 +39,8 @@ def tables(monkeypatch):
         made.append(((), rows))
         return pairs(title, rows)
 
-    for module in (*app.MODULES, campaign_tables, design, front):
+    commands = [sys.modules[f"{COMMANDS.package}.{name}"] for name in COMMANDS.names()]
+    for module in (*commands, campaign_tables, design, front):
         for name, replacement in (("table", recorded), ("pairs", noted)):
             if hasattr(module, name):
                 monkeypatch.setattr(module, name, replacement)
@@ -299,7 +289,7 @@ def test_help_wraps_paragraphs_and_shows_every_word(monkeypatch, capsys, name, w
     shown_command(name, "--help")()
     lines = [line.strip() for line in capsys.readouterr().out.splitlines()]
     assert not any("\u2026" in line for line in lines)
-    text = sys.modules[f"spacerobot.cli.{name.replace('-', '_')}"].HELP
+    text = sys.modules[f"spacerobot.cli.commands.{name.replace('-', '_')}"].HELP
     for paragraph in text.split("\n\n"):
         words = paragraph.split()
         if paragraph.startswith("    "):

@@ -6,7 +6,6 @@ import pytest
 
 from spacerobot.cli.page_data import to_play
 from spacerobot.errors import ResultError
-from spacerobot.result import save
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from tests.oracles import one_arm
@@ -17,7 +16,7 @@ def arm(tmp_path_factory):
     """A folder that holds a result, and that."""
     folder = tmp_path_factory.mktemp("played")
     result = simulate(load_scene(one_arm.write(folder)))
-    save(result, folder / "alone")
+    result.save(folder / "alone")
     return folder, result
 
 
@@ -32,7 +31,7 @@ def test_a_comparison_is_played_by_its_designs_the_untuned_one_first(arm, tmp_pa
     with pytest.raises(ResultError, match="no motion to play"):
         to_play([tmp_path], lambda _: None)
     for name in ("baseline", "ga", "nlp"):
-        save(result, tmp_path / "base" / name)
+        result.save(tmp_path / "base" / name)
     played = to_play([tmp_path], lambda _: None)
     assert [design["name"] for design in played.data["panel"]["designs"]] == ["baseline", "nlp", "ga"]
     assert len(played.data["runs"]) == 3

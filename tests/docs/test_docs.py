@@ -29,13 +29,20 @@ def files_of(page):
                 yield named[1], source
 
 
-def test_tutorials_import_nothing_deeper_than_one_level():
+def deep_imports(text):
+    """Imports of modules inside the packages, but for that of a plugin: ``spacerobot.elements``."""
+    found = re.findall(r"^ *(?:from|import) ((?:spacerobot|optim|viz)\.[\w.]+)", text, re.MULTILINE)
+    return [name for name in found if name != "spacerobot.elements"]
+
+
+def test_examples_and_pages_import_nothing_deeper_than_one_level():
+    texts = {page: "\n".join(blocks(page, "python")) for page in PAGES if page.name != "CONTRIBUTING.md"}
+    texts |= {file: file.read_text(encoding="utf-8") for file in (ROOT / "examples").rglob("*.py")}
+    found = {str(path): deep_imports(text) for path, text in texts.items()}
+    assert {path: names for path, names in found.items() if names} == {}
     for page in (ROOT / "docs" / "tutorials").glob("*.md"):
-        text = "\n".join(blocks(page, "python"))
-        assert not re.findall(r"^ *(?:from|import) (?:spacerobot|optim|viz)\.\w+\.\w+", text, re.MULTILINE), (
-            page
-        )
-        assert "import spacerobot as sr" in text, page
+        assert "import spacerobot as sr" in texts[page], page
+    assert deep_imports("from optim.tuning import tune\n    import viz.page.page") != []
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Generated reference pages have every key, kind, quantity and option, with its unit and description."""
 
+import importlib
 import importlib.util
 import re
 from pathlib import Path
@@ -53,3 +54,42 @@ def test_kinds_quantities_and_commands_are_listed(pages):
         f"## spacerobot {name}\n" in commands for name in ("run", "plan", "tune", "campaign", "studio")
     )
     assert re.search(r"^\| `--set` \|.*dotted path", commands, re.MULTILINE)
+
+
+INTERNAL = {
+    "spacerobot.arrays",
+    "spacerobot.files",
+    "spacerobot.interrupts",
+    "spacerobot.lazy_names",
+    "spacerobot.loop_cache",
+    "spacerobot.notebook",
+    "spacerobot.progress",
+    "spacerobot.cli",
+    "optim.json_values",
+    "viz.readme_picture",
+}
+"""Modules that serve the others; the command line has a page of its own."""
+
+
+def test_every_public_module_has_a_place_in_the_reference():
+    text = "\n".join(page.read_text() for page in (DOCS / "reference" / "api").glob("*.md"))
+    shown = re.findall(r"^::: ([\w.]+)", text, re.MULTILINE)
+    found = {
+        f"{package}.{path.stem}"
+        for package in ("spacerobot", "optim", "viz")
+        for path in (DOCS.parent / package).iterdir()
+        if (path.suffix == ".py" or (path / "__init__.py").exists()) and not path.stem.startswith("_")
+    }
+    named = set(re.findall(r"<!-- names of (\w+) -->", text))
+    homes = {
+        getattr(importlib.import_module(p), n).__module__
+        for p in named
+        for n in importlib.import_module(p).__all__
+    }
+    missing = {
+        module
+        for module in found - INTERNAL
+        if module not in homes and not any(name == module or name.startswith(f"{module}.") for name in shown)
+    }
+    assert missing == set()
+    assert found >= INTERNAL

@@ -14,7 +14,7 @@ from spacerobot.description.planar import PlanarBase, PlanarLink, planar_arm_urd
 from spacerobot.elements import SectionContext
 from spacerobot.elements.knot_motion import Knots
 from spacerobot.errors import ScenarioError
-from spacerobot.result.store import load, save
+from spacerobot.result import Result
 from spacerobot.rollout.tables import fill
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
@@ -141,9 +141,9 @@ def test_more_knots_take_no_more_operations(folder):
 
 def test_a_result_needs_the_file_no_more(folder, tmp_path):
     result = simulate(load_scene(folder / "follow.yaml"))
-    save(result, tmp_path / "out")
+    result.save(tmp_path / "out")
     again = simulate(load_scene(tmp_path / "out" / "scenario.yaml"))
-    np.testing.assert_array_equal(again.data.q, load(tmp_path / "out").data.q)
+    np.testing.assert_array_equal(again.data.q, Result.load(tmp_path / "out").data.q)
 
 
 def test_another_file_takes_the_place_of_what_was_read(folder, tmp_path):

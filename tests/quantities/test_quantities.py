@@ -4,6 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+import spacerobot as sr
 from optim.campaign.rollouts.metrics import build_campaign_metrics
 from optim.evaluation import BatchResult, GradientResult, batch, gradient
 from spacerobot.closedloop import build_closed_loop
@@ -146,7 +147,8 @@ def test_gradients_of_quantities_agree_with_differences(tmp_path):
         slope = (values[0] - values[1]) / (2e-4 * mass)
         assert float(found.data.gradient.sel(quantity=name)[0]) == pytest.approx(slope, rel=1e-5)
     found.save(tmp_path / "gradient.nc")
-    again = GradientResult.load(tmp_path / "gradient.nc")
+    again = sr.load(tmp_path / "gradient.nc")
+    assert isinstance(again, GradientResult)
     assert again.data.equals(found.data)
     assert again.status == found.status
     assert MASS in again._repr_html_()
@@ -158,7 +160,9 @@ def test_batches_are_saved_and_bad_values_refused(tmp_path):
     scene = small_scene(PLANAR, SHORT)
     found = batch(scene, "joint_torque_peak", {MASS: [20.0, 30.0, 40.0]}, backend="interpreted")
     found.save(tmp_path / "deep" / "batch.nc")
-    assert BatchResult.load(tmp_path / "deep" / "batch.nc").data.equals(found.data)
+    again = sr.load(tmp_path / "deep" / "batch.nc")
+    assert isinstance(again, BatchResult)
+    assert again.data.equals(found.data)
     assert "3 simulations" in repr(found)
     with pytest.raises(ScenarioError, match="as long"):
         batch(scene, "joint_torque_peak", {MASS: [1.0, 2.0], "simulation.duration": [1.0]})

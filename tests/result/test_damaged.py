@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from spacerobot.errors import ResultError, SpaceRobotError
-from spacerobot.result import load, save
+from spacerobot.result import Result
 from spacerobot.result.completeness import DIMENSIONS
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
@@ -21,7 +21,7 @@ ENGINE = ("name", "backend", "step_s", "steps")  # the rest says how it was done
 def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
     scene = load_scene(one_arm.write(folder), {"simulation.duration": 0.2})
-    return save(simulate(scene), folder / "r").folder
+    return simulate(scene).save(folder / "r").folder
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def test_a_variable_that_is_missing_is_named(damaged, name):
     data = xr.load_dataset(damaged / "result.nc")
     rewrite(damaged, data.drop_vars(name))
     with pytest.raises(ResultError, match=rf"r/result\.nc: damaged: no variable '{name}'; run its"):
-        load(damaged)
+        Result.load(damaged)
 
 
 def test_every_key_of_a_summary_that_is_missing_or_something_else_is_named(damaged, monkeypatch):
@@ -70,7 +70,7 @@ def test_every_key_of_a_summary_that_is_missing_or_something_else_is_named(damag
             if replaced and path[-1] in ("joint", "grasp", "advice", "cause", "outcome"):
                 continue  # a text or nothing
             with pytest.raises(ResultError) as raised:
-                load(damaged)
+                Result.load(damaged)
             assert f"summary.json: damaged: {'' if replaced else 'no '}{'.'.join(path)}" in str(raised.value)
 
 
@@ -82,7 +82,7 @@ def test_an_event_that_lacks_a_key_is_named(damaged, key):
     summary["events"] = [event, {name: value for name, value in event.items() if name != key}]
     file.write_text(json.dumps(summary))
     with pytest.raises(ResultError, match=rf"summary\.json: damaged: no events\.1\.{key}"):
-        load(damaged)
+        Result.load(damaged)
 
 
 def test_a_truncated_scenario_that_is_one_still_does_not_fit(damaged):
@@ -91,7 +91,7 @@ def test_a_truncated_scenario_that_is_one_still_does_not_fit(damaged):
     for count in range(0, len(lines), 3):
         file.write_text("".join(lines[:count]))
         try:
-            result = load(damaged)
+            result = Result.load(damaged)
             result.scene()
         except SpaceRobotError:
             continue
@@ -105,4 +105,4 @@ def test_a_file_cut_short_is_named(damaged, name, share):
     content = file.read_bytes()
     file.write_bytes(content[: int(share * len(content))])
     with pytest.raises(ResultError, match=rf"r/{name}: "):
-        load(damaged)
+        Result.load(damaged)

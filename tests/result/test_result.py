@@ -15,7 +15,7 @@ import xarray as xr
 from spacerobot.cli.app import main
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ResultError
-from spacerobot.result import check_folder, load, note_derived, save
+from spacerobot.result import Result, check_folder, note_derived
 from spacerobot.result.ledger import build_ledger
 from spacerobot.result.metrics import _turned, body_motion, greatest_torque, tip_errors
 from spacerobot.result.store import FILES
@@ -188,8 +188,8 @@ def test_what_acts_from_outside_is_said_by_the_closed_loop(changes, outside):
 
 
 def test_folder_reads_back_and_runs_again_to_the_same_result(result, tmp_path):
-    saved = save(result, tmp_path / "a" / "b")
-    again = load(tmp_path / "a" / "b")
+    saved = result.save(tmp_path / "a" / "b")
+    again = Result.load(tmp_path / "a" / "b")
     assert again.scenario == result.scenario
     xr.testing.assert_identical(again.data, saved.data)
     rerun = simulate(load_scene(saved.folder / "scenario.yaml"))
@@ -202,14 +202,14 @@ def names(folder):
 
 
 def test_saving_leaves_nothing_beside_the_result(result, tmp_path):
-    save(result, tmp_path / "r")
-    save(result, tmp_path / "r")
+    result.save(tmp_path / "r")
+    result.save(tmp_path / "r")
     assert names(tmp_path) == ["r"]
     assert names(tmp_path / "r") == sorted(FILES)
 
 
 def test_a_failing_write_keeps_what_was_there(result, tmp_path, monkeypatch):
-    save(result, tmp_path / "r")
+    result.save(tmp_path / "r")
     before = {name: (tmp_path / "r" / name).read_bytes() for name in FILES}
 
     def full(*_, **__):
@@ -217,9 +217,9 @@ def test_a_failing_write_keeps_what_was_there(result, tmp_path, monkeypatch):
 
     monkeypatch.setattr(xr.Dataset, "to_netcdf", full)
     with pytest.raises(ResultError, match="No space left"):
-        save(result, tmp_path / "r")
+        result.save(tmp_path / "r")
     with pytest.raises(ResultError, match="No space left"):
-        save(result, tmp_path / "new" / "deep")
+        result.save(tmp_path / "new" / "deep")
     assert {name: (tmp_path / "r" / name).read_bytes() for name in FILES} == before
     assert names(tmp_path) == ["r"]
 
@@ -233,27 +233,27 @@ def test_ctrl_c_while_saving_leaves_a_whole_result(result, tmp_path, monkeypatch
 
     monkeypatch.setattr(xr.Dataset, "to_netcdf", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        save(result, tmp_path / "r")
+        result.save(tmp_path / "r")
     assert names(tmp_path) == ["r"]
-    assert load(tmp_path / "r").completed
+    assert Result.load(tmp_path / "r").completed
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 def test_results_of_two_writers_do_not_mix(result, tmp_path):
     """One writes a result of 1 s again and again, the other one of 0.5 s; a reader sees either."""
     short = simulate(load_scene("paper", {"simulation.duration": 0.5, "simulation.output_step": 0.05}))
-    save(result, tmp_path / "r")
+    result.save(tmp_path / "r")
     writers = []
     for own in (result, short):
         writers.append(os.fork())
         if writers[-1] == 0:  # the netCDF library stands no threads, so writers are processes
             for _ in range(8):
-                save(own, tmp_path / "r")
+                own.save(tmp_path / "r")
             os._exit(0)
     left = list(writers)
     while left:
         left = [pid for pid in left if os.waitpid(pid, os.WNOHANG) == (0, 0)]
-        seen = load(tmp_path / "r")
+        seen = Result.load(tmp_path / "r")
         lasts = (seen.scenario.simulation.duration, seen.summary["status"]["reached_s"], seen.data.time[-1])
         assert len({round(float(last), 9) for last in lasts}) == 1
 
@@ -313,7 +313,7 @@ def test_another_jobs_folder_is_no_place_for_a_result(result, tmp_path, kind):
 
 
 def test_a_result_with_files_beside_it_and_a_half_written_one_are_replaced(result, tmp_path):
-    folder = save(result, tmp_path / "whole").folder
+    folder = result.save(tmp_path / "whole").folder
     (folder / "report.html").write_text("x")
     check_folder(folder)
     (tmp_path / "half").mkdir()
@@ -322,7 +322,7 @@ def test_a_result_with_files_beside_it_and_a_half_written_one_are_replaced(resul
 
 
 def test_what_was_made_from_a_result_goes_with_it_and_what_is_the_users_stays(result, tmp_path):
-    saved = save(result, tmp_path / "r")
+    saved = result.save(tmp_path / "r")
     folder = saved.folder
     (folder / "figures").mkdir()
     made = [folder / name for name in ("report.html", "figures/joints.png", "edited.html")]
@@ -332,20 +332,20 @@ def test_what_was_made_from_a_result_goes_with_it_and_what_is_the_users_stays(re
     note_derived([saved], [*made[:2], outside])
     note_derived([saved, result], made[2:])
     made[2].write_text("edited")
-    save(result, folder)
+    result.save(folder)
     kept = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file()}
     own = {"r/scenario.yaml", "r/summary.json", "r/result.nc"}
     assert kept == own | {"r/edited.html", "r/figures/mine.png", "page.html"}
     mine.unlink()
     made[1].write_text("made once more")
     note_derived([saved], made[1:2])
-    save(result, folder)
+    result.save(folder)
     assert not (folder / "figures").exists()
 
 
 @pytest.mark.parametrize("kind", ["text", "list", "number", "above", "absolute", "link", "folder"])
 def test_a_list_of_made_files_that_is_damaged_or_leads_elsewhere_removes_nothing(result, tmp_path, kind):
-    folder = save(result, tmp_path / "r").folder
+    folder = result.save(tmp_path / "r").folder
     victim = tmp_path / "victim"
     victim.write_text("mine")
     sha256 = hashlib.sha256(b"mine").hexdigest()
@@ -361,30 +361,30 @@ def test_a_list_of_made_files_that_is_damaged_or_leads_elsewhere_removes_nothing
         "folder": json.dumps({"folder": sha256, "\0": sha256, "": sha256}),
     }
     (folder / "derived.json").write_text(texts[kind])
-    save(result, folder)
+    result.save(folder)
     assert victim.read_text() == "mine"
     assert (folder / "folder").is_dir()
     assert not (folder / "derived.json").exists()
 
 
 def test_incomplete_foreign_and_broken_results_are_refused(result, tmp_path):
-    saved = save(result, tmp_path / "r").folder
+    saved = result.save(tmp_path / "r").folder
     summary = json.loads((saved / "summary.json").read_text())
     (saved / "summary.json").write_text(json.dumps(summary | {"format": 99}))
     with pytest.raises(ResultError, match="another version: layout 99"):
-        load(saved)
+        Result.load(saved)
     (saved / "summary.json").write_text("{")
     with pytest.raises(ResultError, match="cannot be read"):
-        load(saved)
+        Result.load(saved)
     (saved / "summary.json").write_text(json.dumps(summary))
     (saved / "result.nc").write_bytes(b"not netCDF")
     with pytest.raises(ResultError, match="cannot be read"):
-        load(saved)
+        Result.load(saved)
     (saved / "result.nc").unlink()
     with pytest.raises(ResultError, match=r"not a complete result: no result\.nc"):
-        load(saved)
+        Result.load(saved)
     with pytest.raises(ResultError, match="no such folder"):
-        load(tmp_path / "nowhere")
+        Result.load(tmp_path / "nowhere")
 
 
 def test_notebook_table_escapes_what_users_write(result):
@@ -399,8 +399,8 @@ def test_a_rollout_that_diverges_is_kept_up_to_there(tmp_path):
     scene = load_scene(
         "paper", {"simulation.step": 0.02, "simulation.method": "rk4", "simulation.duration": 2.0}
     )
-    result = save(simulate(scene), tmp_path / "r")
-    status = load(tmp_path / "r").summary["status"]
+    result = simulate(scene).save(tmp_path / "r")
+    status = Result.load(tmp_path / "r").summary["status"]
     assert status["state"] == "diverged"
     assert 0 < status["diverged_at_s"] < 2.0
     assert result.data.time.values[-1] <= status["diverged_at_s"] + 1e-9

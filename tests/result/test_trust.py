@@ -5,9 +5,9 @@ import re
 
 import pytest
 
-from spacerobot.cli.run import fail_if_diverged
+from spacerobot.cli.commands.run import fail_if_diverged
 from spacerobot.errors import DivergedError
-from spacerobot.result import load, save
+from spacerobot.result import Result
 from spacerobot.result.trust import LEAST_ENERGY, LEAST_MOMENTUM, MOST_DRIFT, MOST_RESIDUAL, judge, warning
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
@@ -37,7 +37,7 @@ def ledger(drift=0.0, largest=1.0, residual=0.0, energy=1.0):
 def rough(tmp_path_factory):
     """A fast arm, its steps far too long."""
     folder = tmp_path_factory.mktemp("rough")
-    return save(simulate(load_scene(one_arm.write(folder), ROUGH)), folder / "r")
+    return simulate(load_scene(one_arm.write(folder), ROUGH)).save(folder / "r")
 
 
 def test_the_limits_are_the_stated_ones():
@@ -70,7 +70,7 @@ def test_an_open_ledger_is_told_in_status_summary_page_and_report(rough):
     status = json.loads((rough.folder / "summary.json").read_text())["status"]
     assert status["state"] == "completed"
     assert not status["trusted"]
-    assert dict(load(rough.folder).headline())["status"].startswith(
+    assert dict(Result.load(rough.folder).headline())["status"].startswith(
         "completed, 1 s, but the ledger is open: momentum drift "
     )
     assert re.search(r"simulation\.step shorter than 0\.01 s, .*arm/joint_\d, \S+ rad/s at", status["advice"])

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from spacerobot.result import save
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from tests.oracles.free_bodies import FLAT, free_bodies
@@ -20,14 +19,14 @@ from viz.figures.comparison import write_figures
 @pytest.fixture(scope="session")
 def paper(tmp_path_factory):
     """The paper's scenario, 10 s, saved."""
-    return save(simulate(load_scene("paper")), tmp_path_factory.mktemp("paper") / "amnesia")
+    return simulate(load_scene("paper")).save(tmp_path_factory.mktemp("paper") / "amnesia")
 
 
 @pytest.fixture(scope="session")
 def blind(tmp_path_factory):
     """The same without the amnesia controller."""
     scene = load_scene("paper", {"robots.*.tips.tip.amnesia": None})
-    return save(simulate(scene), tmp_path_factory.mktemp("blind") / "pid")
+    return simulate(scene).save(tmp_path_factory.mktemp("blind") / "pid")
 
 
 CAPTURE = {"distance": 0.05, "spin_deg": 60}
@@ -43,16 +42,15 @@ def docked(tmp_path_factory):
     }
     folder = tmp_path_factory.mktemp("docked")
     scene = free_bodies(folder, FLAT, {"kind": "weld", "capture": CAPTURE}, phases=phases)
-    return save(simulate(scene, backend="interpreted"), folder / "result")
+    return simulate(scene, backend="interpreted").save(folder / "result")
 
 
 @pytest.fixture(scope="session")
 def diverged(tmp_path_factory):
     """The paper's scenario with far too long a step."""
-    return save(
-        simulate(
-            load_scene("paper", {"simulation.step": 0.02, "simulation.method": "rk4"}), backend="interpreted"
-        ),
+    return simulate(
+        load_scene("paper", {"simulation.step": 0.02, "simulation.method": "rk4"}), backend="interpreted"
+    ).save(
         tmp_path_factory.mktemp("d") / "diverged",
     )
 
@@ -94,7 +92,7 @@ def _short():
 
 def _comparison(folder, gains, active):
     for name in ("baseline", "nlp"):
-        save(_short(), folder / "base-five" / name)
+        _short().save(folder / "base-five" / name)
     benchmark = {
         "name": "base-five",
         "objective": {"kind": "minimax"},

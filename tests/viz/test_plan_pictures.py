@@ -7,6 +7,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
+import spacerobot as sr
 from optim.planning.output.constraint_values import with_flown
 from optim.planning.output.plan_folder import SCENARIO, read, write
 from optim.planning.search.make_plan import make_plan
@@ -14,7 +15,7 @@ from spacerobot import simulation
 from spacerobot.cli.app import app
 from spacerobot.cli.page_data import to_play
 from spacerobot.errors import ResultError
-from spacerobot.result import load, save
+from spacerobot.result import Result
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from tests.optim.planning.conftest import REACH
@@ -44,8 +45,20 @@ def folders(tmp_path_factory):
     (home / "task.yaml").write_text(yaml.safe_dump(REACH | {"plan": PLAN, "pads": PADS}))
     write(make_plan(load_scene(home / "task.yaml"), backend="interpreted"), home / "plan")
     flown = simulate(load_scene(home / "plan" / "followed.yaml"), backend="interpreted")
-    save(flown, home / "flown")
+    flown.save(home / "flown")
     return home / "plan", home / "flown"
+
+
+def test_a_saved_plan_is_loaded_copied_and_followed(folders, tmp_path):
+    plan = sr.load(folders[0])
+    assert repr(plan).startswith("<PlanResult reach: 2 s, cost ")
+    assert "residual" in plan._repr_html_()
+    again = sr.load(plan.save(tmp_path / "copy").folder)
+    assert again.data.identical(plan.data)
+    assert again.summary == plan.summary
+    assert again.scene().scenario == load_scene(folders[0] / "followed.yaml").scenario
+    with pytest.raises(ResultError, match="no such file or folder"):
+        sr.load(tmp_path / "nowhere")
 
 
 def test_limits_are_drawn_and_active_ones_marked(folders):
@@ -56,7 +69,7 @@ def test_limits_are_drawn_and_active_ones_marked(folders):
     assert len(np.concatenate(marked)) > 1
     greatest = float(np.abs(plan.torque).max())
     plan.torque_limit[:] = [-greatest, greatest]
-    torques = plan_joints(plan, load(folders[1])).axes[2]
+    torques = plan_joints(plan, Result.load(folders[1])).axes[2]
     dashed = {float(c.get_ydata()[0]) for c in torques.lines if c.get_linestyle() == "--"}
     assert greatest in np.abs(list(dashed))
     assert sum(len(c.get_xdata()) for c in torques.lines if c.get_marker() == "s") == 1
@@ -75,7 +88,7 @@ def test_distances_and_cones_are_drawn_with_their_limits(folders):
 
 
 def test_what_was_flown_is_drawn_over_the_limits(folders):
-    (plan, _), flown = read(folders[0]), load(folders[1]).data
+    (plan, _), flown = read(folders[0]), Result.load(folders[1]).data
     both = with_flown(plan, load_scene(folders[0] / "scenario.yaml"), flown)
     for name in plan.constraint_name.values:
         own = both.sel(constraint_name=name)
@@ -92,14 +105,14 @@ def test_a_flight_is_played_over_its_plan(folders, tmp_path, monkeypatch):
     ran = CliRunner().invoke(app, ["animate", flown, plan, "--html", str(html)])
     assert ran.exit_code == 0, ran.output
     assert '"label":"plan"' in html.read_text()
-    monkeypatch.setattr(simulation, "simulate", lambda *_, **__: load(folders[1]))
+    monkeypatch.setattr(simulation, "simulate", lambda *_, **__: Result.load(folders[1]))
     played = to_play([folders[0]], lambda _: None)
     assert played.data["title"] == "reach: the plan, followed"
     assert played.data["panel"]["metrics"][0]["key"] == "tip_error_peak"
 
 
 def test_a_plan_lies_pale_under_its_flight(folders):
-    flown, (plan, _) = load(folders[1]), read(folders[0])
+    flown, (plan, _) = Result.load(folders[1]), read(folders[0])
     data = beside_its_plan(flown, load_scene(folders[0] / SCENARIO), plan)
     run, ghost = data["runs"]
     assert data["over"]

@@ -5,10 +5,11 @@ from viz.figures.bands import BandSeries, bands, moving_components
 from viz.figures.base_disturbance import disturbance
 from viz.figures.bodies import base_motion, grip_forces, object_motion
 from viz.figures.campaign import SampleSpread, distributions, robustness
-from viz.figures.collect import KINDS, draw_all, save_figures
+from viz.figures.collect import draw_all, figure_kinds, save_figures
 from viz.figures.contacts import contact_forces
 from viz.figures.docking import docking
 from viz.figures.joints import joints
+from viz.figures.kind import FigureKind, figure
 from viz.figures.ledger import ledger
 from viz.figures.style import Drawing, to_bytes
 from viz.figures.tips import orientation_errors, tip_errors, tip_paths
@@ -16,9 +17,9 @@ from viz.figures.tuning import convergence, data_profiles, running_times, sensit
 from viz.figures.wheels import momentum_budget, wheels
 
 __all__ = [
-    "KINDS",
     "BandSeries",
     "Drawing",
+    "FigureKind",
     "SampleSpread",
     "approach",
     "bands",
@@ -30,6 +31,8 @@ __all__ = [
     "disturbance",
     "docking",
     "draw_all",
+    "figure",
+    "figure_kinds",
     "grip_forces",
     "joints",
     "ledger",

@@ -15,6 +15,7 @@ from spacerobot.elements.capture import Capture
 from spacerobot.result import Result
 from spacerobot.result.events import relative_velocity
 from spacerobot.scene import Scene, SceneGrasp
+from viz.figures.kind import figure
 from viz.figures.style import (
     Drawing,
     below_last,
@@ -114,6 +115,11 @@ def _mating_axes(scene: Scene, grasp: SceneGrasp, q: Iterable[Array]) -> Array:
     return np.array(found)
 
 
+@figure(
+    "The approach: lateral error and speeds over the distance to go",
+    applies=lambda result: any(grasp.begins == "open" for grasp in result.scenario.grasps.values()),
+    place=6,
+)
 @styled
 def approach(result: Result) -> Drawing:
     """Lateral error, speeds and, where limited, angle and spin over the distance to go, of each open grasp.

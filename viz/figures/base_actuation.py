@@ -9,9 +9,15 @@ from spacerobot.arrays import Array
 from spacerobot.result import Result
 from viz.drawing.motion import BodyMotion
 from viz.drawing.view import View
+from viz.figures.kind import figure
 from viz.figures.style import Drawing, called, legend_over, line, panels, shown_axes, styled, until
 
 
+@figure(
+    "Attitude errors of bases, and what their actuators do",
+    applies=lambda result: bool(acting_bases(result)),
+    place=11,
+)
 @styled
 def base_control(result: Result) -> Drawing:
     """Attitude error of each base that is held, and its thrusters or wheels: a row each."""
@@ -83,6 +89,11 @@ def _labels(result: Result, kind: str, body: str) -> list[str]:
     return [str(label) for label in own if str(label).startswith(f"{body}/")]
 
 
+@figure(
+    "Motion relative to the reference orbit",
+    applies=lambda result: "hill_position" in result.data,
+    place=12,
+)
 @styled
 def relative_orbit(result: Result) -> Drawing:
     """Motion of the bodies in Hill axes: radial and, in space, cross-track over along-track position."""

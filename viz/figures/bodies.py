@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 
 from spacerobot.arrays import Array
 from spacerobot.result import Result
+from viz.figures.kind import figure
 from viz.figures.phases import mark_phases
 from viz.figures.style import (
     COLOURS,
@@ -49,6 +50,13 @@ def _place(result: Result, body: str) -> int:
     return [str(name) for name in result.array("body")].index(body)
 
 
+@figure(
+    "Object rotation and translation",
+    compares=True,
+    applies=lambda result: result.scenario.target is not None,
+    printed="Fig. 6",
+    place=2,
+)
 @styled
 def object_motion(*results: Result) -> Drawing:
     """Rotation and translation of the object since the start (Fig. 6); dashes tell results apart."""
@@ -62,6 +70,7 @@ def object_motion(*results: Result) -> Drawing:
     return figure
 
 
+@figure("Motion of the bases", place=7)
 @styled
 def base_motion(result: Result) -> Drawing:
     """Rotation and translation of each base since the start: a row for each robot, one scale for all."""
@@ -96,6 +105,7 @@ def _overlay(row: Sequence[Axes], results: Sequence[Result], body: str) -> None:
         panel.set_ylabel(quantity)
 
 
+@figure("Grip forces", applies=lambda result: bool(result.data.sizes["grasp"]), place=9)
 @styled
 def grip_forces(result: Result) -> Drawing:
     """Force of each grasp on the object, its torque where there is any, and its gap: a row for each grasp."""

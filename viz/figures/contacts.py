@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from spacerobot.result import Result
+from viz.figures.kind import figure
 from viz.figures.style import Drawing, below_last, legend_over, line, panels, styled, until
 
 
+@figure("Contact forces and gaps", applies=lambda result: "contact" in result.data.dims, place=10)
 @styled
 def contact_forces(result: Result) -> Drawing:
     """Force along and across the normal, and gap, of each contact: a row for each."""

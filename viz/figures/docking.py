@@ -12,9 +12,11 @@ from spacerobot.result import Result
 from viz.drawing.motion import BodyMotion, Rows, bounds, extremes, pick_rows, sample_motion
 from viz.drawing.projection import draw_ghosts, draw_nodes, fit
 from viz.drawing.view import View, view_of
+from viz.figures.kind import figure
 from viz.figures.style import COLOURS, Drawing, called, is_narrow, styled, width_in
 
 
+@figure("The motion, frame by frame", printed="Fig. 8", place=5)
 @styled
 def docking(result: Result, *, frames: int = 6) -> Drawing:
     """The scene at evenly spaced times, with paths; pale and dashed where bodies began.

@@ -6,12 +6,14 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from spacerobot.result import Result
+from viz.figures.kind import figure
 from viz.figures.style import COLOURS, DASHES, Drawing, panels, styled, unit_scale, until
 
 _NAME_IN = 0.17
 """Height of a joint's name in the legend."""
 
 
+@figure("Joint angles and actuator torques", applies=lambda result: bool(result.data.sizes["joint"]), place=8)
 @styled
 def joints(result: Result) -> Drawing:
     """Joint angles and actuator torques: a row for each robot, colours and dashes for its joints."""

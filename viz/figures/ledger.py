@@ -9,12 +9,14 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from spacerobot.arrays import Array
 from spacerobot.result import Result
 from spacerobot.result.ledger import SMALLEST, kept_momentum, work_text, works_of
+from viz.figures.kind import figure
 from viz.figures.style import Drawing, called, legend_over, line, panels, styled, until
 
 _ALWAYS = ("work_actuator", "work_joint")
 _NONE_J = 1e-12  # below, a work is rounding: grips without dampers, or rigid ones
 
 
+@figure("The ledger: momentum and energy", place=15)
 @styled
 def ledger(result: Result) -> Drawing:
     """Momentum of each body and of all, energy, and how much of either goes astray."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from spacerobot.result import Result
 from viz.figures.docking import strip
+from viz.figures.kind import figure
 from viz.figures.phases import phases_of
 from viz.figures.style import Drawing, styled
 
@@ -13,6 +14,7 @@ _KINDS = ("captured", "released", "slipped")
 _APART = 0.02  # of the duration: events nearer to each other share a picture
 
 
+@figure("The instants that tell the motion: phases, captures, releases", place=5.5)
 @styled
 def storyboard(result: Result, *, instants: int = 6) -> Drawing:
     """The scene at its events, named; where there are fewer than ``instants``, also in the longest gaps."""

@@ -13,6 +13,7 @@ from matplotlib.ticker import NullFormatter
 from spacerobot.arrays import Array
 from spacerobot.paper import AXES, FIGURE_7_MM, FIGURE_10_MM, is_of_the_paper
 from spacerobot.result import Result
+from viz.figures.kind import figure
 from viz.figures.phases import mark_phases
 from viz.figures.style import (
     DASHES,
@@ -33,6 +34,16 @@ _FLAT = 1e-3  # of the longest reach: what references leave a plane by without b
 _FIGURE_5_PANELS = "abcdefghijklmnopqrstuvwxyz"
 
 
+def _leads_tips(result: Result) -> bool:
+    return bool(result.led_tips)
+
+
+def _controls_orientation(result: Result) -> bool:
+    tips = (tip for robot in result.scenario.robots.values() for tip in robot.tips.values())
+    return any(tip.orientation_pid is not None for tip in tips)
+
+
+@figure("Reference and actual tip paths", compares=True, applies=_leads_tips, printed="Fig. 5", place=1)
 @styled
 def tip_paths(*results: Result) -> Drawing:
     """Reference and actual tip paths (Fig. 5): a row for each result and plane, a column for each tip.
@@ -114,6 +125,7 @@ def enlargement(error: float, reach: float) -> float:
     return float(max(k * power for k in (1, 2, 5) if k * power <= wanted))
 
 
+@figure("Tip errors", compares=True, applies=_leads_tips, printed="Fig. 7 and 10", place=3)
 @styled
 def tip_errors(*results: Result) -> Drawing:
     """Tip errors, reference minus position (Fig. 7 and 10): a row for each tip, a column for each axis.
@@ -125,6 +137,7 @@ def tip_errors(*results: Result) -> Drawing:
     return _draw(results, _POSITION, shown_axes(results[0]))
 
 
+@figure("Orientation errors of tips", compares=True, applies=_controls_orientation, place=4)
 @styled
 def orientation_errors(*results: Result) -> Drawing:
     """Orientation errors, rotation vectors from tips to their references, laid out as :func:`tip_errors`."""

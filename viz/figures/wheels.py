@@ -8,9 +8,15 @@ import numpy as np
 
 from spacerobot.arrays import Array
 from spacerobot.result import Result
+from viz.figures.kind import figure
 from viz.figures.style import Drawing, below_last, legend_above, line, panels, shown_axes, styled, until
 
 
+def _has_wheels(result: Result) -> bool:
+    return "wheel" in result.data.dims
+
+
+@figure("Reaction wheels: speeds and torques", applies=_has_wheels, place=13)
 @styled
 def wheels(result: Result) -> Drawing:
     """Speed and motor torque of each reaction wheel."""
@@ -30,6 +36,11 @@ def wheels(result: Result) -> Drawing:
     return figure
 
 
+@figure(
+    "Where the momentum is: robots, wheels, object, outside",
+    applies=lambda result: _has_wheels(result) or "impulse_angular" in result.data,
+    place=14,
+)
 @styled
 def momentum_budget(result: Result) -> Drawing:
     """Change of momentum of robots, wheels and object, and the impulse from outside that it all comes to."""

@@ -10,7 +10,7 @@ from typing import Any
 
 from optim.comparison import tables
 from spacerobot.errors import ResultError
-from spacerobot.result import Result, load
+from spacerobot.result import Result
 from spacerobot.result.store import DATA
 from viz.figures.comparison import PROFILES
 from viz.report.report import SECTIONS, ReportSection, page, report
@@ -85,7 +85,7 @@ def comparison_report(folder: Path) -> str:
         title = f"Tuning methods compared: {data['name']}"
     if not all((place / DATA).is_file() for place in shown):
         return page(title, [(section, _text(folder))])
-    results: list[Result] = [load(place) for place in shown]
+    results: list[Result] = [Result.load(place) for place in shown]
     title += f"; shown: {benchmark['name']}, untuned and {best}"
     return report(*results, title=title, sections=[section, *SECTIONS])
 
@@ -104,7 +104,7 @@ def designs_of(folder: Path) -> tuple[str, dict[str, Result]]:
         ranked = sorted(benchmark["methods"], key=lambda name: _objective(benchmark["methods"][name]))
         title = f"Tuning methods compared: {data['name']}, {benchmark['name']}"
         places = {name: folder / benchmark["name"] / name for name in ("baseline", *ranked)}
-    found = {name: load(place) for name, place in places.items() if (place / DATA).is_file()}
+    found = {name: Result.load(place) for name, place in places.items() if (place / DATA).is_file()}
     if not found:
         raise ResultError(
             "no design of this comparison was evaluated, so there is no motion to play", source=folder

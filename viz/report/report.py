@@ -9,7 +9,7 @@ from pathlib import Path
 
 from spacerobot.errors import ResultError
 from spacerobot.files import StrPath, write_text
-from spacerobot.result import Result, load, note_derived
+from spacerobot.result import Result, note_derived
 from spacerobot.result.store import SUMMARY
 from viz.figures.collect import check_comparable
 from viz.page.page import fill, policy
@@ -127,7 +127,7 @@ def find_results(folders: Sequence[StrPath]) -> list[Result]:
         inside = sorted(path.parent for path in folder.glob(f"*/{SUMMARY}")) if folder.is_dir() else []
         if (folder / SUMMARY).exists() or not inside:
             inside = [folder]
-        found += [load(path) for path in inside]
+        found += [Result.load(path) for path in inside]
     if not found:
         raise ResultError("no results named")
     return found

@@ -13,7 +13,7 @@ from typing import Any
 
 from spacerobot.errors import ResultError, ScenarioError, SpaceRobotError
 from spacerobot.files import write_text
-from spacerobot.result import Result, save
+from spacerobot.result import Result
 from spacerobot.scenario.load import parse_yaml, to_document, to_yaml, validate
 from spacerobot.scene import Scene, build_scene
 from spacerobot.section import leaves
@@ -150,7 +150,7 @@ def _same(text: str, path: Path, scene: Scene) -> bool:
 
 
 def _result(path: Path, scene: Scene, *_: Any) -> None:
-    save(simulate(scene), path)
+    simulate(scene).save(path)
 
 
 def _page(path: Path, scene: Scene, *_: Any) -> None:

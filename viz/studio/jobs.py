@@ -12,7 +12,7 @@ from viz.studio.campaign import cloud
 from viz.studio.job import Job, Send
 from viz.studio.messages import Request
 from viz.studio.prepared_design import DesignCache
-from viz.studio.search import METHODS, improve, tune
+from viz.studio.search import improve, methods, tune
 
 
 class Jobs:
@@ -26,7 +26,7 @@ class Jobs:
         Sends a message to a page.
     """
 
-    methods = METHODS
+    methods = staticmethod(methods)
 
     def __init__(self, plants: DesignCache, send: Send) -> None:
         self._plants, self._send = plants, send

@@ -11,22 +11,21 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from optim.methods.run_method import effort_of, run_method
+from optim.methods.run_method import run_method
+from optim.methods.settings import effort_of
 from optim.problem.problem import Evaluation, EvaluationCost, Linearisation
 from optim.problem.scene_recipe import tuning_of
 from optim.problem.tuning_problem import TuningProblem, build_problem
 from optim.problem.varied_parameters import LARGE_RATIO
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
+from spacerobot.registry import TUNING_METHODS
 from spacerobot.scene import build_scene
 from viz.studio.job import Job, SearchFound
 from viz.studio.messages import Request
 from viz.studio.metric_slopes import differences
 from viz.studio.metrics import Metric
 from viz.studio.prepared_design import DesignCache, PreparedDesign
-
-METHODS = ("nlp", "ga", "cmaes", "de", "pso", "sobol", "random")
-"""Methods that the page offers."""
 
 STEPS = 12
 """That *improve* takes at most."""
@@ -191,6 +190,14 @@ class _Track:
         return SearchFound(progress, self._box.plain(self._at), self._best, self._start, self.curve, message)
 
 
+def methods() -> dict[str, str]:
+    """Titles of the tuning methods that a page offers, by name; those with gradients first."""
+    offered = [each for each in TUNING_METHODS.entries().values() if each.solves_any_problem]
+    return {
+        each.name: each.title or each.name for each in sorted(offered, key=lambda m: not m.uses_gradients)
+    }
+
+
 def tune(plants: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float], job: Job) -> None:
     """A search by a method of tuning.
 
@@ -201,7 +208,7 @@ def tune(plants: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float
     """
     request = job.request
     box, metric = SearchBox.of(request, plant), plant.metric(request.text("metric"))
-    method = request.text("method", METHODS)
+    method = request.text("method", tuple(methods()))
     budget = request.count("budget", 2500, MOST_ROLLOUTS)
     problem = _problem(plants, plant, box, metric, request)
     start = plant.cost(numbers, metric)

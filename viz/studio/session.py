@@ -297,7 +297,7 @@ class StudioSession:
                 for path, leaf in plant.leaves.items()
             ],
             "metrics": [metric.plain() for metric in plant.metrics.metrics],
-            "methods": list(self._jobs.methods),
+            "methods": [list(named) for named in self._jobs.methods().items()],
             "saves": list(SAVED),
             "suggested": list(sliders),
         }

@@ -43,7 +43,7 @@ def what_matters(draws: Array, values: Array, campaign: Campaign, *, complete: b
     entry["strongest"] = _strongest(names, plain, away, noise_of(len(draws), campaign))
     if np.ptp(np.nan_to_num(values, posinf=np.finfo(float).max)) == 0:
         entry["note"] = "no rollout was completed" if np.isinf(values).all() else "it does not vary"
-    elif campaign.design == "saltelli":
+    elif campaign.sampler.gives_sobol_indices:
         entry |= _indices(values, names, campaign, complete=complete)
     return entry
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from optim.campaign.sampling.samplers import salib
 from spacerobot.arrays import Array
+from spacerobot.samplers import optional_module
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def sobol_indices(values: Array, names: Sequence[str], confidence: float, seed: 
         "names": list(names),
         "bounds": [[0.0, 1.0]] * len(names),
     }
-    analyze = salib("analyze.sobol").analyze
+    analyze = optional_module("SALib", "analyze.sobol", "saltelli").analyze
     found = analyze(problem, values, calc_second_order=False, conf_level=confidence, seed=seed)
     return Indices(*(np.asarray(found[key], dtype=float) for key in ("S1", "S1_conf", "ST", "ST_conf")))
 

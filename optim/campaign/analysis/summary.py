@@ -29,8 +29,6 @@ from spacerobot.scenario import Campaign
 
 SUMMARY = "summary.json"
 WORST = 5  # samples that are told of each set of gains
-INDEPENDENT = ("monte_carlo", "latin_hypercube", "sobol")
-"""Designs whose samples count as independent draws, so that intervals mean something."""
 
 
 @dataclass(frozen=True)
@@ -180,7 +178,7 @@ def summary_data(
         "design": campaign.design,
         "seed": campaign.seed,
         "confidence": campaign.confidence,
-        "intervals": campaign.design in INDEPENDENT,
+        "intervals": campaign.sampler.has_intervals,
         "limits": campaign.limits.model_dump(exclude_none=True),
         "parameters": list(campaign.parameters),
         "units": units_of(evaluator.members[0].scene, campaign, evaluator.members[0].space),
@@ -245,13 +243,13 @@ def _percentiles(sampled: SampleStatistics, campaign: Campaign) -> list[dict[str
 
 def _interval(estimate: Estimate, campaign: Campaign) -> dict[str, Any]:
     """Plain form: null is infinite or open; designs whose samples are not independent have no interval."""
-    ends = (estimate.low, estimate.high) if campaign.design in INDEPENDENT else (None, None)
+    ends = (estimate.low, estimate.high) if campaign.sampler.has_intervals else (None, None)
     return {"value": _plain(estimate.value), "low": _plain(ends[0]), "high": _plain(ends[1])}
 
 
 def _map(sampled: SampleStatistics, draws: Array, campaign: Campaign) -> dict[str, Any] | None:
     """Where a grid over two parameters fails and why: causes by level of the first and of the second."""
-    if campaign.design != "grid" or draws.shape[1] != 2 or len(draws) != campaign.count:
+    if not campaign.sampler.is_factorial or draws.shape[1] != 2 or len(draws) != campaign.count:
         return None
     levels = [np.unique(column) for column in draws.T]
     causes = np.full(len(draws), "", dtype=object)

@@ -15,7 +15,7 @@ import numpy as np
 
 from optim.planning.formulation.base_actuation import section_base_limits
 from optim.planning.formulation.formulate import mated, plan_section
-from optim.planning.search.make_plan import PlanResult
+from optim.planning.search.make_plan import PlanSolution
 from optim.planning.verification.replay import joint_angle
 from optim.planning.verification.tracking_gains import base_gains, tracking_gains
 from spacerobot.elements.goal import TipGoal
@@ -36,7 +36,7 @@ def plan_phase(scenario: Scenario) -> str:
     return next(iter(scenario.phases), ALONE if opens else "")
 
 
-def following_scenario(planned: PlanResult) -> Scenario:
+def following_scenario(planned: PlanSolution) -> Scenario:
     """The scenario with joints that track a plan, and what comes behind it."""
     scenario = planned.scene.scenario
     document = to_document(scenario)
@@ -59,7 +59,7 @@ def following_scenario(planned: PlanResult) -> Scenario:
     return validate(document)
 
 
-def handover_warnings(planned: PlanResult) -> list[str]:
+def handover_warnings(planned: PlanSolution) -> list[str]:
     """One for each goal behind which the scenario's own controllers take over joints in full motion."""
     scenario = planned.scene.scenario
     if not plan_phase(scenario):
@@ -74,7 +74,7 @@ def handover_warnings(planned: PlanResult) -> list[str]:
     ]
 
 
-def _begin(planned: PlanResult, document: Document) -> None:
+def _begin(planned: PlanSolution, document: Document) -> None:
     """Put robots, in place, where the plan begins, as far as it was free to find that."""
     scene, q = planned.scene, planned.motion.q[0]
     for name, room in plan_section(scene).start.items():
@@ -96,7 +96,7 @@ def _begin(planned: PlanResult, document: Document) -> None:
                 robot["base"]["rotation_deg"] = [*robot["base"]["rotation_deg"][:2], angle]
 
 
-def _in_phases(planned: PlanResult, document: Document) -> Document:
+def _in_phases(planned: PlanSolution, document: Document) -> Document:
     """The plan in the first phases, what is left of the last one behind it, and the phases that follow."""
     scenario = planned.scene.scenario
     flown = planned.names if any(planned.names) else (plan_phase(scenario),)
@@ -132,7 +132,7 @@ def _in_phases(planned: PlanResult, document: Document) -> Document:
     return document
 
 
-def _is_captured(planned: PlanResult, last: str) -> bool:
+def _is_captured(planned: PlanSolution, last: str) -> bool:
     """Whether the plan ends where all is mated that its last phase is to capture."""
     scenario, goals = planned.scene.scenario, plan_section(planned.scene).by_phase[last].goals
     until = scenario.phases[last].until
@@ -150,7 +150,7 @@ def _closing(document: Document, phase: Document, now: float, duration: float) -
         document["grasps"][name]["capture"] = {"at": now, **{k: before[k] for k in ("axis", "mated_deg")}}
 
 
-def _track(planned: PlanResult, document: Document, phases: Document, flown: Sequence[str]) -> None:
+def _track(planned: PlanSolution, document: Document, phases: Document, flown: Sequence[str]) -> None:
     """Give each robot what follows each phase of the plan, and rests in all others, in place."""
     taken = {name for robot in planned.scene.scenario.robots.values() for name in robot.controllers}
     before = {name: dict(robot) for name, robot in document["robots"].items()}
@@ -203,7 +203,7 @@ def _resting(robot: Document) -> Document:
     return found | ({} if robot["joint_pd"] is None else {"joint_pd": None})
 
 
-def _waiting(planned: PlanResult, flown: str) -> Document:
+def _waiting(planned: PlanSolution, flown: str) -> Document:
     """Changes of the robots after the plan: tips stay where it brought them."""
     scenario = planned.scene.scenario
     now = scenario.during(flown) if scenario.phases else scenario
@@ -230,7 +230,7 @@ def _unused(name: str, taken: set[str]) -> str:
     )
 
 
-def _tracking(planned: PlanResult, robot: str, k: int, key: str) -> Document:
+def _tracking(planned: PlanSolution, robot: str, k: int, key: str) -> Document:
     """Controllers of a robot that follow a phase of the plan, by name."""
     scene, motion = planned.scene, planned.phased_motion.motions[k]
     driven = motion.problem.stage.driven
@@ -242,7 +242,7 @@ def _tracking(planned: PlanResult, robot: str, k: int, key: str) -> Document:
     return found
 
 
-def _actuated(planned: PlanResult, robot: str, actuators: Document) -> Document:
+def _actuated(planned: PlanSolution, robot: str, actuators: Document) -> Document:
     """A robot's actuators, and an ideal one where they do not deliver what the plan asks of the base."""
     scenario = planned.scene.scenario
     axes = [a for motion in planned.phased_motion.motions for a in motion.problem.stage.driven.of_base(robot)]

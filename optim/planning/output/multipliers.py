@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from optim.planning.search.make_plan import PlanResult
+from optim.planning.search.make_plan import PlanSolution
 from spacerobot.arrays import Array
 
 
-def multiplier_norms(planned: PlanResult) -> Array:
+def multiplier_norms(planned: PlanSolution) -> Array:
     """Norms of the multipliers at all points of a plan's phases, one after the other (points,).
 
     Those of the equations of motion and of all limits at a point, as densities over time, so that they do not

@@ -22,7 +22,7 @@ from optim.planning.formulation.reaction_wheels import commanded_base_wrench
 from optim.planning.output.constraint_values import constraint_variables
 from optim.planning.output.following_scenario import PLAN, following_scenario, handover_warnings, plan_phase
 from optim.planning.output.multipliers import multiplier_norms
-from optim.planning.search.make_plan import PlanResult, solver_statistics
+from optim.planning.search.make_plan import PlanSolution, solver_statistics
 from optim.planning.transcription.motion import Motion
 from spacerobot.arrays import Array
 from spacerobot.elements.registry import plugin_records
@@ -49,7 +49,7 @@ def check_plan_folder(folder: StrPath) -> None:
     check_folder(folder, SUMMARY)
 
 
-def dataset(planned: PlanResult) -> xr.Dataset:
+def dataset(planned: PlanSolution) -> xr.Dataset:
     """A plan as labelled arrays, one row for each point of its mesh; two where phases meet."""
     phased_motion, scene = planned.phased_motion, planned.scene
     model, driven = scene.model, planned.motion.problem.stage.driven
@@ -164,7 +164,7 @@ TIP_MOTION = (
 )
 
 
-def summary(planned: PlanResult) -> dict[str, Any]:
+def summary(planned: PlanSolution) -> dict[str, Any]:
     """Summary of a plan as plain data."""
     phased_motion, verification = planned.phased_motion, planned.verification
     phases = [
@@ -201,7 +201,7 @@ def summary(planned: PlanResult) -> dict[str, Any]:
     }
 
 
-def write(planned: PlanResult, folder: StrPath) -> None:
+def write(planned: PlanSolution, folder: StrPath) -> None:
     """Write a plan; one that is there already is replaced.
 
     Raises
@@ -248,7 +248,7 @@ def is_plan(folder: Path) -> bool:
     return (folder / SUMMARY).is_file()
 
 
-def _attributes(planned: PlanResult) -> dict[str, Any]:
+def _attributes(planned: PlanSolution) -> dict[str, Any]:
     motion, verification = planned.motion, planned.verification
     text = to_yaml(planned.scene.scenario)
     return {

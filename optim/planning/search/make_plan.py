@@ -30,7 +30,7 @@ PLAN = "plan"
 
 
 @dataclass(frozen=True, eq=False)
-class PlanResult:
+class PlanSolution:
     """A planned trajectory with its cost, the solver's runs and its verification.
 
     Attributes
@@ -72,7 +72,7 @@ class PlanResult:
     def __repr__(self) -> str:
         """Scenario, duration and cost, in one line."""
         duration = f"{self.phased_motion.duration_s:.4g} s"
-        return f"<PlanResult {self.scene.scenario.name}: {duration}, cost {self.cost:.6g}, {self.backend}>"
+        return f"<PlanSolution {self.scene.scenario.name}: {duration}, cost {self.cost:.6g}, {self.backend}>"
 
     @property
     def motion(self) -> Motion:
@@ -88,7 +88,7 @@ def make_plan(
     folder: StrPath | None = None,
     dask: str | None = None,
     warm_start: StrPath | None = None,
-) -> PlanResult:
+) -> PlanSolution:
     """Solve the trajectory optimisation problem of a scene's ``plan`` section.
 
     Parameters
@@ -117,7 +117,7 @@ def make_plan(
     """
     folder = None if folder is None else Path(folder)
 
-    def of(each: Scene, words: str) -> tuple[float, PlanResult]:
+    def of(each: Scene, words: str) -> tuple[float, PlanSolution]:
         """Plan of one candidate, and its cost."""
         notify = progress or (lambda _: None)
         solver = PlanSolver.of(each, backend, (lambda text: notify(f"{words}: {text}")) if words else notify)
@@ -178,7 +178,7 @@ def failure_message(result: SolveResult, starts: int = 1) -> str | None:
 
 def plan_result(
     solver: PlanSolver, request: SolveRequest, found: Mapping[str, SolveResult], name: str = PLAN
-) -> PlanResult:
+) -> PlanSolution:
     """The plan that a task found."""
     result = found[name]
     assert result.verification is not None
@@ -186,7 +186,7 @@ def plan_result(
     phased_motion = solver.phased_motion(request, result)
     terms, solver = _terms(phased_motion), solver.keeping_apart(result.apart)
     runs = [one for task, a in found.items() if task.startswith(f"{name}, start") for one in a.runs]
-    return PlanResult(
+    return PlanSolution(
         solver.scene,
         phased_motion,
         (solver.name, *(one.name for one in solver.following_phases))
@@ -253,6 +253,6 @@ def integral_of_magnitudes(motion: Motion, forces: ca.SX) -> float:
     return float(found * motion.duration_s)
 
 
-def solver_statistics(plan_result: PlanResult) -> list[dict[str, Any]]:
+def solver_statistics(plan_result: PlanSolution) -> list[dict[str, Any]]:
     """Statistics of each run of the solver, as plain data."""
     return [dict(vars(one)) for one in plan_result.runs]

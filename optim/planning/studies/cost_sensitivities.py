@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from optim.planning.formulation.formulate import formulate
-from optim.planning.search.make_plan import PlanResult
+from optim.planning.search.make_plan import PlanSolution
 from optim.planning.solver.ipopt import Solution
 from optim.planning.transcription.collocation_program import CollocationProgram
 from optim.planning.transcription.instant_functions import InstantFunctions, build_instants, with_values_of
@@ -32,7 +32,7 @@ SIDES = ((1, 8.0), (2, -1.0))
 """Steps to both sides and their weights: differences of fourth order."""
 
 
-def cost_sensitivities(planned: PlanResult, paths: Sequence[str]) -> dict[str, float]:
+def cost_sensitivities(planned: PlanSolution, paths: Sequence[str]) -> dict[str, float]:
     """Derivative of a plan's optimal cost by numbers of its scenario, in the scenario's own units.
 
     Parameters

@@ -16,7 +16,7 @@ from scipy import optimize
 from optim.planning.formulation.formulate import plan_section
 from optim.planning.search.make_plan import (
     PLAN,
-    PlanResult,
+    PlanSolution,
     Progress,
     failure_message,
     make_plan,
@@ -95,7 +95,7 @@ class DesignStudy:
     found: DesignTrial
     sweeps: Mapping[str, tuple[DesignTrial, ...]]
     ended: str
-    plan: PlanResult
+    plan: PlanSolution
 
 
 def make_study(
@@ -171,7 +171,7 @@ class _DesignSearch:
     """Designs that are planned for one after the other, on the mesh of the first one's plan."""
 
     def __init__(
-        self, variables: Variables, begun: PlanResult, folder: Path | None, notify: Progress
+        self, variables: Variables, begun: PlanSolution, folder: Path | None, notify: Progress
     ) -> None:
         self.variables, self.begun, self.folder, self.notify = variables, begun, folder, notify
         self.intervals = begun.motion.intervals
@@ -222,7 +222,7 @@ class _DesignSearch:
                 near = known.result if isinstance(known, _PlannedDesign) else near
         return tuple(found[n] for n in range(points))
 
-    def finish(self) -> PlanResult:
+    def finish(self) -> PlanSolution:
         """The plan of the best design, refined and verified.
 
         Raises

@@ -19,7 +19,7 @@ import numpy as np
 from optim.planning.formulation.costs import reported
 from optim.planning.formulation.formulate import plan_section
 from optim.planning.search.make_plan import (
-    PlanResult,
+    PlanSolution,
     Progress,
     failure_message,
     integrals,
@@ -67,7 +67,7 @@ class FrontPoint:
     values: Mapping[str, float]
     status: Status
     failure: str
-    plan: PlanResult | None
+    plan: PlanSolution | None
 
 
 @dataclass(frozen=True, eq=False)

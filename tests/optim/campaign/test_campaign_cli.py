@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 from optim.campaign import load_campaign
 from optim.campaign.rollouts.gain_sets import controllers, gain_sets
-from spacerobot.cli import campaign, report, robust
 from spacerobot.errors import ScenarioError
+from spacerobot.registry import COMMANDS
 from tests.oracles import one_arm
 
 KP = json.dumps({"parameters": {"kp": {"paths": "robots.arm.tips.tip.pid.kp", "lower": 50, "upper": 90}}})
@@ -22,8 +22,8 @@ KP = KP[:-1] + ', "limits": {"grip_force": 7}}'
 @pytest.fixture
 def invoke():
     app = typer.Typer(pretty_exceptions_enable=False)
-    for module in (campaign, robust, report):
-        module.register(app)
+    for name in ("campaign", "robust", "report"):
+        COMMANDS.find(name).join(app)
     return lambda *words, name="campaign": CliRunner().invoke(app, [name, *map(str, words)])
 
 
@@ -79,10 +79,10 @@ def test_a_sample_that_no_base_can_close_fails_by_the_grasps_name(invoke, tmp_pa
 
 
 def test_gains_of_a_result_and_unknown_ones(small, small_file, tmp_path):
-    from spacerobot.result import save
+
     from spacerobot.simulation import simulate
 
-    save(simulate(small(**{"robots.arm.tips.tip.pid.kp": 61})), tmp_path / "one")
+    simulate(small(**{"robots.arm.tips.tip.pid.kp": 61})).save(tmp_path / "one")
     found = controllers(small(), tmp_path / "one")
     assert found["robots.arm.tips.tip.pid"]["kp"] == 61
     assert gain_sets(small(), []) is None

@@ -72,6 +72,6 @@ def test_without_dask_it_says_so(monkeypatch):
 def test_nothing_imports_dask_before_it_is_asked_for():
     import subprocess
 
-    code = "import sys, optim.campaign, optim.campaign.cluster, spacerobot.cli.campaign as c; "
+    code = "import sys, optim.campaign, optim.campaign.cluster, spacerobot.cli.commands.campaign as c; "
     code += "assert not {'dask', 'distributed', 'SALib'} & set(sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

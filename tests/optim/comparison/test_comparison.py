@@ -11,6 +11,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+import spacerobot as sr
 from optim import (
     Effort,
     EvolutionSettings,
@@ -30,11 +31,9 @@ from optim.comparison.sweep import sweep
 from optim.problem.sensitivities import sensitivity
 from optim.problem.tuning_problem import build_problem
 from optim.problem.variables import at_bound
-from spacerobot.cli import compare as compare_command
-from spacerobot.cli import tune as tune_command
-from spacerobot.errors import ScenarioError, SpaceRobotError
-from spacerobot.result import load
-from spacerobot.scenario.tuning import METHODS
+from spacerobot.errors import ResultError, ScenarioError, SpaceRobotError
+from spacerobot.registry import COMMANDS, TUNING_METHODS
+from spacerobot.result import Result
 from tests.oracles.known_optima import quadratic
 
 TINY = EvolutionSettings(population=8, budget=48)
@@ -53,7 +52,7 @@ def found(small, tmp_path_factory):
 
 def test_every_method_runs_on_the_same_problem(found):
     (benchmark,) = found[0].problems
-    assert list(benchmark.outcomes) == list(METHODS)
+    assert list(benchmark.outcomes) == list(TUNING_METHODS.entries())
     for name in ("ga", "de", "pso", "cmaes"):
         assert len(benchmark.outcomes[name].runs) == 2
         assert benchmark.outcomes[name].best.objective < benchmark.baseline.nominal["objective"]
@@ -99,7 +98,7 @@ def test_the_report_is_complete_and_strict_json(found):
 def test_each_best_design_is_saved_as_a_result(found):
     made, folder = found
     data = json.loads((folder / "comparison.json").read_text())
-    result = load(folder / "base-four" / "nlp")
+    result = Result.load(folder / "base-four" / "nlp")
     best = data["problems"][0]["methods"]["nlp"]["best"]
     tip = result.scenario.robots["arm"].tips["tip"]
     assert tip.pid.kp == pytest.approx(best["gains"]["kp"])
@@ -184,7 +183,19 @@ def test_plants_stay_within_their_spreads_and_are_seeded(small):
     assert not np.array_equal(other["grasps.left.stiffness"], stiffness)
 
 
-def test_a_python_function_of_a_result_serves_the_ga(small, interpreted):
+def test_a_saved_comparison_is_loaded_and_copied(found, tmp_path):
+    _, folder = found
+    loaded = sr.load(folder)
+    assert repr(loaded).endswith(": base-four>")
+    assert "conclusion" in loaded._repr_html_()
+    copied = loaded.save(tmp_path / "copy")
+    assert sr.load(copied.folder).summary == loaded.summary == sr.ComparisonResult.load(folder).summary
+    (tmp_path / "copy" / "comparison.json").write_text("{")
+    with pytest.raises(ResultError, match="no comparison that can be read"):
+        sr.load(tmp_path / "copy")
+
+
+def test_a_python_function_of_a_result_serves_the_ga(small, interpreted, tmp_path):
     def score(result):
         return result.summary["tip_error"]["arm/tip"]["norm"]["rms_m"]
 
@@ -195,6 +206,17 @@ def test_a_python_function_of_a_result_serves_the_ga(small, interpreted):
     assert tuned.objective == pytest.approx(score(_simulated(tuned.scene)), rel=1e-2)
     with pytest.raises(ScenarioError, match="no gradients"):
         tune(problem, "nlp")
+    tuned.save(tmp_path / "tuned")
+    loaded = sr.load(tmp_path / "tuned")
+    assert (loaded.gains, loaded.objective, loaded.status) == (tuned.gains, tuned.objective, tuned.status)
+    assert loaded.scene.scenario == tuned.scene.scenario
+    np.testing.assert_array_equal(loaded.outcome.best.u, tuned.outcome.best.u)
+    assert loaded.outcome.best.cost == tuned.outcome.best.cost
+    assert repr(loaded) == repr(tuned)
+    assert "objective" in loaded._repr_html_()
+    (tmp_path / "tuned" / "tuning.json").write_text('{"gains": {}}')
+    with pytest.raises(ResultError, match="no tuning that can be read"):
+        sr.load(tmp_path / "tuned")
 
 
 def _simulated(scene):
@@ -290,8 +312,8 @@ def test_ctrl_c_in_a_rollout_keeps_what_was_found(small, monkeypatch):
 @pytest.fixture(scope="module")
 def app():
     made = typer.Typer()
-    tune_command.register(made)
-    compare_command.register(made)
+    COMMANDS.find("tune").join(made)
+    COMMANDS.find("compare").join(made)
     return made
 
 
@@ -319,7 +341,7 @@ def test_the_commands(app, small_file, tmp_path):
         assert (tmp_path / "c" / "base-two" / "figures" / f"{name}.svg").is_file()
     assert (tmp_path / "c" / "figures" / "data_profiles.svg").is_file()
     assert "lowest expected running time" in (tmp_path / "c" / "report.html").read_text()
-    assert load(tmp_path / "c" / "base-two" / "nlp").completed
+    assert Result.load(tmp_path / "c" / "base-two" / "nlp").completed
     asked = [
         "tune",
         str(small_file),

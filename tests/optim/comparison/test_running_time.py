@@ -144,8 +144,8 @@ def test_a_longer_tape_is_integrated_again_and_paid_for(small):
 
 
 def test_searches_of_a_problem_without_a_scene_have_trials_too():
-    from optim.methods.evolutionary import EvolutionSettings
-    from optim.methods.run_method import Effort, run_method
+    from optim.methods.run_method import run_method
+    from optim.methods.settings import Effort, EvolutionSettings
 
     tiny = EvolutionSettings(population=10, budget=60)
     runs = run_method(quadratic(), "ga", Effort(tiny, tiny, runs=2)).runs

@@ -7,17 +7,17 @@ import pytest
 
 from optim.comparison.report import to_data
 from optim.comparison.suite import compare_suite, read_suite, scene_of
-from optim.methods.run_method import ALL
 from optim.problem.variables import resolve_variables
 from optim.search.session import SearchSession
 from spacerobot.errors import SpaceRobotError
+from spacerobot.registry import TUNING_METHODS
 
 SUITE = read_suite()
 
 
 def test_it_has_a_dozen_contests_of_known_methods():
     assert len(SUITE["problems"]) >= 12
-    assert set(SUITE["methods"]) <= set(ALL)
+    assert set(SUITE["methods"]) <= set(TUNING_METHODS.names())
     kinds = {benchmark["tuning"]["objective"]["kind"] for benchmark in SUITE["problems"].values()}
     assert {"ise", "itae", "minimax", "eq45"} <= kinds
 

@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 
 from optim.methods.descent import FLAT, DescentSettings, descend
-from optim.methods.evolutionary import METHODS, POPULATIONS, EvolutionSettings, evolve
+from optim.methods.evolutionary import EvolutionaryMethod, PointSearch, evolve
 from optim.methods.kkt import kkt_residual
 from optim.methods.local_model import EvaluatedPoint
-from optim.methods.nlp import NlpSettings, solve, solve_from_many
+from optim.methods.nlp import solve, solve_from_many
+from optim.methods.settings import EvolutionSettings, NlpSettings
 from optim.problem.problem import EvaluationCost
 from optim.search.search import Search, better
 from spacerobot.errors import SpaceRobotError
+from spacerobot.registry import TUNING_METHODS
 from tests.oracles.known_optima import (
     Walled,
     chebyshev,
@@ -25,6 +27,8 @@ from tests.oracles.known_optima import (
     two_basins,
 )
 
+METHODS = [n for n, m in TUNING_METHODS.entries().items() if isinstance(m, EvolutionaryMethod)]
+POPULATIONS = [name for name in METHODS if not isinstance(TUNING_METHODS.find(name), PointSearch)]
 SMALL = EvolutionSettings(population=20, budget=1200)
 
 

@@ -23,9 +23,9 @@ from optim.planning.verification.replay import tip_errors
 from optim.planning.verification.second_order_conditions import descent_direction
 from optim.planning.verification.verify import verify
 from spacerobot.cli.app import app
-from spacerobot.cli.plan import _show
+from spacerobot.cli.commands.plan import _show
 from spacerobot.errors import ScenarioError
-from spacerobot.result import load
+from spacerobot.result import Result
 from spacerobot.scene import load_scene
 from viz.figures.plan import base_motion, plan_bases
 
@@ -97,7 +97,7 @@ def test_plans_of_bases_alone_are_written_drawn_flown_and_played(turning, tmp_pa
     stored, _ = read(plan)
     assert stored.sizes["joint"] == 0
     ends = {}
-    for name, data in (("planned", stored), ("flown", load(flown).data)):
+    for name, data in (("planned", stored), ("flown", Result.load(flown).data)):
         ends[name] = base_motion(data, "sat")[1][-1]
         np.testing.assert_allclose(data.v.values[-1], 0, atol=1e-5)
     np.testing.assert_allclose(ends["flown"], ends["planned"], atol=1e-5)

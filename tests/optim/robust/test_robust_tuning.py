@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optim.methods.run_method import effort_of, run_method
+from optim.methods.run_method import run_method
+from optim.methods.settings import effort_of
 from optim.problem.objectives import OBJECTIVE
 from optim.robust.problem import Statistic, build_robust, tune_robust
 from optim.search.session import SearchSession

@@ -14,8 +14,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optim.methods.evolutionary import EvolutionSettings, evolve
-from optim.methods.nlp import NlpSettings, solve_from_many
+from optim.methods.evolutionary import evolve
+from optim.methods.nlp import solve_from_many
+from optim.methods.settings import EvolutionSettings, NlpSettings
 from optim.search.journal import Journal
 from optim.search.search import Search
 from spacerobot.errors import ResultError

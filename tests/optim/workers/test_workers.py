@@ -10,8 +10,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from optim.methods.evolutionary import EvolutionSettings, evolve
-from optim.methods.nlp import NlpSettings, solve
+from optim.methods.evolutionary import evolve
+from optim.methods.nlp import solve
+from optim.methods.settings import EvolutionSettings, NlpSettings
 from optim.problem import worker_operations
 from optim.problem.tuning_problem import build_problem
 from optim.search.search import Search

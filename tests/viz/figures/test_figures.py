@@ -20,13 +20,13 @@ from spacerobot.simulation import simulate
 from tests.oracles import one_arm
 from tests.oracles.small_scenes import PLANAR, small_scene
 from viz.figures import (
-    KINDS,
     approach,
     base_motion,
     convergence,
     data_profiles,
     docking,
     draw_all,
+    figure_kinds,
     grip_forces,
     joints,
     ledger,
@@ -71,7 +71,7 @@ def _check_units(figure):
 def test_every_axis_has_a_unit_and_every_figure_draws(name, request):
     result = request.getfixturevalue(name)
     drawn = list(draw_all(result))
-    assert [file for file, _, _ in drawn] == [kind.name for kind in KINDS if kind.applies(result)]
+    assert [file for file, _, _ in drawn] == [kind.name for kind in figure_kinds() if kind.applies(result)]
     for _, _, figure in drawn:
         figure.draw_without_rendering()
         _check_units(figure)

@@ -18,7 +18,7 @@ from spacerobot.simulation import simulate
 from tests.oracles import one_arm
 from tests.oracles.free_bodies import FLAT, free_bodies
 from viz.drawing.motion import pick_rows, scene_nodes
-from viz.figures import KINDS, draw_all
+from viz.figures import draw_all, figure_kinds
 from viz.page.animation import animation
 from viz.page.campaign_spread import CampaignSpread
 from viz.page.meshcat_scene import packed
@@ -152,7 +152,7 @@ def test_a_result_of_a_single_instant_and_a_body_without_shapes_are_shown(
     page = _show(browser, tmp_path / "instant.html", animation_page(instant))
     assert page.evaluate("document.getElementById('play').disabled")
     assert page.errors == []
-    assert len(list(draw_all(instant))) == sum(kind.applies(instant) for kind in KINDS)
+    assert len(list(draw_all(instant))) == sum(kind.applies(instant) for kind in figure_kinds())
     monkeypatch.setattr("viz.record.browser_program", lambda: None)
     write_recording(instant, tmp_path / "instant.gif", size_px=(160, 100))
 

@@ -12,7 +12,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from spacerobot.cli import animate, run
+from spacerobot.registry import COMMANDS
 from spacerobot.scene import load_scene
 from viz.page.live import LiveViewer
 from viz.page.loopback import ADDRESS
@@ -143,8 +143,8 @@ def test_commands_serve_at_the_port_given_and_print_the_address_alone(paper, mon
     monkeypatch.setattr(LiveViewer, "open", lambda _: False)
     monkeypatch.setattr(LiveViewer, "wait", lambda _: None)
     app = typer.Typer()
-    for module in (animate, run):
-        module.register(app)
+    for name in ("animate", "run"):
+        COMMANDS.find(name).join(app)
     short = ["--set", "simulation.duration=0.02", "--backend", "interpreted"]
     for words in (["animate", str(paper.folder), "--no-browser"], ["run", "paper", "--view", *short]):
         done = CliRunner().invoke(app, [*words, "--port", "7430"])

@@ -8,10 +8,10 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from spacerobot.cli import animate, figures, report
 from spacerobot.errors import ResultError
+from spacerobot.registry import COMMANDS
 from spacerobot.result.result import Result
-from viz.figures import KINDS
+from viz.figures import figure_kinds
 from viz.report.report import SECTIONS, ReportSection, find_results, write_report
 from viz.report.report import report as report_page
 from viz.report.sections import differences
@@ -85,7 +85,7 @@ def test_a_diverged_result_says_so_first(diverged):
 def test_only_the_papers_robots_are_held_against_its_figures(paper, monkeypatch):
     """Of own robots neither a heading nor a caption refers to the paper."""
     monkeypatch.setattr("viz.report.sections.to_bytes", lambda *_: b"<svg/>")
-    drawn = [(kind.name, kind, None) for kind in KINDS]
+    drawn = [(kind.name, kind, None) for kind in figure_kinds()]
     monkeypatch.setattr("viz.report.sections.draw_all", lambda *_: drawn)
     scenario = paper.scenario.model_copy(update={"name": "mine"})
     own = "".join(
@@ -131,8 +131,8 @@ def test_a_folder_that_cannot_be_written_is_one_clear_line(paper, tmp_path, undr
 
 def test_the_commands_write_what_they_say(paper, blind, tmp_path, undrawn):
     app = typer.Typer()
-    for module in (animate, figures, report):
-        module.register(app)
+    for name in ("animate", "figures", "report"):
+        COMMANDS.find(name).join(app)
     run = CliRunner().invoke
     first, second = str(blind.folder), str(paper.folder)
     page = tmp_path / "page.html"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from spacerobot.errors import ResultError
-from spacerobot.result import load
+from spacerobot.result import Result
 from spacerobot.scenario.load import parse_yaml, to_document
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
@@ -29,7 +29,7 @@ def test_results_and_tables_are_those_of_the_design(page, arm):
     for what in ("result", "csv"):
         page.ask("save", what=what, name="kept", values={KP: 300.0})
         page.take("saved")
-    result = load(arm.parent / "kept" / "kept")
+    result = Result.load(arm.parent / "kept" / "kept")
     table = np.genfromtxt(arm.parent / "kept" / "kept.csv", delimiter=",", names=True)
     assert to_document(result.scenario)["robots"]["arm"]["tips"]["tip"]["pid"]["kp"] == 300.0
     error = np.linalg.norm(result.data.tip_error.values[:, 0], axis=1) * 1e3

@@ -21,8 +21,7 @@ export class Jobs {
   }
 
   load(methods) {
-    const names = { nlp: "NLP (gradients)", ga: "GA (evolution)" };
-    options(this.part("method"), methods.map((method) => [method, names[method] || method]));
+    options(this.part("method"), methods);
     this.enable();
   }
 

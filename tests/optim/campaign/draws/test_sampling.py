@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from scipy.stats import qmc
 
-from optim.campaign.sampling.samplers import draw, unit_points
+from optim.campaign.sampling.samplers import draw
 from spacerobot.scenario import Campaign
 
 KINDS = {
@@ -21,6 +21,10 @@ KNOWN = {
     "t": stats.truncnorm(-1, 3, loc=1, scale=1),
 }
 DESIGNS = ("monte_carlo", "latin_hypercube", "sobol")
+
+
+def unit_points(found):
+    return found.sampler.points(found)
 
 
 def campaign(**options):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import typer
-
+from spacerobot.cli.command import Command
 from spacerobot.cli.options import Changes, ScenarioName, parse_changes
 from spacerobot.cli.output import console, prose, warn
+from spacerobot.registry import COMMANDS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -16,11 +16,6 @@ if TYPE_CHECKING:
 
     from spacerobot.scenario.phases import Phase
     from spacerobot.scene import Scene, SceneBody
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("check", help=HELP)(command)
 
 
 HELP = """Validate a scenario: print its scene as a tree, and every modelling assumption.
@@ -208,3 +203,6 @@ def _add_contacts(root: Tree, scene: Scene) -> None:
         apart = f"{min(gaps(scene, contact)):.3g} m apart at the start"
         text = f"{first} and {second}, {contact.config.words()}, {apart}"
         root.add(f"contact [bold]{escape(contact.name)}[/]: {escape(text)}")
+
+
+COMMANDS.add(Command.of("check", command, HELP, place=2), __name__)

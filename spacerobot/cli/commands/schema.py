@@ -7,11 +7,8 @@ from typing import Annotated
 
 import typer
 
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("schema", help=HELP)(command)
-
+from spacerobot.cli.command import Command
+from spacerobot.registry import COMMANDS
 
 HELP = """Export the JSON schema of scenario files, for completion and checking in editors.
 
@@ -37,3 +34,6 @@ def command(
 
         write_text(file, text + "\n")
         typer.echo(f"schema in {file}")
+
+
+COMMANDS.add(Command.of("schema", command, HELP, place=18), __name__)

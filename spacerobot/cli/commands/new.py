@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
+from spacerobot.cli.command import Command
 from spacerobot.cli.output import console, warn
+from spacerobot.registry import COMMANDS
 
 HELP = """Draft a scenario from URDFs of robots and a target, ready to run, tune and edit.
 
@@ -63,11 +65,6 @@ Point = Annotated[
         help="With --capture: a point of the target's surface, root link's axes [m], in place of a frame.",
     ),
 ]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("new", help=HELP)(command)
 
 
 def command(
@@ -127,3 +124,6 @@ def _with_point(
         raise ScenarioError("exists already; name another file by --out", source=urdf)
     write_text(urdf, text)
     return str(urdf), [POINT]
+
+
+COMMANDS.add(Command.of("new", command, HELP, place=16), __name__)

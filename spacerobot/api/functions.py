@@ -6,27 +6,20 @@ packages ``optim`` and ``viz``, which are built on it, and import those when the
 
 from __future__ import annotations
 
-import shutil
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spacerobot.errors import ResultError
+from spacerobot.api.results import CampaignResult, ComparisonResult, PlanResult
 from spacerobot.files import StrPath
-from spacerobot.notebook import html_table
 from spacerobot.result import Result
 from spacerobot.scene import Scene
 from spacerobot.simulation import Backend, Progress
 from spacerobot.simulation import simulate as _simulate
 
 if TYPE_CHECKING:
-    import xarray as xr
-
-    from optim.campaign import CampaignEvaluator
-    from optim.planning.search.make_plan import PlanResult
+    from optim.methods.settings import Effort
     from viz.figures import Drawing
     from viz.page.notebook import EmbeddedPage
 
@@ -73,104 +66,6 @@ def uses_mpc(scene: Scene) -> bool:
     controllers = [one for robot in scene.scenario.robots.values() for one in robot.controllers.values()]
     is_resumable = scene.scenario.simulation.engine == "casadi"
     return is_resumable and any(one.replanning is not None for one in controllers)
-
-
-@dataclass(frozen=True)
-class CampaignResult:
-    """A Monte Carlo campaign in its folder.
-
-    Attributes
-    ----------
-    folder
-        Where its samples are stored.
-    evaluator
-        Simulates samples; see :meth:`simulate`.
-    is_complete
-        Whether every sample was run; started again with the same folder, an interrupted one continues.
-    """
-
-    folder: Path
-    evaluator: CampaignEvaluator
-    is_complete: bool = True
-    _kept: Any = field(default=None, repr=False)
-
-    @cached_property
-    def data(self) -> xr.Dataset:
-        """Draws (sample, parameter) and metrics (sample, gains, ...) of every sample."""
-        from optim.campaign import load_campaign
-
-        return load_campaign(self.folder)
-
-    @cached_property
-    def summary(self) -> Mapping[str, Any]:
-        """Failure probabilities with confidence intervals, percentiles, worst samples, sensitivities."""
-        from optim.campaign import summarise
-
-        return summarise(self.folder, self.evaluator)
-
-    def simulate(self, sample: int, gains: str | None = None) -> Result:
-        """Result of one sample.
-
-        Parameters
-        ----------
-        sample
-            Its number.
-        gains
-            Name of a set of gains; the first if None.
-        """
-        from optim.campaign import simulate_sample
-
-        draw = self.data.draw.values[sample]
-        return simulate_sample(self.evaluator, draw, gains or str(self.data.gains.values[0]))
-
-    def save(self, path: StrPath) -> CampaignResult:
-        """Copy the campaign's folder.
-
-        Raises
-        ------
-        ResultError
-            If it cannot be copied, or something is there already.
-        """
-        target = Path(path)
-        if target.resolve() == self.folder.resolve():
-            return self
-        try:
-            shutil.copytree(self.folder, target)
-        except OSError as fault:
-            raise ResultError(f"cannot be written: {fault}", source=target) from None
-        return CampaignResult(target, self.evaluator, self.is_complete)
-
-    @classmethod
-    def load(cls, path: StrPath) -> CampaignResult:
-        """Open the folder of a campaign.
-
-        Raises
-        ------
-        ResultError
-            If it holds none, or was made by another version or from other URDFs.
-        """
-        from optim.campaign import reopen
-
-        return cls(Path(path), reopen(Path(path)))
-
-    def __repr__(self) -> str:
-        """Name and failure probabilities, in one line."""
-        failures = (
-            f"{name} fails with {100 * told['failure']['any']['value']:.3g} %"
-            for name, told in self.summary["gains"].items()
-        )
-        return f"<CampaignResult of {self.summary['samples']} samples: {', '.join(failures)}>"
-
-    def _repr_html_(self) -> str:
-        """Failure probabilities for notebooks."""
-        rows = [("samples", str(self.summary["samples"])), ("folder", str(self.folder))]
-        for name, told in self.summary["gains"].items():
-            any_ = told["failure"]["any"]
-            text = f"{100 * any_['value']:.3g} %"
-            if any_["low"] is not None:
-                text += f" ({100 * any_['low']:.3g} to {100 * any_['high']:.3g} %)"
-            rows.append((f"probability of failure, gains {name}", text))
-        return html_table("Campaign", rows)
 
 
 def campaign(
@@ -247,15 +142,55 @@ def plan(
     ResultError
         If the folder holds something else or cannot be written.
     """
-    from optim.planning.output.plan_folder import check_plan_folder, write
+    from optim.planning.output.plan_folder import check_plan_folder
     from optim.planning.search.make_plan import make_plan
 
     if folder is not None:
         check_plan_folder(folder)
-    planned = make_plan(scene, backend=backend, progress=progress, warm_start=warm_start)
+    found = PlanResult.of(make_plan(scene, backend=backend, progress=progress, warm_start=warm_start))
+    return found if folder is None else found.save(folder)
+
+
+def compare(
+    scene: Scene,
+    folder: StrPath | None = None,
+    *,
+    methods: Sequence[str] | None = None,
+    variants: Sequence[str] | None = None,
+    sets: Sequence[str] | None = None,
+    effort: Effort | None = None,
+) -> ComparisonResult:
+    """Compare tuning methods on the problems of a scene's ``tuning`` section.
+
+    Parameters
+    ----------
+    scene
+        A scene whose scenario has a ``tuning`` section.
+    folder
+        Where journals are kept, so that an interrupted comparison continues, and ``comparison.json`` and each
+        method's best design are written; nothing is written if None.
+    methods, variants, sets
+        Which; all that the section names if None.
+    effort
+        What the methods may do; the same budget for each if None.
+
+    Raises
+    ------
+    ScenarioError
+        If there is no tuning section, or it does not have what is named.
+    ResultError
+        If the folder holds something else or cannot be written.
+    """
+    from optim.comparison.compare import compare as run
+    from optim.search.session import SearchSession
+    from spacerobot.result import JOURNALS, check_folder
+
     if folder is not None:
-        write(planned, Path(folder))
-    return planned
+        check_folder(folder, "comparison.json")
+    session = SearchSession(None if folder is None else Path(folder) / JOURNALS)
+    found = run(scene, methods=methods, variants=variants, sets=sets, effort=effort, session=session)
+    made = ComparisonResult.of(found)
+    return made if folder is None else made.save(folder)
 
 
 def figures(
@@ -275,7 +210,7 @@ def figures(
     folder
         Where each figure is written as ``NAME.FORMAT``; nothing is written if None.
     names
-        Which figures, as in :data:`viz.figures.KINDS`; all that apply if None.
+        Which figures, as in :func:`viz.figures.figure_kinds`; all that apply if None.
     formats
         Of the files: ``pdf``, ``svg``, ``png``.
     width

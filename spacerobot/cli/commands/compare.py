@@ -10,10 +10,12 @@ import typer
 from rich.markup import escape
 
 from spacerobot.cli import page_data as playing
-from spacerobot.cli.animate import serve
+from spacerobot.cli.command import Command
+from spacerobot.cli.commands.animate import serve
 from spacerobot.cli.options import Changes, Machines, Out, Port, Threads, View, parse_changes
 from spacerobot.cli.output import console, table, warn
 from spacerobot.cli.tuning_options import Budget, Runs, Seed, Starts, journals, parts, shown
+from spacerobot.registry import COMMANDS
 
 if TYPE_CHECKING:
     from optim.comparison.compare import Comparison
@@ -76,11 +78,6 @@ LEGEND = (
     "in rollouts, of all runs together in the column spent. nlp_ga is charged all runs of the GA that it "
     "starts from. manual knows no bounds and is not ranked. Times are of this machine, under its load."
 )
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("compare", help=HELP)(command)
 
 
 def command(
@@ -194,3 +191,6 @@ def show(data: Mapping[str, Any]) -> None:
 
 def _print(made: ComparisonTable, keys: int = 1) -> None:
     console().print(table(made.title, made.headings, made.rows, keys=keys))
+
+
+COMMANDS.add(Command.of("compare", command, HELP, place=10), __name__)

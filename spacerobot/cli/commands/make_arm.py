@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
+from spacerobot.cli.command import Command
 from spacerobot.cli.output import console
+from spacerobot.registry import COMMANDS
 
 app = typer.Typer(
     name="make-arm",
@@ -21,11 +23,6 @@ Examples:
     spacerobot make-arm rectangle my_box.urdf --half-diagonal 0.3 --alpha 45
 """,
 )
-
-
-def register(parent: typer.Typer) -> None:
-    """Add the command and its two forms."""
-    parent.add_typer(app)
 
 
 File = Annotated[Path, typer.Argument(help="URDF file to write.")]
@@ -90,3 +87,6 @@ def _write(file: Path, text: str) -> None:
     moving = [joint for joint in description.joints if joint.kind != "fixed"]
     mass = sum(link.mass for link in description.links)
     console().print(f"{file}: {len(moving)} joints, {mass:g} kg", markup=False, soft_wrap=True)
+
+
+COMMANDS.add(Command("make_arm", lambda parent: parent.add_typer(app), place=17), __name__)

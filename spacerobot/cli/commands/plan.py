@@ -9,14 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from spacerobot.cli import page_data as playing
-from spacerobot.cli.animate import serve
+from spacerobot.cli.command import Command
+from spacerobot.cli.commands.animate import serve
 from spacerobot.cli.options import Changes, Machines, Out, Port, ScenarioName, View, parse_changes
 from spacerobot.cli.output import console, pairs, progress, table, warn
 from spacerobot.interrupts import keep, recall
+from spacerobot.registry import COMMANDS
 
 if TYPE_CHECKING:
     from optim.planning.search.candidates import Candidate
-    from optim.planning.search.make_plan import PlanResult
+    from optim.planning.search.make_plan import PlanSolution
     from spacerobot.scene import Scene
 
 Backend = Annotated[
@@ -79,11 +81,6 @@ Examples:
 
     spacerobot plan mine.yaml --pareto time,base_rotation --points 9 --dask local:2 --out out/front
 """
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("plan", help=HELP)(command)
 
 
 def command(
@@ -236,7 +233,7 @@ def _front(scene: Scene, asked: tuple[str, int], out: Path | None, how: dict[str
     return shown
 
 
-def _show(planned: PlanResult) -> None:
+def _show(planned: PlanSolution) -> None:
     """Print the plan, its verification, and each run of the solver."""
     phased_motion, verification = planned.phased_motion, planned.verification
     order = 2 * planned.motion.lobatto.points - 2
@@ -277,13 +274,13 @@ def _show(planned: PlanResult) -> None:
     console().print(table("runs of IPOPT", heads, cells))
 
 
-def _avoided(planned: PlanResult) -> str:
+def _avoided(planned: PlanSolution) -> str:
     """How many pairs of links were checked, and those that needed a constraint."""
     names = ", ".join(" and ".join(names) for names in planned.kept_apart)
     return f"{planned.pairs} pairs of links apart" + (f", by a constraint {names}" if names else "")
 
 
-def _base_limits(planned: PlanResult) -> Iterable[tuple[str, str]]:
+def _base_limits(planned: PlanSolution) -> Iterable[tuple[str, str]]:
     """Robots whose bases are driven within the limits of their actuators, and which."""
     from optim.planning.formulation.base_actuation import limiting_actuators
     from optim.planning.formulation.formulate import plan_section
@@ -299,9 +296,12 @@ def _outcome(one: Candidate) -> str:
     return one.failure if one.cost is None else f"cost {one.cost:.6g}"
 
 
-def _violation(planned: PlanResult) -> str:
+def _violation(planned: PlanSolution) -> str:
     """The greatest violation between the points, in words."""
     if not planned.verification.violations:
         return "none"
     worst = planned.verification.violations[0]
     return f"{worst.amount:.1e} {worst.unit}, {worst.name} (allowed {worst.allowed:.1e})"
+
+
+COMMANDS.add(Command.of("plan", command, HELP, place=13), __name__)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from spacerobot.cli.command import Command
+from spacerobot.cli.commands.run import fail_if_diverged
 from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, parse_changes
 from spacerobot.cli.output import console, pairs, table, warn
-from spacerobot.cli.run import fail_if_diverged
 from spacerobot.cli.tuning_options import (
     Budget,
     Runs,
@@ -23,6 +22,7 @@ from spacerobot.cli.tuning_options import (
     show_runs,
     shown,
 )
+from spacerobot.registry import COMMANDS, TUNING_METHODS
 
 if TYPE_CHECKING:
     from optim import TuningResult
@@ -30,9 +30,7 @@ if TYPE_CHECKING:
 
 Method = Annotated[
     str,
-    typer.Option(
-        "--method", metavar="NAME", help="manual, ga, de, pso, cmaes, sobol, random, nlp or nlp_ga."
-    ),
+    typer.Option("--method", metavar="NAME", help=f"{', '.join(TUNING_METHODS.names())}."),
 ]
 Vary = Annotated[
     list[str] | None,
@@ -57,11 +55,6 @@ Examples:
 """
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("tune", help=HELP)(command)
-
-
 def command(
     scenario: ScenarioName,
     out: Out = None,
@@ -82,7 +75,6 @@ def command(
     from optim.problem.scene_recipe import tuning_of
     from optim.problem.varied_parameters import vary as varied
     from optim.workers.dask import open_workers
-    from spacerobot.result import save
     from spacerobot.scene import load_scene
     from spacerobot.simulation import simulate
 
@@ -97,8 +89,8 @@ def command(
         tell("simulating the best design")
         result = simulate(found.scene)
         if out is not None:
-            result = save(result, out)
-            _write(found, out)
+            result = result.save(out)
+            found.save(out)
     _show(found, result, method, tuning.objective.kind)
     if out is not None:
         console().print(f"\nresult and tuning.json in {out}", markup=False, soft_wrap=True)
@@ -119,7 +111,7 @@ def _show(found: TuningResult, result: Result, method: str, kind: str) -> None:
     console().print(f"{method}: {kind} {factor * found.objective:.6g} {unit}", markup=False)
     console().print(pairs("gains", rows))
     show_runs(found.outcome.runs, factor)
-    if method == "manual":
+    if TUNING_METHODS.find(method).shows_trials:
         _show_trials(found)
     console().print(pairs("the best design", result.headline()))
 
@@ -140,25 +132,4 @@ def _short(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _write(found: TuningResult, out: object) -> None:
-    from pathlib import Path
-
-    from optim.json_values import plain
-    from optim.problem.variables import at_bound
-    from spacerobot.files import write_text
-
-    data = {
-        "gains": dict(found.gains),
-        "active_bounds": list(at_bound(list(found.gains), found.outcome.best.u)),
-        "objective": found.objective,
-        "status": found.status,
-        "message": found.message,
-        "runs": [
-            {"method": r.method, "index": r.index, "seed": r.seed, "objective": r.objective, "kkt": r.kkt}
-            | asdict(r.cost)
-            | {"seconds": r.seconds}
-            | {"status": r.status, "message": r.message, "log": r.log}
-            for r in found.outcome.runs
-        ],
-    }
-    write_text(Path(str(out)) / "tuning.json", json.dumps(plain(data), indent=1, allow_nan=False) + "\n")
+COMMANDS.add(Command.of("tune", command, HELP, place=8), __name__)

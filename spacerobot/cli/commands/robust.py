@@ -6,9 +6,10 @@ from typing import Annotated, Literal
 
 import typer
 
+from spacerobot.cli.command import Command
+from spacerobot.cli.commands.run import warn_if_open
 from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, parse_changes
 from spacerobot.cli.output import console, pairs, table, warn
-from spacerobot.cli.run import warn_if_open
 from spacerobot.cli.tuning_options import (
     Budget,
     Runs,
@@ -21,6 +22,7 @@ from spacerobot.cli.tuning_options import (
     show_runs,
     shown,
 )
+from spacerobot.registry import COMMANDS
 
 Measure = Annotated[
     Literal["mean", "percentile", "worst"],
@@ -36,11 +38,6 @@ Example:
 
     spacerobot robust paper --variant base --variables seven --measure worst --out out/robust
 """
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("robust", help=HELP)(command)
 
 
 def command(
@@ -97,3 +94,6 @@ def command(
     if found.outcome.interrupted:
         warn("interrupted: the best so far is kept")
         raise typer.Exit(130)
+
+
+COMMANDS.add(Command.of("robust", command, HELP, place=9), __name__)

@@ -4,22 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import typer
-
+from spacerobot.cli.command import Command
+from spacerobot.cli.commands.run import warn_if_open
 from spacerobot.cli.options import Out
 from spacerobot.cli.output import console, progress, table
-from spacerobot.cli.run import warn_if_open
+from spacerobot.registry import COMMANDS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from spacerobot.paper import Variant
     from spacerobot.result import Result
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("paper", help=HELP)(command)
 
 
 HELP = """Run PID only and PID + amnesia, with both feedback variants and both radii; compare with the paper.
@@ -40,7 +35,7 @@ LEGEND = (
 def command(out: Out = None) -> None:
     """Run every variant of the paper and print one table."""
     from spacerobot.paper import VARIANTS, run_variants
-    from spacerobot.result import check_folder, save
+    from spacerobot.result import check_folder
     from spacerobot.simulation import simulate
 
     if out is not None:
@@ -50,7 +45,7 @@ def command(out: Out = None) -> None:
     with progress("building the closed loop") as tell:
         for variant, result in run_variants(simulate):
             tell(f"{variant.name} done")
-            results.append((variant, save(result, out / variant.name) if out is not None else result))
+            results.append((variant, result.save(out / variant.name) if out is not None else result))
     console().print(comparison(results))
     console().print(f"\n{LEGEND}", markup=False)
     for _, result in results:
@@ -82,3 +77,6 @@ def _span(band: tuple[float, float]) -> str:
 
 def _short(value: float) -> str:
     return f"{value:.2f}" if abs(value) >= 0.095 else f"{value:.1g}"
+
+
+COMMANDS.add(Command.of("paper", command, HELP, place=7), __name__)

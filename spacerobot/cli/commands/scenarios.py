@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-import typer
-
+from spacerobot.cli.command import Command
 from spacerobot.cli.output import console, prose, table
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("scenarios", help=HELP)(command)
-
+from spacerobot.registry import COMMANDS
 
 HELP = """List the shipped scenarios and URDFs.
 
@@ -33,3 +27,6 @@ def command() -> None:
     console().print(table("scenarios", ["name", "description"], rows))
     console().print()
     prose(f"URDFs in {shipped_urdf_folder()}: {', '.join(shipped_names())}")
+
+
+COMMANDS.add(Command.of("scenarios", command, HELP, place=14), __name__)

@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from spacerobot.cli.command import Command
 from spacerobot.cli.options import Port
 from spacerobot.cli.output import console, progress
 from spacerobot.cli.page_data import campaign, campaign_at_once, is_campaign, to_play
 from spacerobot.cli.plugins import load_plugins_of
 from spacerobot.interrupts import keep
+from spacerobot.registry import COMMANDS
 
 if TYPE_CHECKING:
     from viz.page.live import LiveViewer
@@ -40,11 +42,6 @@ At = Annotated[
     typer.Option("--at", metavar="SECONDS", min=0, help="Of a .png: its time; else the first capture."),
 ]
 NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Only print the address.")]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("animate", help=HELP)(command)
 
 
 HELP = """Play results in the browser, or write a page or a recording.
@@ -137,3 +134,6 @@ def _begin(viewer: LiveViewer, data: dict[str, Any], open_browser: bool) -> None
     console().print(f"playing at {viewer.url} (Ctrl-C ends it)", markup=False, soft_wrap=True)
     if open_browser:
         viewer.open()
+
+
+COMMANDS.add(Command.of("animate", command, HELP, place=4), __name__)

@@ -7,8 +7,10 @@ from typing import Annotated
 
 import typer
 
+from spacerobot.cli.command import Command
 from spacerobot.cli.options import Changes, Port, ScenarioName, parse_changes
 from spacerobot.cli.output import console, progress, warn
+from spacerobot.registry import COMMANDS
 
 Folder = Annotated[
     Path, typer.Option("--out", metavar="DIR", help="Folder for everything that the studio saves.")
@@ -16,11 +18,6 @@ Folder = Annotated[
 NoBrowser = Annotated[
     bool, typer.Option("--no-browser", help="Print the page's address and open no browser.")
 ]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("studio", help=HELP)(command)
 
 
 HELP = """Change a scenario's parameters in the browser; motion, curves and metrics update at once.
@@ -56,3 +53,6 @@ def command(
         say = "opened in the browser" if opened else "open this address in a browser"
         console().print(f"{say}: {studio.url} (Ctrl-C ends it)", markup=False, soft_wrap=True)
         studio.wait()
+
+
+COMMANDS.add(Command.of("studio", command, HELP, place=3), __name__)

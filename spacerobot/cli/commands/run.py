@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from spacerobot.cli.command import Command
 from spacerobot.cli.options import Changes, Out, Port, ScenarioName, parse_changes
 from spacerobot.cli.output import console, pairs, progress, table, warn
 from spacerobot.interrupts import keep
+from spacerobot.registry import COMMANDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,11 +34,6 @@ View = Annotated[
     bool,
     typer.Option("--view", help="Show the scene in the browser during the simulation, then play the result."),
 ]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("run", help=HELP)(command)
 
 
 HELP = """Simulate a scenario and print its headline numbers.
@@ -109,8 +106,8 @@ def run_scene(
 
     ``watch`` is told the same words as the spinner.
     """
-    from spacerobot.api import simulate
-    from spacerobot.result import check_folder, save
+    from spacerobot.api.functions import simulate
+    from spacerobot.result import check_folder
 
     if out is not None:
         check_folder(out)
@@ -123,7 +120,7 @@ def run_scene(
                 watch(words)
 
         result = simulate(scene, backend=backend, progress=tell)
-    return save(result, out) if out is not None else result
+    return result.save(out) if out is not None else result
 
 
 def fail_if_diverged(result: Result) -> None:
@@ -180,3 +177,6 @@ def _about(scene: Scene) -> str:
     counts = (("robot", scene.robots), ("tip", scene.tips), ("grasp", scene.grasps))
     texts = (f"{len(things)} {name}{'' if len(things) == 1 else 's'}" for name, things in counts)
     return ", ".join((kind, *texts))
+
+
+COMMANDS.add(Command.of("run", command, HELP, place=1), __name__)

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from spacerobot.cli import page_data as playing
-from spacerobot.cli.animate import serve
 from spacerobot.cli.campaign_page import campaign_page
 from spacerobot.cli.campaign_tables import show
+from spacerobot.cli.command import Command
+from spacerobot.cli.commands.animate import serve
 from spacerobot.cli.options import Changes, Machines, Port, ScenarioName, Threads, View, parse_changes
 from spacerobot.cli.output import console, progress, warn
 from spacerobot.interrupts import keep
+from spacerobot.registry import COMMANDS
 
 if TYPE_CHECKING:
     from optim.campaign.run import CampaignProgress, Executor
@@ -59,11 +61,6 @@ Examples:
 
     spacerobot campaign paper --out out/both --gains scenario --gains tuned=out/tuned
 """
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("campaign", help=HELP)(command)
 
 
 def command(
@@ -135,7 +132,7 @@ def _with_samples(scene: Scene, samples: int | None) -> Scene:
     campaign = campaign_of(scene)
     if samples is None:
         return scene
-    if campaign.design == "grid":
+    if campaign.sampler.is_factorial:
         message = f"a grid's samples follow from its levels: here {campaign.count}; set campaign.levels"
         raise ScenarioError(message, source=scene.source, where="--samples")
     return build_scene(scene.scenario, {"campaign.samples": samples}, source=scene.source)
@@ -155,3 +152,6 @@ def _words(now: CampaignProgress) -> str:
         return now.phase
     done = f"{now.done} of {now.total} samples, {100 * now.done / now.total:.0f} %"
     return f"{done}, {now.rate:.0f} rollouts a second, about {now.left_s:.0f} s left"
+
+
+COMMANDS.add(Command.of("campaign", command, HELP, place=12), __name__)

@@ -6,13 +6,9 @@ from typing import Annotated
 
 import typer
 
+from spacerobot.cli.command import Command
 from spacerobot.cli.output import console, table
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("kinds", help=HELP)(command)
-
+from spacerobot.registry import COMMANDS
 
 HELP = """List the kinds of references, grasps, controllers, actuators, goals, ..., or the keys of one kind.
 
@@ -48,3 +44,6 @@ def command(
             ("key", "default", "description"),
         )
     console().print(table(kind, title, rows))
+
+
+COMMANDS.add(Command.of("kinds", command, HELP, place=15), __name__)

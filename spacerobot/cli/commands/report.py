@@ -9,9 +9,11 @@ from typing import Annotated
 import typer
 
 from spacerobot.cli.campaign_page import campaign_page
+from spacerobot.cli.command import Command
 from spacerobot.cli.output import console, progress
 from spacerobot.cli.plugins import load_plugins_of
 from spacerobot.errors import ResultError
+from spacerobot.registry import COMMANDS
 
 Folders = Annotated[
     list[Path],
@@ -23,11 +25,6 @@ Out = Annotated[
     Path | None,
     typer.Option("--out", metavar="FILE", help="File of the page; FIRST/report.html if not given."),
 ]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("report", help=HELP)(command)
 
 
 HELP = """Write one self-contained page: scenario, headline numbers, animation, figures, ledger, warnings.
@@ -104,3 +101,6 @@ def _is_result(folder: Path) -> bool:
     from spacerobot.result.store import DATA
 
     return (folder / DATA).is_file()
+
+
+COMMANDS.add(Command.of("report", command, HELP, place=6), __name__)

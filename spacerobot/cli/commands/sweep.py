@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 
-import typer
-
+from spacerobot.cli.command import Command
 from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, parse_changes
 from spacerobot.cli.output import console, table
 from spacerobot.cli.tuning_options import (
@@ -18,6 +17,7 @@ from spacerobot.cli.tuning_options import (
     journals,
     shown,
 )
+from spacerobot.registry import COMMANDS
 
 HELP = """Sensitivity of the GA to its settings: crossover and mutation probability, population size.
 
@@ -25,11 +25,6 @@ Example:
 
     spacerobot sweep paper --variant base --variables five --budget 1000 --runs 3
 """
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("sweep", help=HELP)(command)
 
 
 def command(
@@ -72,3 +67,6 @@ def command(
     console().print(table(title, ("setting", "value", "best", "median", "worst"), rows))
     if out is not None:
         write_text(out / "sweep.json", json.dumps(data, indent=1) + "\n")
+
+
+COMMANDS.add(Command.of("sweep", command, HELP, place=11), __name__)

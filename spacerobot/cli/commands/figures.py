@@ -7,8 +7,10 @@ from typing import Annotated, Literal
 
 import typer
 
+from spacerobot.cli.command import Command
 from spacerobot.cli.output import console, progress
 from spacerobot.cli.plugins import load_plugins_of
+from spacerobot.registry import COMMANDS
 
 ResultFolder = Annotated[Path, typer.Argument(metavar="RESULT", help="Folder of a result.")]
 Compare = Annotated[
@@ -27,11 +29,6 @@ Width = Annotated[
     Literal["single", "double"],
     typer.Option("--width", help="One column of a journal (89 mm) or two (183 mm)."),
 ]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("figures", help=HELP)(command)
 
 
 HELP = """Draw a result: tips, docking, motions, joints, grasps, ledger; or a plan and its simulation.
@@ -58,14 +55,14 @@ def command(
 ) -> None:
     """Write all figures."""
     from optim.planning.output.plan_folder import is_plan
-    from spacerobot.result import load
+    from spacerobot.result import Result
     from viz.figures import save_figures
 
     load_plugins_of([folder for folder in (result, compare) if folder is not None])
     if is_plan(result):
         _plan(result, compare, out or result / "figures")
         return
-    results = [load(folder) for folder in (result, compare) if folder is not None]
+    results = [Result.load(folder) for folder in (result, compare) if folder is not None]
     folder = out or result / "figures"
     wanted = [form.strip() for form in formats.split(",") if form.strip()]
     with progress("drawing"):
@@ -77,14 +74,17 @@ def _plan(folder: Path, flown: Path | None, out: Path) -> None:
     """Draw a plan, and what was flown of it."""
     from optim.planning.output.constraint_values import with_flown
     from optim.planning.output.plan_folder import SCENARIO, read
-    from spacerobot.result import load
+    from spacerobot.result import Result
     from spacerobot.scene import load_scene
     from viz.figures.plan import write_plan_figures
 
     with progress("drawing"):
         plan, summary = read(folder)
-        result = None if flown is None else load(flown)
+        result = None if flown is None else Result.load(flown)
         if result is not None and "constraint" in plan:
             plan = with_flown(plan, load_scene(folder / SCENARIO), result.data)
         written = write_plan_figures(plan, summary, out, flown=result)
     console().print(f"{len(written)} files in {out}", markup=False, soft_wrap=True)
+
+
+COMMANDS.add(Command.of("figures", command, HELP, place=5), __name__)

@@ -1,0 +1,1 @@
+"""Tuning methods, one in each file."""

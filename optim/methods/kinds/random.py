@@ -1,0 +1,24 @@
+"""Uniform random points."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from optim.methods.evolutionary import PointSearch
+from spacerobot.arrays import Array
+from spacerobot.registry import registered
+
+
+@registered
+class RandomSearch(PointSearch):
+    """Uniform random points."""
+
+    name: ClassVar[str] = "random"
+    title: ClassVar[str] = "random points"
+    place: ClassVar[float] = 7
+
+    def points(self, sequence: Any, rng: np.random.Generator, count: int) -> Array:
+        """The next ones."""
+        return rng.random((count, sequence.d))

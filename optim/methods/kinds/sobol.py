@@ -1,0 +1,25 @@
+"""Points of a scrambled Sobol sequence."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from optim.methods.evolutionary import PointSearch
+from spacerobot.arrays import Array
+from spacerobot.registry import registered
+
+
+@registered
+class SobolSearch(PointSearch):
+    """Points of a scrambled Sobol sequence."""
+
+    name: ClassVar[str] = "sobol"
+    title: ClassVar[str] = "Sobol points"
+    place: ClassVar[float] = 6
+
+    def points(self, sequence: Any, rng: np.random.Generator, count: int) -> Array:
+        """The next ones."""
+        del rng
+        return np.asarray(sequence.random(count))

@@ -1,0 +1,110 @@
+"""Settings of tuning methods, and how much each may do."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from dataclasses import dataclass, field
+
+from spacerobot.scenario import Tuning
+
+
+@dataclass(frozen=True)
+class EvolutionSettings:
+    """How an evolutionary method is run; the defaults are the paper's.
+
+    Attributes
+    ----------
+    population, budget
+        Individuals, and rollouts in all: the paper has 150 generations and does not print the population.
+    crossover
+        Probability at the first and at the last generation (GA): 0.5 falling to 0.1-0.2 in the paper.
+    mutation
+        Probability of each gene to mutate (GA): 0.01-0.1 in the paper.
+    """
+
+    population: int = 50
+    budget: int = 50 * 150
+    crossover: tuple[float, float] = (0.5, 0.15)
+    mutation: float = 0.05
+
+    def fingerprint(self, method: str, seed: int) -> str:
+        """Hash of the data, in addition to the problem, on which a journal of such a run depends."""
+        return hashlib.sha256(repr((self, method, seed)).encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class NlpSettings:
+    """How an NLP is solved.
+
+    Attributes
+    ----------
+    iterations
+        At most, from one start.
+    tolerance
+        Predicted fall of the objective, relative to its value, at which a descent ends.
+    screen
+        Points of a Sobol sequence that are tried for each start.
+    budget
+        Rollouts (gradients counted as four, slopes as three) after which the search ends; no limit if None.
+    """
+
+    iterations: int = 100
+    tolerance: float = 1e-4
+    screen: int = 8
+    budget: int | None = None
+
+    def fingerprint(self, *others: object) -> str:
+        """Hash of the data, in addition to the problem, on which a journal of such a run depends."""
+        return hashlib.sha256(repr((self, *others)).encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much each method may do.
+
+    Attributes
+    ----------
+    protocol, runs
+        Of the evolutionary methods.
+    baseline
+        Protocol of those that are not the GA.
+    nlp, starts, repeats
+        Settings of the NLP, its number of starts, and how often it is repeated with another seed.
+    seed
+        Seed of everything random.
+    """
+
+    protocol: EvolutionSettings = field(default_factory=EvolutionSettings)
+    baseline: EvolutionSettings = field(default_factory=EvolutionSettings)
+    runs: int = 6
+    nlp: NlpSettings = field(default_factory=NlpSettings)
+    starts: int = 4
+    seed: int = 0
+    repeats: int = 1
+
+
+def effort_of(tuning: Tuning, **changes: int | None) -> Effort:
+    """Effort that a tuning section asks for.
+
+    Parameters
+    ----------
+    tuning
+        The section.
+    **changes
+        ``budget``, ``baseline_budget``, ``runs``, ``starts``, ``seed`` and ``repeats`` in its place; None
+        leaves it.
+    """
+    asked = {name: value for name, value in changes.items() if value is not None}
+    whole = EvolutionSettings(population=tuning.population, budget=asked.get("budget", tuning.budget))
+    baseline_budget = min(whole.budget, asked.get("baseline_budget", tuning.baseline_budget))
+    baseline = dataclasses.replace(whole, budget=baseline_budget)
+    return Effort(
+        whole,
+        baseline,
+        asked.get("runs", tuning.runs),
+        NlpSettings(iterations=tuning.iterations),
+        asked.get("starts", tuning.starts),
+        asked.get("seed", tuning.seed),
+        asked.get("repeats", 1),
+    )

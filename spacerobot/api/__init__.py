@@ -1,0 +1,1 @@
+"""Functions of the public namespace and what they return."""

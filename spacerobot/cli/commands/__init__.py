@@ -1,0 +1,1 @@
+"""Commands, one in each file; the command line finds them here."""

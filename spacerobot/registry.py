@@ -1,0 +1,149 @@
+"""Registries: families of named entries, one file each, that are loaded when one is used.
+
+Names come from the files of a package, so that help texts and the schema list them without loading anything.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import pkgutil
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, Protocol, TypeVar
+
+from spacerobot.errors import SpaceRobotError, near_names
+
+
+class Entry(Protocol):
+    """An entry of a registry.
+
+    Attributes
+    ----------
+    name
+        In scenarios, options and files; for an entry that ships also that of its module.
+    place
+        Lists show entries in this order, then by name.
+    """
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+
+    @property
+    def place(self) -> float:
+        """Its place in lists."""
+
+
+Registered = TypeVar("Registered", bound=Entry)
+
+
+class Registry:
+    """A family of entries: each module of a package registers one, and plugins add theirs.
+
+    Parameters
+    ----------
+    family
+        Its name in messages, in the singular.
+    package
+        Whose modules hold the entries that ship.
+    named_by_file
+        Whether each of these modules holds one entry, which has its name; else all are loaded for the names.
+    """
+
+    def __init__(self, family: str, package: str, *, named_by_file: bool = True) -> None:
+        self.family, self.package, self.named_by_file = family, package, named_by_file
+        self._entries: dict[str, Any] = {}
+        self._modules: dict[str, str] = {}
+        self._loaded = False
+
+    def add(self, entry: Registered, module: str | None = None) -> Registered:
+        """Add an entry.
+
+        Parameters
+        ----------
+        entry
+            The entry.
+        module
+            Module that defines it; that of its class if None.
+
+        Raises
+        ------
+        SpaceRobotError
+            If an entry of another module has its name.
+        """
+        module = module or type(entry).__module__
+        own = module.startswith(f"{self.package}.")
+        taken = not own and entry.name not in self._entries and entry.name in self.names()
+        if taken or self._modules.get(entry.name, module) != module:
+            raise SpaceRobotError(f"the {self.family} {entry.name!r} is registered already")
+        self._entries[entry.name], self._modules[entry.name] = entry, module
+        return entry
+
+    def remove(self, name: str) -> None:
+        """Take out an entry that was added."""
+        del self._entries[name], self._modules[name]
+
+    def names(self) -> tuple[str, ...]:
+        """Names of all entries, in alphabetical order; none of those that ship is loaded for it."""
+        shipped = self._shipped() if self.named_by_file else self.entries()
+        return tuple(sorted({*shipped, *self._entries}))
+
+    def entries(self) -> Mapping[str, Any]:
+        """All entries by name, in the order of their places."""
+        if not self._loaded:
+            self._loaded = True
+            for name in self._shipped():
+                importlib.import_module(f"{self.package}.{name}")
+        ordered = sorted(self._entries.items(), key=lambda item: (item[1].place, item[0]))
+        return MappingProxyType(dict(ordered))
+
+    def find(self, name: str) -> Any:
+        """The entry of a name.
+
+        Raises
+        ------
+        SpaceRobotError
+            If there is none; with the near names.
+        """
+        if name not in self._entries and self.named_by_file and name in self._shipped():
+            importlib.import_module(f"{self.package}.{name}")
+        elif name not in self._entries:
+            self.entries()
+        if name not in self._entries:
+            raise SpaceRobotError(f"no {self.family} {name!r}; {near_names(name, self.names())}")
+        return self._entries[name]
+
+    def _shipped(self) -> tuple[str, ...]:
+        specification = importlib.util.find_spec(self.package)
+        assert specification is not None
+        assert specification.submodule_search_locations is not None
+        return tuple(module.name for module in pkgutil.iter_modules(specification.submodule_search_locations))
+
+
+Class = TypeVar("Class", bound=type[Any])
+
+
+def registered(kind: Class) -> Class:
+    """Add an instance of a class to the registry that its base class names; use it as a decorator.
+
+    Raises
+    ------
+    SpaceRobotError
+        If another entry has its name.
+    """
+    kind.registry.add(kind())
+    return kind
+
+
+SAMPLERS = Registry("sampler", "spacerobot.samplers.kinds")
+"""Designs of campaigns: :class:`spacerobot.samplers.Sampler`."""
+
+TUNING_METHODS = Registry("method", "optim.methods.kinds")
+"""Tuning methods: :class:`optim.methods.TuningMethod`."""
+
+FIGURES = Registry("figure", "viz.figures", named_by_file=False)
+"""Figures of results: :class:`viz.figures.FigureKind`."""
+
+COMMANDS = Registry("command", "spacerobot.cli.commands")
+"""Commands of the command line: :class:`spacerobot.cli.command.Command`."""

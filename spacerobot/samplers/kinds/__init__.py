@@ -1,0 +1,1 @@
+"""Samplers that ship, one in each file."""

@@ -1,0 +1,40 @@
+"""Saltelli's design, from whose order Sobol' indices follow; by SALib."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from spacerobot.arrays import Array
+from spacerobot.registry import registered
+from spacerobot.samplers.sampler import Sampler, SamplingPlan, optional_module
+
+
+@registered
+class Saltelli(Sampler):
+    """Saltelli's design, from whose order Sobol' indices follow; by SALib."""
+
+    name: ClassVar[str] = "saltelli"
+    place: ClassVar[float] = 5
+    summary: ClassVar[str] = "for Sobol' indices; needs SALib"
+    takes_correlation: ClassVar[bool] = False
+    has_intervals: ClassVar[bool] = False
+    gives_sobol_indices: ClassVar[bool] = True
+    has_any_size: ClassVar[bool] = False
+
+    def count(self, plan: SamplingPlan) -> int:
+        """Each sample of the base is worth parameters + 2."""
+        return plan.samples * (len(plan.parameters) + 2)
+
+    def check(self, plan: SamplingPlan) -> None:
+        """Refuse a base sample that is no power of two."""
+        if plan.samples & (plan.samples - 1):
+            raise ValueError(f"samples: a power of two for the design saltelli, found {plan.samples}")
+
+    def points(self, plan: SamplingPlan) -> Array:
+        """Of SALib."""
+        names = list(plan.parameters)
+        problem = {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names)}
+        sample = optional_module("SALib", "sample.sobol", self.name).sample
+        return np.asarray(sample(problem, plan.samples, calc_second_order=False, seed=plan.seed))
