@@ -29,7 +29,15 @@ class EvolutionSettings:
     mutation: float = 0.05
 
     def fingerprint(self, method: str, seed: int) -> str:
-        """Hash of the data, in addition to the problem, on which a journal of such a run depends."""
+        """Hash of the data, in addition to the problem, on which a journal of such a run depends.
+
+        Parameters
+        ----------
+        method
+            Name of the method.
+        seed
+            Seed of the run.
+        """
         return hashlib.sha256(repr((self, method, seed)).encode()).hexdigest()
 
 
@@ -55,7 +63,15 @@ class NlpSettings:
     budget: int | None = None
 
     def fingerprint(self, *others: object) -> str:
-        """Hash of the data, in addition to the problem, on which a journal of such a run depends."""
+        """Hash of the data, in addition to the problem, on which a journal of such a run depends.
+
+        Parameters
+        ----------
+        method
+            Name of the method.
+        seed
+            Seed of the run.
+        """
         return hashlib.sha256(repr((self, *others)).encode()).hexdigest()
 
 
