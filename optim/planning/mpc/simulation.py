@@ -225,11 +225,12 @@ def mpc_settings(scene: Scene) -> Replanning:
             raise ScenarioError(told, source=source, where="robots")
     settings = leads[0]
     if plan is not None:
-        count, timed = plan.duration.upper / settings.period, plan.duration
-        for key, what in (("start", "a free start"), ("phases", "several phases")):
+        # a plan of several phases has no duration of its own
+        for key, what in (("phases", "several phases"), ("start", "a free start")):
             if getattr(plan, key):
                 told = f"found {what}, allowed with kind mpc: none"
                 raise ScenarioError(told, source=source, where=f"plan.{key}")
+        count, timed = plan.duration.upper / settings.period, plan.duration
         if timed.lower != timed.upper or abs(count - round(count)) > ROUNDING * count:
             free = "" if timed.lower == timed.upper else f"{timed.lower:g} to "
             raise ScenarioError(

@@ -24,6 +24,11 @@ FLIGHT = [
     ("plan.duration", 3),
 ]
 
+TWO_PHASES = {
+    "costs": {"torque": 0.01},
+    "phases": {name: {"duration": 3, "goals": {"end": {"still": "one"}}} for name in ("come", "wait")},
+}
+
 
 def miss(result, scene):
     """Distance of the tip from its mating frame at the end [m]."""
@@ -151,6 +156,10 @@ def test_the_base_is_where_its_sensors_show_it(reach):
             "target_spin.period: found 0.2 s",
         ),
         ([("plan.start", {"one": {"position": [0.1, 0, 0]}})], "found a free start"),
+        (
+            [("phases", {"come": {"until": {"time": 3}}, "wait": {}}), ("plan", TWO_PHASES)],
+            "found several phases",
+        ),
         (
             [("phases", {"come": {"until": {"time": 3}}, "wait": {}})],
             "phases.wait.robots.one.controllers: plans are made in the first phase alone; write `lead: null`",
