@@ -105,7 +105,7 @@ def test_small_errors_have_digits(result, metres, text):
 def test_a_wrong_variable_says_what_is_wanted(scene):
     for wrong in ((1, 2), ("robots.arm.tips.tip.pid.kp", 1), "robots.arm.tips.tip.pid.kp", (1, 2, 3)):
         with pytest.raises(
-            ScenarioError, match=r"variables\.kp: found .*wanted: \(dotted path, lower, upper\)"
+            ScenarioError, match=r"variables\.kp: found .*required: \(dotted path, lower, upper\)"
         ):
             build_problem(scene, variables={"kp": wrong})
 
