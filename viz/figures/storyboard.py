@@ -40,7 +40,7 @@ def chosen(result: Result, instants: int) -> tuple[list[float], list[str]]:
             found[near] = found[near] or words
         elif len(found) < instants:
             found[float(time)] = words
-    while len(found) < instants:
+    while 1 < len(found) < instants:  # a result of one instant has no gap
         times = sorted(found)
         gaps = np.diff(times)
         widest = int(np.argmax(gaps))

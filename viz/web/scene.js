@@ -255,6 +255,7 @@ export class Scene {
   }
 
   show(layer) {
+    if (!this.shown) return;  // nothing is loaded yet, as before the studio's first motion
     this.space.show(layer, this.shown[layer]);
     if (layer in INSETS) this.insets.show(layer, this.shown[layer]);
     if (layer === "grid" && this.lines) this.lines.visible = this.shown.grid;

@@ -25,7 +25,7 @@ def comparison(paper, blind):
 def test_it_holds_every_section_that_applies(comparison, paper):
     named = re.findall(r'<section id="(\w+)">', comparison)
     assert named == [section.name for section in SECTIONS if section.name not in ("warnings", "events")]
-    assert comparison.count("data:image/svg+xml") == 3 + 2 * 5
+    assert comparison.count("data:image/svg+xml") == 3 + 2 * 6
     for assumption in paper.summary["assumptions"]:
         assert assumption.split("'")[0] in comparison
 
