@@ -43,7 +43,7 @@ def test_pages_opened_from_the_disk_have_a_search(site):
 
 
 def test_links_of_the_repository_are_links_of_the_site(site):
-    assert 'href="../examples/05_tune.html"' in (site / "explanation" / "tuning_methods.html").read_text()
+    assert 'href="../examples/05_tune.html"' in (site / "how_to" / "tune.html").read_text()
     assert 'href="tutorials/plugin.html"' in (site / "contributing.html").read_text()
     assert 'href="05_tune.html"' in (site / "examples" / "index.html").read_text()
     assert "examples/index.html" in (site / "index.html").read_text()
