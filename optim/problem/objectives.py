@@ -182,6 +182,7 @@ def _standard(
     counted = {name: weight for name, (weight, _) in weights.items() if weight}
 
     def costs(r: Mapping[str, ca.SX], _: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
+        """Objective, from the reduced quantities of a rollout."""
         tracking = ca.mmax(r["tip_error_peak"]) if track is None else r["track"]
         total = objective.weight * tracking
         for name, weight in counted.items():

@@ -179,6 +179,7 @@ class LoopBuilder:
         measure, sensors = self._measure(body), self._sensors(body)
 
         def held(signal: str, value: ca.SX) -> ca.SX | None:
+            """Held value of a signal; None where it is not sampled."""
             name = f"{owner if signal.startswith('tip_') else body.name}.{signal}.{value.size1()}"
             shown = measured(sensors(signal), value)
             if name not in self.measurements:

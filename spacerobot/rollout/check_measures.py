@@ -44,6 +44,7 @@ def check_measures(loop: ClosedLoopFunctions, measures: Measures, outputs: Seque
         return
 
     def refuse(what: str, signal: str) -> SpaceRobotError:
+        """Error that names the entries of a signal which do exist."""
         size = symbols[signal].numel()
         variable = next((one for one in getattr(loop, "variables", ()) if one.name == signal), None)
         labels = variable.labels if variable is not None else ()

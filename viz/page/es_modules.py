@@ -50,6 +50,7 @@ def joined(entry: str, read: Callable[[str], str]) -> str:
     importing: list[str] = []
 
     def visit(path: str) -> None:
+        """Join a module after those that it imports."""
         if path in scopes:
             return
         if path in importing:
