@@ -127,6 +127,8 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
     },
     ("actuator", "torque_limit"): {"limit": 2.5},
     ("actuator", "base_wrench"): {"force": 3, "torque": 2},
+    # what a failed joint does is held to closed forms in test_joint_failure
+    ("actuator", "joint_failure"): {"joint": "joint_2", "at": 5},
     ("actuator", "thrusters"): {
         "thrust": 4,
         "nozzles": {
@@ -224,6 +226,8 @@ def scene_of(family, kind, text=PLANAR):
     if text is SPATIAL and kind == "reaction_wheels":
         own = found["robots.one.actuators"]["own"]
         own |= {"axes": [[1, 0, 0.5], [0, 1, 0], [0.2, 0.3, 2], [1, 1, 1]], "speeds": [3, -2, 1, 0]}
+    if text is SPATIAL and kind == "joint_failure":
+        found["robots.one.actuators"]["own"]["joint"] = "slide"
     if kind == "wheel_joints":
         found["robots.one.urdf"] = "rotors.urdf" if text is PLANAR else "odd_rotors.urdf"
     if text is SPATIAL and family == "grasp":

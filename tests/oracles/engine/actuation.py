@@ -12,6 +12,7 @@ import numpy as np
 from spacerobot.arrays import Array
 from spacerobot.elements import Actuator
 from spacerobot.elements.actuators.base_wrench import BaseWrench
+from spacerobot.elements.actuators.joint_failure import JointFailure
 from spacerobot.elements.actuators.torque_limit import TorqueLimit
 from spacerobot.scenario import Robot
 from spacerobot.scene import Scene, SceneBody
@@ -180,6 +181,35 @@ class Clip:
         return Delivered(np.clip(asked, -self.limits, self.limits))
 
 
+@dataclass(frozen=True)
+class Failing:
+    """A motor that gives a part of its torque from a time on; a brake is not written here."""
+
+    config: JointFailure
+    name: str
+    columns: tuple[int, ...]
+    passes_on: tuple[int, ...] = ()
+    works: tuple[str, ...] = ()
+    from_outside: bool = False
+    state_names: tuple[str, ...] = ()
+
+    def initial(self, kinematics: Kinematics) -> Array:
+        """None."""
+        del kinematics
+        return np.empty(0)
+
+    def deliver(self, kinematics: Kinematics, asked: Array, states: Array, now: Now) -> Delivered:
+        """What is asked for, of one joint what is left of it."""
+        del kinematics, states
+        torque = asked.copy()
+        if self.name in now.on:
+            if self.config.mode == "locked":
+                raise refusal(self.config)
+            torque[list(self.columns)] *= self.config.remaining if self.config.mode == "weak" else 0.0
+        turn = Turn(self.name, "failed", self.name, now.t - self.config.at, {self.name: True})
+        return Delivered(torque, turns=(turn,))
+
+
 @functools.singledispatch
 def delivery_of(actuator: Actuator, scene: Scene, body: SceneBody, key: str) -> Delivery:
     """What an actuator delivers, of each kind; ``key`` is its place in the robot's section."""
@@ -206,6 +236,13 @@ def _(actuator: BaseWrench, scene: Scene, body: SceneBody, key: str) -> Delivery
     found[own[:-turning]] = actuator.force or np.inf
     found[own[-turning:]] = actuator.torque or np.inf
     return Clip(found, tuple(own), from_outside=True)
+
+
+@delivery_of.register
+def _(actuator: JointFailure, scene: Scene, body: SceneBody, key: str) -> Delivery:
+    del key
+    joint = scene.model.joints[scene.model.getJointId(f"{body.name}/{actuator.joint}")]
+    return Failing(actuator, f"{body.name}/{actuator.joint}.failed", (int(joint.idx_v),))
 
 
 def base_columns(scene: Scene, body: SceneBody) -> list[int]:
