@@ -44,9 +44,9 @@ def following_scenario(planned: PlanSolution) -> Scenario:
     named = {side for contact in scenario.contacts.values() for side in contact.between}
     document["pads"] = {name: pad for name, pad in document["pads"].items() if name in named}
     _begin(planned, document)
-    for name, robot in scenario.robots.items():  # what plans in flight does not follow
+    for name, robot in scenario.robots.items():  # what plans in flight, or follows a plan made before
         for key, controller in robot.controllers.items():
-            if controller.replanning is not None:
+            if controller.replanning is not None or controller.fills is not None:
                 del document["robots"][name]["controllers"][key]
     if plan_phase(scenario):
         return validate(_in_phases(planned, document))
@@ -128,6 +128,12 @@ def _in_phases(planned: PlanSolution, document: Document) -> Document:
     phases |= {last: end} | ({} if rest is None else {left: rest})
     phases = {name: phases[name] for name in order}
     _track(planned, document, phases, flown)
+    for phase in phases.values():  # what they change of controllers that the document no longer has
+        for name, robot in phase["robots"].items():
+            kept = document["robots"][name]["controllers"]
+            own = (robot or {}).get("controllers") or {}
+            for key in [key for key, section in own.items() if section is None and key not in kept]:
+                del own[key]
     document["phases"] = phases
     return document
 

@@ -96,6 +96,17 @@ def test_where_the_plan_has_ended_the_scenarios_own_controllers_act(phased):
     assert (lead.kind, lead.frame, lead.standoff, lead.end_distance) == ("rendezvous", "mate_1", 0, 0)
 
 
+def test_a_plan_made_before_is_not_followed_beside_the_new_one(phased):
+    """Neither while the new plan is followed nor after its end; phases that changed it no longer do."""
+    joints = ["joint_1", "joint_2", "joint_3"]
+    rest = {"position": [[0.7, 0.7, -0.7]] * 2, "rate": [[0.0] * 3] * 2}
+    before = {"kind": "joint_tracking", "knots": {"times": [0.0, 6.0], "joints": joints, **rest}}
+    phases = {"approach": APPROACH, "hold": HOLD | {"robots": {"one": {"controllers": {"before": None}}}}}
+    scenario = following_scenario(phased(phases, (*GRIPPING, ("robots.one.controllers.before", before))))
+    for name in scenario.phases:
+        assert "before" not in scenario.during(name).robots["one"].controllers
+
+
 def test_a_handover_in_full_motion_is_said(phased, tmp_path):
     """In the terminal, which prints these, and on top of the file."""
     told = handover_warnings(phased({"approach": APPROACH, "hold": HOLD}))
