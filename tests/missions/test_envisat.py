@@ -1,4 +1,4 @@
-"""Envisat: what its page states of the scenario and its simulation; the plan itself costs too much for a test."""
+"""Envisat: what its page states of scenario and simulation; the plan itself costs too much for a test."""
 
 import numpy as np
 import pinocchio as pin
