@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import yaml
+from PIL import Image
 from typer.testing import CliRunner
 
 import spacerobot as sr
@@ -74,6 +75,37 @@ def test_limits_are_drawn_and_active_ones_marked(folders):
     assert greatest in np.abs(list(dashed))
     assert sum(len(c.get_xdata()) for c in torques.lines if c.get_marker() == "s") == 1
     assert sum(c.get_color() == "black" for c in torques.lines) == 3  # what was flown
+
+
+def test_limits_are_named_by_their_joints(folders):
+    plan, _ = read(folders[0])
+    greatest = float(np.abs(plan.torque).max())
+    plan.torque_limit[:] = [-greatest, greatest]
+    plan.torque_limit[1, 1] = 0.5 * greatest
+    first, second = (str(joint).partition("/")[2] for joint in plan.joint.values[:2])
+    torques = plan_joints(plan).axes[2]
+    named = {round(float(text.xy[1]) / greatest, 6): text.get_text() for text in torques.texts}
+    others = [str(joint).partition("/")[2] for joint in plan.joint.values if not str(joint).endswith(second)]
+    assert named == {-1.0: "all", 0.5: second, 1.0: ", ".join(others)}
+    dashed = {
+        float(c.get_ydata()[0]) / greatest: c.get_color() for c in torques.lines if c.get_linestyle() == "--"
+    }
+    (curve,) = (c for c in torques.lines if c.get_label() == second)
+    assert dashed[0.5] == curve.get_color() != dashed[1.0]
+    assert first in others
+
+
+def test_figures_of_a_plan_fit_one_column(folders, tmp_path):
+    ran = ["figures", str(folders[0]), "--out", str(tmp_path), "--format", "png", "--width", "single"]
+    assert CliRunner().invoke(app, ran).exit_code == 0
+    files = sorted(tmp_path.iterdir())
+    assert [file.name for file in files] == ["convergence.png", "plan_constraints.png", "plan_joints.png"]
+    for file in files:
+        with Image.open(file) as picture:
+            assert picture.width == pytest.approx(89 / 25.4 * 200, abs=1)
+            assert picture.height <= 120 / 25.4 * 200 + 1
+    refused = CliRunner().invoke(app, [*ran, "--only", "plan_joints"])
+    assert "together; leave out --only" in str(refused.exception)
 
 
 def test_distances_and_cones_are_drawn_with_their_limits(folders):

@@ -19,7 +19,6 @@ from viz.figures.kind import figure
 from viz.figures.style import (
     Drawing,
     below_last,
-    is_narrow,
     legend_above,
     line,
     panels,
@@ -154,8 +153,7 @@ def approach(result: Result) -> Drawing:
         row[1].set_title(f"{text}, close")
         row[1].set_xlim(reach, -reach / 2)
         row[1].set_ylim(*_near(curves, name, reach, max(limits, default=np.inf)))
-    if not is_narrow():
-        below_last(axes)
+    below_last(axes)
     legend_above(figure, axes[0, 0])
     return figure
 

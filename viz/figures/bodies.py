@@ -16,7 +16,6 @@ from viz.figures.style import (
     DASHES,
     Drawing,
     below_last,
-    is_narrow,
     labels_of,
     legend_above,
     legend_over,
@@ -82,7 +81,7 @@ def base_motion(result: Result) -> Drawing:
         row[1].set_title(f"base of {robot}, translation")
         for panel in row:
             mark_phases(panel, result, named=panel is axes[0, 0])
-            legend_over(panel, columns=3 if is_narrow() else 5)
+    legend_above(figure, *axes.flat, columns=8)
     below_last(axes)
     return figure
 

@@ -6,14 +6,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from spacerobot.errors import ResultError, near_names
-from spacerobot.files import StrPath, write_bytes
+from spacerobot.files import StrPath
 from spacerobot.registry import FIGURES
 from spacerobot.result import Result, note_derived
 from viz.figures.kind import FigureKind
-from viz.figures.style import Drawing, drawn_for, to_bytes
-
-FORMATS = ("pdf", "svg", "png")
-"""Kinds of files a figure can be written as."""
+from viz.figures.style import Drawing, drawn_for, write_drawings
 
 
 def figure_kinds() -> tuple[FigureKind, ...]:
@@ -96,16 +93,8 @@ def save_figures(
         If a format, figure or width is not known, the results cannot be compared, or a file cannot be
         written.
     """
-    folder = Path(folder)
-    for form in formats:
-        if form not in FORMATS:
-            raise ResultError(f"no format {form!r}; {near_names(form, FORMATS)}")
-    written = []
     with drawn_for(width):
-        for name, _, drawing in draw_all(result, *others, names=names):
-            for form in formats:
-                path = folder / f"{name}.{form}"
-                write_bytes(path, to_bytes(drawing, form))
-                written.append(path)
+        drawings = ((name, drawing) for name, _, drawing in draw_all(result, *others, names=names))
+        written = write_drawings(drawings, Path(folder), formats)
     note_derived([result, *others], written)
     return written

@@ -6,7 +6,7 @@ import numpy as np
 
 from spacerobot.result import Result
 from viz.figures.kind import figure
-from viz.figures.style import Drawing, below_last, legend_over, line, panels, styled, until
+from viz.figures.style import Drawing, below_last, legend_above, line, panels, styled, until
 
 
 @figure("Contact forces and gaps", applies=lambda result: "contact" in result.data.dims, place=10)
@@ -26,7 +26,6 @@ def contact_forces(result: Result) -> Drawing:
             row[0].plot(time, across, **line(1), label="across, by friction")
         row[0].set_title(f"contact {contact}, force")
         row[0].set_ylabel("force [N]")
-        legend_over(row[0])
         row[1].plot(time, own.contact_gap.values * 1e3, **line(0))
         row[1].axhline(0, color="black", linewidth=0.5)
         row[1].set_title(f"contact {contact}, gap")
@@ -34,5 +33,6 @@ def contact_forces(result: Result) -> Drawing:
         for panel in row:
             panel.set_xlabel("time [s]")
             until(panel, result)
+    legend_above(figure, *axes.flat)
     below_last(axes)
     return figure

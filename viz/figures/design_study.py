@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from viz.figures.style import COLOURS, Drawing, legend_over, panels, styled, write_both
+from viz.figures.style import COLOURS, Drawing, legend_over, panels, styled, write_drawings
 
 FIGURE = "design"
 TANGENT = 0.35
@@ -65,4 +65,4 @@ def write_study(data: Mapping[str, Any], folder: Path) -> None:
     ResultError
         If a file cannot be written.
     """
-    write_both(study(data), folder, FIGURE)
+    write_drawings([(FIGURE, study(data))], folder / "figures")

@@ -13,7 +13,7 @@ from viz.drawing.motion import BodyMotion, Rows, bounds, extremes, pick_rows, sa
 from viz.drawing.projection import draw_ghosts, draw_nodes, fit
 from viz.drawing.view import View, view_of
 from viz.figures.kind import figure
-from viz.figures.style import COLOURS, Drawing, called, is_narrow, styled, width_in
+from viz.figures.style import COLOURS, TALLEST_IN, Drawing, called, is_narrow, styled, width_in
 
 
 @figure("The motion, frame by frame", printed="Fig. 8", place=5)
@@ -42,11 +42,14 @@ def strip(result: Result, rows: Rows, words: Sequence[str] = ()) -> Drawing:
     view = view_of(result, scene)
     motion = sample_motion(result, scene, rows)
     points = seen_points(result, motion)
-    columns = min(2 if is_narrow() else 3, len(rows))
     size = np.ptp(view.flat(points), axis=0)
     ratio = float(np.clip(size[1] / (size[0] or 1.0), 0.3, 1.6))
-    lines = -(-len(rows) // columns)
-    height = lines * (0.88 * width_in() / columns * ratio + 0.15) + 0.5
+    for columns in (2, 3) if is_narrow() else (3,):
+        lines = -(-len(rows) // min(columns, len(rows)))
+        height = lines * (0.88 * width_in() / columns * ratio + 0.15) + 0.5
+        if height <= TALLEST_IN:
+            break
+    columns = min(columns, len(rows))
     figure = Drawing(figsize=(width_in(), height), layout="constrained")
     axes = figure.subplots(lines, columns, squeeze=False, sharex=True, sharey=True)
     for k, panel in enumerate(axes.flat):

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 
 from spacerobot.result import Result
 from viz.figures.kind import figure
-from viz.figures.style import COLOURS, DASHES, Drawing, panels, styled, unit_scale, until
+from viz.figures.style import COLOURS, DASHES, Drawing, legend_beside, panels, styled, unit_scale, until
 
 _NAME_IN = 0.17
 """Height of a joint's name in the legend."""
@@ -32,12 +32,7 @@ def joints(result: Result) -> Drawing:
                 f"{robot}, {text if _turns(result) else result.data[variable].attrs['long_name']}"
             )
             panel.set_xlabel("time [s]")
-        row[1].legend(
-            [joint.removeprefix(f"{robot}/") for joint in mine],
-            loc="center left",
-            bbox_to_anchor=(1.0, 0.5),
-            fontsize=7,
-        )
+    legend_beside(figure, axes)
     return figure
 
 
@@ -54,7 +49,13 @@ def _draw(panel: Axes, result: Result, variable: str, joints: list[str]) -> None
             "color": COLOURS[k % len(COLOURS)],
             "linestyle": DASHES[(k + k // len(COLOURS)) % len(DASHES)],
         }
-        panel.plot(result.data.time.values, values.sel(joint=joint).values * scale, linewidth=1.1, **look)
+        panel.plot(
+            result.data.time.values,
+            values.sel(joint=joint).values * scale,
+            linewidth=1.1,
+            label=joint.partition("/")[2],
+            **look,
+        )
     quantity = {"deg": "angle", "N m": "torque"}.get(unit, values.attrs["long_name"])
     panel.set_ylabel(f"{quantity} [{unit}]")
     until(panel, result)

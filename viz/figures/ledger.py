@@ -82,7 +82,7 @@ def _astray(panel: Axes, result: Result) -> None:
     """Drift of the momenta and open energy, each relative to the largest of its kind."""
     data = result.data
     shown = {
-        f"{kind} momentum": relative_drift(result, kind)
+        kind: relative_drift(result, kind)
         for kind in ("linear", "angular")
         if result.summary["ledger"]["momentum"]["conserved"]
     }

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from viz.figures.style import COLOURS, Drawing, legend_over, panels, styled, unit_scale, write_both
+from viz.figures.style import COLOURS, Drawing, legend_over, panels, styled, unit_scale, write_drawings
 
 FIGURE = "front"
 
@@ -69,4 +69,4 @@ def write_front(data: Mapping[str, Any], folder: Path) -> None:
     ResultError
         If a file cannot be written.
     """
-    write_both(front(data), folder, FIGURE)
+    write_drawings([(FIGURE, front(data))], folder / "figures")

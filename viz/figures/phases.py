@@ -42,5 +42,5 @@ def shade(axes: Axes, phases: Sequence[tuple[str, float, float]], *, named: bool
             axes.axvspan(begin, end, color=_SHADE, linewidth=0, zorder=0)
         if named:
             place: dict[str, Any] = {"xytext": (1, -2), "textcoords": "offset points", "va": "top"}
-            look: dict[str, Any] = {"rotation": 90, "fontsize": 6.5, "color": _TEXT, "zorder": 1}
+            look: dict[str, Any] = {"rotation": 90, "fontsize": 7, "color": _TEXT, "zorder": 1}
             axes.annotate(name, (begin, 1.0), xycoords=("data", "axes fraction"), **place, **look)

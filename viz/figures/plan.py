@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,21 @@ from scipy.spatial.transform import Rotation
 
 from spacerobot.arrays import Array
 from spacerobot.errors import ResultError
-from spacerobot.files import StrPath, write_bytes
+from spacerobot.files import StrPath
 from spacerobot.result import Result
 from viz.figures.phases import shade
-from viz.figures.style import COLOURS, DASHES, Drawing, line, panels, styled, to_bytes, unit_scale
+from viz.figures.style import (
+    COLOURS,
+    DASHES,
+    Drawing,
+    drawn_for,
+    legend_beside,
+    line,
+    panels,
+    styled,
+    unit_scale,
+    write_drawings,
+)
 
 ACTIVE = 1e-4
 """How near to a limit a value is to be held by it, as a part of the limits' size."""
@@ -50,26 +61,23 @@ def plan_joints(plan: xr.Dataset, flown: Result | None = None) -> Drawing:
             scale, unit = unit_scale(plan[name].attrs["units"])
             for k, joint in enumerate(mine):
                 own = plan.sel(joint=joint)
-                look = {
-                    "color": COLOURS[k % len(COLOURS)],
-                    "linestyle": DASHES[k // len(COLOURS) % len(DASHES)],
-                }
                 panel.plot(
                     plan.time.values,
                     own[name].values * scale,
                     linewidth=1.1,
                     label=joint.partition("/")[2],
-                    **look,
+                    **_look(k),
                 )
                 _held(panel, plan.time.values, own[name].values * scale, own[f"{name}_limit"].values * scale)
             if flown is not None:
                 _over(panel, plan, flown, name, mine)
-            _limits(panel, plan, name, mine, scale)
+            limits = plan[f"{name}_limit"].sel(joint=mine).values * scale
+            _near_limits(panel, limits, [joint.partition("/")[2] for joint in mine])
             shade(panel, _phases(plan), named=panel is axes[0, 0])
             panel.set_title(f"{robot}, {words}")
             panel.set_ylabel(f"[{unit}]")
             panel.set_xlabel("time [s]")
-        row[2].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7)
+    legend_beside(figure, axes)
     return figure
 
 
@@ -102,7 +110,7 @@ def plan_bases(plan: xr.Dataset, flown: Result | None = None) -> Drawing:
         ):
             scale, shown = unit_scale(unit)
             for k, drive in enumerate(own):
-                panel.plot(time, values[:, k] * scale, label=drive[-1], **line(k))
+                panel.plot(time, values[:, k] * scale, label=drive[-1], **_look(k))
             panel.set_title(f"base of {robot}, {name}")
             panel.set_ylabel(f"[{shown}]")
             panel.set_xlabel("time [s]")
@@ -110,12 +118,12 @@ def plan_bases(plan: xr.Dataset, flown: Result | None = None) -> Drawing:
         limits = plan.base_wrench_limit.sel(drive=own).values
         for k, own_limits in enumerate(limits):
             _held(row[2], time, wrench[:, k], own_limits)
-        _near_limits(row[2], limits.ravel())
+        _near_limits(row[2], limits, [drive[-1] for drive in own])
         if flown is not None:
             data = flown.data.sel(time=slice(0.0, float(time[-1])))
             other = base_motion(data, robot)[part == "t"][:, columns]
             row[0].plot(data.time.values, other * unit_scale(units[0])[0], **FLOWN)
-        row[2].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7)
+    legend_beside(figure, axes)
     return figure
 
 
@@ -217,23 +225,24 @@ def plan_figures(
 
 
 def write_plan_figures(
-    plan: xr.Dataset, summary: Mapping[str, Any], folder: StrPath, *, flown: Result | None = None
+    plan: xr.Dataset,
+    summary: Mapping[str, Any],
+    folder: StrPath,
+    *,
+    flown: Result | None = None,
+    formats: Sequence[str] = ("pdf", "png"),
+    width: str = "double",
 ) -> list[Path]:
-    """Write the figures of a plan as PDF and PNG.
+    """Write the figures of a plan, as wide as one column of a journal or two.
 
     Raises
     ------
     ResultError
-        If a file cannot be written, or ``flown`` has none of the plan's joints.
+        If a format or width is not known, a file cannot be written, or ``flown`` has none of the plan's
+        joints.
     """
-    folder = Path(folder)
-    written = []
-    for name, drawing in plan_figures(plan, summary, flown):
-        for form in ("pdf", "png"):
-            path = folder / f"{name}.{form}"
-            write_bytes(path, to_bytes(drawing, form))
-            written.append(path)
-    return written
+    with drawn_for(width):
+        return write_drawings(plan_figures(plan, summary, flown), Path(folder), formats)
 
 
 def _phases(plan: xr.Dataset) -> list[tuple[str, float, float]]:
@@ -253,17 +262,29 @@ def _held(panel: Axes, time: Array, values: Array, limits: Array) -> None:
         panel.plot(time[near], values[near], **HELD)
 
 
-def _limits(panel: Axes, plan: xr.Dataset, name: str, joints: list[str], scale: float) -> None:
-    """Limits of joints that are not far from what is drawn."""
-    _near_limits(panel, plan[f"{name}_limit"].sel(joint=joints).values * scale)
+def _near_limits(panel: Axes, limits: Array, names: Sequence[str]) -> None:
+    """Limits (k, 2) that are not far from what is drawn, with the names of those that they belong to.
 
-
-def _near_limits(panel: Axes, limits: Array) -> None:
+    That of one curve has its look; one that several share is grey.
+    """
     low, high = panel.get_ylim()
     room = ROOM * (high - low)
     for limit in np.unique(limits):
-        if low - room <= limit <= high + room:
-            panel.axhline(limit, color="0.35", linewidth=0.9, linestyle="--")
+        if not low - room <= limit <= high + room:
+            continue
+        own = np.flatnonzero((limits == limit).any(axis=1)).tolist()
+        text = "all" if len(own) == len(names) > 1 else ", ".join(names[k] for k in own)
+        colour = _look(own[0])["color"] if len(own) == 1 else "0.35"
+        panel.axhline(limit, color=colour, linewidth=0.9, linestyle="--")
+        inside: dict[str, Any] = {"xytext": (-1, 1), "textcoords": "offset points", "ha": "right"}
+        panel.annotate(
+            text, (1.0, limit), xycoords=("axes fraction", "data"), fontsize=7, color=colour, **inside
+        )
+
+
+def _look(k: int) -> dict[str, Any]:
+    """Colour and dashes of joint or drive number ``k``: colours come round again with other dashes."""
+    return {"color": COLOURS[k % len(COLOURS)], "linestyle": DASHES[k // len(COLOURS) % len(DASHES)]}
 
 
 def _over(panel: Axes, plan: xr.Dataset, flown: Result, name: str, joints: list[str]) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import functools
 import io
-from collections.abc import Callable, Iterator, Sequence
+import textwrap
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
@@ -28,10 +29,17 @@ DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 1.5, 1.5, 
 PAPER_FILL, PAPER_LINE = "#E8E4D8", "#8C7F5A"
 """The paper's own values, behind ours."""
 
+FORMATS = ("pdf", "svg", "png")
+"""Kinds of files a figure can be written as."""
+
 WIDTHS_MM = {"single": 89.0, "double": 183.0}
 """Widths of figures in one column, and in two, of a journal's page."""
 
-_LOWER = 0.75  # the share of a panel's height that is left where what stood side by side stands below
+TALLEST_IN = 120 / 25.4
+"""Height of the largest figure in one column, in."""
+
+_LOWER = 0.57  # the share of a panel's height below which a single column's panels stand in more columns
+_LEAST_IN = 0.8  # and the height of a panel, in, if no arrangement leaves that
 _width = ContextVar("width", default="double")
 
 STYLE: Any = {
@@ -66,6 +74,18 @@ STYLE: Any = {
     "text.parse_math": False,
 }
 
+_SMALL: Any = {
+    "font.size": 7,
+    "axes.titlesize": 7,
+    "axes.labelsize": 7,
+    "axes.titlepad": 3,
+    "legend.fontsize": 7,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "lines.linewidth": 1.0,
+}
+"""What a figure in one column has instead: the smallest letters that journals take."""
+
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -82,7 +102,7 @@ def styled(function: Callable[P, T]) -> Callable[P, T]:
 
     @functools.wraps(function)
     def inside(*args: P.args, **kwargs: P.kwargs) -> T:
-        with mpl.rc_context(STYLE):
+        with mpl.rc_context(STYLE | (_SMALL if is_narrow() else {})):
             return function(*args, **kwargs)
 
     return inside
@@ -92,6 +112,8 @@ def styled(function: Callable[P, T]) -> Callable[P, T]:
 def to_bytes(figure: Figure, form: str) -> bytes:
     """A figure as a file of the given kind, the same bytes whenever it is written."""
     layout = figure.get_layout_engine()
+    if is_narrow():
+        _break_texts(figure)
     if layout is not None:  # once, and not whenever it is written: that takes longer than to draw
         layout.execute(figure)
         figure.set_layout_engine(None)
@@ -102,16 +124,40 @@ def to_bytes(figure: Figure, form: str) -> bytes:
     return buffer.getvalue()
 
 
-def write_both(drawing: Figure, folder: Path, name: str) -> None:
-    """Write a figure as PDF and PNG to ``figures`` in a folder.
+def _break_texts(figure: Figure) -> None:
+    """Break titles and names of axes into lines that are no longer than their panels."""
+    for _ in range(2):  # broken names of axes leave titles less room
+        figure.draw_without_rendering()
+        for panel in figure.axes:
+            box = panel.get_window_extent()
+            titles = (panel.title, panel._left_title)  # type: ignore[attr-defined]
+            for text, room in (*((title, box.width) for title in titles), (panel.yaxis.label, box.height)):
+                extent, words = text.get_window_extent(), " ".join(text.get_text().split())
+                longest = max(extent.width, extent.height) / room
+                if words and longest > 1:
+                    line = max(map(len, text.get_text().split("\n"))) / longest
+                    text.set_text(textwrap.fill(words, max(8, int(line)), break_long_words=False))
+
+
+def write_drawings(
+    drawings: Iterable[tuple[str, Figure]], folder: Path, formats: Sequence[str] = ("pdf", "png")
+) -> list[Path]:
+    """Write figures to a folder, each under its name, and return the files.
 
     Raises
     ------
     ResultError
-        If a file cannot be written.
+        If a format is not known, or a file cannot be written.
     """
-    for form in ("pdf", "png"):
-        write_bytes(folder / "figures" / f"{name}.{form}", to_bytes(drawing, form))
+    for form in formats:
+        if form not in FORMATS:
+            raise ResultError(f"no format {form!r}; {near_names(form, FORMATS)}")
+    written = []
+    for name, drawing in drawings:
+        for form in formats:
+            written.append(folder / f"{name}.{form}")
+            write_bytes(written[-1], to_bytes(drawing, form))
+    return written
 
 
 @contextmanager
@@ -131,7 +177,7 @@ def _plain_fonts() -> Iterator[None]:
 
 @contextmanager
 def drawn_for(width: str) -> Iterator[None]:
-    """Draw figures as wide as one of :data:`WIDTHS_MM`; texts keep their size, panels stand below each other.
+    """Draw figures as wide as one of :data:`WIDTHS_MM`; those in one column are at most 120 mm high.
 
     Raises
     ------
@@ -160,7 +206,10 @@ def is_narrow() -> bool:
 def panels(
     rows: int, columns: int, *, height_in: float = 1.9, sharex: bool = False, sharey: bool | str = False
 ) -> tuple[Drawing, np.ndarray[Any, Any]]:
-    """A figure with panels (rows, columns); where it is narrow all stand below each other.
+    """A figure with panels (rows, columns).
+
+    In one column they stand below each other where that leaves them high enough, else in rows and columns as
+    few as do.
 
     Parameters
     ----------
@@ -171,15 +220,34 @@ def panels(
     sharex, sharey
         Whether axes are the same in all panels, or ``"col"``: in those of a column.
     """
-    lines, across = (rows * columns, 1) if is_narrow() else (rows, columns)
-    height = height_in * (_LOWER if is_narrow() and columns > 1 else 1.0)
-    figure = Drawing(figsize=(width_in(), height * lines + 0.5), layout="constrained")
+    lines, across, height = rows, columns, height_in * rows + 0.5
+    if is_narrow():
+        lines, across = _narrow_grid(rows, columns, height_in)
+        height = min(height_in * lines + 0.5, TALLEST_IN)
+    figure = Drawing(figsize=(width_in(), height), layout="constrained")
     shared: dict[str, Any] = {"sharex": sharex, "sharey": sharey is True}
-    axes = figure.subplots(lines, across, squeeze=False, **shared).reshape(rows, columns)
+    axes = figure.subplots(lines, across, squeeze=False, **shared)
+    if (lines, across) == (columns, rows) != (rows, columns):
+        axes = axes.T
+    for panel in axes.flat[rows * columns :]:
+        panel.remove()
+    axes = axes.flat[: rows * columns].reshape(rows, columns)
     for column in axes.T if sharey == "col" else ():
         for panel in column[1:]:
             panel.sharey(column[0])
     return figure, axes
+
+
+def _narrow_grid(rows: int, columns: int, height_in: float) -> tuple[int, int]:
+    """Rows and columns of panels in one column of a page, as few columns as leave panels high enough."""
+    count = rows * columns
+    # in its own order where that has few columns, the other way round, or one after the other
+    grids = [(columns, rows), (rows, columns), (count, 1), (-(-count // 2), 2), (-(-count // 3), 3)]
+    for least in (_LOWER * height_in, _LEAST_IN):
+        for grid in sorted(grids, key=lambda grid: grid[1]):
+            if grid[1] <= 2 and min(height_in, (TALLEST_IN - 0.5) / grid[0]) >= least:
+                return grid
+    return grids[-1]
 
 
 def below_last(axes: np.ndarray[Any, Any]) -> None:
@@ -203,23 +271,43 @@ def legend_above(figure: Figure, *axes: Axes, columns: int = 4) -> None:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             named.setdefault(label, handle)
     if named:
-        columns = min(1 if is_narrow() else columns, len(named))
+        columns = _legend_columns(list(named), columns, width_in())
         figure.legend(list(named.values()), list(named), loc="outside upper center", ncols=columns)
 
 
 def legend_over(axes: Axes, *, columns: int = 2) -> None:
     """Legend between a panel and its title, where it covers no line."""
-    handles, _ = axes.get_legend_handles_labels()
-    columns = min(columns, max(1, len(handles)))
+    handles, names = axes.get_legend_handles_labels()
+    place = axes.get_subplotspec()
+    room = width_in() / (place.get_gridspec().ncols if place is not None else 1)
+    columns = _legend_columns(names, columns, 0.85 * room)
     legend: dict[str, Any] = {
         "loc": "lower left",
         "bbox_to_anchor": (-0.02, 0.98),
         "fontsize": 7,
         "columnspacing": 0.8 if is_narrow() else 1.2,
-        "handlelength": 2.0 if is_narrow() else 2.6,
+        "handlelength": 1.4 if is_narrow() else 2.6,
     }
-    axes.legend(ncols=columns, borderaxespad=0.2, **legend)
+    # its width takes none of a narrow panel's, its height is in the title's distance
+    axes.legend(ncols=columns, borderaxespad=0.2, **legend).set_in_layout(not is_narrow())
     axes.set_title(axes.get_title("left"), pad=6 + 10.5 * -(-len(handles) // columns))
+
+
+def legend_beside(figure: Figure, axes: np.ndarray[Any, Any]) -> None:
+    """Legend of each row at the right of its last panel; in one column one for all above them."""
+    if is_narrow():
+        legend_above(figure, *axes.flat)
+        return
+    for panel in axes[:, -1]:
+        panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7)
+
+
+def _legend_columns(names: Sequence[str], columns: int, room_in: float) -> int:
+    """Columns of a legend: in one column as many as there is room for."""
+    if is_narrow():
+        # a handle and its margins, and each letter of 7 pt
+        columns = min(columns, int(room_in / (0.42 + 0.06 * max(map(len, names), default=0))))
+    return max(1, min(columns, len(names)))
 
 
 def until(axes: Axes, result: Result) -> None:

@@ -21,6 +21,7 @@ from viz.figures.style import (
     PAPER_LINE,
     Drawing,
     below_last,
+    is_narrow,
     labels_of,
     legend_above,
     line,
@@ -60,7 +61,9 @@ def tip_paths(*results: Result) -> Drawing:
         for panel, tip in zip(row, tips, strict=True):
             _path(panel, result, tip, plane)
             title = f"({next(letters)}) {tip}"
-            panel.set_title(title if len(results) == 1 else f"{title}, {label}", pad=16)
+            panel.set_title(
+                title if len(results) == 1 else f"{title}, {label}", pad=24 if is_narrow() else 16
+            )
     _one_scale(list(axes.flat))
     legend_above(figure, *axes.flat)
     return figure
@@ -111,9 +114,10 @@ def _path(panel: Axes, result: Result, tip: str, plane: tuple[int, int]) -> None
     panel.set_aspect("equal", adjustable="datalim")
     panel.locator_params(nbins=5)
     ended = "" if result.completed else f"; diverged after {result.data.time.values[-1]:.3g} s"
-    larger = f", enlarged {times:g} times" if times > 1 else ""
+    larger = f",{chr(10) if is_narrow() else ' '}enlarged {times:g} times" if times > 1 else ""
     words = f"greatest error {greatest * 1e3:.3g} mm{larger}{ended}"
-    panel.text(0.0, 1.02, words, transform=panel.transAxes, fontsize=7.5)
+    size = 7.0 if is_narrow() else 7.5
+    panel.text(0.0, 1.02, words, transform=panel.transAxes, fontsize=size).set_in_layout(not is_narrow())
 
 
 def enlargement(error: float, reach: float) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -76,7 +78,7 @@ def report(*results: Result, title: str | None = None, sections: Sequence[Report
 
 
 def page(heading: str, sections: Sequence[tuple[ReportSection, str]]) -> str:
-    """HTML of a page of sections with a heading; it needs no network and prints well.
+    """HTML of a page of sections with a heading, its figures numbered; it needs no network and prints well.
 
     Parameters
     ----------
@@ -89,6 +91,8 @@ def page(heading: str, sections: Sequence[tuple[ReportSection, str]]) -> str:
     text = "".join(
         f'<section id="{s.name}"><h2>{parts.escape(s.title)}</h2>{body}</section>' for s, body in sections
     )
+    count = itertools.count(1)
+    text = re.sub("<figcaption>", lambda found: f"{found[0]}Figure {next(count)}. ", text)
     web = files("viz") / "web"
     return fill(
         (web / "report.html").read_text(encoding="utf-8"),

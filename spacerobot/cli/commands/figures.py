@@ -55,22 +55,25 @@ def command(
 ) -> None:
     """Write all figures."""
     from optim.planning.output.plan_folder import is_plan
+    from spacerobot.errors import ResultError
     from spacerobot.result import Result
     from viz.figures import save_figures
 
     load_plugins_of([folder for folder in (result, compare) if folder is not None])
+    wanted = [form.strip() for form in formats.split(",") if form.strip()]
     if is_plan(result):
-        _plan(result, compare, out or result / "figures")
+        if only:
+            raise ResultError("the figures of a plan are drawn together; leave out --only", source=result)
+        _plan(result, compare, out or result / "figures", wanted, width)
         return
     results = [Result.load(folder) for folder in (result, compare) if folder is not None]
     folder = out or result / "figures"
-    wanted = [form.strip() for form in formats.split(",") if form.strip()]
     with progress("drawing"):
         written = save_figures(results[0], folder, *results[1:], formats=wanted, names=only, width=width)
     console().print(f"{len(written)} files in {folder}", markup=False, soft_wrap=True)
 
 
-def _plan(folder: Path, flown: Path | None, out: Path) -> None:
+def _plan(folder: Path, flown: Path | None, out: Path, formats: list[str], width: str) -> None:
     """Draw a plan, and what was flown of it."""
     from optim.planning.output.constraint_values import with_flown
     from optim.planning.output.plan_folder import SCENARIO, read
@@ -83,7 +86,7 @@ def _plan(folder: Path, flown: Path | None, out: Path) -> None:
         result = None if flown is None else Result.load(flown)
         if result is not None and "constraint" in plan:
             plan = with_flown(plan, load_scene(folder / SCENARIO), result.data)
-        written = write_plan_figures(plan, summary, out, flown=result)
+        written = write_plan_figures(plan, summary, out, flown=result, formats=formats, width=width)
     console().print(f"{len(written)} files in {out}", markup=False, soft_wrap=True)
 
 

@@ -62,7 +62,7 @@ def _check_units(figure):
         if not axes.axison:
             continue
         for axis in (axes.xaxis, axes.yaxis):
-            label = axis.get_label_text()
+            label = " ".join(axis.get_label_text().split())
             told = UNIT.search(label) or label in PURE
             assert told or not any(tick.get_visible() for tick in axis.get_ticklabels()), label
 
@@ -154,23 +154,25 @@ def test_orientation_errors_are_drawn_where_orientation_is_controlled(spatial, p
 
 @pytest.mark.parametrize(
     ("name", "width", "millimetres"),
-    [("paper", "single", 89), ("paper", "double", 183), ("spatial", "single", 89)],
+    [("paper", "single", 89), ("paper", "double", 183), ("spatial", "single", 89), ("docked", "single", 89)],
 )
 def test_figures_fit_a_journals_columns_with_texts_that_can_be_read(name, width, millimetres, request):
     result = request.getfixturevalue(name)
     with drawn_for(width):
         for file, _, figure in draw_all(result):
+            to_bytes(figure, "png")
             figure.draw_without_rendering()
             _check_units(figure)
             assert figure.get_figwidth() * 25.4 == pytest.approx(millimetres)
-            assert figure.get_figheight() * 25.4 < 250, file
+            assert figure.get_figheight() * 25.4 < (120.01 if width == "single" else 250), file
             inside = figure.get_tightbbox().padded(-0.03)
             assert inside.x0 > -0.01, file
             assert inside.x1 < figure.get_figwidth() + 0.01, file
             texts = [text for text in figure.findobj(Text) if text.get_visible() and text.get_text()]
             assert min(text.get_fontsize() for text in texts) >= 7, file
             if width == "single" and file not in ("docking", "storyboard"):
-                assert min(axes.get_position().width for axes in figure.axes) > 0.5, file
+                sizes = [axes.get_position().size * figure.get_size_inches() for axes in figure.axes]
+                assert np.min(sizes) > 0.45, file
     with pytest.raises(ResultError, match="no width 'triple'"), drawn_for("triple"):
         pass
 
@@ -266,7 +268,7 @@ def test_the_ledgers_drift_is_the_summarys(paper):
     drawn = _lines(ledger(paper), "momentum drift, open energy")
     kept = paper.summary["ledger"]
     for kind in ("linear", "angular"):
-        drift = np.nanmax(drawn[f"{kind} momentum"][:, 1])
+        drift = np.nanmax(drawn[kind][:, 1])
         assert drift == pytest.approx(kept["momentum"][kind]["relative_drift"])
     assert np.nanmax(drawn["energy"][:, 1]) == pytest.approx(kept["energy"]["relative_residual"])
 
@@ -291,7 +293,7 @@ def test_the_ledgers_drift_is_the_summarys_where_a_robot_holds_nothing(tmp_path)
         kept = result.summary["ledger"]["momentum"][kind]
         of_the_arm = np.linalg.norm(result.data[f"body_momentum_{kind}"].values, axis=-1).max()
         assert of_the_arm < 1e-3 * kept[f"largest_partial_{unit}"]
-        drawn = _lines(ledger(result), "momentum drift, open energy")[f"{kind} momentum"][:, 1]
+        drawn = _lines(ledger(result), "momentum drift, open energy")[kind][:, 1]
         assert np.nanmax(drawn) == pytest.approx(kept["relative_drift"])
 
 

@@ -95,6 +95,8 @@ def test_only_the_papers_robots_are_held_against_its_figures(paper, monkeypatch)
     assert not re.search(r"[Pp]aper|Fig\.", own)
     assert "(the paper&#x27;s Fig. 5)" in theirs
     assert "Against the paper" in theirs
+    numbers = [int(number) for number in re.findall(r"<figcaption>Figure (\d+)\. ", own)]
+    assert numbers == list(range(1, len(drawn) + 1))
 
 
 def test_events_have_a_table_where_there_are_any(docked, paper, undrawn):
