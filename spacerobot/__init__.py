@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from optim.evaluation import GradientResult as GradientResult
     from optim.evaluation import batch as batch
     from optim.evaluation import gradient as gradient
+    from optim.identification import IdentificationResult as IdentificationResult
+    from optim.identification import SensorNoise as SensorNoise
+    from optim.identification import identify as identify
     from optim.methods.settings import Effort as Effort
     from optim.problem.tuning_problem import build_problem as build_problem
     from optim.tuning import TuningResult as TuningResult
@@ -58,12 +61,14 @@ _HOME = {
     "ComparisonResult": "spacerobot.api.results",
     "Effort": "optim.methods.settings",
     "GradientResult": "optim.evaluation",
+    "IdentificationResult": "optim.identification",
     "PlanResult": "spacerobot.api.results",
     "Quantity": "spacerobot.quantities",
     "Result": "spacerobot.result",
     "Rollout": "spacerobot.rollout",
     "Scene": "spacerobot.scene",
     "TuningResult": "optim.tuning",
+    "SensorNoise": "optim.identification",
     "SpaceRobotError": "spacerobot.errors",
     "animate": "spacerobot.api.functions",
     "batch": "optim.evaluation",
@@ -74,6 +79,7 @@ _HOME = {
     "compare": "spacerobot.api.functions",
     "figures": "spacerobot.api.functions",
     "gradient": "optim.evaluation",
+    "identify": "optim.identification",
     "load": "spacerobot.api.results",
     "load_plugin": "spacerobot.elements",
     "load_scene": "spacerobot.scene",

@@ -1,0 +1,414 @@
+"""Mass, centre of mass and inertia of a caught object from the momentum of the motion after its capture.
+
+Nothing acts from outside, or its impulse is known, so the momentum of everything about the world's origin is
+constant. That of the object is linear in its ten inertial parameters pi:
+
+    Y(pose, twist) pi - h_0 = -(momentum of the robots and their wheels) + impulse from outside
+
+for every sample, with the unknown total h_0 (6 x 1). No acceleration is needed (Murotsu and others, J.
+Guidance 17(3), 1994; Ma, Dang and Pham, IEEE TRO 24(5), 2008). The object's pose and twist are those of the
+tip that holds it. Y is measured with noise too, so plain least squares is biased. Estimated is the maximum of
+the likelihood by the effective variance: each residual weighs by the covariance J(pi) S J(pi)^T that the
+sensors' noise S gives it, as the parameters vary. An estimate that no body can have is replaced by the
+nearest one that a body can, in the log-Cholesky parameters of Rucker and Wensing (IEEE RA-L 7(2), 2022).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from spacerobot.arrays import Array
+from spacerobot.errors import SpaceRobotError
+from spacerobot.notebook import html_table
+from spacerobot.result import Result
+from spacerobot.scene import Scene
+from spacerobot.scene.scene import SceneBody, SceneGrasp
+
+STEP = 1e-7
+"""Step of the central differences by which noise is propagated [rad, m and their rates]."""
+NAMES = (
+    ("mass", "kg"),
+    *((f"com_{axis}", "m") for axis in "xyz"),
+    *((f"inertia_{axes}", "kg m^2") for axes in ("xx", "yy", "zz", "xy", "xz", "yz")),
+)
+"""Identified quantities and their units: link axes, inertia about the centre of mass."""
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Standard deviations of white noise, of one sample.
+
+    Attributes
+    ----------
+    attitude, rate
+        Of a base, about each axis [rad, rad/s].
+    position, velocity
+        Of a base's origin, along each axis [m, m/s].
+    joint, joint_rate
+        Of each joint [rad or m, rad/s or m/s].
+    """
+
+    attitude: float = 5e-5
+    rate: float = 2e-5
+    position: float = 1e-3
+    velocity: float = 1e-4
+    joint: float = 2.4e-5
+    joint_rate: float = 1e-4
+
+    def scaled(self, factor: float) -> SensorNoise:
+        """All of it times a factor."""
+        return SensorNoise(*(factor * value for value in dataclasses.astuple(self)))
+
+
+@dataclass(frozen=True)
+class IdentificationResult:
+    """Inertial parameters of a body. Every array is read-only.
+
+    Attributes
+    ----------
+    body
+        Name of the body.
+    link
+        Its root link, in whose axes the numbers are.
+    values, deviations, truth
+        Estimates, their standard deviations and the simulation's own values (10,), as named by :data:`NAMES`.
+    samples
+        Number of samples that were used.
+    is_projected
+        Whether the estimate was moved to the nearest one that a body can have.
+    """
+
+    body: str
+    link: str
+    values: Array
+    deviations: Array
+    truth: Array
+    samples: int
+    is_projected: bool
+
+    @property
+    def changes(self) -> Mapping[str, Any]:
+        """Changes of a scenario that give the target the identified mass properties."""
+        path = f"target.links.{self.link}"
+        return {
+            f"{path}.mass": float(self.values[0]),
+            f"{path}.com": self.values[1:4].tolist(),
+            f"{path}.inertia": self.values[4:].tolist(),
+        }
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Name with unit, estimate, standard deviation, truth and error, as text."""
+        found = []
+        for (name, unit), value, deviation, true in zip(
+            NAMES, self.values, self.deviations, self.truth, strict=True
+        ):
+            places = max(0, 1 - math.floor(math.log10(max(deviation, 1e-12))))
+            numbers = (f"{number:.{places}f}" for number in (value, deviation, true, value - true))
+            found.append((f"{name} [{unit}]", *numbers))
+        return found
+
+    def _repr_html_(self) -> str:
+        """Estimates for notebooks."""
+        rows = [(name, f"{value} (std. {deviation})") for name, value, deviation, *_ in self.rows()]
+        return html_table(f"Identification of {self.body}", rows)
+
+
+def identify(
+    result: Result, *, since: float | None = None, noise: SensorNoise | None = None, seed: int = 0
+) -> IdentificationResult:
+    """Mass properties of the object that a simulation's robots hold rigidly.
+
+    Parameters
+    ----------
+    result
+        Simulation with a target that floats, without joints, held by a weld.
+    since
+        Time from which samples are used [s]; that of the weld's last capture if None.
+    noise
+        Noise that is added to what the robots' sensors measure, and by which it is weighted; none if None.
+    seed
+        Seed of the noise.
+
+    Returns
+    -------
+    IdentificationResult
+        Estimates with standard deviations, beside the simulation's own numbers.
+
+    Raises
+    ------
+    SpaceRobotError
+        If no weld holds the target, it has joints, or the motion does not tell its parameters apart.
+    """
+    scene = result.scene()
+    target, grasp = _held(scene)
+    begin = _captured_at(result, grasp) if since is None else since
+    chosen = result.array("time") >= begin - 1e-9
+    if chosen.sum() < len(NAMES):
+        raise SpaceRobotError(
+            f"identification: found {chosen.sum()} samples since {begin:g} s, allowed: at least "
+            f"{len(NAMES)}; simulate longer or take a shorter `simulation.output_step`"
+        )
+    measured = _Momentum.of(result, scene, target, grasp, chosen)
+    states, covariance = measured.states, np.zeros(2 * scene.model.nv)
+    if noise is not None:
+        covariance = measured.variances(noise)
+        drawn = np.random.Generator(np.random.Philox(seed)).normal(size=(len(states), len(covariance)))
+        states = [measured.moved(x, np.sqrt(covariance) * d) for x, d in zip(states, drawn, strict=True)]
+    estimate, spread = _regression(measured, states, covariance)
+    if np.linalg.eigvalsh(spread[:10, :10]).min() <= 0:
+        raise _too_slow()
+    parameters, is_projected = consistent(estimate[:10], spread[:10, :10])
+    slope = _slope(parameters)
+    deviations = np.sqrt(np.diag(slope @ spread[:10, :10] @ slope.T))
+    truth = _named(scene.model.inertias[target.root_joint].toDynamicParameters())
+    values = _named(parameters)
+    if deviations[0] > values[0] or deviations[4:7].max() > values[4:7].sum():
+        raise _too_slow()
+    link = scene.model.frames[target.root_frame].name.partition("/")[2]
+    return IdentificationResult(target.name, link, values, deviations, truth, len(states), is_projected)
+
+
+def _held(scene: Scene) -> tuple[SceneBody, SceneGrasp]:
+    """The target and the first weld that holds it."""
+    target = scene.target
+    welds = [g for g in scene.grasps if g.config.fixes_position and g.config.fixes_orientation]
+    if target is None or not target.root_joint or target.joints or not welds:
+        raise SpaceRobotError(
+            "identification: found no floating target without joints that a grasp of kind `weld` holds, "
+            "which is what can be identified"
+        )
+    return target, welds[0]
+
+
+def _captured_at(result: Result, grasp: SceneGrasp) -> float:
+    """Time of the last capture of a grasp [s]; zero where it holds from the start."""
+    events = [e for e in result.summary["events"] if e["who"] == grasp.name and e["kind"] == "captured"]
+    if events:
+        return float(events[-1]["time_s"])
+    if grasp.config.begins == "closed":
+        return 0.0
+    raise SpaceRobotError(f"identification: grasp {grasp.name!r} captured nothing in this simulation")
+
+
+@dataclass(frozen=True)
+class _Momentum:
+    """Residual of the momentum balance from what the robots' sensors measure.
+
+    Attributes
+    ----------
+    scene, target, grasp
+        The scene, the held body, and the weld that holds it.
+    robots
+        The model, with an object without mass.
+    grip
+        Pose of the object's root link in the tip.
+    states
+        Measured (q, v), one for each sample.
+    given
+        Momentum of wheels less the impulse from outside, about the world's origin (6,), one for each sample.
+    data
+        Room for results of Pinocchio.
+    """
+
+    scene: Scene
+    target: SceneBody
+    grasp: SceneGrasp
+    robots: Any
+    grip: pin.SE3
+    states: list[tuple[Array, Array]]
+    given: Array
+    data: Any
+
+    @classmethod
+    def of(
+        cls, result: Result, scene: Scene, target: SceneBody, grasp: SceneGrasp, chosen: NDArray[np.bool_]
+    ) -> _Momentum:
+        """Of the chosen samples of a result."""
+        model, robots = scene.model, scene.model.copy()
+        robots.inertias[target.root_joint] = pin.Inertia.Zero()
+        states = list(zip(result.array("q")[chosen], result.array("v")[chosen], strict=True))
+        data = model.createData()
+        pin.framesForwardKinematics(model, data, states[0][0])
+        grip = data.oMf[grasp.tip.frame].actInv(data.oMi[target.root_joint])
+        whole = np.hstack([result.array(f"momentum_{kind}")[chosen] for kind in ("linear", "angular")])
+        impulses = [name for name in ("impulse_linear", "impulse_angular") if name in result.data]
+        if impulses:
+            whole = whole - np.hstack([result.array(name)[chosen] for name in impulses])
+        links = np.array([_momentum_of(model, data, q, v) for q, v in states])
+        return cls(scene, target, grasp, robots, grip, states, whole - links, robots.createData())
+
+    @property
+    def own(self) -> list[int]:
+        """Places in v that the robots' sensors measure: all but the object's."""
+        joint = self.scene.model.joints[self.target.root_joint]
+        return [i for i in range(self.scene.model.nv) if not 0 <= i - joint.idx_v < joint.nv]
+
+    def variances(self, noise: SensorNoise) -> Array:
+        """Variance of each component of a measured state (2 nv,); of the object, nothing is measured."""
+        model = self.scene.model
+        found = np.tile([noise.joint, noise.joint_rate], (model.nv, 1))
+        for body in self.scene.robots:
+            if body.root_joint:
+                joint = model.joints[body.root_joint]
+                turning = 3 if joint.nv == 6 else 1
+                base = [(noise.position, noise.velocity)] * (joint.nv - turning)
+                found[joint.idx_v : joint.idx_v + joint.nv] = base + [(noise.attitude, noise.rate)] * turning
+        hidden = np.setdiff1d(np.arange(model.nv), self.own)
+        found[hidden] = 0.0
+        return found.T.ravel() ** 2
+
+    def moved(self, x: tuple[Array, Array], by: Array) -> tuple[Array, Array]:
+        """State with a tangent vector (2 nv,) added."""
+        nv = self.scene.model.nv
+        return pin.integrate(self.robots, x[0], by[:nv]), x[1] + by[nv:]
+
+    def balance(self, x: tuple[Array, Array], given: Array) -> tuple[Array, Array]:
+        """Regressor of the object's momentum (6, 10), and the momentum of everything else (6,)."""
+        data, tip = self.data, self.grasp.tip.frame
+        others = _momentum_of(self.robots, data, *x) + given
+        pin.updateFramePlacement(self.robots, data, tip)
+        twist = self.grip.actInv(pin.getFrameVelocity(self.robots, data, tip, pin.ReferenceFrame.LOCAL))
+        pose = data.oMf[tip] * self.grip
+        return pose.toDualActionMatrix() @ momentum_regressor(twist.linear, twist.angular), others
+
+    def derivatives(self, x: tuple[Array, Array], given: Array) -> Array:
+        """Derivative (2 nv, 6, 11) by the measured state, of the regressor and, last, the other momentum."""
+        nv, found = self.scene.model.nv, np.zeros((2 * self.scene.model.nv, 6, 11))
+        for column in [*self.own, *(i + nv for i in self.own)]:
+            step = np.zeros(2 * nv)
+            step[column] = STEP
+            up, down = (np.column_stack(self.balance(self.moved(x, sign * step), given)) for sign in (1, -1))
+            found[column] = (up - down) / (2 * STEP)
+        return found
+
+
+def _momentum_of(model: Any, data: Any, q: Array, v: Array) -> Array:
+    """Linear and angular momentum of all links about the world's origin (6,)."""
+    found = pin.computeCentroidalMomentum(model, data, q, v)
+    return np.concatenate([found.linear, found.angular + np.cross(data.com[0], found.linear)])
+
+
+def momentum_regressor(velocity: Array, spin: Array) -> Array:
+    """Momentum of a rigid body about its frame's origin as a linear map of its inertial parameters.
+
+    ``p = m v + w x m c`` and ``h = I_o w + m c x v``, in the body's axes.
+
+    Parameters
+    ----------
+    velocity, spin
+        Linear velocity of the frame's origin [m/s] and angular velocity [rad/s], body axes (3,) each.
+
+    Returns
+    -------
+    numpy.ndarray
+        Matrix (6, 10); parameters in Pinocchio's order: m, m c, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz about the
+        origin.
+    """
+    x, y, z = spin
+    found = np.zeros((6, 10))
+    found[:3, 0], found[:3, 1:4], found[3:, 1:4] = velocity, pin.skew(spin), -pin.skew(velocity)
+    found[3:, 4:] = [[x, y, 0, z, 0, 0], [0, x, y, 0, z, 0], [0, 0, 0, x, y, z]]
+    return found
+
+
+def _regression(
+    measured: _Momentum, states: list[tuple[Array, Array]], variance: Array
+) -> tuple[Array, Array]:
+    """Parameters and total momentum (16,), and their covariance (16, 16)."""
+    pairs = list(zip(states, measured.given, strict=True))
+    parts = np.array([np.column_stack(measured.balance(x, given)) for x, given in pairs])
+    rows = np.concatenate([parts[:, :, :10], np.tile(-np.eye(6), (len(parts), 1, 1))], axis=2)
+    right = -parts[:, :, 10]
+    matrix = np.vstack(list(rows))
+    scale = np.linalg.norm(matrix, axis=0)
+    first, _, rank, _ = np.linalg.lstsq(matrix / np.where(scale > 0, scale, 1), right.ravel(), rcond=1e-10)
+    if rank < matrix.shape[1]:
+        raise SpaceRobotError(
+            f"identification: the motion tells {rank} of {matrix.shape[1]} unknowns apart; turn the held "
+            "object about several axes, and use more of the motion (`since`)"
+        )
+    if not variance.any():
+        off = right.ravel() - matrix @ (first / scale)
+        return first / scale, float(off @ off) / (len(off) - len(first)) * np.linalg.inv(matrix.T @ matrix)
+    slopes = np.array([measured.derivatives(x, given) for x, given in pairs])[:, variance > 0]
+    slopes = np.sqrt(variance[variance > 0])[:, None, None] * slopes
+
+    def residual(scaled: Array) -> Array:
+        unknown = scaled / scale
+        spread = slopes @ np.append(unknown[:10], 1.0)
+        covariance = spread.transpose(0, 2, 1) @ spread
+        off = (rows @ unknown - right)[..., None]
+        return np.asarray(np.linalg.solve(np.linalg.cholesky(covariance), off).ravel())
+
+    found = least_squares(residual, first, method="lm", x_scale="jac")
+    try:
+        return found.x / scale, np.linalg.inv(found.jac.T @ found.jac) / np.outer(scale, scale)
+    except np.linalg.LinAlgError:
+        raise _too_slow() from None
+
+
+def _too_slow() -> SpaceRobotError:
+    return SpaceRobotError(
+        "identification: the motion is too slow for this noise to tell the parameters apart; turn the held "
+        "object faster and about several axes"
+    )
+
+
+def consistent(parameters: Array, spread: Array) -> tuple[Array, bool]:
+    """Nearest parameters (10,), by their covariance, that a body can have, and whether they were moved."""
+    if _is_realisable(parameters):
+        return parameters, False
+    root = np.linalg.inv(np.linalg.cholesky(spread))
+    mass = max(abs(parameters[0]), 1e-6)
+    guess = pin.Inertia(mass, parameters[1:4] / mass, np.eye(3) * max(np.abs(parameters[4:]).max(), 1e-6))
+    start = pin.PseudoInertia.FromInertia(guess).toMatrix()
+    flipped = np.linalg.cholesky(start[::-1, ::-1])[::-1, ::-1]
+    alpha = np.log(flipped[3, 3])
+    first = np.array(
+        [
+            alpha,
+            *(np.log(np.diag(flipped)[:3]) - alpha),
+            flipped[0, 1] / flipped[3, 3],
+            flipped[1, 2] / flipped[3, 3],
+            flipped[0, 2] / flipped[3, 3],
+            *(flipped[:3, 3] / flipped[3, 3]),
+        ]
+    )
+
+    def residual(theta: Array) -> Array:
+        return np.asarray(root @ (pin.LogCholeskyParameters(theta).toDynamicParameters() - parameters))
+
+    found = least_squares(residual, first, method="lm", xtol=1e-14, ftol=1e-14)
+    return np.array(pin.LogCholeskyParameters(found.x).toDynamicParameters()), True
+
+
+def _is_realisable(parameters: Array) -> bool:
+    """Whether the pseudo-inertia is positive definite, as that of every distribution of mass is."""
+    if parameters[0] <= 0:
+        return False
+    matrix = pin.PseudoInertia.FromDynamicParameters(parameters).toMatrix()
+    return bool(np.linalg.eigvalsh(matrix).min() > 0)
+
+
+def _named(parameters: Array) -> Array:
+    """Mass, centre of mass and inertia about it, as :data:`NAMES` has them, of Pinocchio's ten (10,)."""
+    inertia = pin.Inertia.FromDynamicParameters(parameters)
+    about = inertia.inertia
+    products = [about[0, 1], about[0, 2], about[1, 2]]
+    return np.array([inertia.mass, *inertia.lever, *np.diag(about), *products])
+
+
+def _slope(parameters: Array) -> Array:
+    """Derivative (10, 10) of the named quantities by Pinocchio's parameters."""
+    steps = 1e-6 * np.diag(np.maximum(np.abs(parameters), 1e-3))
+    ends = [(_named(parameters + step) - _named(parameters - step)) / (2 * step.max()) for step in steps]
+    return np.array(ends).T

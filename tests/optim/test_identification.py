@@ -1,0 +1,98 @@
+"""Identification of a caught object: exact without noise, unbiased with it, realisable, or refused."""
+
+import functools
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import spacerobot as sr
+from optim.identification import consistent, momentum_regressor
+from spacerobot.errors import SpaceRobotError
+
+
+def turn(vector, displacement):
+    line = {"kind": "line", "displacement": displacement, "rotation_deg": vector, "duration": 4}
+    return {"target": {"reference": line}, "until": {"time": 4.5}}
+
+
+AXES = {
+    "roll": turn([25, 0, 0], [0, 0.1, 0.1]),
+    "pitch": turn([0, 25, 0], [0.1, 0, -0.1]),
+    "yaw": turn([0, 0, 25], [-0.1, -0.1, 0]),
+}
+HEAVIER = {"target.links.body.mass": 140, "target.links.body.com": [0.03, -0.01, 0.02]}
+
+
+@functools.cache
+def moved(name="servicer"):
+    changes = HEAVIER | {
+        "simulation.duration": 13.5,
+        "simulation.output_step": 0.1,
+        "phases": AXES,
+    }
+    return sr.simulate(sr.load_scene(name, changes), backend="interpreted")
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_the_regressor_is_the_momentum_of_a_body(seed):
+    rng = np.random.default_rng(seed)
+    inertia, motion = pin.Inertia.Random(), pin.Motion(rng.normal(size=6))
+    found = momentum_regressor(motion.linear, motion.angular) @ inertia.toDynamicParameters()
+    np.testing.assert_allclose(found, (inertia * motion).vector, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["servicer", "servicer-wheels"])
+def test_without_noise_it_is_exact(name):
+    found = sr.identify(moved(name))
+    np.testing.assert_allclose(found.values, found.truth, atol=2e-5)
+    np.testing.assert_allclose(found.values[1:4], [0.03, -0.01, 0.02], atol=1e-6)
+
+
+def test_errors_scatter_as_their_covariance_says():
+    """Squared errors in standard deviations of ten parameters and eight draws, near their number."""
+    found = [sr.identify(moved(), noise=sr.SensorNoise(), seed=seed) for seed in range(8)]
+    squares = np.array([((one.values - one.truth) / one.deviations) ** 2 for one in found])
+    # by simulation of correlated normal deviates the mean lies within these bounds in 999 of 1000 cases
+    assert 0.4 < squares.mean() < 2.1
+    assert (
+        np.median(np.abs(found[0].values - found[0].truth)[[0, 4, 5, 6]] / found[0].truth[[0, 4, 5, 6]])
+        < 0.02
+    )
+
+
+def test_the_identified_object_is_simulated_by_its_changes():
+    found = sr.identify(moved())
+    scene = sr.load_scene("servicer", found.changes)
+    np.testing.assert_allclose(
+        scene.model.inertias[scene.target.root_joint].toDynamicParameters(),
+        moved().scene().model.inertias[scene.target.root_joint].toDynamicParameters(),
+        atol=1e-4,
+    )
+
+
+def test_what_no_body_can_have_is_moved_to_the_nearest():
+    inertia = pin.Inertia(3.0, np.array([0.1, 0, 0]), np.diag([1.0, 2.0, 2.5])).toDynamicParameters()
+    moved_to, moved_at_all = consistent(inertia, np.eye(10))
+    assert not moved_at_all
+    np.testing.assert_array_equal(moved_to, inertia)
+    impossible = pin.Inertia(3.0, np.zeros(3), np.diag([1.0, 2.0, 2.0])).toDynamicParameters()
+    impossible[9] = 3.4  # violates I_zz <= I_xx + I_yy
+    moved_to, moved_at_all = consistent(impossible, np.eye(10))
+    assert moved_at_all
+    assert np.linalg.eigvalsh(pin.PseudoInertia.FromDynamicParameters(moved_to).toMatrix()).min() > -1e-9
+    # the nearest point of the plane I_xx + I_yy = I_zz is at a distance of 0.4 / sqrt(3)
+    assert np.linalg.norm(moved_to - impossible) == pytest.approx(0.4 / np.sqrt(3), rel=1e-3)
+
+
+def test_what_cannot_be_identified_is_said():
+    with pytest.raises(SpaceRobotError, match=r"motion is too slow for this noise|tells .* unknowns apart"):
+        sr.identify(moved(), since=12.5, noise=sr.SensorNoise().scaled(10))
+    with pytest.raises(SpaceRobotError, match=r"found 5 samples since 13\.1 s, allowed: at least 10"):
+        sr.identify(moved(), since=13.1)
+    compliant = sr.simulate(sr.load_scene("paper", {"simulation.duration": 0.1}), backend="interpreted")
+    with pytest.raises(SpaceRobotError, match=r"no floating target .* `weld` holds"):
+        sr.identify(compliant)
