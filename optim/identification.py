@@ -1,4 +1,4 @@
-"""Mass, centre of mass and inertia of a caught object from the momentum of the motion after its capture.
+"""Mass, centre of mass and inertia of a held object from the momentum of the motion after its capture.
 
 Nothing acts from outside, or its impulse is known, so the momentum of everything about the world's origin is
 constant. That of the object is linear in its ten inertial parameters pi:
@@ -16,9 +16,11 @@ nearest one that a body can, in the log-Cholesky parameters of Rucker and Wensin
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,7 +29,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from spacerobot.arrays import Array
-from spacerobot.errors import SpaceRobotError
+from spacerobot.errors import ResultError, SpaceRobotError
+from spacerobot.files import StrPath, write_text
 from spacerobot.notebook import html_table
 from spacerobot.result import Result
 from spacerobot.scene import Scene
@@ -115,6 +118,38 @@ class IdentificationResult:
             numbers = (f"{number:.{places}f}" for number in (value, deviation, true, value - true))
             found.append((f"{name} [{unit}]", *numbers))
         return found
+
+    def save(self, path: StrPath) -> None:
+        """Write it to a JSON file.
+
+        Raises
+        ------
+        ResultError
+            If the file cannot be written.
+        """
+        arrays = {key: getattr(self, key).tolist() for key in ("values", "deviations", "truth")}
+        write_text(Path(path), json.dumps({"identification": vars(self) | arrays}, indent=2) + "\n")
+
+    @classmethod
+    def load(cls, path: StrPath) -> IdentificationResult:
+        """Read what :meth:`save` wrote.
+
+        Raises
+        ------
+        ResultError
+            If it cannot be read.
+        """
+        try:
+            found = json.loads(Path(path).read_text(encoding="utf-8"))["identification"]
+            return cls(**found | {key: np.array(found[key]) for key in ("values", "deviations", "truth")})
+        except (OSError, ValueError, KeyError, TypeError) as fault:
+            raise ResultError(f"holds no identification that can be read: {fault}", source=Path(path)) from None
+
+    def __repr__(self) -> str:
+        """Body, and its mass with the standard deviation, in one line."""
+        return (
+            f"<IdentificationResult {self.body}: {self.values[0]:.4g} kg, std. {self.deviations[0]:.2g} kg>"
+        )
 
     def _repr_html_(self) -> str:
         """Estimates for notebooks."""
@@ -333,7 +368,7 @@ def _regression(
     first, _, rank, _ = np.linalg.lstsq(matrix / np.where(scale > 0, scale, 1), right.ravel(), rcond=1e-10)
     if rank < matrix.shape[1]:
         raise SpaceRobotError(
-            f"identification: the motion tells {rank} of {matrix.shape[1]} unknowns apart; turn the held "
+            f"identification: the motion determines {rank} of {matrix.shape[1]} unknowns; turn the held "
             "object about several axes, and use more of the motion (`since`)"
         )
     if not variance.any():

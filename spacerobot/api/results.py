@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from optim.campaign import CampaignEvaluator
     from optim.comparison.compare import Comparison
     from optim.evaluation import BatchResult, GradientResult
+    from optim.identification import IdentificationResult
     from optim.planning.search.make_plan import PlanSolution
     from optim.tuning import TuningResult
 
@@ -285,13 +286,23 @@ class ComparisonResult:
 
 def load(
     path: StrPath,
-) -> Result | CampaignResult | PlanResult | ComparisonResult | TuningResult | GradientResult | BatchResult:
+) -> (
+    Result
+    | CampaignResult
+    | PlanResult
+    | ComparisonResult
+    | TuningResult
+    | GradientResult
+    | BatchResult
+    | IdentificationResult
+):
     """Read what a result's ``save`` wrote, or a command with ``--out``.
 
     Parameters
     ----------
     path
-        Folder of a result, campaign, plan, comparison or tuning, or file of a gradient or batch.
+        Folder of a result, campaign, plan, comparison or tuning, or file of a gradient, batch or
+        identification.
 
     Returns
     -------
@@ -305,6 +316,10 @@ def load(
         If it is none of these or cannot be read.
     """
     path = Path(path)
+    if path.is_file() and path.suffix == ".json":
+        from optim.identification import IdentificationResult
+
+        return IdentificationResult.load(path)
     if path.is_file():
         from optim.evaluation import load_evaluation
 

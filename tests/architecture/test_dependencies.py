@@ -108,6 +108,7 @@ BUILT_ON = {
         "optim.planning.verification",
         "optim.planning.search",
     },
+    "optim.identification": set(),
     "optim.tuning": {"optim.json_values", "optim.problem", "optim.search", "optim.methods", "optim.workers"},
     "optim.campaign.sampling": {"optim.problem"},
     "optim.campaign.rollouts": {"optim.problem", "optim.campaign.sampling"},

@@ -64,8 +64,10 @@ def test_errors_scatter_as_their_covariance_says():
     )
 
 
-def test_the_identified_object_is_simulated_by_its_changes():
+def test_the_identified_object_is_saved_and_simulated_by_its_changes(tmp_path):
     found = sr.identify(moved())
+    found.save(tmp_path / "object.json")
+    assert repr(sr.load(tmp_path / "object.json")) == repr(found)
     scene = sr.load_scene("servicer", found.changes)
     np.testing.assert_allclose(
         scene.model.inertias[scene.target.root_joint].toDynamicParameters(),
@@ -89,7 +91,7 @@ def test_what_no_body_can_have_is_moved_to_the_nearest():
 
 
 def test_what_cannot_be_identified_is_said():
-    with pytest.raises(SpaceRobotError, match=r"motion is too slow for this noise|tells .* unknowns apart"):
+    with pytest.raises(SpaceRobotError, match=r"motion is too slow for this noise|determines .* unknowns"):
         sr.identify(moved(), since=12.5, noise=sr.SensorNoise().scaled(10))
     with pytest.raises(SpaceRobotError, match=r"found 5 samples since 13\.1 s, allowed: at least 10"):
         sr.identify(moved(), since=13.1)

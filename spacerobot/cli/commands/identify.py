@@ -1,4 +1,4 @@
-"""``spacerobot identify``: mass properties of a caught object."""
+"""``spacerobot identify``: mass properties of a held object."""
 
 from __future__ import annotations
 
@@ -50,7 +50,9 @@ def command(
     title = ("", "estimate", "std. deviation", "simulated", "error")
     console().print(table(f"{found.body}, {found.samples} samples", title, found.rows()))
     if found.is_projected:
-        console().print("moved to the nearest values that a body can have: the motion tells too little")
+        console().print(
+            "the estimate was no body's and was moved to the nearest that is: more motion is needed"
+        )
 
 
 COMMANDS.add(Command.of("identify", command, HELP, place=6), __name__)
