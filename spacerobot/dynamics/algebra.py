@@ -31,14 +31,12 @@ def cross(a: ca.SX, b: ca.SX) -> ca.SX:
     casadi.SX
         ``a x b``, 3x1.
     """
-    a1, a2, a3 = ca.vertsplit(a)  # quicker than to index
-    b1, b2, b3 = ca.vertsplit(b)
-    return ca.vertcat(a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1)
+    return ca.cross(a, b)
 
 
 def cross_columns(a: ca.SX, matrix: ca.SX) -> ca.SX:
     """Vector product of ``a`` with every column: ``skew(a) @ matrix``, 3xn."""
-    return ca.horzcat(*(cross(a, matrix[:, k]) for k in range(matrix.size2())))
+    return ca.cross(ca.repmat(a, 1, matrix.size2()), matrix, 1)
 
 
 def mirror(matrix: ca.SX) -> ca.SX:
