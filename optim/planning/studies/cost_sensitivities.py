@@ -13,12 +13,15 @@ from functools import cached_property
 
 import numpy as np
 
-from optim.planning.formulation.formulate import formulate
+from optim.planning.formulation.formulate import formulate_phases
 from optim.planning.search.make_plan import PlanSolution
+from optim.planning.search.plan_solver import PlanSolver
 from optim.planning.solver.ipopt import Solution
+from optim.planning.solver.nonlinear_program import NonlinearProgram
 from optim.planning.transcription.collocation_program import CollocationProgram
-from optim.planning.transcription.instant_functions import InstantFunctions, build_instants, with_values_of
-from optim.planning.transcription.motion import Motion
+from optim.planning.transcription.drive_jumps import segment_constraints, segment_problems
+from optim.planning.transcription.instant_functions import with_values_of
+from optim.planning.transcription.phase_chain import PhaseChain, phase_programs
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.load import to_document
@@ -50,24 +53,18 @@ def cost_sensitivities(planned: PlanSolution, paths: Sequence[str]) -> dict[str,
     Raises
     ------
     ScenarioError
-        If there is no such number, or the plan has several phases.
+        If there is no such number.
     """
-    if len(planned.phased_motion.motions) > 1:
-        raise ScenarioError(
-            "cost sensitivities need a plan of one phase whose drives do not jump",
-            source=planned.scene.source,
-            where="plan.phases",
-        )
-    document = to_document(planned.scene.scenario)
-    instants = build_instants(planned.motion.problem, "interpreted")
-    solution = OptimalPoint(planned.scene, planned.motion, planned.solution, instants)
-    found = {}
+    document, numbers = to_document(planned.scene.scenario), dict[str, float]()
     for path in paths:
         value = get(document, path)
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ScenarioError(f"found {value!r}, allowed: a number", where=path)
-        found[path] = solution.slope({path: value})
-    return found
+        numbers[path] = value
+    solver = PlanSolver.of(planned.scene, "interpreted")
+    program = solver.program(solver.request(), planned.phased_motion.meshes)
+    solution = OptimalPoint(planned.scene, program, planned.solution)
+    return {path: solution.slope({path: value}) for path, value in numbers.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,22 +73,23 @@ class OptimalPoint:
 
     Attributes
     ----------
-    scene, motion, solution, instants
-        The scene, the motion, where the solver ended, and the problem's functions.
+    scene, program, solution
+        The scene, its program on the meshes of the solution, and where the solver ended.
     """
 
     scene: Scene
-    motion: Motion
+    program: NonlinearProgram
     solution: Solution
-    instants: InstantFunctions
 
-    def slope(self, numbers: Mapping[str, float]) -> float:
+    def slope(self, numbers: Mapping[str, float], rates: Mapping[str, float] | None = None) -> float:
         """Derivative of the optimal cost by numbers of the scenario that change together.
 
         Parameters
         ----------
         numbers
-            Their values by dotted path; one unit more is one unit more of each.
+            Their values by dotted path.
+        rates
+            By how much each changes per unit; one if not given.
 
         Raises
         ------
@@ -102,7 +100,12 @@ class OptimalPoint:
         found = 0.0
         for many, weight in SIDES:
             ahead, behind = (
-                self._lagrangian({path: value + side * many * step for path, value in numbers.items()})
+                self._lagrangian(
+                    {
+                        path: value + side * many * step * (1.0 if rates is None else rates[path])
+                        for path, value in numbers.items()
+                    }
+                )
                 for side in (1, -1)
             )
             found += weight * (ahead - behind)
@@ -113,9 +116,7 @@ class OptimalPoint:
         """Multipliers of the unknowns' limits; of what is fixed, which the solver leaves out, what makes the
         slope vanish.
         """
-        program = CollocationProgram(
-            self.motion.problem, self.instants, self.motion.lobatto, self.motion.mesh
-        )
+        program = self.program
         low, high = program.bounds()
         jacobian = program.jacobian_pattern.copy()
         jacobian.data = program.jacobian(self.solution.w)
@@ -125,11 +126,30 @@ class OptimalPoint:
     def _lagrangian(self, changes: Mapping[str, float]) -> float:
         """At the unknowns and multipliers, for other numbers; counted from the cost."""
         scene, solution = build_scene(self.scene.scenario, changes, source=self.scene.source), self.solution
-        problem = formulate(scene)
-        instants = with_values_of(self.instants, problem)
-        program = CollocationProgram(problem, instants, self.motion.lobatto, self.motion.mesh)
+        program = _with_numbers_of(scene, self.program)
         held = _pressed(solution.multipliers, program.constraints(solution.w), program.limits())
         return program.objective(solution.w) + held + _pressed(self._bounds, solution.w, program.bounds())
+
+
+def _with_numbers_of(scene: Scene, program: NonlinearProgram) -> NonlinearProgram:
+    """A program for a scene that differs by numbers alone, on the same meshes, to be evaluated only."""
+    phases, before = formulate_phases(scene), phase_programs(program)
+    problems = [phase.problem for phase in phases]
+    if len(phases) < len(before):  # drives jump
+        problems = segment_problems(problems[0], len(before))
+    programs = [
+        CollocationProgram(problem, with_values_of(own.instants, problem), own.lobatto, own.mesh)
+        for problem, own in zip(problems, before, strict=True)
+    ]
+    if not isinstance(program, PhaseChain):
+        return programs[0]
+    if len(phases) < len(before):
+        return PhaseChain(programs, program.links, segment_constraints(programs, phases[0].problem))
+    links = [
+        link.with_values_of(phase.problem.stage, phase.impact)
+        for link, phase in zip(program.links, phases[1:], strict=True)
+    ]
+    return PhaseChain(programs, links)
 
 
 def _pressed(multipliers: Array, values: Array, sides: tuple[Array, Array]) -> float:

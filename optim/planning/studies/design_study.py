@@ -260,9 +260,8 @@ class _DesignSearch:
         if result.solution is None:
             return _lost(values, f"no plan was found: {result.cause}", iterations)
         own = solver.keeping_apart(result.apart)
-        solution = OptimalPoint(
-            own.scene, solver.motion(request, result), result.solution, own.interpreted.instants
-        )
+        program = own.interpreted.program(request, result.meshes)
+        solution = OptimalPoint(own.scene, program, result.solution)
         tied = [dict.fromkeys(paths, float(v)) for paths, v in zip(variables.paths, values, strict=True)]
         slopes = np.array([solution.slope(numbers) for numbers in tied])
         return _PlannedDesign(

@@ -57,22 +57,14 @@ class Linkage:
         impact
             Whether rigid grasps close where it begins.
         """
-        scene, model = stage.scene, stage.scene.model
-        count = stage.w.numel() if impact else 0
-        before, behind = (ca.SX.sym(name, model.nq + model.nv) for name in ("before", "behind"))
-        impulse = ca.SX.sym("impulse", count)
-        rows = behind - before
-        if impact:
-            q, v, jump = before[: model.nq], behind[model.nq :], rows[model.nq :]
-            still, inertias = forward_kinematics(model, q, ca.SX(model.nv, 1)), Inertias.from_model(model)
-            momentum, none = (
-                inverse_dynamics(model, still, inertias, by) for by in (jump, ca.SX(model.nv, 1))
-            )
-            parting = tip_slip(scene, forward_kinematics(model, q, v), stage.grips)
-            rows[model.nq :] = momentum - none - ca.jtimes(parting, v, impulse, True)
-            rows = ca.vertcat(rows, parting)
-        functions, (jacobian, hessian) = derived(ca.vertcat(before, behind, impulse), ca.densify(rows), "")
+        given, rows, count = _joined(stage, impact)
+        functions, (jacobian, hessian) = derived(given, rows, "")
         return cls(functions, jacobian, hessian, count)
+
+    def with_values_of(self, stage: Stage, impact: bool) -> Linkage:
+        """The values of a link into a phase that differs by numbers alone; no derivatives."""
+        given, rows, _ = _joined(stage, impact)
+        return dataclasses.replace(self, functions={"values": ca.Function("values", [given], [rows])})
 
     @property
     def rows(self) -> int:
@@ -82,6 +74,23 @@ class Linkage:
     def call(self, name: str, *given: Array) -> Array:
         """Values of one of its functions."""
         return np.array(self.functions[name](*given).full()).ravel()
+
+
+def _joined(stage: Stage, impact: bool) -> tuple[ca.SX, ca.SX, int]:
+    """State before a phase, state after it and impulse, their constraints, and entries of the impulse."""
+    scene, model = stage.scene, stage.scene.model
+    count = stage.w.numel() if impact else 0
+    before, behind = (ca.SX.sym(name, model.nq + model.nv) for name in ("before", "behind"))
+    impulse = ca.SX.sym("impulse", count)
+    rows = behind - before
+    if impact:
+        q, v, jump = before[: model.nq], behind[model.nq :], rows[model.nq :]
+        still, inertias = forward_kinematics(model, q, ca.SX(model.nv, 1)), Inertias.from_model(model)
+        momentum, none = (inverse_dynamics(model, still, inertias, by) for by in (jump, ca.SX(model.nv, 1)))
+        parting = tip_slip(scene, forward_kinematics(model, q, v), stage.grips)
+        rows[model.nq :] = momentum - none - ca.jtimes(parting, v, impulse, True)
+        rows = ca.vertcat(rows, parting)
+    return ca.vertcat(before, behind, impulse), ca.densify(rows), count
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from scipy.integrate import solve_bvp, trapezoid
 from optim.planning.output.plan_folder import FOLLOWED, dataset, write
 from optim.planning.search.make_plan import make_plan
 from optim.planning.search.plan_solver import PlanSolver
+from optim.planning.studies.cost_sensitivities import cost_sensitivities
 from optim.planning.transcription.mesh import Mesh
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
@@ -198,6 +199,9 @@ def test_a_force_that_jumps_at_a_free_knot_takes_the_least_time(tmp_path, interv
     np.testing.assert_allclose(force, np.where(found.phased_motion.time <= 1 - 1e-9, 4, force), atol=1e-4)
     assert [motion.duration_s for motion in found.phased_motion.motions] == pytest.approx([1, 1], abs=1e-6)
     assert found.runs[-1].intervals <= intervals + 2
+    paths = ["robots.one.links.cart.mass", "robots.one.joints.slide.torque_limit"]
+    slopes = {paths[0]: 1 / 2, paths[1]: -1 / 4}  # T / (2 m) and -T / (2 F)
+    assert cost_sensitivities(found, paths) == pytest.approx(slopes, rel=1e-4)
     write(found, tmp_path / "plan")
     followed = load_scene(tmp_path / "plan" / FOLLOWED)
     flown = simulate(followed, backend="interpreted").data

@@ -10,6 +10,7 @@ from optim.planning.formulation.base_reactions import base_reactions
 from optim.planning.formulation.formulate import formulate_phases
 from optim.planning.output.plan_folder import FOLLOWED, dataset, write
 from optim.planning.search.make_plan import make_plan
+from optim.planning.studies.cost_sensitivities import cost_sensitivities
 from optim.planning.studies.pareto_front import FrontRequest, make_front
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
@@ -98,6 +99,24 @@ def test_a_catch_and_what_follows_cost_least_together(catch, closing):
         assert np.abs(found.phased_motion.impulses[0]).max() == pytest.approx(impulse, rel=1e-6)
     else:
         assert np.abs(found.phased_motion.impulses[0]).max() < 1e-6
+
+
+def test_slopes_of_the_cost_of_two_phases_are_those_of_the_closed_form(catch):
+    """By numbers of the start, of the first goal, and of the impulse between the phases."""
+    goal = "plan.phases.catch.goals.meet.closing_speed"
+    found = make_plan(catch((goal, 0.4)), backend="interpreted")
+    first, second = (motion.duration_s for motion in found.phased_motion.motions)
+
+    def cost(far, speed, mass, closing):
+        """At the optimal durations, by which its derivatives vanish."""
+        where, both = far + speed * first, CART + mass
+        joined = (CART * (speed + closing) + mass * speed) / both
+        return effort(CART, where, 0, speed + closing, first) + effort(both, TO - where, joined, 0, second)
+
+    at, step = (FAR, SPEED, OBJECT, 0.4), 1e-5
+    slopes = [(cost(*(at + e)) - cost(*(at - e))) / (2 * step) for e in step * np.eye(4)]
+    paths = ["target.base.position.0", "target.base.velocity.0", "target.links.ball.mass", goal]
+    np.testing.assert_allclose(list(cost_sensitivities(found, paths).values()), slopes, rtol=1e-4)
 
 
 @pytest.mark.parametrize("impact", [0.0, 3.0])
