@@ -66,9 +66,16 @@ def regressions(rows: Sequence[Row], before: Mapping[str, float]) -> list[str]:
 
 
 def keep(rows: Sequence[Row], measured_on: Mapping[str, Any], path: Path = HISTORY) -> None:
-    """Append an entry with today's date and the commit that was measured."""
+    """Append an entry with today's date, the commit that was measured, and how busy the machine was.
+
+    A load average of the last quarter of an hour above the cores marks the machine as shared: ratios scatter
+    more then.
+    """
     ratios = {f"{row.what} / {row.against}": row.ratio for row in rows if row.ratio is not None}
     date = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
-    entry = {"date": date, "commit": commit(), "machine": dict(measured_on), "ratios": ratios}
+    entry: dict[str, Any] = {"date": date, "commit": commit(), "machine": dict(measured_on), "ratios": ratios}
+    if hasattr(os, "getloadavg"):  # Unix alone has it
+        load = os.getloadavg()[2]
+        entry |= {"load_average": round(load, 1), "shared": load > (os.cpu_count() or 1)}
     with path.open("a", encoding="utf-8") as file:
         file.write(json.dumps(entry) + "\n")

@@ -184,8 +184,14 @@ def _compared(
     one, other = found["ours"], found["theirs"]
     apart = abs(one.cost - other.cost) / abs(other.cost)
     same = one.converged and other.converged and apart <= SAME_COST
+    steps = [sum(map(int, own.iterations.split(" + "))) for own in (one, other)]
+    each = [
+        1e3 * spent / max(count, 1)
+        for spent, count in zip((times.first_s, times.second_s), steps, strict=True)
+    ]
     note = (
-        f"{one.iterations} and {other.iterations} iterations; costs {one.cost:.6f} and {other.cost:.6f}; "
+        f"{one.iterations} and {other.iterations} iterations of {each[0]:.3g} and {each[1]:.3g} ms; "
+        f"costs {one.cost:.6f} and {other.cost:.6f}; "
         f"replayed {one.error:.1e} and {other.error:.1e} off"
     )
     order, begun = words
