@@ -27,6 +27,7 @@ from optim.planning.search.failure_messages import soft_rows
 from optim.planning.search.make_plan import PLAN, failure_message, plan_result
 from optim.planning.search.plan_solver import PlanSolver, SolveResult
 from optim.planning.search.solve_request import solve_request
+from optim.planning.search.warm_start import FILE as PLAN_FILE
 from optim.planning.search.warm_start import stored_motion
 from optim.planning.solver.elastic import ElasticProgram
 from optim.planning.solver.ipopt import solve
@@ -107,7 +108,7 @@ def described(planned: PlannedRate) -> dict[str, Any]:
     motions = solver.phased_motion(solver.request(), result).motions
     driven, first = solver.problem.stage.driven, program.programs[0].nx + program.programs[0].nv
     of_limits = np.zeros(len(driven.names))
-    for own, part in zip(program.programs, program.parted(solution), strict=True):
+    for own, part in zip(program.programs, program.parted(solution), strict=False):
         by_point, _ = own.split(part.bound_multipliers)
         of_limits += np.abs(by_point[:, first : first + len(of_limits)]).sum(axis=0)
     used = np.max([np.abs(motion.u).max(axis=0) for motion in motions], axis=0) / driven.limits
@@ -133,9 +134,13 @@ def verified(planned: PlannedRate, folder: Path) -> dict[str, Any]:
 def main() -> None:
     """Search, verify, and write data and figure."""
     folder, rows = Path(sys.argv[1] if sys.argv[1:] else "out/largest_rate"), []
-    first = sr.plan(scene_at(FIRST), folder / "first")
+    if not (folder / "first" / PLAN_FILE).exists():
+        sr.plan(scene_at(FIRST), folder / "first")
     solver = PlanSolver.of(scene_at(FIRST), "interpreted")
-    near = dataclasses.replace(stored_motion(solver, folder / "first"), cost=first.cost)
+    near = stored_motion(solver, folder / "first")
+    assert near.solution is not None
+    cost = solver.program(solver.request(), near.meshes).objective(near.solution.w)
+    near = dataclasses.replace(near, cost=cost)
     rate, step, best = FIRST, STEP, None
     while step > PRECISE * rate:
         begun = time.process_time()

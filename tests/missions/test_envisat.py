@@ -7,6 +7,7 @@ import pytest
 import spacerobot as sr
 from spacerobot.description import find_urdf
 from tests.missions.pages import check
+from viz.page.animation import animation
 
 
 @pytest.fixture(scope="module")
@@ -59,3 +60,8 @@ def test_the_servicer_begins_at_rest_relative_to_envisat():
     tip = result.data.tip_position.values[0, 0]
     velocity = result.data.tip_velocity.values[0, 0]
     np.testing.assert_allclose(velocity, np.cross(np.radians([0, 0, 3.5]), tip), atol=5e-5)
+
+
+def test_the_camera_comes_near_at_the_capture_although_envisat_is_large(run):
+    whole, near, _ = (np.ptp(shot["points"], axis=0).max() for shot in animation(run)["shots"])
+    assert near < whole / 3

@@ -17,8 +17,9 @@ from viz.page.meshcat_scene import rounded
 
 _LEAD, _TAIL = 0.14, 0.06  # of the whole duration: a close-up before and after a capture
 _TOGETHER = 0.02  # of it: captures that share a close-up
-_NEAR = 0.6  # half of a close-up, as a share of the target's size
-_LEAST = 0.07  # and of the scene's
+_NEAR = 0.6  # half of a close-up, as a share of the smaller one's size of target and robot
+_MOST = 0.2  # at most, as a share of the size of all that is shown then
+_LEAST = 0.07  # at least, as a share of the scene's over the whole motion
 
 
 def shots(
@@ -45,10 +46,6 @@ def shots(
     )
     if not captures or len(time) < 3 or scene.target is None:
         return []
-    reach = max(
-        _NEAR * float(np.ptp(extremes(_between(only(motion, scene.target.name), 0, 0), *box), axis=0).max()),
-        _LEAST * float(np.linalg.norm(box[1] - box[0])),
-    )
     # captures at almost the same time share a close-up; between others the camera changes halfway
     groups = [[captures[0]]]
     for before, capture in pairwise(captures):
@@ -72,12 +69,21 @@ def shots(
             group = groups[k // 2]
             row = int(np.searchsorted(time, group[0][0]).clip(0, len(time) - 1))
             held = replace(motion, mates=motion.mates[:, [grasp for _, grasp in group]])
-            points = _around(held.mates[row], reach)
+            tips = (scene.scenario.grasps[names[grasp]].tip for _, grasp in group)
+            holding = {tip.partition("/")[0] for tip in tips}
+            smallest = min(_size(only(motion, body), row, box) for body in (scene.target.name, *holding))
+            reach = min(_NEAR * smallest, _MOST * _size(motion, row, box))
+            points = _around(held.mates[row], max(reach, _LEAST * float(np.linalg.norm(box[1] - box[0]))))
             seen = view if scene.planar else grasp_view(held, row, view)
         found.append(
             {"time": float(begin), "points": [rounded(p) for p in points], "towards": rounded(seen.towards)}
         )
     return found
+
+
+def _size(motion: BodyMotion, row: int, box: tuple[Array, Array]) -> float:
+    """Longest side of a box around what is seen at a frame, m."""
+    return float(np.ptp(extremes(_between(motion, row, row), *box), axis=0).max())
 
 
 def _between(motion: BodyMotion, first: int, last: int) -> BodyMotion:

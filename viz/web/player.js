@@ -39,7 +39,7 @@ export class Player {
     this.busy = new Busy($("busy"));
     this.camera = new Camera(this.scene, this.labels, {
       seek: (time) => this.timeline.seek(time),
-      words: () => `${this.payload.title}, t = ${this.timeline.time.toFixed(2)} s; ${this.scene.scale}`,
+      words: () => [`${this.payload.title}, t = ${this.timeline.time.toFixed(2)} s`, this.scene.scale].filter(Boolean).join("; "),
     });
     this.link = new Link({ read: () => this.state(), apply: (wanted) => this.become(wanted) });
     // small windows have no room for it
