@@ -14,7 +14,6 @@ import dataclasses
 import json
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +29,8 @@ from optim.planning.search.solve_request import solve_request
 from optim.planning.search.warm_start import FILE as PLAN_FILE
 from optim.planning.search.warm_start import stored_motion
 from optim.planning.solver.elastic import ElasticProgram
-from optim.planning.solver.ipopt import solve
-from optim.planning.studies.cost_sensitivities import OptimalPoint
+from optim.planning.solver.ipopt import Solution, solve
+from optim.planning.solver.nonlinear_program import NonlinearProgram
 from optim.planning.transcription.phase_chain import PhaseChain
 from spacerobot.files import write_bytes, write_text
 from spacerobot.scene import Scene
@@ -42,19 +41,9 @@ AXIS, PLACE = np.array([0.00522422, 0.99701949, -0.07697305]), np.array([7.2, 0.
 """Intermediate axis of Envisat, and where the servicer begins [m], both in Envisat's axes."""
 FIRST, STEP, PRECISE = 5.0, 1.0, 0.01
 """First rate and first step [deg/s], and the step, relative to the rate, at which the search ends."""
-ITERATIONS, RELAXED = 150, 250
+ITERATIONS, RELAXED = 80, 100
 FEASIBLE = 1e-7
 SCENARIO, DATA, FIGURE = "envisat", "docs/data/envisat_rates.json", "docs/images/envisat_rates.png"
-
-
-@dataclass(frozen=True, eq=False)
-class PlannedRate:
-    """A rate that a plan was found for."""
-
-    rate: float
-    scene: Scene
-    solver: PlanSolver
-    result: SolveResult
 
 
 def directions() -> dict[str, float]:
@@ -74,59 +63,68 @@ def scene_at(rate: float) -> Scene:
     return sr.load_scene(SCENARIO, {path: rate * each for path, each in directions().items()})
 
 
-def solved(rate: float, near: SolveResult) -> tuple[PlannedRate | None, dict[str, Any]]:
-    """Plan of a rate on the meshes of another, if there is one, and a row of the data."""
-    scene = scene_at(rate)
-    solver = PlanSolver.of(scene, "interpreted")
+def at(solver: PlanSolver, rate: float) -> PlanSolver:
+    """The solver of a scene that differs from the scenario by its rate, by which only the start differs."""
+    start = np.concatenate([solver.scene.q, scene_at(rate).v])
+    return dataclasses.replace(solver, problem=dataclasses.replace(solver.problem, fixed=start))
+
+
+def solved(solver: PlanSolver, near: SolveResult) -> tuple[SolveResult | None, dict[str, Any]]:
+    """Plan of a rate on the meshes of another, if there is one, and what is known of it."""
     program = solver.program(solver.request(), near.meshes)
     assert near.solution is not None
     found = solve(program, near.solution.w, near.solution, scale=near.cost, iterations=ITERATIONS)
-    row: dict[str, Any] = {"value": rate, "iterations": found.iterations, "feasible": found.converged}
+    row: dict[str, Any] = {"feasible": found.converged, "iterations": found.iterations}
     if not found.converged:
         elastic = ElasticProgram(program, soft_rows(program), near.cost)
-        relaxed = solve(elastic, elastic.started(found.w), iterations=RELAXED)
-        violation = elastic.violation(relaxed.w)
-        row |= {"least_violation": violation, "converged": relaxed.converged, "status": found.status}
-        if violation > FEASIBLE or not relaxed.converged:
+        relaxed = solve(elastic, elastic.started(near.solution.w), iterations=RELAXED)
+        violation, own = elastic.violation(relaxed.w), relaxed.w[: program.size]
+        row |= {"least_violation": violation, "is_minimum": relaxed.converged, "status": found.status}
+        if violation > FEASIBLE:
             return None, row
-        found = solve(program, relaxed.w[: program.size], scale=near.cost, iterations=2 * ITERATIONS)
-        row |= {"feasible": found.converged, "status": found.status}
+        found = solve(program, own, scale=near.cost, iterations=ITERATIONS)
+        row["feasible"] = found.converged
         if not found.converged:
             return None, row
-    cost = program.objective(found.w)
-    result = SolveResult((), found, near.meshes, cost, None, "")
-    return PlannedRate(rate, scene, solver, result), row | {"cost": cost}
+    result = SolveResult((), found, near.meshes, program.objective(found.w), None, "")
+    return result, row | {"cost": result.cost} | described(solver, program, found)
 
 
-def described(planned: PlannedRate) -> dict[str, Any]:
-    """Slope of the cost, how near each drive comes to its limit, and what one percent of all limits saves."""
-    solver, result, rates = planned.solver, planned.result, directions()
-    program = solver.program(solver.request(), result.meshes)
-    solution = result.solution
-    assert solution is not None
+def described(solver: PlanSolver, program: NonlinearProgram, solution: Solution) -> dict[str, Any]:
+    """Slope of the cost, how near each drive comes to its limit, and what one percent of a limit saves.
+
+    The optimal cost changes with an unknown that is fixed, as the start is, by the derivative of the
+    Lagrangian, and with a limit by its multiplier.
+    """
     assert isinstance(program, PhaseChain)
-    motions = solver.phased_motion(solver.request(), result).motions
-    driven, first = solver.problem.stage.driven, program.programs[0].nx + program.programs[0].nv
-    of_limits = np.zeros(len(driven.names))
+    jacobian = program.jacobian_pattern.copy()
+    jacobian.data = program.jacobian(solution.w)
+    by_start = program.gradient(solution.w) + jacobian.T @ solution.multipliers
+    nq, nv = program.programs[0].nq, program.programs[0].nv
+    driven, first = solver.problem.stage.driven, nq + 2 * nv
+    count = len(driven.names)
+    used, of_limits = np.zeros(count), np.zeros(count)
     for own, part in zip(program.programs, program.parted(solution), strict=False):
-        by_point, _ = own.split(part.bound_multipliers)
-        of_limits += np.abs(by_point[:, first : first + len(of_limits)]).sum(axis=0)
-    used = np.max([np.abs(motion.u).max(axis=0) for motion in motions], axis=0) / driven.limits
-    point = OptimalPoint(planned.scene, program, solution)
+        drives, held = (
+            own.split(values)[0][:, first : first + count] for values in (part.w, part.bound_multipliers)
+        )
+        used = np.maximum(used, np.abs(drives).max(axis=0) / driven.limits)
+        of_limits += np.abs(held).sum(axis=0) * driven.limits
     return {
-        "slope": point.slope({path: planned.rate * each for path, each in rates.items()}, rates),
-        "saved_by_percent": dict(zip(driven.names, (0.01 * of_limits * driven.limits).tolist(), strict=True)),
+        "slope": float(by_start[nq : nq + nv] @ (scene_at(1.0).v - scene_at(0.0).v)),
+        "saved_by_percent": dict(zip(driven.names, (0.01 * of_limits).tolist(), strict=True)),
         "used": dict(zip(driven.names, used.tolist(), strict=True)),
     }
 
 
-def verified(planned: PlannedRate, folder: Path) -> dict[str, Any]:
+def verified(rate: float, near: SolveResult, folder: Path) -> dict[str, Any]:
     """Plan of the rate, refined and verified by replay, in a folder; why there is none."""
-    request = planned.solver.request(near=planned.result, is_solved=True)
-    result = solve_request(planned.solver, request)
+    solver = PlanSolver.of(scene_at(rate), "interpreted")
+    request = solver.request(near=near, is_solved=True)
+    result = solve_request(solver, request)
     if (fault := failure_message(result)) is not None:
         return {"verified": False, "failure": fault}
-    plan = plan_result(planned.solver, request, {PLAN: result})
+    plan = plan_result(solver, request, {PLAN: result})
     write(plan, folder)
     return {"verified": True, "cost": plan.cost}
 
@@ -141,29 +139,19 @@ def main() -> None:
     assert near.solution is not None
     cost = solver.program(solver.request(), near.meshes).objective(near.solution.w)
     near = dataclasses.replace(near, cost=cost)
-    rate, step, best = FIRST, STEP, None
+    rate, step, best = FIRST, STEP, 0.0
     while step > PRECISE * rate:
         begun = time.process_time()
-        found, row = solved(rate, near)
+        found, row = solved(at(solver, rate), near)
         if found is not None:
-            row, best, near = row | described(found), found, found.result
+            best, near = rate, found
         else:
             step /= 2
-        row["processor_s"] = time.process_time() - begun
-        print(
-            json.dumps({key: value for key, value in row.items() if key not in ("used", "saved_by_percent")}),
-            flush=True,
-        )
-        rows.append(row)
-        rate = (FIRST if best is None else best.rate) + step
-    assert best is not None
-    data = {
-        "scenario": SCENARIO,
-        "axis": "rate [deg/s]",
-        "rows": rows,
-        "largest": best.rate,
-        **verified(best, folder / "largest"),
-    }
+        rows.append({"value": rate} | row | {"processor_s": time.process_time() - begun})
+        print(json.dumps(rows[-1]), flush=True)
+        rate = (best or FIRST) + step
+    data = {"scenario": SCENARIO, "axis": "rate [deg/s]", "rows": rows, "largest": best}
+    data |= verified(best, near, folder / "largest")
     data |= {"machine": history.machine(), "commit": history.commit()}
     write_text(Path(DATA), json.dumps(data, indent=1) + "\n")
     write_bytes(Path(FIGURE), to_bytes(feasible_range(data), "png"))
