@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from viz.figures.style import COLOURS, DASHES, Drawing, legend_over, panels, styled, write_both
+from viz.figures.style import COLOURS, DASHES, Drawing, legend_over, panels, styled
 
-FIGURE = "feasible_range"
 SHOWN = 5
 """Drives that are drawn: those that come nearest to their limits."""
 REFUSED = "#B00020"
@@ -53,14 +51,3 @@ def feasible_range(data: Mapping[str, Any]) -> Drawing:
     legend_over(cost, columns=3)
     legend_over(use, columns=3)
     return figure
-
-
-def write_feasible_range(data: Mapping[str, Any], folder: Path) -> None:
-    """Write the figure as PDF and PNG to ``figures``.
-
-    Raises
-    ------
-    ResultError
-        If a file cannot be written.
-    """
-    write_both(feasible_range(data), folder, FIGURE)
