@@ -74,15 +74,12 @@ class UncertainParameter(Section):
         if self.lower is not None and self.upper is not None and not self.lower < self.upper:
             raise ValueError(f"lower must be below upper, found {self.lower:g} and {self.upper:g}")
         if self.kind == "truncated_normal":
-            self._check_reach()
+            # refuse a truncated normal of which hardly anything is left
+            a, b = ((limit - self.mean) / self.std for limit in (self.lower, self.upper))  # type: ignore[operator]
+            kept = 0.5 * (math.erf(b / math.sqrt(2)) - math.erf(a / math.sqrt(2)))
+            if kept < 1e-6:
+                raise ValueError("lower and upper cut away all but a millionth of the normal distribution")
         return self
-
-    def _check_reach(self) -> None:
-        """Refuse a truncated normal of which hardly anything is left."""
-        a, b = ((limit - self.mean) / self.std for limit in (self.lower, self.upper))  # type: ignore[operator]
-        kept = 0.5 * (math.erf(b / math.sqrt(2)) - math.erf(a / math.sqrt(2)))
-        if kept < 1e-6:
-            raise ValueError("lower and upper cut away all but a millionth of the normal distribution")
 
 
 class Limits(QuantityLimits):

@@ -61,22 +61,19 @@ def assign(document: Document, pattern: str, value: Any) -> Document:
         node: Any = changed
         for key in parent:
             node = node[int(key) if isinstance(node, list) else key]
-        _assign_leaf(node, segments[-1], value, pattern)
+        key = segments[-1]
+        if isinstance(node, dict):
+            names = matching(node, key) if "*" in key else [key]
+            if not names and key != "*":
+                raise ScenarioError(f"`{key}` finds nothing here; {near_names(key, node)}", where=pattern)
+            for name in names:
+                node[name] = copy.deepcopy(value)
+        elif isinstance(node, list):
+            for index in range(len(node)) if key == "*" else [_index(node, key, pattern)]:
+                node[index] = copy.deepcopy(value)
+        else:
+            raise ScenarioError(f"{node!r} has no parts, so no {key!r}", where=pattern)
     return changed
-
-
-def _assign_leaf(node: Any, key: str, value: Any, pattern: str) -> None:
-    if isinstance(node, dict):
-        names = matching(node, key) if "*" in key else [key]
-        if not names and key != "*":
-            raise ScenarioError(f"`{key}` finds nothing here; {near_names(key, node)}", where=pattern)
-        for name in names:
-            node[name] = copy.deepcopy(value)
-    elif isinstance(node, list):
-        for index in range(len(node)) if key == "*" else [_index(node, key, pattern)]:
-            node[index] = copy.deepcopy(value)
-    else:
-        raise ScenarioError(f"{node!r} has no parts, so no {key!r}", where=pattern)
 
 
 def _index(node: list[Any] | tuple[Any, ...], key: str, pattern: str) -> int:

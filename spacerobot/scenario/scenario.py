@@ -108,7 +108,12 @@ class Scenario(Section):
             if grasp.tip in taken:
                 raise ValueError(f"grasps.{name}.tip: {grasp.tip!r} already holds grasp {taken[grasp.tip]!r}")
             taken[grasp.tip] = name
-        for path, base in self._bases():
+        bodies: list[tuple[str, Base]] = [
+            (f"robots.{name}", robot.base) for name, robot in self.robots.items()
+        ]
+        if self.target is not None:
+            bodies.append(("target", self.target.base))
+        for path, base in bodies:
             if base.close_grasp is not None and base.close_grasp not in self.grasps:
                 hint = near_names(base.close_grasp, self.grasps)
                 raise ValueError(f"{path}.base.close_grasp: no grasp {base.close_grasp!r}; {hint}")
@@ -161,14 +166,6 @@ class Scenario(Section):
     def _laid_over(base: Document, changes: Document) -> Scenario:
         """Scenario of a plain form with changes, without the controllers that rest."""
         return Scenario.model_validate(without_resting(overlay(base, changes)))
-
-    def _bases(self) -> list[tuple[str, Base]]:
-        bodies: list[tuple[str, Base]] = [
-            (f"robots.{name}", robot.base) for name, robot in self.robots.items()
-        ]
-        if self.target is not None:
-            bodies.append(("target", self.target.base))
-        return bodies
 
 
 def _rebuild() -> None:

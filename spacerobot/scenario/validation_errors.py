@@ -45,34 +45,9 @@ _PATTERNS = {
 
 def explain(error: Mapping[str, Any], document: Document) -> tuple[str, str]:
     """Dotted path and one line for one of pydantic's errors."""
-    path = _path(error["loc"], document, error["type"] == "missing")
-    kind, given = str(error["type"]), error["input"]
-    message = str(error["msg"]).removeprefix("Value error, ")
-    if kind == "missing" and path and path[-1].isdecimal():
-        return ".".join(path[:-1]), f"found {_short(given)}, allowed: a longer list"
-    if kind == "missing":
-        return ".".join(path), "missing"
-    if kind == "unknown_kind":
-        return ".".join([*path, "kind"]), message
-    if kind == "value_error":
-        inside = re.match(r"([\w*.-]+): (.*)", message, re.DOTALL)  # a check that names a key of its section
-        if inside:
-            path, message = [*path, inside[1]], inside[2]
-        return ".".join(path), message
-    allowed = _allowed(kind, error.get("ctx", {}))
-    if allowed is None:
-        return ".".join(path), f"{message[:1].lower()}{message[1:]}, found {_short(given)}"
-    return ".".join(path), f"found {_short(given)}, allowed: {allowed}"
-
-
-def _allowed(kind: str, context: Mapping[str, Any]) -> str | None:
-    if kind == "string_pattern_mismatch":
-        return _PATTERNS.get(str(context["pattern"]))
-    return _ALLOWED[kind].format(**context) if kind in _ALLOWED else None
-
-
-def _path(location: tuple[str | int, ...], document: Document, missing: bool) -> list[str]:
-    """Dotted path of a place in the document, from pydantic's; its last key may be what is missing there."""
+    # dotted path of a place in the document, from pydantic's; its last key may be what is missing there
+    location = error["loc"]
+    missing = error["type"] == "missing"
     path: list[str] = []
     node: Any = document
     for i, key in enumerate(location):
@@ -86,7 +61,27 @@ def _path(location: tuple[str | int, ...], document: Document, missing: bool) ->
             break  # stands for a section
         path.append(str(key))
         node = node.get(key) if isinstance(node, dict) else _element(node, key)
-    return path
+    kind, given = str(error["type"]), error["input"]
+    message = str(error["msg"]).removeprefix("Value error, ")
+    if kind == "missing" and path and path[-1].isdecimal():
+        return ".".join(path[:-1]), f"found {_short(given)}, allowed: a longer list"
+    if kind == "missing":
+        return ".".join(path), "missing"
+    if kind == "unknown_kind":
+        return ".".join([*path, "kind"]), message
+    if kind == "value_error":
+        inside = re.match(r"([\w*.-]+): (.*)", message, re.DOTALL)  # a check that names a key of its section
+        if inside:
+            path, message = [*path, inside[1]], inside[2]
+        return ".".join(path), message
+    context = error.get("ctx", {})
+    if kind == "string_pattern_mismatch":
+        allowed = _PATTERNS.get(str(context["pattern"]))
+    else:
+        allowed = _ALLOWED[kind].format(**context) if kind in _ALLOWED else None
+    if allowed is None:
+        return ".".join(path), f"{message[:1].lower()}{message[1:]}, found {_short(given)}"
+    return ".".join(path), f"found {_short(given)}, allowed: {allowed}"
 
 
 def _is_kind(name: Any) -> bool:

@@ -45,24 +45,37 @@ def initial_conditions(
         where = f"plan.start.{name}"
         body = find_robot(stage.scene, name, where)
         for _, joint, given in joints_named(stage.scene, body, room.joints, f"{where}.joints"):
-            _check_unit(stage, body, joint, given, where)
+            # refuse an angle of a prismatic joint, and an offset of another one
+            urdf = urdf_joint(stage.scene, body, joint)
+            key = "offset" if urdf.kind == "prismatic" else "angle_deg"
+            if getattr(given, key) is None:
+                raise ScenarioError(
+                    f"{urdf.name} is {urdf.kind}: give `{key}`",
+                    source=stage.scene.source,
+                    where=f"{where}.joints",
+                )
             rows += _free_joint(stage, joint, given, (least, greatest))
         if room.places:
             rows += _free_base(stage, body, room, (least, greatest), where)
-    _check_counted(stage, plan)
+    # refuse a free placement where something counts from it, and free starts of what is held
+    source = stage.scene.source
+    if stage.grips:
+        raise ScenarioError(
+            f"grasp {stage.grips[0].name!r} begins closed, so the start is given by it",
+            source=source,
+            where="plan.start",
+        )
+    counted = [f"costs.{name}" for name, one in plan.costs.items() if one.weight and one.relative_to_start]
+    counted += [f"limits.{name}" for name, one in plan.limits.items() if one.relative_to_start]
+    if counted and any(room.places for room in plan.start.values()):
+        raise ScenarioError(
+            f"{counted[0]} counts from where bases begin, and that is free; leave one of the two out",
+            source=source,
+            where="plan.start",
+        )
     lower, upper = (side[: fixed.size] for side in limits)
     least = np.maximum(least, np.minimum(lower, fixed))
     return (least, np.minimum(greatest, np.maximum(upper, fixed))), rows
-
-
-def _check_unit(stage: Stage, body: SceneBody, joint: int, given: JointStartRange, where: str) -> None:
-    """Refuse an angle of a prismatic joint, and an offset of another one."""
-    urdf = urdf_joint(stage.scene, body, joint)
-    key = "offset" if urdf.kind == "prismatic" else "angle_deg"
-    if getattr(given, key) is None:
-        raise ScenarioError(
-            f"{urdf.name} is {urdf.kind}: give `{key}`", source=stage.scene.source, where=f"{where}.joints"
-        )
 
 
 def _free_joint(stage: Stage, joint: int, given: JointStartRange, sides: Sides) -> list[BoundedRow]:
@@ -106,22 +119,3 @@ def _turned(stage: Stage, place: int, reach: float, sides: Sides, name: str) -> 
         sides[0][place + k], sides[1][place + k] = values.min(), values.max()
     pair = stage.q[place : place + 2]
     return BoundedRow(name, "1", ca.sumsqr(pair) - 1, 0.0, 0.0, first=True)
-
-
-def _check_counted(stage: Stage, plan: PlanSection) -> None:
-    """Refuse a free placement where something counts from it, and free starts of what is held."""
-    source = stage.scene.source
-    if stage.grips:
-        raise ScenarioError(
-            f"grasp {stage.grips[0].name!r} begins closed, so the start is given by it",
-            source=source,
-            where="plan.start",
-        )
-    counted = [f"costs.{name}" for name, one in plan.costs.items() if one.weight and one.relative_to_start]
-    counted += [f"limits.{name}" for name, one in plan.limits.items() if one.relative_to_start]
-    if counted and any(room.places for room in plan.start.values()):
-        raise ScenarioError(
-            f"{counted[0]} counts from where bases begin, and that is free; leave one of the two out",
-            source=source,
-            where="plan.start",
-        )

@@ -20,7 +20,6 @@ from scipy.linalg import null_space
 
 from optim.planning.formulation.grasps import closed_grasps
 from optim.planning.formulation.stage import Stage
-from spacerobot.arrays import Array
 from spacerobot.dynamics import Inertias, Kinematics, centre_of_mass, forward_kinematics, momentum
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.joints import sparse
@@ -99,8 +98,19 @@ def wheel_rows(stage: Stage, plan: PlanSection) -> Iterator[BoundedRow]:
                 source=stage.scene.source,
                 where=f"plan.start.{name}",
             )
-        _check_alone(stage, name)
-        for k, value in enumerate(ca.vertsplit(ca.mtimes(sparse(_across(stage, turned)), turned.commanded))):
+        # refuse an object that several robots hold, for whose wheels take what of it nobody knows
+        holding = {grasp.tip.body.name for grasp in stage.scene.grasps}
+        if name in holding and len(holding) > 1:
+            other = min(holding - {name})
+            raise ScenarioError(
+                f"{other!r} grasps the target too, so that the momentum of {name}'s wheels is not known; let "
+                "nothing drive the base by `limits.base_torque: 0`",
+                source=stage.scene.source,
+                where="plan.limits",
+            )
+        # directions about which the wheels give no torque (k, 3)
+        across = np.zeros((0, 3)) if stage.scene.planar else np.asarray(null_space(turned.wheels.axes.T).T)
+        for k, value in enumerate(ca.vertsplit(ca.mtimes(sparse(across), turned.commanded))):
             yield zero(f"torque {k} across {name}'s wheels", "N m", value)
         for what, unit, values, most in (
             ("torque", "N m", turned.motors, turned.wheels.torque_limit),
@@ -152,21 +162,3 @@ def _angular(scene: Scene, body: SceneBody, kinematics: Kinematics) -> ca.SX:
     model, inertias = scene.model, Inertias.from_model(scene.model)
     centre = centre_of_mass(model, kinematics, inertias, joints)
     return momentum(model, kinematics, inertias, joints, centre)[1]
-
-
-def _across(stage: Stage, turned: WheelDrivenBase) -> Array:
-    """Directions about which the wheels give no torque (k, 3)."""
-    return np.zeros((0, 3)) if stage.scene.planar else np.asarray(null_space(turned.wheels.axes.T).T)
-
-
-def _check_alone(stage: Stage, name: str) -> None:
-    """Refuse an object that several robots hold, for whose wheels take what of it nobody knows."""
-    holding = {grasp.tip.body.name for grasp in stage.scene.grasps}
-    if name in holding and len(holding) > 1:
-        other = min(holding - {name})
-        raise ScenarioError(
-            f"{other!r} grasps the target too, so that the momentum of {name}'s wheels is not known; let "
-            "nothing drive the base by `limits.base_torque: 0`",
-            source=stage.scene.source,
-            where="plan.limits",
-        )

@@ -10,7 +10,6 @@ import numpy.typing as npt
 from optim.planning.solver.elastic import ElasticProgram
 from optim.planning.solver.ipopt import TIME_LIMIT, Solution
 from optim.planning.solver.nonlinear_program import NonlinearProgram
-from optim.planning.transcription.collocation_program import CollocationProgram
 from optim.planning.transcription.phase_chain import phase_programs
 from optim.planning.verification.verify import limit_names
 from spacerobot.arrays import Array
@@ -110,7 +109,10 @@ def largest_violations(program: NonlinearProgram, w: Array) -> str:
     """
     g, (least, greatest) = program.constraints(w), program.limits()
     over, found = np.maximum(np.maximum(least - g, g - greatest), 0.0), dict[str, tuple[float, str]]()
-    scales = _scales(program)
+    # scale and unit of each constraint's violation, by name
+    scales = {"equations of motion": (1.0, "N or N m")}
+    for one in phase_programs(program):
+        scales |= {row.name: (row.scale, row.unit) for row in (*one.problem.path, *one.problem.goal)}
     for name, rows in _rows(program):
         scale, unit = scales.get(name, (1.0, "m or rad"))
         value = float(np.max(over[rows], initial=0.0)) * scale
@@ -185,31 +187,19 @@ def soft_rows(program: NonlinearProgram) -> npt.NDArray[np.int64]:
     return rows[np.isfinite(least[rows]) | np.isfinite(greatest[rows])]
 
 
-def _scales(program: NonlinearProgram) -> dict[str, tuple[float, str]]:
-    """Scale and unit of each constraint's violation, by name."""
-    found = {"equations of motion": (1.0, "N or N m")}
-    for one in phase_programs(program):
-        found |= {row.name: (row.scale, row.unit) for row in (*one.problem.path, *one.problem.goal)}
-    return found
-
-
 def _rows(program: NonlinearProgram) -> Iterator[tuple[str, npt.NDArray[np.int64]]]:
     """Names of all constraints, and which rows they are."""
     first = 0
     for one in phase_programs(program):
         yield "continuity", first + np.arange(one.defects)
-        yield from _rows_at_points(one, first + one.defects)
+        # rows of the constraints that hold at points
+        at = (first + one.defects) + np.arange(one.points * one.per_point).reshape(one.points, one.per_point)
+        yield "equations of motion", at[:, : one.nv].ravel()
+        for k, row in enumerate(one.problem.path):
+            yield row.name, at[:, one.nv + k]
         goals = first + one.rows - len(one.problem.goal)
         for k, row in enumerate(one.problem.goal):
             yield row.name, np.array([goals + k])
         first += one.rows
     if first < program.rows:
         yield "continuity between phases", np.arange(first, program.rows)
-
-
-def _rows_at_points(program: CollocationProgram, first: int) -> Iterator[tuple[str, npt.NDArray[np.int64]]]:
-    """Those of the constraints that hold at points."""
-    at = first + np.arange(program.points * program.per_point).reshape(program.points, program.per_point)
-    yield "equations of motion", at[:, : program.nv].ravel()
-    for k, row in enumerate(program.problem.path):
-        yield row.name, at[:, program.nv + k]

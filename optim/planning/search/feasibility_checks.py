@@ -88,7 +88,15 @@ def check_momentum(problem: PlanningProblem, plan: PlanSection) -> None:
             continue
         where = f"plan.goals.{name}"
         body = next(body for body in scene.bodies if body.name == goal.stops)
-        group = _moving_with(problem, body)
+        # a body, and those that welds join with it
+        target = problem.stage.scene.target
+        holding = {
+            grip.tip.body.name: grip.tip.body for grip in problem.stage.grips if grip.config.fixes_orientation
+        }
+        if target is None or not holding or body.name not in (*holding, target.name):
+            group = [body]
+        else:
+            group = [target, *holding.values()]
         if body.name in resting:
             raise ScenarioError(
                 f"{body.name} comes to rest by goal {resting[body.name]!r} already, by a weld; leave "
@@ -190,17 +198,6 @@ def _mate_motion(problem: PlanningProblem, name: str) -> tuple[Array, Array]:
         found.append((motion.linear, motion.angular))
     velocities, spins = zip(*found, strict=True)
     return np.array(velocities), np.array(spins)
-
-
-def _moving_with(problem: PlanningProblem, body: SceneBody) -> list[SceneBody]:
-    """A body, and those that welds join with it."""
-    target = problem.stage.scene.target
-    holding = {
-        grip.tip.body.name: grip.tip.body for grip in problem.stage.grips if grip.config.fixes_orientation
-    }
-    if target is None or not holding or body.name not in (*holding, target.name):
-        return [body]
-    return [target, *holding.values()]
 
 
 def _momenta(scene: Scene, bodies: Iterable[SceneBody]) -> tuple[Array, Array]:

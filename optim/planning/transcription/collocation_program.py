@@ -190,12 +190,7 @@ class CollocationProgram:
         last = np.zeros(len(self.instants.goal_hessian[0]))
         if goal.size:  # a segment before the last one has neither goal nor costs of its end
             last = self.instants.call("goal_hessian", z[-1:].T, goal[:, None])[:, 0]
-        return self._hessian.entries(
-            np.concatenate([hessian.ravel(), last, self._crossed(w, weights, multipliers)])
-        )
-
-    def _crossed(self, w: Array, weights: Array, multipliers: Array) -> Array:
-        """Second derivatives by the duration and each instant (points nz,)."""
+        # second derivatives by the duration and each instant (points nz,)
         rows, columns = self.instants.jacobian
         entries = self._instant_jacobian(w)
         timed = (rows < self.nq) | (rows >= self.ncost)
@@ -203,7 +198,8 @@ class CollocationProgram:
         contributions = weights[:, rows[timed]] * entries[:, timed]
         np.add.at(out.T, columns[timed], contributions.T)
         out[:, self.nx : self.nx + self.nv] += self._pulled(multipliers)[:, self.nq :]
-        return out.ravel()
+        crossed = out.ravel()
+        return self._hessian.entries(np.concatenate([hessian.ravel(), last, crossed]))
 
     def _pulled(self, multipliers: Array) -> Array:
         """Weights of the rates at points by the defects' multipliers, per unit of duration (points, nx)."""

@@ -121,19 +121,7 @@ def transfer_remaining(
     bounds = weights @ solution.bound_multipliers[:-1].reshape(source.points, -1)
     if source.problem.begin is None:
         bounds[0, : target.nx] = 0.0  # the start is no unknown
-    return dataclasses.replace(
-        solution,
-        multipliers=np.concatenate(
-            [_defects(solution, source, target, begin).ravel(), held.ravel(), solution.multipliers[last:]]
-        ),
-        bound_multipliers=np.append(bounds, solution.bound_multipliers[-1]),
-    )
-
-
-def _defects(
-    solution: Solution, source: CollocationProgram, target: CollocationProgram, begin: float
-) -> Array:
-    """Multipliers of the target's defects (N, s - 1, nx)."""
+    # multipliers of the target's defects (N, s - 1, nx)
     found = solution.multipliers[: source.defects].reshape(source.intervals, source.inner, source.nx)
     lobatto, other = source.lobatto, target.lobatto
     costates = np.einsum("jk,njx->nkx", lobatto.integral[1:], found) / lobatto.weights[:, None]
@@ -143,4 +131,9 @@ def _defects(
     values = lobatto.values_at(places / source.mesh.widths[inside, None])  # (N, s, points of the source)
     p = np.einsum("nik,nkx->nix", values, costates[inside])
     back = np.linalg.pinv(other.integral[1:].T)
-    return np.asarray(np.einsum("jk,nkx->njx", back, other.weights[:, None] * p))
+    defects = np.asarray(np.einsum("jk,nkx->njx", back, other.weights[:, None] * p))
+    return dataclasses.replace(
+        solution,
+        multipliers=np.concatenate([defects.ravel(), held.ravel(), solution.multipliers[last:]]),
+        bound_multipliers=np.append(bounds, solution.bound_multipliers[-1]),
+    )

@@ -97,7 +97,9 @@ class Motion:
         of = n[:, None] * (self.lobatto.points - 1) + np.arange(self.lobatto.points)
         values, primitives = self.lobatto.values_at(local), self.lobatto.primitives_at(local)
         q, v, a, u, w = self.parts(self.z)
-        rate = np.array(_rates(self.problem)(self.z.T).full()).T
+        # rates of the configuration of instants
+        rates = ca.Function("rate", [self.problem.stage.z], [ca.densify(self.problem.stage.rate)])
+        rate = np.array(rates(self.z.T).full()).T
         step, first = self.duration_s * self.mesh.widths[n, None], of[:, 0]
         return np.hstack(
             [
@@ -174,8 +176,3 @@ def normalised(model: Any, q: Array) -> Array:
         pair = slice(first + joint.nq - (4 if joint.nv == 6 else 2), first + joint.nq)
         q[:, pair] /= np.linalg.norm(q[:, pair], axis=1, keepdims=True)
     return q
-
-
-def _rates(problem: PlanningProblem) -> ca.Function:
-    """Rates of the configuration of instants."""
-    return ca.Function("rate", [problem.stage.z], [ca.densify(problem.stage.rate)])

@@ -75,7 +75,7 @@ class ReplayLoop:
         t, x, given = ca.SX.sym("t"), ca.SX.sym("x", nx), ca.SX.sym("c", count)
         q, v = x[: model.nq], x[model.nq :]
         sizes = [1, joints, joints, joints, points * nu, points * joints, points * joints]
-        length, kp, kd, first, *rest = _parts(given, sizes)
+        length, kp, kd, first, *rest = ca.vertsplit(given, np.cumsum([0, *sizes]).tolist())
         drive, rates, accelerations = (ca.reshape(part, part.numel() // points, points) for part in rest)
         place = t
         torque = _summed(lobatto.basis, place, drive)
@@ -197,20 +197,17 @@ def steps_of(motion: Motion, backend: str = "auto") -> Callable[[int, Array, Arr
                 output_step_s=1.0,
                 backend=backend,  # type: ignore[arg-type]
             )
-        p = np.concatenate([state, [lengths[n]], gains, _interval(motion, n)])
+        # joint positions where an interval begins; drive, joint rates and accelerations at its points
+        driven, model = motion.problem.stage.driven, motion.problem.stage.scene.model
+        own = slice(n * (motion.lobatto.points - 1), (n + 1) * (motion.lobatto.points - 1) + 1)
+        columns = list(driven.columns[: len(driven.joints)])
+        q, v, a, u, _ = (part[own] for part in motion.parts(motion.z))
+        first = [joint_angle(model.joints[joint], q[0]) for joint in driven.joints]
+        interval = np.concatenate([first, u.ravel(), v[:, columns].ravel(), a[:, columns].ravel()])
+        p = np.concatenate([state, [lengths[n]], gains, interval])
         return np.array(rollouts[steps].run(p).state[-1])
 
     return step
-
-
-def _interval(motion: Motion, n: int) -> Array:
-    """Joint positions where an interval begins; drive, joint rates and accelerations at its points."""
-    driven, model = motion.problem.stage.driven, motion.problem.stage.scene.model
-    own = slice(n * (motion.lobatto.points - 1), (n + 1) * (motion.lobatto.points - 1) + 1)
-    columns = list(driven.columns[: len(driven.joints)])
-    q, v, a, u, _ = (part[own] for part in motion.parts(motion.z))
-    first = [joint_angle(model.joints[joint], q[0]) for joint in driven.joints]
-    return np.concatenate([first, u.ravel(), v[:, columns].ravel(), a[:, columns].ravel()])
 
 
 def joint_angle(joint: Any, q: Array) -> float:
@@ -243,10 +240,6 @@ def tip_errors(motion: Motion, states: Array) -> Mapping[str, Array]:
             turned = pin.log3(one.rotation.T @ other.rotation) if label in roots else np.zeros(3)
             values.append(float(np.linalg.norm(one.translation - other.translation) + np.linalg.norm(turned)))
     return {label: np.array(values) for label, values in errors.items()}
-
-
-def _parts(values: ca.SX, sizes: Sequence[int]) -> list[ca.SX]:
-    return ca.vertsplit(values, np.cumsum([0, *sizes]).tolist())
 
 
 def _behind(joint: Any, q: ca.SX, wanted: ca.SX) -> ca.SX:
