@@ -69,7 +69,14 @@ def main() -> None:
     for name in wanted:
         with Console(stderr=True).status(f"measuring {name}"):
             rows += JOBS[name]()
-    console.print(_table(rows))
+    table = Table(header_style="bold")
+    for heading in ("what", "against", "ours", "theirs", "ratio", "target", "met", "note"):
+        table.add_column(heading, overflow="fold")
+    for row in rows:
+        ratio = f"{row.ratio:.3g}" if row.ratio is not None else ""
+        met = {True: "yes", False: "no", None: ""}[row.met]
+        table.add_row(row.what, row.against, row.ours, row.theirs, ratio, row.target, met, row.note)
+    console.print(table)
     machine = history.machine()
     report = {"machine": machine, "rows": [dataclasses.asdict(row) for row in rows]}
     write_text(Path("out/bench.json"), json.dumps(report, indent=2) + "\n")
@@ -78,17 +85,6 @@ def main() -> None:
         console.print(f"worse than kept: {line}", style="yellow")
     if "--keep" in sys.argv[1:]:
         history.keep(rows, machine)
-
-
-def _table(rows: list[Row]) -> Table:
-    table = Table(header_style="bold")
-    for heading in ("what", "against", "ours", "theirs", "ratio", "target", "met", "note"):
-        table.add_column(heading, overflow="fold")
-    for row in rows:
-        ratio = f"{row.ratio:.3g}" if row.ratio is not None else ""
-        met = {True: "yes", False: "no", None: ""}[row.met]
-        table.add_row(row.what, row.against, row.ours, row.theirs, ratio, row.target, met, row.note)
-    return table
 
 
 if __name__ == "__main__":

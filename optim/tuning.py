@@ -195,7 +195,12 @@ def tune(
     outcome = run(method) if chosen.starts_from is None else _continued(run, chosen.starts_from, method)
     if chosen.uses_gradients:
         nominal, outcome = _refined(nominal, outcome, effort, progress)
-    return _tuned(nominal, outcome)
+    best, variables = outcome.best, nominal.variables
+    values = variables.values(best.u)
+    scene = build_scene(nominal.scene.scenario, variables.as_changes(values), source=nominal.scene.source)
+    return TuningResult(
+        variables.as_mapping(values), best.objective, best.status, best.message, scene, outcome
+    )
 
 
 def _refined(
@@ -232,12 +237,3 @@ def _continued(run: Callable[..., MethodOutcome], first: str, method: str) -> Me
         return before
     outcome = run(method, first=np.array(before.best.u))
     return dataclasses.replace(outcome, runs=(*before.runs, *outcome.runs))
-
-
-def _tuned(problem: TuningProblem, outcome: MethodOutcome) -> TuningResult:
-    best, variables = outcome.best, problem.variables
-    values = variables.values(best.u)
-    scene = build_scene(problem.scene.scenario, variables.as_changes(values), source=problem.scene.source)
-    return TuningResult(
-        variables.as_mapping(values), best.objective, best.status, best.message, scene, outcome
-    )

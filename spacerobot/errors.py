@@ -30,12 +30,12 @@ class SpaceRobotError(Exception):
         self.message = " ".join(message.split())
         self.source = source
         self.where = where
-        super().__init__(_visible(": ".join(str(part) for part in (source, where, self.message) if part)))
-
-
-def _visible(text: str) -> str:
-    """Text whose control characters, which a file may hold to fool a terminal, are written out."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+        # text whose control characters, which a file may hold to fool a terminal, are written out
+        visible = "".join(
+            c if c.isprintable() else c.encode("unicode_escape").decode()
+            for c in ": ".join(str(part) for part in (source, where, self.message) if part)
+        )
+        super().__init__(visible)
 
 
 class ScenarioError(SpaceRobotError):

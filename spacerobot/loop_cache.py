@@ -56,19 +56,15 @@ def cached_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
             return kept
     loop = build_closed_loop(scene, vary)
     with contextlib.suppress(OSError):  # a full disk must not end a simulation
-        _keep(folder, key, loop)
+        # write a closed loop beside its place, then move it there
+        handle, place = tempfile.mkstemp(prefix="built-", suffix=".tmp", dir=folder)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(zlib.compress(pickle.dumps(loop), 1))
+            cache.store(folder, key, Path(place), SUFFIX)
+        finally:
+            Path(place).unlink(missing_ok=True)
     return loop
-
-
-def _keep(folder: Path, key: str, loop: ClosedLoop) -> None:
-    """Write a closed loop beside its place, then move it there."""
-    handle, place = tempfile.mkstemp(prefix="built-", suffix=".tmp", dir=folder)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(zlib.compress(pickle.dumps(loop), 1))
-        cache.store(folder, key, Path(place), SUFFIX)
-    finally:
-        Path(place).unlink(missing_ok=True)
 
 
 def _key(scene: Scene, vary: Collection[str]) -> str:

@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -33,9 +33,6 @@ from spacerobot.rollout import (
 from spacerobot.rollout.step_choice import NoStepError
 from spacerobot.scene import Scene, build_scene
 from spacerobot.scene.memory import check_size
-
-if TYPE_CHECKING:
-    from spacerobot.pinocchio_engine import PinocchioTrajectory
 
 Progress = Callable[[str], None]
 LOCAL_TOLERANCE = 1e-3
@@ -100,7 +97,16 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
     check_size(scene)
     tell("building the closed loop")
     loop = cached_closed_loop(scene)
-    _check_events(scene, loop)
+    # refuse an engine that would step over events
+    engine, jumps = scene.scenario.simulation.engine, [rule for rule in loop.events if not rule.kink]
+    if engine == "cvodes" and jumps:
+        kinds = ", ".join(dict.fromkeys(rule.kind for rule in jumps))
+        raise ScenarioError(
+            f"found {engine!r}, which finds no such events ({kinds}), allowed for this scenario: "
+            "'casadi', 'pinocchio'",
+            source=scene.source,
+            where="simulation.engine",
+        )
     built = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # a rollout that diverges says so by its status
         run = _run(scene, loop, backend, tell)
@@ -197,25 +203,6 @@ def _result(run: _Run, loop: ClosedLoop, begin: float, built: float) -> Result:
     return Result(run.scene.scenario, kept, summary)
 
 
-def _check_events(scene: Scene, loop: ClosedLoop) -> None:
-    """Refuse an engine that would step over events.
-
-    Raises
-    ------
-    ScenarioError
-        Naming the engine, and what may happen.
-    """
-    engine, jumps = scene.scenario.simulation.engine, [rule for rule in loop.events if not rule.kink]
-    if engine == "cvodes" and jumps:
-        kinds = ", ".join(dict.fromkeys(rule.kind for rule in jumps))
-        raise ScenarioError(
-            f"found {engine!r}, which finds no such events ({kinds}), allowed for this scenario: "
-            "'casadi', 'pinocchio'",
-            source=scene.source,
-            where="simulation.engine",
-        )
-
-
 def _good_part(trajectory: Trajectory, loop: ClosedLoop) -> Trajectory:
     """Trajectory up to the last sample that holds nothing but numbers, and none beyond :data:`LARGEST`.
 
@@ -288,7 +275,11 @@ def _rolled(scene: Scene, rollout: Rollout, design: Mapping[str, float]) -> _Run
     because = {"interpreted_because": rollout.fallback} if rollout.fallback else {}
     notes = {"toolchain": rollout.summary, **because}
     if rollout.choice is not None:
-        scene = _with_step(scene, rollout.choice.step_s)
+        # scene whose scenario says the step that was chosen, so that it runs again to the same result
+        simulation = scene.scenario.simulation.model_copy(update={"step": rollout.choice.step_s})
+        scene = dataclasses.replace(
+            scene, scenario=scene.scenario.model_copy(update={"simulation": simulation})
+        )
         choice = rollout.choice
         found = f"error {choice.error:.1e}, of a single step {choice.step_error:.1e}"
         notes["step_chosen"] = f"{found}, tolerance {choice.tolerance:g}"
@@ -298,7 +289,13 @@ def _rolled(scene: Scene, rollout: Rollout, design: Mapping[str, float]) -> _Run
     if rollout.choice is None:
         notes["step_error"] = f"{trajectory.step_error:.1e}"
         if trajectory.status == "completed":  # one that diverged has more to say than that
-            scene = _warned(scene, trajectory.step_error)
+            # a given step may be too long for its own estimate
+            if trajectory.step_error > STEP_ERROR_LIMIT:
+                told = (
+                    f"simulation.step: a single step errs by up to {trajectory.step_error:.1e}, above "
+                    f"{STEP_ERROR_LIMIT:g}; give a shorter one, or none to have it chosen"
+                )
+                scene = dataclasses.replace(scene, warnings=(*scene.warnings, told))
     return _Run(scene, ready, trajectory, every, notes)
 
 
@@ -310,17 +307,6 @@ def _every_step(grid: TimeGrid) -> tuple[TimeGrid, int]:
     return TimeGrid(grid.duration_s, grid.intervals * every, stride), every
 
 
-def _warned(scene: Scene, step_error: float) -> Scene:
-    """Scene with a warning where a given step is too long for its own estimate."""
-    if not step_error > STEP_ERROR_LIMIT:
-        return scene
-    told = (
-        f"simulation.step: a single step errs by up to {step_error:.1e}, above {STEP_ERROR_LIMIT:g}; "
-        "give a shorter one, or none to have it chosen"
-    )
-    return dataclasses.replace(scene, warnings=(*scene.warnings, told))
-
-
 def _check(scene: Scene, loop: ClosedLoop, tell: Progress) -> _Run:
     """The independent engine, which takes long enough to say how far it is."""
     from spacerobot.pinocchio_engine import simulate as check
@@ -329,11 +315,7 @@ def _check(scene: Scene, loop: ClosedLoop, tell: Progress) -> _Run:
     ready = time.perf_counter()
     local = scene.scenario.simulation.tolerance * CHECKING_TOLERANCE
     checked = check(scene, rtol=local, atol=local / 10, progress=lambda part: tell(f"{words}: {part:.0%}"))
-    return _Run(scene, ready, dataclasses.replace(checked, events=_fired(loop, checked)))
-
-
-def _fired(loop: ClosedLoop, checked: PinocchioTrajectory) -> tuple[FiredEvent, ...]:
-    """Events of the independent engine as the closed loop's, whose states are the same."""
+    # events of the independent engine as the closed loop's, whose states are the same
     switches = loop.setup(loop.parameter_values)[1].full().ravel()[list(loop.switches)]
     rules = {rule.name: place for place, rule in enumerate(loop.events)}
     found = []
@@ -342,7 +324,7 @@ def _fired(loop: ClosedLoop, checked: PinocchioTrajectory) -> tuple[FiredEvent, 
         for place, value in loop.events[number].sets:
             switches[place] = float(value)
         found.append(FiredEvent(event.time_s, number, event.before, event.after, switches.copy()))
-    return tuple(found)
+    return _Run(scene, ready, dataclasses.replace(checked, events=tuple(found)))
 
 
 def _ready(
@@ -365,7 +347,9 @@ def _ready(
         )
     except NoStepError as fault:
         touching = _touching(scene, loop, fault.finest)
-        causes = (fault.message, _cause(loop), _fastest(scene, fault.finest, loop), *touching, REMEDY)
+        # which joint moves fastest in a rollout, in words
+        fastest = fast_words(fastest_joint(build_dataset(scene, fault.finest, loop)))
+        causes = (fault.message, _cause(loop), fastest, *touching, REMEDY)
         raise DivergedError("; ".join(filter(None, causes))) from None
 
 
@@ -397,14 +381,3 @@ def _touching(scene: Scene, loop: ClosedLoop, finest: Trajectory) -> Iterator[st
                 f"{contact.path} touches for {lasts:.2g} s: take steps of about {lasts * TOUCH_SHARE:.1g} s "
                 f"there alone, by {contact.path}.longest_step"
             )
-
-
-def _fastest(scene: Scene, finest: Trajectory, loop: ClosedLoop) -> str:
-    """Which joint moves fastest in a rollout, in words."""
-    return fast_words(fastest_joint(build_dataset(scene, finest, loop)))
-
-
-def _with_step(scene: Scene, step: float) -> Scene:
-    """Scene whose scenario says the step that was chosen, so that it runs again to the same result."""
-    simulation = scene.scenario.simulation.model_copy(update={"step": step})
-    return dataclasses.replace(scene, scenario=scene.scenario.model_copy(update={"simulation": simulation}))

@@ -6,7 +6,6 @@ depend on the load of the machine, its compiler or its number of lanes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import casadi as ca
@@ -66,9 +65,17 @@ def cost_unit_of(problem: TuningProblem) -> CostUnit:
     kernel, grid, wrt = rollout.kernel, rollout.grid, rollout.indices(problem.names)
     plain = _rollout(kernel, grid)
     adjoint = adjoint_kernel(kernel, wrt)
-    sensitivity = sensitivity_kernel(kernel, wrt, _sampled(problem))
+    # outputs whose derivatives a linearisation samples
+    sampled = tuple(dict.fromkeys([*problem.terms.residuals, *["tip_error"] * (problem.form == "minimax")]))
+    sensitivity = sensitivity_kernel(kernel, wrt, sampled)
     slope, sample = (_rollout(k, grid) + _samples(k, grid) for k in (sensitivity, kernel))
-    return CostUnit(plain, 1 + _sweep_back(adjoint, grid) / plain, slope / plain, sample / plain)
+    # operations of the adjoint beyond those of its rollout
+    f = adjoint.functions
+    ends = sum(operations(f[f"{name}_reverse"]) for name in ("setup", "final", "objective"))
+    peaks = adjoint.peaks * operations(f["peaks_reverse"])  # at most one step for each
+    step = adjoint.method.stages * operations(f["dynamics_reverse"]) + operations(f["normalise_reverse"])
+    sweep_back = ends + peaks + grid.steps * step + _integrated_again(adjoint, grid) * _step(adjoint)
+    return CostUnit(plain, 1 + sweep_back / plain, slope / plain, sample / plain)
 
 
 def operations(function: ca.Function) -> int:
@@ -91,15 +98,6 @@ def _samples(kernel: Kernel, grid: TimeGrid) -> int:
     return (grid.intervals + 1) * operations(kernel.functions["outputs"])
 
 
-def _sweep_back(kernel: Kernel, grid: TimeGrid) -> int:
-    """Operations of the adjoint beyond those of its rollout."""
-    f = kernel.functions
-    ends = sum(operations(f[f"{name}_reverse"]) for name in ("setup", "final", "objective"))
-    peaks = kernel.peaks * operations(f["peaks_reverse"])  # at most one step for each
-    step = kernel.method.stages * operations(f["dynamics_reverse"]) + operations(f["normalise_reverse"])
-    return ends + peaks + grid.steps * step + _integrated_again(kernel, grid) * _step(kernel)
-
-
 def _integrated_again(kernel: Kernel, grid: TimeGrid) -> int:
     """Steps that the adjoint integrates a second time, its tape being too short for all of them."""
     per_step = (kernel.method.stages + 1) * kernel.scale.size * 8 * LANES
@@ -107,8 +105,3 @@ def _integrated_again(kernel: Kernel, grid: TimeGrid) -> int:
         return 0
     segment = min(grid.steps, max(1, SEGMENT_BYTES // per_step))
     return (grid.steps - 1) // segment * segment
-
-
-def _sampled(problem: TuningProblem) -> Sequence[str]:
-    """Outputs whose derivatives a linearisation samples."""
-    return tuple(dict.fromkeys([*problem.terms.residuals, *["tip_error"] * (problem.form == "minimax")]))

@@ -27,6 +27,17 @@ MOST_MOMENTS = 200  # of each trial's history that are kept
 
 def to_data(comparison: Comparison) -> dict[str, Any]:
     """The comparison as plain values; null where a number is not finite."""
+    # data profiles of the ranked methods over the problems that they took part in
+    hits: dict[str, list[Array]] = {}
+    for benchmark in comparison.problems:
+        targets = _targets(benchmark)
+        for name in benchmark.ranked:
+            table = [[trial.hit(target) for target in targets] for trial in benchmark.trials(name)]
+            if table:
+                hits.setdefault(name, []).append(np.array(table))
+    budgets = budgets_of(hits)
+    made = {name: asdict(profile(tables, budgets)) for name, tables in hits.items()}
+    profiles = {"budgets": budgets, "methods": {name: _without(one, "budgets") for name, one in made.items()}}
     data = {
         "format": FORMAT,
         "name": comparison.name,
@@ -35,7 +46,7 @@ def to_data(comparison: Comparison) -> dict[str, Any]:
         "precisions": PRECISIONS,
         "interval": LEVEL,
         "problems": [_benchmark(benchmark) for benchmark in comparison.problems],
-        "profiles": _profiles(comparison),
+        "profiles": profiles,
     }
     found: dict[str, Any] = plain(data)
     return {"conclusion": conclusion(found), **found}
@@ -50,20 +61,6 @@ def directions(benchmark: ProblemComparison) -> list[str]:
     """Tip and axis of each entry of a problem's errors."""
     scene = benchmark.nominal.scene
     return [f"{tip.label} {'xyz'[axis]}" for tip in scene.tips for axis in scene.translation_axes]
-
-
-def _profiles(comparison: Comparison) -> dict[str, Any]:
-    """Data profiles of the ranked methods over the problems that they took part in."""
-    hits: dict[str, list[Array]] = {}
-    for benchmark in comparison.problems:
-        targets = _targets(benchmark)
-        for name in benchmark.ranked:
-            table = [[trial.hit(target) for target in targets] for trial in benchmark.trials(name)]
-            if table:
-                hits.setdefault(name, []).append(np.array(table))
-    budgets = budgets_of(hits)
-    made = {name: asdict(profile(tables, budgets)) for name, tables in hits.items()}
-    return {"budgets": budgets, "methods": {name: _without(one, "budgets") for name, one in made.items()}}
 
 
 def _without(mapping: dict[str, Any], name: str) -> dict[str, Any]:

@@ -81,7 +81,10 @@ def success_table(benchmark: Data, precisions: list[float]) -> ComparisonTable:
 def found_table(benchmark: Data) -> ComparisonTable:
     """Best objective of each method, cost of all its runs, and how the best run ended."""
     number = number_of(benchmark)
-    rows = [(_untuned(benchmark), number(_untuned_objective(benchmark)), *[""] * 4)]
+    untuned = "start" if benchmark["baseline"] is None else "untuned"
+    baseline = benchmark["baseline"]
+    found: float | None = benchmark["start_objective"] if baseline is None else baseline["nominal_objective"]
+    rows = [(untuned, number(found), *[""] * 4)]
     for name, method in benchmark["methods"].items():
         best, used = method["best"], method["spent"]
         marks = "" if best["feasible"] else " (infeasible)"
@@ -243,16 +246,6 @@ def _with_interval(time: Data) -> str:
 def _rate(time: Data) -> str:
     rate = time["met"] / time["runs"]
     return f"{time['met']}/{time['runs']} = {rate:.2f} ({time['rate_low']:.2f}..{time['rate_high']:.2f})"
-
-
-def _untuned(benchmark: Data) -> str:
-    return "start" if benchmark["baseline"] is None else "untuned"
-
-
-def _untuned_objective(benchmark: Data) -> float | None:
-    baseline = benchmark["baseline"]
-    found: float | None = benchmark["start_objective"] if baseline is None else baseline["nominal_objective"]
-    return found
 
 
 def _gain(best: Data, name: str) -> str:

@@ -143,11 +143,17 @@ def _generations(search: Search, method: EvolutionaryMethod, protocol: Evolution
     from pymoo.core.evaluator import Evaluator
     from pymoo.core.termination import NoTermination
     from pymoo.problems.static import StaticProblem
+    from scipy.stats import qmc
 
     penalised = search.method == "cmaes"
     shape = _shape(search.problem, penalised=penalised)
     left = protocol.budget - search.cost.rollouts
-    first = _first(search, CMAES_SCREEN if penalised else protocol.population, begun)
+    # points (size, k) of a Latin hypercube, the problem's start among them unless it was tried before
+    rng = np.random.default_rng([search.seed, begun])
+    sampler = qmc.LatinHypercube(len(search.problem.names), rng=rng)
+    first: Array = sampler.random(CMAES_SCREEN if penalised else protocol.population)
+    if begun == 0:
+        first[0] = search.problem.start
     algorithm = method.algorithm(dataclasses.replace(protocol, budget=left), first)
     algorithm.setup(shape, termination=NoTermination(), seed=_seed(search, begun), verbose=False)
     fitness, stagnation = _Fitness(penalised=penalised), _Stagnation()
@@ -165,17 +171,6 @@ def _generations(search: Search, method: EvolutionaryMethod, protocol: Evolution
         if not penalised and stagnation(algorithm.pop.get("X"), found):
             break
     return True
-
-
-def _first(search: Search, size: int, begun: int) -> Array:
-    """Points (size, k) of a Latin hypercube, the problem's start among them unless it was tried before."""
-    from scipy.stats import qmc
-
-    rng = np.random.default_rng([search.seed, begun])
-    points: Array = qmc.LatinHypercube(len(search.problem.names), rng=rng).random(size)
-    if begun == 0:
-        points[0] = search.problem.start
-    return points
 
 
 def _seed(search: Search, begun: int) -> int:

@@ -141,7 +141,11 @@ class _MultiStart:
             asked = {}
             for i, answer in answers.items():
                 self._answer(i, running, asked, answer, starts[i])
-            self._tell()
+            # report the share of the starts that are done, or of the budget, whichever is larger
+            share, budget = (len(self.ended) + 0.5) / self._starts, self._settings.budget
+            if budget is not None:
+                share = max(share, _price(self._search.cost) / budget)
+            self._search.tell(min(1.0, share))
 
     def _answer(
         self,
@@ -186,13 +190,6 @@ class _MultiStart:
                 found[i] = answers[begin:end]
                 begin = end
         return {i: found[i] for i in sorted(found)}
-
-    def _tell(self) -> None:
-        """Report the share of the starts that are done, or of the budget, whichever is larger."""
-        share, budget = (len(self.ended) + 0.5) / self._starts, self._settings.budget
-        if budget is not None:
-            share = max(share, _price(self._search.cost) / budget)
-        self._search.tell(min(1.0, share))
 
     def finish(self) -> SearchRun:
         """The run, its first-order conditions judged at the best point by exact derivatives."""

@@ -39,10 +39,7 @@ def linearise(problem: Formulation, u: Array) -> Linearisation:
     jacobian = problem.rollout.jacobian(values, wrt=problem.names, outputs=sampled, orders=False)
     if jacobian.trajectory.status != "completed":
         return _nothing(len(problem.constraint_names), len(u))
-    return _assembled(problem, jacobian, problem.variables.slope(u))
-
-
-def _assembled(problem: Formulation, jacobian: Jacobian, slope: Array) -> Linearisation:
+    slope = problem.variables.slope(u)
     measures, k = jacobian.trajectory.measures, len(slope)
     value = float(jacobian.trajectory.costs[OBJECTIVE])
     gradient = _gradient(problem, jacobian) * slope

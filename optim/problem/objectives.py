@@ -172,7 +172,13 @@ def _standard(
     watched, extras, own_weights = measured
     duration = scene.scenario.simulation.duration
     named = watched | {quantity.name: own for quantity, own in extras.items()}
-    weights = _penalties(signals, scene, objective)
+    # weight, and a factor for each component, of the outputs whose squares are penalised
+    robots = np.array([float(body.path != "target") for body in scene.bodies for _ in range(3)])
+    torques = np.ones(signals["joint_torque"].numel())
+    weights = {"joint_torque": (objective.effort, torques)}
+    rotation = objective.base_rotation * robots + objective.object_rotation * (1 - robots)
+    largest = float(rotation.max(initial=0.0))
+    weights["body_rotation"] = (largest, np.sqrt(rotation / largest) if largest else robots)
     for name, (weight, factor) in weights.items():
         if weight:
             named[f"{name}_squared"] = integral(ca.sumsqr(ca.DM(factor) * signals[name]))
@@ -211,17 +217,6 @@ def _track(signals: Signals, scene: Scene, kind: str) -> Measure | None:
     if kind in EQ45:
         return integral(ca.sumsqr(signals.x[signals.x.numel() - tips :]))
     return None
-
-
-def _penalties(signals: Signals, scene: Scene, objective: Objective) -> dict[str, tuple[float, Array]]:
-    """Weight, and a factor for each component, of the outputs whose squares are penalised."""
-    robots = np.array([float(body.path != "target") for body in scene.bodies for _ in range(3)])
-    torques = np.ones(signals["joint_torque"].numel())
-    found = {"joint_torque": (objective.effort, torques)}
-    rotation = objective.base_rotation * robots + objective.object_rotation * (1 - robots)
-    largest = float(rotation.max(initial=0.0))
-    found["body_rotation"] = (largest, np.sqrt(rotation / largest) if largest else robots)
-    return found
 
 
 WATCHED = ("joint_torque_peak", "grip_force_peak", "base_rotation_peak")

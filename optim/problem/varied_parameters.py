@@ -38,7 +38,18 @@ def vary(scene: Scene, ranges: Sequence[str]) -> Scene:
         return scene
     variables: dict[str, dict[str, object]] = {}
     for text in ranges:
-        path, lower, upper = _parse(text)
+        found = RANGE.fullmatch(text.strip())
+        try:
+            if found is None:
+                raise ValueError
+            path, lower, upper = found["path"].strip(), float(found["lower"]), float(found["upper"])
+        except ValueError:
+            message = f"found {text!r}, allowed: PATH=LOWER..UPPER, for example kp=20..2000"
+            raise ScenarioError(message, where="--vary") from None
+        if not lower < upper:
+            raise ScenarioError(
+                f"lower must be below upper, found {lower:g} and {upper:g}", where=f"--vary {path}"
+            )
         for name, paths in _named(scene, path).items():
             if name in variables:
                 raise ScenarioError(f"{name} is given a range already", where=f"--vary {text}")
@@ -50,22 +61,6 @@ def vary(scene: Scene, ranges: Sequence[str]) -> Scene:
     elif scene.scenario.simulation.step is not None:
         changes["tuning.step"] = min(0.004, scene.scenario.simulation.step)
     return build_scene(scene.scenario, changes, source=scene.source)
-
-
-def _parse(text: str) -> tuple[str, float, float]:
-    found = RANGE.fullmatch(text.strip())
-    try:
-        if found is None:
-            raise ValueError
-        path, lower, upper = found["path"].strip(), float(found["lower"]), float(found["upper"])
-    except ValueError:
-        message = f"found {text!r}, allowed: PATH=LOWER..UPPER, for example kp=20..2000"
-        raise ScenarioError(message, where="--vary") from None
-    if not lower < upper:
-        raise ScenarioError(
-            f"lower must be below upper, found {lower:g} and {upper:g}", where=f"--vary {path}"
-        )
-    return path, lower, upper
 
 
 def _named(scene: Scene, path: str) -> dict[str, list[str]]:

@@ -83,7 +83,10 @@ class Journal:
         self._records.append(record)
         self._next = len(self._records)
         if self._file is not None:
-            self._file.write(_pack(record))
+            buffer = io.BytesIO()
+            np.savez(buffer, allow_pickle=False, **record)
+            payload = buffer.getvalue()
+            self._file.write(_HEAD.pack(len(payload), zlib.crc32(payload)) + payload)
             self._file.flush()
             self._ends.append(self._file.tell())
 
@@ -100,13 +103,6 @@ class Journal:
             self._file.truncate(end)
             self._file.seek(end)
             self._file.flush()
-
-
-def _pack(record: Mapping[str, Array]) -> bytes:
-    buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **record)
-    payload = buffer.getvalue()
-    return _HEAD.pack(len(payload), zlib.crc32(payload)) + payload
 
 
 def _read(content: bytes, begin: int) -> tuple[list[dict[str, Array]], list[int]]:

@@ -209,7 +209,8 @@ class Search:
     def _keep(self, kind: str, u: Array, arrays: Mapping[str, Array]) -> None:
         """Append to the journal; of what is too large only that it was asked for."""
         small = sum(value.nbytes for value in arrays.values()) <= KEPT_BYTES
-        self._journal.append(kind, u, {**(arrays if small else {}), "seconds": np.array(self._tick())})
+        self._seconds, self._since = self.seconds, time.perf_counter()
+        self._journal.append(kind, u, {**(arrays if small else {}), "seconds": np.array(self._seconds)})
 
     def tell(self, share: float) -> None:
         """Say how much of the budget is spent, and report it.
@@ -274,11 +275,6 @@ class Search:
             if improved or i == len(u) - 1:
                 shown = self.objective if self.feasible else np.inf
                 self.history.append(HistoryPoint(self.cost, self.seconds, shown))
-
-    def _tick(self) -> float:
-        """Time spent so far, which a journal keeps."""
-        self._seconds, self._since = self.seconds, time.perf_counter()
-        return self._seconds
 
     def _resume(self, seconds: float) -> None:
         """Take over the time that an earlier process had spent here."""

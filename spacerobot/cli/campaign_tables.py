@@ -97,7 +97,8 @@ def _percentiles(told: Mapping[str, Any]) -> Rows:
     for row in metrics:
         told_of = [_estimate(q, row["unit"]).replace(" (", "\n(") for q in row["percentiles"]]
         largest = _number(row["largest"], _factor(row["unit"]))
-        rows.append([f"{place_of(row['metric'], row['of'])} [{_unit(row)}]", *told_of, largest])
+        unit = "mm" if row["unit"] == "m" else str(row["unit"])
+        rows.append([f"{place_of(row['metric'], row['of'])} [{unit}]", *told_of, largest])
     return head, rows
 
 
@@ -139,7 +140,3 @@ def _number(value: float | None, factor: float, nothing: str = "not completed") 
 
 def _factor(unit: str) -> float:
     return 1e3 if unit == "m" else 1.0
-
-
-def _unit(row: Mapping[str, Any]) -> str:
-    return "mm" if row["unit"] == "m" else str(row["unit"])

@@ -9,7 +9,10 @@ from spacerobot.interrupts import INTERRUPTED, leave, minded
 
 def main() -> None:
     """Load the command line and run it."""
-    _open_streams()
+    # open a stream that was closed before (``>&-``), so that no file opened later takes its place
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: PTH123, SIM115 (stays open)
     gc.set_threshold(50_000)  # else a tenth of a short command's time goes into looking for garbage
     if not any(argument.startswith("--dask") for argument in sys.argv):
         sys.modules.setdefault("dask", None)  # type: ignore[arg-type]  # else xarray loads it, for nothing
@@ -25,10 +28,3 @@ def main() -> None:
             sys.stdout.flush()
             leave("")
         raise
-
-
-def _open_streams() -> None:
-    """Open a stream that was closed before (``>&-``), so that no file opened later takes its place."""
-    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
-        if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: PTH123, SIM115 (stays open)

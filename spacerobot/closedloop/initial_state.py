@@ -40,7 +40,26 @@ def initial_state(scene: Scene, parameters: Parameters) -> InitialState:
             vector = parameters.sparse_vector(f"{closing.body.path}.base.align_rotation_deg")
             found = base_alignment.aligned(scene.model, closing, turned, _turn(vector * DEGREE))
             turned[closing.body.root_joint] = _align(scene.model, closing, found, q, v)
-        _close(scene.model, closing, q, v)
+        # move a base, and set it in motion, so that its grasp begins closed
+        root = closing.body.root_joint
+        joint = scene.model.joints[root]
+        kinematics = forward_kinematics(scene.model, q, v if closing.sets_velocity else None)
+        own, other = (
+            frame_placement(scene.model, kinematics, frame)[1] for frame in (closing.own, closing.other)
+        )
+        gap = other - own
+        for axis in range(closing.axes):
+            q[joint.idx_q + axis] += gap[axis]
+        if closing.sets_velocity:
+            own_velocity, other_velocity = (
+                frame_velocity(scene.model, kinematics, frame) for frame in (closing.own, closing.other)
+            )
+            linear, rotation = other_velocity[0] - own_velocity[0], kinematics.rotation[root]
+            spin = other_velocity[1] - own_velocity[1] if closing.sets_spin else ca.SX(3, 1)
+            linear = ca.mtimes(rotation.T, linear - cross(spin, own - kinematics.origin[root]))
+            angular = ca.mtimes(rotation.T, spin)
+            twist = ca.vertcat(linear[:2], angular[2]) if joint.nv == 3 else ca.vertcat(linear, angular)
+            v[joint.idx_v : joint.idx_v + joint.nv] += twist
     return InitialState(scene.model, q, v, forward_kinematics(scene.model, q))
 
 
@@ -61,28 +80,6 @@ def _align(
     for first in range(joint.idx_v, joint.idx_v + joint.nv - 1, 3):
         v[first : first + size] = ca.mtimes(rotation[:size, :size].T, v[first : first + size])
     return found
-
-
-def _close(model: Any, closing: ClosingBase, q: ca.SX, v: ca.SX) -> None:
-    """Move a base, and set it in motion, so that its grasp begins closed."""
-    root = closing.body.root_joint
-    joint = model.joints[root]
-    kinematics = forward_kinematics(model, q, v if closing.sets_velocity else None)
-    own, other = (frame_placement(model, kinematics, frame)[1] for frame in (closing.own, closing.other))
-    gap = other - own
-    for axis in range(closing.axes):
-        q[joint.idx_q + axis] += gap[axis]
-    if not closing.sets_velocity:
-        return
-    own_velocity, other_velocity = (
-        frame_velocity(model, kinematics, frame) for frame in (closing.own, closing.other)
-    )
-    linear, rotation = other_velocity[0] - own_velocity[0], kinematics.rotation[root]
-    spin = other_velocity[1] - own_velocity[1] if closing.sets_spin else ca.SX(3, 1)
-    linear = ca.mtimes(rotation.T, linear - cross(spin, own - kinematics.origin[root]))
-    angular = ca.mtimes(rotation.T, spin)
-    twist = ca.vertcat(linear[:2], angular[2]) if joint.nv == 3 else ca.vertcat(linear, angular)
-    v[joint.idx_v : joint.idx_v + joint.nv] += twist
 
 
 def _set_base(

@@ -42,7 +42,19 @@ def core_outputs(builder: LoopBuilder, torque: ca.SX, stored: Sequence[StoredMom
     """
     for name, (dimension, unit, text) in VECTORS.items():
         yield Output(name, ca.SX(3, 1), unit, text, dimension)
-    values = {**_tips(builder), **_bodies(builder)}
+    found: dict[tuple[str, str], ca.SX] = {}
+    plant = builder.plant
+    for tip in builder.scene.tips:
+        rotation, origin = plant.placement(tip.frame)
+        motion = builder.motions[tip.label]
+        found |= {
+            ("tip_position", tip.label): origin,
+            ("tip_velocity", tip.label): plant.velocity(tip.frame)[0],
+            ("tip_reference", tip.label): motion.position,
+            ("tip_error", tip.label): motion.position - origin,
+            ("tip_orientation_error", tip.label): plant.orientation_error(motion.rotation, rotation),
+        }
+    values = {**found, **_bodies(builder)}
     for part in stored:
         values["body_momentum_angular", part.body] += part.angular
     for (name, label), value in values.items():
@@ -60,22 +72,6 @@ def core_outputs(builder: LoopBuilder, torque: ca.SX, stored: Sequence[StoredMom
     yield Output("joint_torque", torque[columns], "N m or N", "actuator torques", "joint")
     for name, (unit, text) in OBSERVED.items():
         yield Output(name, ca.SX(3, 1), unit, text, "grasp")
-
-
-def _tips(builder: LoopBuilder) -> dict[tuple[str, str], ca.SX]:
-    found: dict[tuple[str, str], ca.SX] = {}
-    plant = builder.plant
-    for tip in builder.scene.tips:
-        rotation, origin = plant.placement(tip.frame)
-        motion = builder.motions[tip.label]
-        found |= {
-            ("tip_position", tip.label): origin,
-            ("tip_velocity", tip.label): plant.velocity(tip.frame)[0],
-            ("tip_reference", tip.label): motion.position,
-            ("tip_error", tip.label): motion.position - origin,
-            ("tip_orientation_error", tip.label): plant.orientation_error(motion.rotation, rotation),
-        }
-    return found
 
 
 def _bodies(builder: LoopBuilder) -> dict[tuple[str, str], ca.SX]:

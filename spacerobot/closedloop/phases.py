@@ -77,7 +77,15 @@ class _Phases:
         """How a phase ends, and whether it settles meanwhile."""
         phase, (following, on_timeout) = self.phases[name], successors(self.phases)[name]
         if phase.until is not None and phase.until.settled is not None and phase.until.settled.dwell:
-            yield from self._settling(name, phase.until.settled)
+            # a body begins to move slowly enough, and faster again
+            settled = phase.until.settled
+            room, switch = self._room(name, settled), self._settling_switch(name)
+            active = self.context.phases[name]
+            turned, waiting = switch.name(), both(active, negated(switch))
+            updates = {self.builder.memory("settled_at").name: self.context.time}
+            yield Event(f"{name}.settling", "settling", settled.of, room, waiting, {turned: True}, updates)
+            moves = both(active, switch)
+            yield Event(f"{name}.moving", "moving", settled.of, -room, moves, {turned: False})
         for how, guard, armed in self._conditions(name, phase):
             yield self._ended(
                 f"{name}.{how}", name, on_timeout if how == "timeout" else following, guard, armed
@@ -119,18 +127,6 @@ class _Phases:
         dwell = self.context.at(f"phases.{name}").number("until.settled.dwell")
         since = self.builder.memory("settled_at").symbol
         return self.context.time - since - dwell, self._settling_switch(name)
-
-    def _settling(self, name: str, settled: Settled) -> Iterator[Event]:
-        """A body begins to move slowly enough, and faster again."""
-        room, switch, active = (
-            self._room(name, settled),
-            self._settling_switch(name),
-            self.context.phases[name],
-        )
-        turned, waiting = switch.name(), both(active, negated(switch))
-        updates = {self.builder.memory("settled_at").name: self.context.time}
-        yield Event(f"{name}.settling", "settling", settled.of, room, waiting, {turned: True}, updates)
-        yield Event(f"{name}.moving", "moving", settled.of, -room, both(active, switch), {turned: False})
 
     def _limit(self, context: SectionContext, limit: Limit) -> ca.SX:
         """Above zero where an output has passed its limit (1x1)."""

@@ -84,7 +84,18 @@ def source_of(
         A function is not SX, has sparse arguments or free variables.
     """
     for name, function in functions.items():
-        _check(name, function)
+        if not function.is_a("SXFunction"):
+            raise CompileError(
+                f"function '{name}' is a {function.class_name()}, only SXFunction can be compiled"
+            )
+        if function.has_free():
+            raise CompileError(f"function '{name}' has free variables: {', '.join(function.get_free())}")
+        dense_in = all(function.sparsity_in(i).is_dense() for i in range(function.n_in()))
+        dense_out = all(function.sparsity_out(i).is_dense() for i in range(function.n_out()))
+        if not (dense_in and dense_out):
+            raise CompileError(
+                f"function '{name}' has sparse inputs or outputs, only dense ones can be compiled"
+            )
     members, parts = [], []
     for names in _chains(functions, cold):
         chain = {name: functions[name] for name in names}
@@ -221,14 +232,3 @@ def _export(name: str, function: ca.Function, struct: str) -> str:
         f'extern "C" void call_{name}(const real* const* arg, real* const* res) '
         f"{{ {struct}::{name}({', '.join(arguments)}); }}"
     )
-
-
-def _check(name: str, function: ca.Function) -> None:
-    if not function.is_a("SXFunction"):
-        raise CompileError(f"function '{name}' is a {function.class_name()}, only SXFunction can be compiled")
-    if function.has_free():
-        raise CompileError(f"function '{name}' has free variables: {', '.join(function.get_free())}")
-    dense_in = all(function.sparsity_in(i).is_dense() for i in range(function.n_in()))
-    dense_out = all(function.sparsity_out(i).is_dense() for i in range(function.n_out()))
-    if not (dense_in and dense_out):
-        raise CompileError(f"function '{name}' has sparse inputs or outputs, only dense ones can be compiled")

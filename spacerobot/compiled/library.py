@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -134,7 +134,9 @@ def compile_functions(
         raise CompileError(NO_COMPILER)
     units = _units(source_of(functions, cold=cold, lanes=lanes), lanes, tail, toolchain)
     folder = cache.cache_folder()
-    key = _key(units, toolchain)
+    told = " ".join([*toolchain.command, *toolchain.flags, *toolchain.libraries])
+    parts = [*(unit.text for unit in units), toolchain.version, told, toolchain.processor]
+    key = hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
     path = cache.find(folder, key)
     cached = path is not None
     try:
@@ -170,12 +172,6 @@ def _units(source: GeneratedSource, lanes: int, tail: str, toolchain: Toolchain)
         for held in bins
     ]
     return [*units, SourceUnit("\n".join([head, source.struct, tail, ""]))]
-
-
-def _key(units: Sequence[SourceUnit], toolchain: Toolchain) -> str:
-    told = " ".join([*toolchain.command, *toolchain.flags, *toolchain.libraries])
-    parts = [*(unit.text for unit in units), toolchain.version, told, toolchain.processor]
-    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
 
 
 def _aligned(size: int, lanes: int) -> Array:

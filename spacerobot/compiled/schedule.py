@@ -45,12 +45,7 @@ def order_statements(lines: Sequence[str], window: int = WINDOW) -> list[str]:
     window
         How far to look ahead, in statements.
     """
-    statements = _single_assignment(lines)
-    return [statements[i].text for i in _schedule(statements, window)]
-
-
-def _single_assignment(lines: Sequence[str]) -> list[_Statement]:
-    """Statements whose register names are their own places, with the places of what each needs."""
+    # statements whose register names are their own places, with the places of what each needs
     place: dict[str, int] = {}
     statements: list[_Statement] = []
     for line in lines:
@@ -61,7 +56,7 @@ def _single_assignment(lines: Sequence[str]) -> list[_Statement]:
             place[target] = len(statements)
             target = f"a{len(statements)}"
         statements.append(_Statement(f"{target}={renamed}", needs, _latency(value)))
-    return statements
+    return [statements[i].text for i in _schedule(statements, window)]
 
 
 def _latency(value: str) -> int:

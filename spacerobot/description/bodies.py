@@ -60,26 +60,22 @@ def welded_bodies(links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], root: 
                 else:
                     moved_by = joint.mimic.joint if joint.mimic else joint.name
                     tops.append((joint.child, moved_by, len(bodies)))
-        bodies.append(_composite(top, own, group))
+        # sum of rigid bodies by the parallel-axis theorem
+        mass = sum(link.mass for link, _ in group)
+        centres = [placement[:3, :3] @ link.com + placement[:3, 3] for link, placement in group]
+        moment = sum((link.mass * c for (link, _), c in zip(group, centres, strict=True)), np.zeros(3))
+        com = moment / mass if mass > 0 else moment
+        inertia = np.zeros((3, 3))
+        for (link, placement), centre in zip(group, centres, strict=True):
+            turn, arm = placement[:3, :3], centre - com
+            inertia += turn @ link.inertia @ turn.T + link.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        extent = sum(link.mass * float(c @ c) for (link, _), c in zip(group, centres, strict=True))
+        bodies.append(RigidBody(top, mass, inertia, extent, own))
         above.append(parent)
     for body, parent in reversed(list(zip(bodies, above, strict=True))):
         if parent is not None and (body.mass > 0 or body.carries):
             bodies[parent].carries = True
     return bodies
-
-
-def _composite(name: str, joint: str | None, group: Sequence[tuple[UrdfLink, Array]]) -> RigidBody:
-    """Sum of rigid bodies by the parallel-axis theorem."""
-    mass = sum(link.mass for link, _ in group)
-    centres = [placement[:3, :3] @ link.com + placement[:3, 3] for link, placement in group]
-    moment = sum((link.mass * c for (link, _), c in zip(group, centres, strict=True)), np.zeros(3))
-    com = moment / mass if mass > 0 else moment
-    inertia = np.zeros((3, 3))
-    for (link, placement), centre in zip(group, centres, strict=True):
-        turn, arm = placement[:3, :3], centre - com
-        inertia += turn @ link.inertia @ turn.T + link.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    extent = sum(link.mass * float(c @ c) for (link, _), c in zip(group, centres, strict=True))
-    return RigidBody(name, mass, inertia, extent, joint)
 
 
 def check_bodies(bodies: Sequence[RigidBody], source: Path, *, floating: bool) -> None:

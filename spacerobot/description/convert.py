@@ -25,7 +25,13 @@ def parse_urdf(root: etree._Element, source: Path) -> yp.Robot:
     DescriptionError
         If yourdfpy finds fault with it.
     """
-    _complete_limits(root)
+    # write out ranges that are left open: 0 for one end, as URDF says, no limit where both are missing
+    for limit in root.iterfind("joint/limit"):
+        if limit.get("lower") is None and limit.get("upper") is None:
+            limit.set("lower", "-inf")
+            limit.set("upper", "inf")
+        for attribute in ("lower", "upper"):
+            limit.set(attribute, limit.get(attribute, "0"))
     try:
         text = etree.tostring(root, encoding="utf-8")  # the default, ASCII, breaks names beyond it
         urdf = yp.URDF.load(io.BytesIO(text), build_scene_graph=False, load_meshes=False)
@@ -35,16 +41,6 @@ def parse_urdf(root: etree._Element, source: Path) -> yp.Robot:
     if urdf.errors:
         raise DescriptionError(f"yourdfpy finds it not valid: {urdf.errors[0].msg}", source=source)
     return urdf.robot
-
-
-def _complete_limits(root: etree._Element) -> None:
-    """Write out ranges that are left open: 0 for one end, as URDF says, no limit where both are missing."""
-    for limit in root.iterfind("joint/limit"):
-        if limit.get("lower") is None and limit.get("upper") is None:
-            limit.set("lower", "-inf")
-            limit.set("upper", "inf")
-        for attribute in ("lower", "upper"):
-            limit.set(attribute, limit.get(attribute, "0"))
 
 
 def convert_joint(joint: yp.Joint, source: Path) -> UrdfJoint:
@@ -90,7 +86,12 @@ def convert_links(robot: yp.Robot, source: Path) -> tuple[tuple[UrdfLink, ...], 
     A box stands in for a mesh that would be drawn. Collision meshes are drawn only where there are no
     visuals at all; elsewhere one that is missing is left out.
     """
-    colours = _colours(robot)
+    # colours by material name: the robot's own, then those that a link defines in passing
+    passing = [shape.material for link in robot.links for shape in link.visuals]
+    colours: dict[str, Array] = {}
+    for material in [*robot.materials, *passing]:
+        if material is not None and material.name and material.color is not None:
+            colours.setdefault(material.name, frozen(np.clip(material.color.rgba, 0, 1)))
     drawn = "visual" if any(link.visuals for link in robot.links) else "collision"
     missing: dict[tuple[str, str], list[str]] = {}
     links = tuple(_link(link, colours, source, drawn, missing) for link in robot.links)
@@ -123,7 +124,12 @@ def _link(
             if geometry is None:
                 continue
             material = getattr(shape, "material", None)
-            rgba = _rgba(material, colours)
+            if material is None:
+                rgba = None
+            elif material.color is not None:
+                rgba = frozen(np.clip(material.color.rgba, 0, 1))
+            else:
+                rgba = colours.get(material.name)
             named = getattr(material, "name", None) or ""
             shapes[kind].append(LinkShape(shape.name, _placement(shape.origin), geometry, rgba, named))
     return UrdfLink(
@@ -148,24 +154,6 @@ def _geometry(geometry: yp.Geometry, source: Path) -> Geometry | None:
     scale = frozen(np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3))
     path = resolve_mesh(mesh.filename, source)
     return None if path is None else Geometry("mesh", scale, path)
-
-
-def _colours(robot: yp.Robot) -> dict[str, Array]:
-    """Colours by material name: the robot's own, then those that a link defines in passing."""
-    passing = [shape.material for link in robot.links for shape in link.visuals]
-    colours: dict[str, Array] = {}
-    for material in [*robot.materials, *passing]:
-        if material is not None and material.name and material.color is not None:
-            colours.setdefault(material.name, frozen(np.clip(material.color.rgba, 0, 1)))
-    return colours
-
-
-def _rgba(material: yp.Material | None, colours: dict[str, Array]) -> Array | None:
-    if material is None:
-        return None
-    if material.color is not None:
-        return frozen(np.clip(material.color.rgba, 0, 1))
-    return colours.get(material.name)
 
 
 def _placement(origin: Array | None) -> Array:

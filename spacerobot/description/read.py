@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -114,7 +114,20 @@ def read_description(path: StrPath) -> Description:
     links, mesh_warnings = convert_links(robot, source)
     root = root_link(links, joints, source)
     without_dynamics = {joint.name for joint in robot.joints if joint.dynamics is None}
-    warnings += mesh_warnings + _joint_warnings(joints, without_dynamics)
+    # one line for each thing that is ignored, assumed or strange, with the joints it concerns
+    moving = [joint for joint in joints if joint.kind != "fixed"]
+    concerned = {
+        "no <dynamics>, damping taken as 0": [joint for joint in moving if joint.name in without_dynamics],
+        "dry friction ignored": [joint for joint in moving if joint.friction > 0],
+        "the effort limit is 0": [joint for joint in moving if joint.effort == 0],
+        "the range is empty": [joint for joint in moving if joint.lower == joint.upper],
+    }
+    joint_warnings = [
+        f"{what}: joint{'s' if len(found) > 1 else ''} {', '.join(joint.name for joint in found)}"
+        for what, found in concerned.items()
+        if found
+    ]
+    warnings += mesh_warnings + joint_warnings
     return Description(
         name=robot.name,
         path=source,
@@ -137,19 +150,3 @@ def _read_bytes(source: Path) -> bytes:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise DescriptionError(f"cannot be read: {reason}", source=source) from error
-
-
-def _joint_warnings(joints: Sequence[UrdfJoint], without_dynamics: set[str]) -> list[str]:
-    """One line for each thing that is ignored, assumed or strange, with the joints it concerns."""
-    moving = [joint for joint in joints if joint.kind != "fixed"]
-    concerned = {
-        "no <dynamics>, damping taken as 0": [joint for joint in moving if joint.name in without_dynamics],
-        "dry friction ignored": [joint for joint in moving if joint.friction > 0],
-        "the effort limit is 0": [joint for joint in moving if joint.effort == 0],
-        "the range is empty": [joint for joint in moving if joint.lower == joint.upper],
-    }
-    return [
-        f"{what}: joint{'s' if len(found) > 1 else ''} {', '.join(joint.name for joint in found)}"
-        for what, found in concerned.items()
-        if found
-    ]

@@ -134,7 +134,12 @@ class ArticulatedBody:
             elimination, rest = _eliminate(motion, spatial[joint.index], joint.rates(rotor))
             eliminations.append(elimination)
             if joint.parent:
-                shifted = _shift(_rotated(rest, motion.to_parent), motion.arm)
+                # articulated inertia about a new origin; ``arm`` points from the new origin to the old one
+                inertia = _rotated(rest, motion.to_parent)
+                mass, coupling, rotational = inertia[:3, :3], inertia[:3, 3:], inertia[3:, 3:]
+                moved = coupling + cross_columns(motion.arm, mass).T
+                turned = rotational + cross_columns(motion.arm, coupling).T + cross_columns(motion.arm, moved)
+                shifted = mirror(ca.vertcat(ca.horzcat(mass, ca.SX(3, 3)), ca.horzcat(moved.T, turned)))
                 spatial[joint.parent] = mirror(spatial[joint.parent] + shifted)
         return cls(model, kinematics, tuple(bodies), tuple(reversed(eliminations)))
 
@@ -169,7 +174,17 @@ class ArticulatedBody:
             linear, angular = accelerations[joint.parent][:3], accelerations[joint.parent][3:]
             linear = motion.inward(linear + cross(angular, motion.arm))
             carried = ca.vertcat(linear, motion.inward(angular))
-            accelerations[joint.index], rate = _accelerate(elimination, carried, joint.rates(reduced))
+            # spatial acceleration behind the joint, 6x1, and the joint's own along A, kx1
+            factors = elimination.factors
+            driven = factors.restored(ca.mtimes(ca.diag(factors.negated_pivots), joint.rates(reduced)))
+            own = ca.mtimes(elimination.gain.T, carried) - driven
+            if elimination.rows is None:
+                accelerations[joint.index], rate = carried + ca.mtimes(elimination.axes, own), own
+            else:
+                rows = list(elimination.rows)
+                moved = ca.SX(carried)
+                moved[rows] = own
+                accelerations[joint.index], rate = moved, own - carried[rows]
             result.append(ca.mtimes(elimination.turn.T, rate))
         return ca.vertcat(*result)
 
@@ -261,7 +276,11 @@ class ArticulatedBody:
             drive = effort + ca.mtimes(elimination.axes.T, loads[index])
             reduced.append(elimination.factors.reduced(drive))
             if joint.parent:
-                passed = _transmitted(elimination, loads[index], drive, effort)
+                # load that reaches the parent through the joint, 6x1
+                passed = loads[index] + ca.mtimes(elimination.gain, drive)
+                if elimination.rows is not None:
+                    # Along its own motion a joint passes on the reaction to its drive and nothing else.
+                    passed[list(elimination.rows)] = -effort
                 motion = self.kinematics.local[index]
                 force = motion.outward(passed[:3])
                 torque = motion.outward(passed[3:]) + cross(motion.arm, force)
@@ -340,33 +359,3 @@ def _rotated(inertia: ca.SX, rotation: ca.SX | None) -> ca.SX:
     mass, rotational = (rotate_symmetric(rotation, inertia[rows, rows]) for rows in (slice(3), slice(3, 6)))
     coupling = rotate_square(rotation, inertia[:3, 3:])
     return mirror(ca.vertcat(ca.horzcat(mass, ca.SX(3, 3)), ca.horzcat(coupling.T, rotational)))
-
-
-def _shift(inertia: ca.SX, arm: ca.SX) -> ca.SX:
-    """Articulated inertia about a new origin; ``arm`` points from the new origin to the old one."""
-    mass, coupling, rotational = inertia[:3, :3], inertia[:3, 3:], inertia[3:, 3:]
-    moved = coupling + cross_columns(arm, mass).T
-    turned = rotational + cross_columns(arm, coupling).T + cross_columns(arm, moved)
-    return mirror(ca.vertcat(ca.horzcat(mass, ca.SX(3, 3)), ca.horzcat(moved.T, turned)))
-
-
-def _transmitted(elimination: _Elimination, load: ca.SX, drive: ca.SX, effort: ca.SX) -> ca.SX:
-    """Load that reaches the parent through the joint, 6x1."""
-    passed = load + ca.mtimes(elimination.gain, drive)
-    if elimination.rows is not None:
-        # Along its own motion a joint passes on the reaction to its drive and nothing else.
-        passed[list(elimination.rows)] = -effort
-    return passed
-
-
-def _accelerate(elimination: _Elimination, carried: ca.SX, reduced: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Spatial acceleration behind the joint, 6x1, and the joint's own along A, kx1."""
-    factors = elimination.factors
-    driven = factors.restored(ca.mtimes(ca.diag(factors.negated_pivots), reduced))
-    own = ca.mtimes(elimination.gain.T, carried) - driven
-    if elimination.rows is None:
-        return carried + ca.mtimes(elimination.axes, own), own
-    rows = list(elimination.rows)
-    moved = ca.SX(carried)
-    moved[rows] = own
-    return moved, own - carried[rows]

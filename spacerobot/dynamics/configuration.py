@@ -57,24 +57,19 @@ def _rate(joint: JointModel, q: ca.SX, v: ca.SX) -> ca.SX:
                 cosine * v[0] - sine * v[1], sine * v[0] + cosine * v[1], -sine * v[2], cosine * v[2]
             )
         case JointKind.FREE_FLYER:
-            return ca.vertcat(
-                ca.mtimes(rotation_from_quaternion(q[3:7]), v[:3]), _quaternion_rate(q[3:7], v[3:6])
+            # half the product of the quaternion with the angular velocity in the moving axes
+            x, y, z, w = ca.vertsplit(q[3:7])
+            half = 0.5 * v[3:6]
+            a, b, c = ca.vertsplit(half)
+            quaternion_rate = ca.vertcat(
+                w * a + y * c - z * b,
+                w * b + z * a - x * c,
+                w * c + x * b - y * a,
+                -(x * a + y * b + z * c),
             )
+            return ca.vertcat(ca.mtimes(rotation_from_quaternion(q[3:7]), v[:3]), quaternion_rate)
         case _:
             return v
-
-
-def _quaternion_rate(quaternion: ca.SX, spin: ca.SX) -> ca.SX:
-    """Half the product of the quaternion with the angular velocity in the moving axes."""
-    x, y, z, w = ca.vertsplit(quaternion)
-    half = 0.5 * spin
-    a, b, c = ca.vertsplit(half)
-    return ca.vertcat(
-        w * a + y * c - z * b,
-        w * b + z * a - x * c,
-        w * c + x * b - y * a,
-        -(x * a + y * b + z * c),
-    )
 
 
 def _normalised(joint: JointModel, q: ca.SX) -> ca.SX:

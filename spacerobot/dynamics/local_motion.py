@@ -89,7 +89,22 @@ UNIVERSE = LocalMotion(
 
 def local_motions(joints: tuple[JointModel, ...], q: ca.SX, v: ca.SX) -> tuple[LocalMotion, ...]:
     """Motion of the universe (index 0) and of every joint at (q, v)."""
-    bends = _bends(joints)
+    # joints worth their own axes: those with a child about another coordinate axis, and free bodies
+    children: dict[int, list[JointModel]] = {}
+    for joint in joints:
+        children.setdefault(joint.parent, []).append(joint)
+    chosen = set()
+    for joint in joints:
+        if joint.kind is JointKind.FREE_FLYER or (
+            joint.kind is JointKind.PLANAR and joint.index not in children
+        ):
+            chosen.add(joint.index)
+        elif joint.kind in _TURNING:
+            own = joint.angular[:, -1].sparsity()
+            axes = _axes_beyond(joint.index, IDENTITY3, children)
+            if any(axis.nnz() == 1 and axis.sparsity() != own for axis in axes):
+                chosen.add(joint.index)
+    bends = frozenset(chosen)
     motions = [UNIVERSE]
     for joint in joints:
         motions.append(_step(joint, motions[joint.parent], q, v, joint.index in bends))
@@ -133,25 +148,6 @@ def _step(joint: JointModel, parent: LocalMotion, q: ca.SX, v: ca.SX, bends: boo
         products=products,
         gradient=velocity_gradient(products, spin_bias),
     )
-
-
-def _bends(joints: tuple[JointModel, ...]) -> frozenset[int]:
-    """Joints worth their own axes: those with a child about another coordinate axis, and free bodies."""
-    children: dict[int, list[JointModel]] = {}
-    for joint in joints:
-        children.setdefault(joint.parent, []).append(joint)
-    chosen = set()
-    for joint in joints:
-        if joint.kind is JointKind.FREE_FLYER or (
-            joint.kind is JointKind.PLANAR and joint.index not in children
-        ):
-            chosen.add(joint.index)
-        elif joint.kind in _TURNING:
-            own = joint.angular[:, -1].sparsity()
-            axes = _axes_beyond(joint.index, IDENTITY3, children)
-            if any(axis.nnz() == 1 and axis.sparsity() != own for axis in axes):
-                chosen.add(joint.index)
-    return frozenset(chosen)
 
 
 def _axes_beyond(index: int, rotation: ca.SX, children: dict[int, list[JointModel]]) -> list[ca.SX]:

@@ -93,16 +93,13 @@ class CollocationTimes(Section):
         nodes_of(np.array(self.times), self.points)
         for key, rows in self:
             if key != "times" and isinstance(rows, tuple) and isinstance(rows[0], tuple):
-                self._check_rows(key, rows)
+                if len(rows) != len(self.times):
+                    raise ValueError(f"{key}: found {len(rows)} points, and {len(self.times)} times")
+                wanted = self._width()
+                for i, row in enumerate(rows):
+                    if len(row) != wanted:
+                        raise ValueError(f"{key}.{i}: found {len(row)} numbers, allowed: {wanted}")
         return self
-
-    def _check_rows(self, key: str, rows: tuple[Row, ...]) -> None:
-        if len(rows) != len(self.times):
-            raise ValueError(f"{key}: found {len(rows)} points, and {len(self.times)} times")
-        wanted = self._width()
-        for i, row in enumerate(rows):
-            if len(row) != wanted:
-                raise ValueError(f"{key}.{i}: found {len(row)} numbers, allowed: {wanted}")
 
     def _width(self) -> int:
         return 3

@@ -98,7 +98,10 @@ def kind_of(element: type[Element]) -> str:
 def kinds(family: str) -> Mapping[str, type[Element]]:
     """Kinds of a family by name: those that ship in the order of their names, then the others."""
     _load_shipped(_HOMES[family])
-    _load_installed()
+    if GROUP not in _LOADED:
+        _LOADED.add(GROUP)
+        for point in entry_points(group=GROUP):
+            point.load()
     shipped = _HOMES[family]
     ordered = sorted(
         _KINDS[family].items(), key=lambda kind: (not kind[1].__module__.startswith(shipped), kind[0])
@@ -163,9 +166,13 @@ def load_plugin(path: StrPath) -> None:
     except SpaceRobotError as fault:
         raise SpaceRobotError(fault.message, source=path, where=fault.where) from None
     except Exception as fault:
-        raise SpaceRobotError(
-            f"{type(fault).__name__}: {fault}", source=path, where=_line(fault, path)
-        ) from None
+        # line of a file in which an exception arose, if it did there
+        found, trace = None, fault.__traceback__
+        while trace is not None:
+            if trace.tb_frame.f_code.co_filename == str(path):
+                found = f"line {trace.tb_lineno}"
+            trace = trace.tb_next
+        raise SpaceRobotError(f"{type(fault).__name__}: {fault}", source=path, where=found) from None
     _PLUGINS[path.resolve()] = text
 
 
@@ -181,30 +188,12 @@ def plugin_records() -> list[dict[str, str]]:
     ]
 
 
-def _line(fault: BaseException, path: Path) -> str | None:
-    """Line of a file in which an exception arose, if it did there."""
-    found, trace = None, fault.__traceback__
-    while trace is not None:
-        if trace.tb_frame.f_code.co_filename == str(path):
-            found = f"line {trace.tb_lineno}"
-        trace = trace.tb_next
-    return found
-
-
 def _load_shipped(package: str) -> None:
     if package in _LOADED:
         return
     _LOADED.add(package)
     for module in pkgutil.iter_modules(importlib.import_module(package).__path__):
         importlib.import_module(f"{package}.{module.name}")
-
-
-def _load_installed() -> None:
-    if GROUP in _LOADED:
-        return
-    _LOADED.add(GROUP)
-    for point in entry_points(group=GROUP):
-        point.load()
 
 
 @dataclass(frozen=True)
@@ -241,7 +230,13 @@ class Family:
             if isinstance(value, dict) and self.default is not None:
                 value = {"kind": self.default} | value
             if isinstance(value, dict) and "kind" not in value:
-                value = _told(value, found)
+                # a section with its kind, where the kinds of its family are told by a key that each has alone
+                keys = {kind.told_by: name for name, kind in found.items() if kind.told_by}
+                given = [key for key in keys if value.get(key)]
+                if keys and len(given) != 1:
+                    told = f"found {', '.join(given) or 'none'}, allowed: one of {', '.join(keys)}"
+                    raise PydanticCustomError("unknown_kind", "{told}", {"told": told})
+                value = {"kind": keys[given[0]]} | dict(value) if keys else value
                 former = [key for key in value if FORMER_NAMES.get(key) == "kind"]
                 if former and "kind" not in value:
                     raise ValueError(f"unknown key {former[0]!r}; use 'kind'")
@@ -250,22 +245,6 @@ class Family:
             return value
 
         return core_schema.no_info_before_validator_function(known, union)
-
-
-def _told(section: Mapping[str, Any], found: Mapping[str, type[Element]]) -> Mapping[str, Any]:
-    """A section with its kind, where the kinds of its family are told by a key that each has alone.
-
-    Raises
-    ------
-    PydanticCustomError
-        If none or several of these keys are there.
-    """
-    keys = {kind.told_by: name for name, kind in found.items() if kind.told_by}
-    given = [key for key in keys if section.get(key)]
-    if keys and len(given) != 1:
-        told = f"found {', '.join(given) or 'none'}, allowed: one of {', '.join(keys)}"
-        raise PydanticCustomError("unknown_kind", "{told}", {"told": told})
-    return {"kind": keys[given[0]]} | dict(section) if keys else section
 
 
 def _unknown(section: Mapping[str, Any], found: tuple[str, ...]) -> str:

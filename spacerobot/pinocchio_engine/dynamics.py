@@ -87,19 +87,7 @@ class DynamicsUnknowns:
         self.sampled = tuple(law.output for law in acting.sampled)
         self.reaction = ca.SX.sym("reaction", sum(held.size for held in acting.constraints))
         self.acceleration = ca.SX.sym("acceleration", size)
-        self._describe(plant, acting)
-
-    def _at_instant(
-        self, plant: Plant, acting: Contribution, law: SampledLaw, commanded: ca.SX
-    ) -> dict[str, ca.SX]:
-        """Loads from which a law that is evaluated at instants is solved, with the continuous ones."""
-        torque, answers = deliver(commanded - law.held, law.others(acting.drives))
-        wrenches = [*acting.wrenches, *acting.outside, *answers.wrenches, *answers.outside]
-        effort = torque + plant.reduced(wrenches=wrenches) - plant.damping * plant.v
-        return {"effort": effort} | _loads(plant, [*law.channels, *self.implicit])
-
-    def _describe(self, plant: Plant, acting: Contribution) -> None:
-        """Loads and conditions of implicit channels and rigid connections."""
+        # loads and conditions of implicit channels and rigid connections
         none, ties, held = ca.SX(0, 1), plant.ties.size2(), acting.constraints
         wide = ca.SX(plant.v.size1(), 0)
         self.loads |= _loads(plant, self.implicit) | {
@@ -111,6 +99,15 @@ class DynamicsUnknowns:
         cuts = np.cumsum([0, *(one.size for one in held)]).tolist()
         self.reactions = tuple(self.reaction[a:b] for a, b in itertools.pairwise(cuts))
         self.wrenches = tuple(one.on_target(along) for one, along in zip(held, self.reactions, strict=True))
+
+    def _at_instant(
+        self, plant: Plant, acting: Contribution, law: SampledLaw, commanded: ca.SX
+    ) -> dict[str, ca.SX]:
+        """Loads from which a law that is evaluated at instants is solved, with the continuous ones."""
+        torque, answers = deliver(commanded - law.held, law.others(acting.drives))
+        wrenches = [*acting.wrenches, *acting.outside, *answers.wrenches, *answers.outside]
+        effort = torque + plant.reduced(wrenches=wrenches) - plant.damping * plant.v
+        return {"effort": effort} | _loads(plant, [*law.channels, *self.implicit])
 
     @cached_property
     def struck(self) -> PlasticImpact:

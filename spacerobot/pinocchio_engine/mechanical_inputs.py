@@ -96,12 +96,25 @@ class InputPlant(Plant):
         relative = sparse(np.eye(model.nv) - scene.spread)
         ties = [relative[model.idx_vs[tie.joint], :].T for tie in scene.ties]
         none: Any = None  # nothing here goes by articulated bodies
+        # motion of the joint frames as inputs, in world axes throughout
+        local = [UNIVERSE, *(_joint_motion(pattern, inputs, joint) for joint in range(1, model.njoints))]
+        kinematics = Kinematics(
+            pattern.joints,
+            v,
+            tuple(local),
+            tuple(motion.body for motion in local),
+            tuple(_joint_origin(pattern, inputs, joint) for joint in range(model.njoints)),
+            tuple(motion.linear for motion in local),
+            tuple(motion.angular for motion in local),
+            tuple(motion.velocity for motion in local),
+            tuple(motion.spin for motion in local),
+        )
         return cls(
             model,
             scene.planar,
             q,
             v,
-            _kinematics(model, v, pattern, inputs),
+            kinematics,
             Inertias.from_model(model),
             none,
             joint_damping(scene, parameters, constants),
@@ -196,22 +209,6 @@ class InputPlant(Plant):
 def _joint_jacobian(pattern: Kinematics, inputs: MechanicalInputs, joint: int) -> ca.SX:
     structure = point_jacobian(pattern, joint, pattern.origin[joint])
     return inputs.matrix(("joint_jacobian", joint), structure, lambda s: s.joint_jacobian(joint))
-
-
-def _kinematics(model: Any, v: ca.SX, pattern: Kinematics, inputs: MechanicalInputs) -> Kinematics:
-    """Motion of the joint frames as inputs, in world axes throughout."""
-    local = [UNIVERSE, *(_joint_motion(pattern, inputs, joint) for joint in range(1, model.njoints))]
-    return Kinematics(
-        pattern.joints,
-        v,
-        tuple(local),
-        tuple(motion.body for motion in local),
-        tuple(_joint_origin(pattern, inputs, joint) for joint in range(model.njoints)),
-        tuple(motion.linear for motion in local),
-        tuple(motion.angular for motion in local),
-        tuple(motion.velocity for motion in local),
-        tuple(motion.spin for motion in local),
-    )
 
 
 def _joint_origin(pattern: Kinematics, inputs: MechanicalInputs, joint: int) -> ca.SX:

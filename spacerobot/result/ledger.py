@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from spacerobot.result.trust import KINDS
-from spacerobot.scenario import Body, Scenario
+from spacerobot.scenario import Scenario
 
 SMALLEST = 1e-9
 """Where nothing moves, drift and residual are compared with this much [N s, N m s, J] instead of rounding."""
@@ -26,7 +25,24 @@ def build_ledger(data: xr.Dataset, scenario: Scenario) -> dict[str, Any]:
     or gravity acts it is not conserved, and said so. The energy balance compares what the balance leaves
     open with the largest energy in it.
     """
-    return {"momentum": _momentum(data, scenario), "energy": _energy(data)}
+    # energy put in = change of kinetic, spring and potential energy + energy taken
+    stored = data.energy_kinetic.values + data.energy_spring.values + data.energy_potential.values
+    change = stored - stored[0]
+    works = works_of(data)
+    residual = change - sum(work.attrs["sign"] * work.values for work in works)
+    largest = max(float(np.abs(x).max()) for x in (change, stored, *(work.values for work in works)))
+    worst = float(np.abs(residual).max())
+    energy = {
+        "actuator_work_j": float(data["work_actuator"][-1]),
+        "stored_change_j": float(change[-1]),
+        "joint_loss_j": float(data["work_joint"][-1]),
+        "grasp_loss_j": float(data["work_grasp"][-1]),
+        "constraint_work_j": float(data["work_constraint"][-1]),
+        "largest_residual_j": worst,
+        "largest_energy_j": largest,
+        "relative_residual": worst / max(largest, SMALLEST),
+    }
+    return {"momentum": _momentum(data, scenario), "energy": energy}
 
 
 def kept_momentum(data: xr.Dataset, kind: str) -> xr.DataArray:
@@ -50,7 +66,11 @@ def _momentum(data: xr.Dataset, scenario: Scenario) -> dict[str, Any]:
         return {"conserved": False, "reason": data.attrs["outside"]}
     bodies = [*scenario.robots.values(), *([scenario.target] if scenario.target else [])]
     found: dict[str, Any] = {"conserved": True}
-    inner = _inner_momentum(data, bodies)
+    # momentum [N s, N m s] that the kinetic energy could carry at most: no part moves with more
+    mass = sum(link.mass or 0.0 for body in bodies for link in body.links.values())
+    linear = float(np.sqrt(2 * mass * data.energy_kinetic.values.max()))
+    extent = float(np.linalg.norm(data.body_position.values, axis=-1).max())
+    inner = {"linear": linear, "angular": linear * extent}
     for kind, unit in KINDS:
         total, partial = data[f"momentum_{kind}"].values, data[f"body_momentum_{kind}"].values
         kept = kept_momentum(data, kind).values
@@ -65,31 +85,3 @@ def _momentum(data: xr.Dataset, scenario: Scenario) -> dict[str, Any]:
             "relative_drift": drift / max(largest, SMALLEST),
         }
     return found
-
-
-def _inner_momentum(data: xr.Dataset, bodies: Sequence[Body]) -> dict[str, float]:
-    """Momentum [N s, N m s] that the kinetic energy could carry at most: no part moves with more."""
-    mass = sum(link.mass or 0.0 for body in bodies for link in body.links.values())
-    linear = float(np.sqrt(2 * mass * data.energy_kinetic.values.max()))
-    extent = float(np.linalg.norm(data.body_position.values, axis=-1).max())
-    return {"linear": linear, "angular": linear * extent}
-
-
-def _energy(data: xr.Dataset) -> dict[str, Any]:
-    """Energy balance: energy put in = change of kinetic, spring and potential energy + energy taken."""
-    stored = data.energy_kinetic.values + data.energy_spring.values + data.energy_potential.values
-    change = stored - stored[0]
-    works = works_of(data)
-    residual = change - sum(work.attrs["sign"] * work.values for work in works)
-    largest = max(float(np.abs(x).max()) for x in (change, stored, *(work.values for work in works)))
-    worst = float(np.abs(residual).max())
-    return {
-        "actuator_work_j": float(data["work_actuator"][-1]),
-        "stored_change_j": float(change[-1]),
-        "joint_loss_j": float(data["work_joint"][-1]),
-        "grasp_loss_j": float(data["work_grasp"][-1]),
-        "constraint_work_j": float(data["work_constraint"][-1]),
-        "largest_residual_j": worst,
-        "largest_energy_j": largest,
-        "relative_residual": worst / max(largest, SMALLEST),
-    }

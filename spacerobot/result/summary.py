@@ -59,10 +59,17 @@ def build_summary(
     advice = advise(engine, scene.scenario.simulation.tolerance, fastest)
     # a rollout that diverged passes every limit on its way: that explains nothing
     beyond = beyond_limits(scene, data) if trajectory.status == "completed" else []
+    ended = trajectory.ended_at_s
+    status = {
+        "state": trajectory.status,
+        "reached_s": float(trajectory.time[-1]) if ended is None else ended,
+        "diverged_at_s": trajectory.diverged_at_s,
+        "cause": trajectory.cause or None,
+    }
     return {
         "format": FORMAT,
         "name": scene.scenario.name,
-        "status": _status(trajectory)
+        "status": status
         | judge(trajectory.status == "completed", ledger, advice, deep_contacts(scene.contacts, data)),
         "outcome": outcome_of(scene, events),
         **({"missed": missed} if (missed := missed_captures(scene, data, events)) else {}),
@@ -100,16 +107,6 @@ def unled_tips(scene: Scene) -> list[str]:
         and tip.config.reference is None
         and not list(tip.config.elements())
     ]
-
-
-def _status(trajectory: Trajectory) -> dict[str, Any]:
-    ended = trajectory.ended_at_s
-    return {
-        "state": trajectory.status,
-        "reached_s": float(trajectory.time[-1]) if ended is None else ended,
-        "diverged_at_s": trajectory.diverged_at_s,
-        "cause": trajectory.cause or None,
-    }
 
 
 @functools.cache

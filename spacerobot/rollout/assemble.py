@@ -22,7 +22,18 @@ def trajectory_of(raw: RolloutArrays, kernel: Kernel, grid: TimeGrid, p: Array) 
     status: Status = "unclosed" if cause else "completed" if raw.completed[0] else lost
     samples = int(np.searchsorted(grid.time, raw.reached[0], side="left" if ended else "right"))
     if status == "diverged" and raw.x is not None and samples:
-        cause = _lost(kernel, p, raw.x[0, samples - 1], raw.reached[0] + grid.step_s)
+        # the states without a finite rate at that time, else the state that grows fastest
+        time = raw.reached[0] + grid.step_s
+        c = kernel.functions["setup"](p)[1].full().ravel()
+        for place in kernel.jumps:
+            c[place] = np.inf if time < c[place] else -np.inf
+        rate = kernel.functions["dynamics"](time, raw.x[0, samples - 1], c)[0].full().ravel()
+        (missing,) = np.nonzero(~np.isfinite(rate))
+        if len(missing):
+            more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+            cause = f"{kernel.names[missing[0]]}{more}: its rate is not a number"
+        else:
+            cause = f"{kernel.names[int(np.argmax(np.abs(rate) * kernel.scale))]} grows fastest"
     state = np.empty((0, 0)) if raw.x is None else raw.x[0, :samples, : kernel.nx]
     y = np.empty((samples, 0)) if raw.y is None else raw.y[0, :samples]
     return Trajectory(
@@ -45,22 +56,6 @@ def trajectory_of(raw: RolloutArrays, kernel: Kernel, grid: TimeGrid, p: Array) 
         events=_fired(raw, kernel, p),
         ended_at_s=float(raw.reached[0]) if ended else None,
     )
-
-
-def _lost(kernel: Kernel, p: Array, x: Array, time: float) -> str:
-    """Cause of divergence: the states without a finite rate at that time, else the state that grows fastest.
-
-    ``x`` is the last good sample; rates are compared with how far a state may go.
-    """
-    c = kernel.functions["setup"](p)[1].full().ravel()
-    for place in kernel.jumps:
-        c[place] = np.inf if time < c[place] else -np.inf
-    rate = kernel.functions["dynamics"](time, x, c)[0].full().ravel()
-    (missing,) = np.nonzero(~np.isfinite(rate))
-    if len(missing):
-        more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
-        return f"{kernel.names[missing[0]]}{more}: its rate is not a number"
-    return f"{kernel.names[int(np.argmax(np.abs(rate) * kernel.scale))]} grows fastest"
 
 
 def _fired(raw: RolloutArrays, kernel: Kernel, p: Array) -> tuple[FiredEvent, ...]:

@@ -225,7 +225,20 @@ class CoincidentInstant:
         met = found["met"][:-1]
         if not all(self._seeded(one, peaks, seed, met) for one in (way, other)):
             return True
-        return self._differ(way, other, seed * (met == BEHIND))
+        # do the two orders lead to other states or adjoints? The peaks' seed is that of what is behind
+        behind = seed * (met == BEHIND)
+        bar = np.array(self._found["bar"])
+        if behind.any():
+            bar -= self._reverse("peaks", way.row, way.x, way.c, behind)[0]
+        size = np.abs(bar) @ (np.abs(way.x) + np.abs(self._found["before"]))
+        if (np.abs(bar * (way.x - other.x)) > ROUNDING * size).any():
+            return True
+        a, b, scale = self._back(way, bar), self._back(other, bar), self._kernel.scale
+        return (
+            _apart(a.x / scale, b.x / scale, a.noise_x / scale)
+            or _apart(a.c, b.c, a.noise_c)
+            or _apart(np.array([a.t]), np.array([b.t]), a.noise_t)
+        )
 
     def _guards(self, x: Array, c: Array) -> Array:
         return self._f["values"](self._t, x, c)[0] if self._kernel.events else np.empty(0)
@@ -310,21 +323,6 @@ class CoincidentInstant:
             here = np.abs(m - peaks) <= room
             way.seeds[k], left = np.where(here, left, 0.0), np.where(here, 0.0, left)
         return not left.any()
-
-    def _differ(self, way: _Way, other: _Way, behind: Array) -> bool:
-        """Whether two orders lead to other states or bars; what was told has the seed of peaks ``behind``."""
-        bar = np.array(self._found["bar"])
-        if behind.any():
-            bar -= self._reverse("peaks", way.row, way.x, way.c, behind)[0]
-        size = np.abs(bar) @ (np.abs(way.x) + np.abs(self._found["before"]))
-        if (np.abs(bar * (way.x - other.x)) > ROUNDING * size).any():
-            return True
-        a, b, scale = self._back(way, bar), self._back(other, bar), self._kernel.scale
-        return (
-            _apart(a.x / scale, b.x / scale, a.noise_x / scale)
-            or _apart(a.c, b.c, a.noise_c)
-            or _apart(np.array([a.t]), np.array([b.t]), a.noise_t)
-        )
 
     def _back(self, way: _Way, bar: Array) -> _Bars:
         """Bars before all, from that of the state behind. Each time ends a piece and begins the next."""

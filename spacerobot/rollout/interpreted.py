@@ -103,11 +103,22 @@ class InterpretedEngine:
             return self._hybrid(HybridRun(self, grid, begin, c, estimate, backwards, noise))
         times = c[list(kernel.jumps)]
         steps = plan(grid, times, backwards=backwards)
-        sides = _sides(c, kernel.jumps, times, steps)
+        # constants before each step and at the end, with the side of each jump in its place
+        sides = np.tile(c, (steps.steps + 1, 1))
+        sides[:, list(kernel.jumps)] = np.where(times <= 0, -np.inf, np.inf)
+        for k in steps.passes:
+            sides[k:, kernel.jumps[steps.first[k]]] = -np.inf
         rows = self._looked_up(sides, begin, steps)
         dt, dh = self._moved(c, steps)
         states, peaks, errors, done = [begin[None, :]], [], [np.empty((0, len(begin)))], 0
-        for k, n in _blocks(steps):
+        # first step and length of pieces in which no jump is passed
+        cuts = np.unique(np.concatenate([[0], steps.passes, [steps.steps]]))
+        blocks = [
+            (int(k), int(min(BLOCK, end - k)))
+            for begin, end in pairwise(cuts)
+            for k in range(begin, end, BLOCK)
+        ]
+        for k, n in blocks:
             part = slice(k, k + n)
             inputs = (
                 states[-1][-1],
@@ -274,20 +285,3 @@ class InterpretedEngine:
         if (n, estimate) not in self._made:
             self._made[n, estimate] = self._step(estimate).mapaccum("steps", n)
         return self._made[n, estimate]
-
-
-def _sides(c: Array, jumps: Sequence[int], times: Array, steps: StepPlan) -> Array:
-    """Constants before each step and at the end, with the side of each jump in its place."""
-    sides = np.tile(c, (steps.steps + 1, 1))
-    sides[:, list(jumps)] = np.where(times <= 0, -np.inf, np.inf)
-    for k in steps.passes:
-        sides[k:, jumps[steps.first[k]]] = -np.inf
-    return sides
-
-
-def _blocks(steps: StepPlan) -> list[tuple[int, int]]:
-    """First step and length of pieces in which no jump is passed."""
-    cuts = np.unique(np.concatenate([[0], steps.passes, [steps.steps]]))
-    return [
-        (int(k), int(min(BLOCK, end - k))) for begin, end in pairwise(cuts) for k in range(begin, end, BLOCK)
-    ]

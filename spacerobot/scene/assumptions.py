@@ -77,7 +77,17 @@ def list_warnings(scene: Scene) -> tuple[str, ...]:
                     f"{lower} to {upper} {unit}; limits are not enforced"
                 )
         found += _unread_sensors(scene, body)
-    found += _never(scene) + _unused_pads(scene)
+    # warnings about pads that neither a contact nor a plan names
+    plan = scene.scenario.plan
+    named = {side for contact in scene.scenario.contacts.values() for side in contact.between}
+    for _, _, limit in plan.every_limit() if plan is not None else ():
+        named |= set(limit.separated.between if limit.separated is not None else ())
+    unused_pads = [
+        f"pads.{name}: without effect, no contact names it"
+        for name in scene.scenario.pads
+        if name not in named
+    ]
+    found += _never(scene) + unused_pads
     for body, path, element in robot_elements(scene):
         found += [f"{path}: {caution}" for caution in element.cautions(robot_facts(scene, body))]
     found += [*_given_way(scene), *dome_warnings(scene)]
@@ -99,19 +109,6 @@ def _never(scene: Scene) -> list[str]:
                     f"{grasp.path}.{key}: never {what}, for the simulation ends after {duration:g} s"
                 )
     return found
-
-
-def _unused_pads(scene: Scene) -> list[str]:
-    """Warnings about pads that neither a contact nor a plan names."""
-    plan = scene.scenario.plan
-    named = {side for contact in scene.scenario.contacts.values() for side in contact.between}
-    for _, _, limit in plan.every_limit() if plan is not None else ():
-        named |= set(limit.separated.between if limit.separated is not None else ())
-    return [
-        f"pads.{name}: without effect, no contact names it"
-        for name in scene.scenario.pads
-        if name not in named
-    ]
 
 
 def _unread_sensors(scene: Scene, body: SceneBody) -> list[str]:

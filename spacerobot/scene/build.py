@@ -134,7 +134,9 @@ def resolve(
     for pattern, value in pairs:
         if not _names_files(pattern, value):
             document = _change(document, pattern, value, source)
-            for link in _links_given_inertia(pattern):
+            # the inertia of links that a change sets is not scaled by their mass
+            link, found, tail = pattern.rpartition(".inertia")
+            if found and ".links." in link and (not tail or tail[1:] == "*" or tail[1:].isdecimal()):
                 document = _change(document, f"{link}.inertia_at_mass", None, source)
     changed = to_document(validate(document, source=source))
     read_files(changed, source=source)
@@ -152,13 +154,6 @@ def _names_files(pattern: str, value: Any) -> bool:
     return whole or segments[-1] in ("urdf", "file") or "mounts" in segments[2:3]
 
 
-def _links_given_inertia(pattern: str) -> list[str]:
-    """Paths of the links, at most one pattern, whose inertia a change sets, so that it stands."""
-    head, found, tail = pattern.rpartition(".inertia")
-    sets = bool(found) and ".links." in head and (not tail or tail[1:] == "*" or tail[1:].isdecimal())
-    return [head] if sets else []
-
-
 def _change(document: Document, pattern: str, value: Any, source: Path | None) -> Document:
     """Document with one change, the defaults of a section that it opens filled in for the changes to come."""
     try:
@@ -170,17 +165,6 @@ def _change(document: Document, pattern: str, value: Any, source: Path | None) -
     return changed
 
 
-def _frame(model: Any, body: SceneBody, link: str, where: str, source: Path | None) -> int:
-    names = [link.name for link in body.description.links]
-    if link not in names:
-        raise ScenarioError(
-            f"no link {link!r} in {body.description.path.name}; {near_names(link, names)}",
-            source=source,
-            where=where,
-        )
-    return int(model.getFrameId(f"{body.name}/{link}", pin.FrameType.BODY))
-
-
 def _tips(model: Any, body: SceneBody, scenario: Scenario, source: Path | None) -> list[SceneTip]:
     if not isinstance(body.config, Robot):
         return []
@@ -188,7 +172,14 @@ def _tips(model: Any, body: SceneBody, scenario: Scenario, source: Path | None) 
     for name, tip in body.config.tips.items():
         path = f"{body.path}.tips.{name}"
         link = tip.frame or name
-        frame = _frame(model, body, link, f"{path}.frame" if tip.frame else path, source)
+        names = [link.name for link in body.description.links]
+        if link not in names:
+            raise ScenarioError(
+                f"no link {link!r} in {body.description.path.name}; {near_names(link, names)}",
+                source=source,
+                where=(f"{path}.frame" if tip.frame else path),
+            )
+        frame = int(model.getFrameId(f"{body.name}/{link}", pin.FrameType.BODY))
         joint = int(model.frames[frame].parentJoint)
         label = f"{body.name}/{name}"
         tips.append(SceneTip(label, path, body, frame, joint, tip, references_of(label, scenario, during)))

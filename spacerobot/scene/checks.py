@@ -53,11 +53,8 @@ def check_masses(scenario: Scenario, descriptions: Mapping[str, Description], *,
 
 def resolved_bodies(config: Robot | Target, description: Description) -> list[RigidBody]:
     """Bodies that move as one, the base first, with the mass properties of a resolved scenario."""
-    return welded_bodies(_resolved_links(config, description), description.joints, description.root)
-
-
-def _resolved_links(config: Robot | Target, description: Description) -> list[UrdfLink]:
-    return [_with_masses(link, config.links.get(link.name)) for link in description.links]
+    resolved_links = [_with_masses(link, config.links.get(link.name)) for link in description.links]
+    return welded_bodies(resolved_links, description.joints, description.root)
 
 
 def _with_masses(link: UrdfLink, given: Any) -> UrdfLink:

@@ -35,7 +35,21 @@ def initial_state(
     for closing in closings:
         if closing.aligns:
             turned[closing.body.root_joint] = _align(model, closing, turned, q, v)
-        _close(model, closing, q, v)
+        # move a base, and set it in motion, so that its grasp begins closed
+        data = model.createData()
+        pin.forwardKinematics(model, data, q, v)
+        pin.updateFramePlacements(model, data)
+        base, joint = data.oMi[closing.body.root_joint], model.joints[closing.body.root_joint]
+        own, other = data.oMf[closing.own].translation, data.oMf[closing.other].translation
+        q[joint.idx_q : joint.idx_q + closing.axes] += (other - own)[: closing.axes]
+        if closing.sets_velocity:
+            slip = _velocity(model, data, closing.other) - _velocity(model, data, closing.own)
+            spin = slip[3:] if closing.sets_spin else np.zeros(3)
+            linear = base.rotation.T @ (slip[:3] - np.cross(spin, own - base.translation))
+            angular = base.rotation.T @ spin
+            v[joint.idx_v : joint.idx_v + joint.nv] += (
+                [*linear[:2], angular[2]] if joint.nv == 3 else [*linear, *angular]
+            )
     return q, v
 
 
@@ -57,25 +71,6 @@ def _align(
     for first in range(joint.idx_v, joint.idx_v + joint.nv - 1, 3):
         v[first : first + size] = rotation[:size, :size].T @ v[first : first + size]
     return found
-
-
-def _close(model: Any, closing: ClosingBase, q: Array, v: Array) -> None:
-    """Move a base, and set it in motion, so that its grasp begins closed."""
-    data = model.createData()
-    pin.forwardKinematics(model, data, q, v)
-    pin.updateFramePlacements(model, data)
-    base, joint = data.oMi[closing.body.root_joint], model.joints[closing.body.root_joint]
-    own, other = data.oMf[closing.own].translation, data.oMf[closing.other].translation
-    q[joint.idx_q : joint.idx_q + closing.axes] += (other - own)[: closing.axes]
-    if not closing.sets_velocity:
-        return
-    slip = _velocity(model, data, closing.other) - _velocity(model, data, closing.own)
-    spin = slip[3:] if closing.sets_spin else np.zeros(3)
-    linear = base.rotation.T @ (slip[:3] - np.cross(spin, own - base.translation))
-    angular = base.rotation.T @ spin
-    v[joint.idx_v : joint.idx_v + joint.nv] += (
-        [*linear[:2], angular[2]] if joint.nv == 3 else [*linear, *angular]
-    )
 
 
 def _velocity(model: Any, data: Any, frame: int) -> Array:

@@ -83,22 +83,19 @@ class _Finder:
         ones, others = (list(self._side(side, wrap, f"{path}.between.{i}")) for i, side in enumerate(between))
         pairs = tuple(itertools.product(ones, others))
         for first, second in pairs:
-            self._check(first, second, path)
+            # refuse a pair that has no distance, or cannot move
+            named = f"{first.label} and {second.label}"
+            if first.joint == second.joint:
+                raise self._fault(f"{named} are fixed to each other and cannot touch", f"{path}.between")
+            if not have_distance(type(first.config), type(second.config)):
+                raise self._fault(
+                    f"{named} are two half-spaces, which have no distance; put another shape on one",
+                    f"{path}.between",
+                )
         return pairs
 
     def _fault(self, message: str, where: str) -> ScenarioError:
         return ScenarioError(message, source=self.source, where=where)
-
-    def _check(self, first: SceneShape, second: SceneShape, path: str) -> None:
-        """Refuse a pair that has no distance, or cannot move."""
-        named = f"{first.label} and {second.label}"
-        if first.joint == second.joint:
-            raise self._fault(f"{named} are fixed to each other and cannot touch", f"{path}.between")
-        if not have_distance(type(first.config), type(second.config)):
-            raise self._fault(
-                f"{named} are two half-spaces, which have no distance; put another shape on one",
-                f"{path}.between",
-            )
 
     def _side(self, side: str, wrap: Wrap | None, where: str) -> Iterator[SceneShape]:
         """Shapes that a pad or links stand for."""

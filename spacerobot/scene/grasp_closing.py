@@ -8,7 +8,7 @@ form it: its positions must meet as they are described, its velocities are proje
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -91,10 +91,26 @@ def find_closings(
         for body in (target, grasp.tip.body):
             if body is not None and body.root_joint and body.name not in gives:
                 gives[body.name] = grasp
-                if not _is_circle(gives, body.name):
+                # a body must not follow itself, by way of others
+                at, seen = body.name, set()
+                while at in gives and at not in seen:
+                    seen.add(at)
+                    at = _followed(at, gives[at])
+                if at != body.name:
                     break
                 del gives[body.name]
-    return _ordered(bodies, gives, source)
+    waiting = [body for body in bodies if body.name in gives]
+    order: list[ClosingBase] = []
+    while waiting:
+        names = {body.name for body in waiting}
+        ready = [body for body in waiting if _followed(body.name, gives[body.name]) not in names]
+        if not ready:
+            stuck = [body for body in waiting if body.base.close_grasp is not None]
+            paths = " and ".join(f"{body.path}.base.close_grasp" for body in stuck)
+            raise ScenarioError(f"{paths} wait for each other; give one of them a position", source=source)
+        order += [ClosingBase(body, gives[body.name]) for body in ready]
+        waiting = [body for body in waiting if body not in ready]
+    return tuple(order)
 
 
 def open_grasps(scene: Scene) -> tuple[SceneGrasp, ...]:
@@ -140,29 +156,3 @@ def _asked_for(
 def _followed(name: str, grasp: SceneGrasp) -> str:
     """Body that a body follows which gives way to a grasp."""
     return grasp.tip.body.name if name == "target" else "target"
-
-
-def _is_circle(gives: Mapping[str, SceneGrasp], name: str) -> bool:
-    """Whether a body follows itself, by way of others."""
-    at, seen = name, set()
-    while at in gives and at not in seen:
-        seen.add(at)
-        at = _followed(at, gives[at])
-    return at == name
-
-
-def _ordered(
-    bodies: Sequence[SceneBody], gives: Mapping[str, SceneGrasp], source: Path | None
-) -> tuple[ClosingBase, ...]:
-    waiting = [body for body in bodies if body.name in gives]
-    order: list[ClosingBase] = []
-    while waiting:
-        names = {body.name for body in waiting}
-        ready = [body for body in waiting if _followed(body.name, gives[body.name]) not in names]
-        if not ready:
-            stuck = [body for body in waiting if body.base.close_grasp is not None]
-            paths = " and ".join(f"{body.path}.base.close_grasp" for body in stuck)
-            raise ScenarioError(f"{paths} wait for each other; give one of them a position", source=source)
-        order += [ClosingBase(body, gives[body.name]) for body in ready]
-        waiting = [body for body in waiting if body not in ready]
-    return tuple(order)

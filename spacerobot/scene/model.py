@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.description.read import Description
-from spacerobot.scenario import Body, Robot, Scenario, Target
+from spacerobot.scenario import Robot, Scenario, Target
 from spacerobot.scene.scene import MimicJoint, SceneBody
 
 ROOT = "root"
@@ -34,39 +34,33 @@ def build_model(
     model = pin.Model()
     model.name = scenario.name
     for path, config in configs.items():
-        model = _append(model, path.rpartition(".")[2], descriptions[path], config)
+        # new model with one more body: Pinocchio's parser must not extend a model that is still in use
+        name = path.rpartition(".")[2]
+        description = descriptions[path]
+        xml, base = description.to_pinocchio_xml(prefix=f"{name}/"), config.base
+        placement = pin.SE3.Identity()
+        if base.joint == "fixed":
+            own = pin.buildModelFromXML(xml)
+            placement.rotation = pin.rpy.rpyToMatrix(np.radians(base.rotation_deg))
+            placement.translation = np.array(base.position, dtype=float)
+        elif base.joint == "planar":
+            own = pin.buildModelFromXML(xml, pin.JointModelPlanar(), _root_name(name, description))
+            placement.translation = np.array([0.0, 0.0, base.position[2]])
+        else:
+            own = pin.buildModelFromXML(xml, pin.JointModelFreeFlyer(), _root_name(name, description))
+        # rename the frames of joints that are called like a link: a URDF may do so, ``appendModel`` fails
+        links = {frame.name for frame in own.frames if frame.type == pin.FrameType.BODY}
+        for frame in own.frames:
+            if frame.type != pin.FrameType.BODY:
+                while frame.name in links:
+                    frame.name += "_joint"
+        model = pin.appendModel(model, own, 0, placement)
     model.gravity.linear = np.array(scenario.gravity)
     bodies = tuple(_body(model, path, config, descriptions[path]) for path, config in configs.items())
     for body in bodies:
         _set_inertias(model, body)
         _set_damping(model, body)
     return model, bodies
-
-
-def _append(model: Any, name: str, description: Description, config: Body) -> Any:
-    """New model with one more body: Pinocchio's parser must not extend a model that is still in use."""
-    xml, base = description.to_pinocchio_xml(prefix=f"{name}/"), config.base
-    placement = pin.SE3.Identity()
-    if base.joint == "fixed":
-        own = pin.buildModelFromXML(xml)
-        placement.rotation = pin.rpy.rpyToMatrix(np.radians(base.rotation_deg))
-        placement.translation = np.array(base.position, dtype=float)
-    elif base.joint == "planar":
-        own = pin.buildModelFromXML(xml, pin.JointModelPlanar(), _root_name(name, description))
-        placement.translation = np.array([0.0, 0.0, base.position[2]])
-    else:
-        own = pin.buildModelFromXML(xml, pin.JointModelFreeFlyer(), _root_name(name, description))
-    _tell_joint_frames_apart(own)
-    return pin.appendModel(model, own, 0, placement)
-
-
-def _tell_joint_frames_apart(model: Any) -> None:
-    """Rename the frames of joints that are called like a link: a URDF may do so, ``appendModel`` fails."""
-    links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
-    for frame in model.frames:
-        if frame.type != pin.FrameType.BODY:
-            while frame.name in links:
-                frame.name += "_joint"
 
 
 def _root_name(name: str, description: Description) -> str:

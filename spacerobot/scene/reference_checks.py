@@ -6,7 +6,6 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.arrays import Array
-from spacerobot.elements import Reference
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scene.scene import Scene, SceneBody, SceneTip
 
@@ -75,7 +74,10 @@ def out_of_reach(scene: Scene) -> list[str]:
         pivot = begin
         if tip.from_target and scene.target is not None:
             pivot = data.oMf[scene.target.root_frame].translation
-        points = _points(tip.reference, pivot, begin - pivot)
+        # positions (n, 3) [m] that a reference leads its tip through; the lever turns with the reference
+        lever = begin - pivot
+        moved, turned = tip.reference.way()
+        points: Array = pivot + moved + np.array([pin.exp3(turn) @ lever for turn in turned])
         farthest = float(np.linalg.norm(points - base, axis=1).max())
         longest = reach(scene, tip)
         if farthest > longest * (1 + 1e-9):
@@ -84,13 +86,6 @@ def out_of_reach(scene: Scene) -> list[str]:
                 f"the arm reaches {longest:.4g} m"
             )
     return found
-
-
-def _points(reference: Reference, pivot: Array, lever: Array) -> Array:
-    """Positions (n, 3) [m] that a reference leads its tip through; the lever turns with the reference."""
-    moved, turned = reference.way()
-    points: Array = pivot + moved + np.array([pin.exp3(turn) @ lever for turn in turned])
-    return points
 
 
 def reach(scene: Scene, tip: SceneTip) -> float:

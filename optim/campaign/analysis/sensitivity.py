@@ -40,7 +40,14 @@ def what_matters(draws: Array, values: Array, campaign: Campaign, *, complete: b
         "value": _named(names, plain),
         "away": _named(names, away),
     }
-    entry["strongest"] = _strongest(names, plain, away, noise_of(len(draws), campaign))
+    noise = noise_of(len(draws), campaign)
+    found = []
+    for name, one, other in zip(names, np.nan_to_num(plain), np.nan_to_num(away), strict=True):
+        value = float(one if abs(one) >= abs(other) else other)
+        rising, falling = ("rises", "falls") if abs(one) >= abs(other) else ("away", "middle")
+        if abs(value) > noise:
+            found.append({"parameter": name, "how": rising if value > 0 else falling, "value": value})
+    entry["strongest"] = sorted(found, key=lambda row: -abs(row["value"]))
     if np.ptp(np.nan_to_num(values, posinf=np.finfo(float).max)) == 0:
         entry["note"] = "no rollout was completed" if np.isinf(values).all() else "it does not vary"
     elif campaign.sampler.gives_sobol_indices:
@@ -63,16 +70,6 @@ def correlated(campaign: Campaign) -> list[dict[str, Any]]:
         for j in range(i)
         if abs(rows[i][j]) >= WORTH_TELLING
     ]
-
-
-def _strongest(names: Sequence[str], plain: Array, away: Array, noise: float) -> list[dict[str, Any]]:
-    found = []
-    for name, one, other in zip(names, np.nan_to_num(plain), np.nan_to_num(away), strict=True):
-        value = float(one if abs(one) >= abs(other) else other)
-        rising, falling = ("rises", "falls") if abs(one) >= abs(other) else ("away", "middle")
-        if abs(value) > noise:
-            found.append({"parameter": name, "how": rising if value > 0 else falling, "value": value})
-    return sorted(found, key=lambda row: -abs(row["value"]))
 
 
 def _indices(values: Array, names: list[str], campaign: Campaign, *, complete: bool) -> dict[str, Any]:

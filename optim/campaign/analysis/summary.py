@@ -107,17 +107,6 @@ def _unclosed(chosen: xr.Dataset) -> tuple[str, ...]:
     return tuple(unclosed(dict(zip(most, map(float, row), strict=True)), most) for row in chosen.gap.values)
 
 
-def _did_not_begin(found: Mapping[str, SampleStatistics]) -> list[str]:
-    """Warnings about samples whose grasps did not close."""
-    warnings = []
-    for name, sampled in found.items():
-        words = [words for words in sampled.unclosed if words]
-        if words:
-            count = f"{len(words)} of {len(sampled.unclosed)} samples"
-            warnings.append(f"gains {name}: {count} fail before they begin; the first: {words[0]}")
-    return warnings
-
-
 def summarise(
     folder: StrPath, evaluator: CampaignEvaluator, named: ScenarioSource | None = None
 ) -> dict[str, Any]:
@@ -171,6 +160,13 @@ def summary_data(
     found = sample_statistics(data, evaluator)
     draws = data.draw.values
     trust = untrusted(data, {name: sampled.any_failure for name, sampled in found.items()})
+    # warnings about samples whose grasps did not close
+    warnings = []
+    for name, sampled in found.items():
+        words = [words for words in sampled.unclosed if words]
+        if words:
+            count = f"{len(words)} of {len(sampled.unclosed)} samples"
+            warnings.append(f"gains {name}: {count} fail before they begin; the first: {words[0]}")
     return {
         "name": evaluator.scene.scenario.name,
         "samples": len(data.sample),
@@ -198,7 +194,7 @@ def summary_data(
         "rank_noise": noise_of(len(data.sample), campaign),
         "against": _against(found, campaign),
         "untrusted": trust,
-        "doubts": [*_did_not_begin(found), *doubts(trust, campaign)],
+        "doubts": [*warnings, *doubts(trust, campaign)],
     }
 
 

@@ -41,7 +41,20 @@ class CampaignStore:
         self.folder, self.count = folder, count
         self._there = Intervals()
         self._chunks: list[Interval] = []
-        self._find()
+        # note what is there; a chunk that a full disk or a power cut has spoilt is dropped
+        if is_complete(self.folder / DATA, self.count):
+            self._there.add(0, self.count)
+        else:
+            for path in sorted((self.folder / CHUNKS).glob("?????????-?????????.npz")):
+                begin, end = (int(part) for part in path.stem.split("-"))
+                try:
+                    whole = len(_read(path)) == end - begin > 0
+                except ResultError:
+                    whole = False
+                if whole and self._there.add(begin, end):
+                    self._chunks.append((begin, end))
+                else:
+                    path.unlink()
 
     @property
     def done(self) -> int:
@@ -93,7 +106,9 @@ class CampaignStore:
         try:
             with uninterrupted():  # Ctrl-C would leave the file's library locked
                 write_tables(stage / DATA, layout, tables, complete)
-                _to_disk(stage / DATA)
+                # wait until a file is on the disk: the chunks that it replaces are about to go
+                with (stage / DATA).open("rb+") as file:
+                    os.fsync(file.fileno())
                 (stage / DATA).replace(path)
         except (OSError, RuntimeError) as fault:
             kept = f"what was rolled out stays in {CHUNKS}; free disk space and start again"
@@ -105,22 +120,6 @@ class CampaignStore:
 
     def _chunk(self, interval: Interval) -> Path:
         return self.folder / CHUNKS / f"{interval[0]:09d}-{interval[1]:09d}.npz"
-
-    def _find(self) -> None:
-        """Note what is there; a chunk that a full disk or a power cut has spoilt is dropped."""
-        if is_complete(self.folder / DATA, self.count):
-            self._there.add(0, self.count)
-            return
-        for path in sorted((self.folder / CHUNKS).glob("?????????-?????????.npz")):
-            begin, end = (int(part) for part in path.stem.split("-"))
-            try:
-                whole = len(_read(path)) == end - begin > 0
-            except ResultError:
-                whole = False
-            if whole and self._there.add(begin, end):
-                self._chunks.append((begin, end))
-            else:
-                path.unlink()
 
 
 @contextlib.contextmanager
@@ -151,7 +150,12 @@ def open_store(
         found: dict[str, Any] = {}
         if head.exists():
             found = load_head(folder)
-            _check_same(folder, found, identity)
+            # refuse a folder that holds another campaign, with the first thing that differs
+            differs = difference(found, identity)
+            if differs is not None:
+                what = differs or "made by another version of the library"
+                message = f"holds another campaign: {what}; name another folder, or remove this one"
+                raise ResultError(message, source=folder)
         wanted = {"format": FORMAT, **identity, "notes": found.get("notes", {}) if notes is None else notes}
         if plugins := plugin_records() or found.get("plugins"):
             wanted["plugins"] = plugins
@@ -204,15 +208,6 @@ def difference(found: Mapping[str, Any], identity: Mapping[str, Any]) -> str | N
     path = differs[0]
     more = f" (and {len(differs) - 1} more)" if len(differs) > 1 else ""
     return f"{path.removeprefix('scenario.')} was {old.get(path)!r}, is {new.get(path)!r}{more}"
-
-
-def _check_same(folder: Path, found: Mapping[str, Any], identity: Mapping[str, Any]) -> None:
-    """Refuse a folder that holds another campaign, with the first thing that differs."""
-    differs = difference(found, identity)
-    if differs is not None:
-        what = differs or "made by another version of the library"
-        message = f"holds another campaign: {what}; name another folder, or remove this one"
-        raise ResultError(message, source=folder)
 
 
 def check_place(folder: Path) -> None:
@@ -273,9 +268,3 @@ def _read(path: Path) -> SampleTable:
             return SampleTable(stored["draws"], stored["metrics"], times, gaps, series)
     except Exception as fault:  # whatever a spoilt archive makes zipfile, zlib or numpy say
         raise ResultError(f"cannot be read: {fault}", source=path) from None
-
-
-def _to_disk(path: Path) -> None:
-    """Wait until a file is on the disk: the chunks that it replaces are about to go."""
-    with path.open("rb+") as file:
-        os.fsync(file.fileno())

@@ -37,7 +37,11 @@ def reopen(folder: StrPath) -> CampaignEvaluator:
     head = load_head(folder)
     try:
         _check_urdfs(folder, head)
-        evaluator = _evaluator(folder, head)
+        document = dict(head["scenario"])
+        document["campaign"] = document["campaign"] | head["notes"]["asked"]
+        source = folder / HEAD
+        scene = build_scene(validate(document, source=source), source=source)
+        evaluator = build_evaluator(scene, head["gains"], compiled=False)
         draws = all_draws(evaluator)
         layout = DatasetLayout.of(evaluator, head["notes"]["about"])
         named_in(head["notes"])
@@ -60,14 +64,6 @@ def reopen(folder: StrPath) -> CampaignEvaluator:
             store.merge(layout)
     check_layout(folder / DATA, layout)
     return evaluator
-
-
-def _evaluator(folder: Path, head: Mapping[str, Any]) -> CampaignEvaluator:
-    document = dict(head["scenario"])
-    document["campaign"] = document["campaign"] | head["notes"]["asked"]
-    source = folder / HEAD
-    scene = build_scene(validate(document, source=source), source=source)
-    return build_evaluator(scene, head["gains"], compiled=False)
 
 
 def _check_urdfs(folder: Path, head: Mapping[str, Any]) -> None:

@@ -83,7 +83,18 @@ def write_tables(
         _define(file, layout)
         file.setncatts({"format": FORMAT, "complete": int(complete), "about": layout.about})
         for samples, table in blocks(tables, layout.rows):
-            _append(file, samples, table, layout.columns)
+            at = len(file.dimensions["sample"])
+            rows = slice(at, at + len(table))
+            file["sample"][rows] = samples
+            file["draw"][rows] = table.draws
+            file["diverged_at"][rows] = table.diverged_at_s
+            if table.gaps.shape[2]:
+                file["gap"][rows] = table.gaps
+            for metric in dict.fromkeys(column.metric for column in layout.columns):
+                places = [i for i, column in enumerate(layout.columns) if column.metric == metric]
+                file[metric][rows] = table.metrics[:, :, places]
+            for name, values in table.series.items():
+                file[name][rows] = values
 
 
 def check_layout(path: Path, layout: DatasetLayout) -> None:
@@ -249,20 +260,3 @@ def _define_series(file: Any, layout: DatasetLayout) -> None:
         dimensions, sizes = ("sample", "gains", "time", f"{one.name}_of"), (layout.rows, 1, few, width)
         file.createVariable(one.name, "f8", dimensions, zlib=True, complevel=1, chunksizes=sizes)
         file[one.name].units = one.unit
-
-
-def _append(
-    file: Any, samples: np.typing.NDArray[np.int64], table: SampleTable, columns: Sequence[MetricColumn]
-) -> None:
-    at = len(file.dimensions["sample"])
-    rows = slice(at, at + len(table))
-    file["sample"][rows] = samples
-    file["draw"][rows] = table.draws
-    file["diverged_at"][rows] = table.diverged_at_s
-    if table.gaps.shape[2]:
-        file["gap"][rows] = table.gaps
-    for metric in dict.fromkeys(column.metric for column in columns):
-        places = [i for i, column in enumerate(columns) if column.metric == metric]
-        file[metric][rows] = table.metrics[:, :, places]
-    for name, values in table.series.items():
-        file[name][rows] = values

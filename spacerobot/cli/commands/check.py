@@ -10,11 +10,8 @@ from spacerobot.cli.output import console, prose, warn
 from spacerobot.registry import COMMANDS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from rich.tree import Tree
 
-    from spacerobot.scenario.phases import Phase
     from spacerobot.scene import Scene, SceneBody
 
 
@@ -34,13 +31,25 @@ def command(scenario: ScenarioName, changes: Changes = None) -> None:
 
     scene = load_scene(scenario, parse_changes(changes))
     check_size(scene)
-    _check_limits(scene)
+    # refuse limits of outputs that there are not: the closed loop alone knows which there are
+    phases = scene.scenario.phases.values()
+    if any(phase.until is not None and phase.until.limit is not None for phase in phases):
+        from spacerobot.loop_cache import cached_closed_loop
+
+        cached_closed_loop(scene)
     for warning in (*scene.warnings, *overlaps(scene)):
         warn(warning)
     console().print(scene_tree(scene))
     if scene.scenario.phases:
         console().print("\nphases", style="bold")
-        _print_phases(scene.scenario.phases)
+        # phases as a timeline: how each ends, what follows, and what differs in it
+        from spacerobot.scenario.phases import differences, ways
+
+        width = max(map(len, scene.scenario.phases))
+        for name, phase in scene.scenario.phases.items():
+            prose(f"{name:{width}}  {ways(name, scene.scenario.phases)}", indent=2)
+            for difference in differences(phase):
+                prose(difference, indent=width + 4)
     if scene.scenario.plan is not None:
         console().print("\nplan", style="bold")
         prose(_avoidance(scene), indent=2)
@@ -63,26 +72,6 @@ def _avoidance(scene: Scene) -> str:
         by_bodies[bodies] = by_bodies.get(bodies, 0) + 1
     told = ", ".join(f"{count} {bodies}" for bodies, count in by_bodies.items())
     return f"collision avoidance: plans keep {len(pairs)} pairs of links apart, {told}"
-
-
-def _check_limits(scene: Scene) -> None:
-    """Refuse limits of outputs that there are not: the closed loop alone knows which there are."""
-    phases = scene.scenario.phases.values()
-    if any(phase.until is not None and phase.until.limit is not None for phase in phases):
-        from spacerobot.loop_cache import cached_closed_loop
-
-        cached_closed_loop(scene)
-
-
-def _print_phases(phases: Mapping[str, Phase]) -> None:
-    """Phases as a timeline: how each ends, what follows, and what differs in it."""
-    from spacerobot.scenario.phases import differences, ways
-
-    width = max(map(len, phases))
-    for name, phase in phases.items():
-        prose(f"{name:{width}}  {ways(name, phases)}", indent=2)
-        for difference in differences(phase):
-            prose(difference, indent=width + 4)
 
 
 def scene_tree(scene: Scene) -> Tree:

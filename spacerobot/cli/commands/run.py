@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -86,12 +85,30 @@ def _conclude(scene: Scene, result: Result) -> None:
     for warning in result.summary["warnings"]:
         if warning not in scene.warnings:
             warn(warning)
-    console().print(pairs(f"{result.scenario.name}: {_about(scene)}", result.headline()))
+    kind = "planar" if scene.planar else "spatial"
+    counts = (("robot", scene.robots), ("tip", scene.tips), ("grasp", scene.grasps))
+    texts = (f"{len(things)} {name}{'' if len(things) == 1 else 's'}" for name, things in counts)
+    about = ", ".join((kind, *texts))
+    console().print(pairs(f"{result.scenario.name}: {about}", result.headline()))
     events = event_rows(result.summary.get("events", ()))
     if events:
         console().print(table("events", HEADINGS, events))
     if "mpc" in result.summary:
-        console().print(pairs("model predictive control", _planning(result.summary["mpc"])))
+        # how often was planned, and how long it took against the period
+        told = result.summary["mpc"]
+        again = told["plans"] - 1
+        missed = f", {told['missed']} without a plan" if told["missed"] else ""
+        took = f"{told['median_solve_s']:.3g} s, the longest {told['longest_solve_s']:.3g} s"
+        within = "delay" if told["delay_s"] else "period"
+        planning = [
+            ("period", f"{told['period_s']:g} s, applied {told['delay_s']:g} s after the measurement"),
+            ("plans", f"{told['plans']}{missed}; the first in {told['first_solve_s']:.3g} s"),
+            (
+                "solution time of the others",
+                f"median {took}; {told['in_time']} of {again} within the {within}",
+            ),
+        ]
+        console().print(pairs("model predictive control", planning))
     if result.folder is not None:
         console().print(f"\nresult in {result.folder}", markup=False, soft_wrap=True)
 
@@ -157,26 +174,6 @@ def warn_if_open(result: Result) -> None:
     doubt = warning(result.summary["status"])
     if doubt is not None:
         warn(f"{result.scenario.name}: {doubt}")
-
-
-def _planning(told: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """How often was planned, and how long it took against the period."""
-    again = told["plans"] - 1
-    missed = f", {told['missed']} without a plan" if told["missed"] else ""
-    took = f"{told['median_solve_s']:.3g} s, the longest {told['longest_solve_s']:.3g} s"
-    within = "delay" if told["delay_s"] else "period"
-    return [
-        ("period", f"{told['period_s']:g} s, applied {told['delay_s']:g} s after the measurement"),
-        ("plans", f"{told['plans']}{missed}; the first in {told['first_solve_s']:.3g} s"),
-        ("solution time of the others", f"median {took}; {told['in_time']} of {again} within the {within}"),
-    ]
-
-
-def _about(scene: Scene) -> str:
-    kind = "planar" if scene.planar else "spatial"
-    counts = (("robot", scene.robots), ("tip", scene.tips), ("grasp", scene.grasps))
-    texts = (f"{len(things)} {name}{'' if len(things) == 1 else 's'}" for name, things in counts)
-    return ", ".join((kind, *texts))
 
 
 COMMANDS.add(Command.of("run", command, HELP, place=1), __name__)

@@ -26,7 +26,6 @@ from spacerobot.registry import COMMANDS, TUNING_METHODS
 
 if TYPE_CHECKING:
     from optim import TuningResult
-    from spacerobot.result import Result
 
 Method = Annotated[
     str,
@@ -91,29 +90,25 @@ def command(
         if out is not None:
             result = result.save(out)
             found.save(out)
-    _show(found, result, method, tuning.objective.kind)
+    # print the gains, what each run found, and the best design's numbers
+    from optim.problem.objectives import UNITS
+    from optim.problem.variables import at_bound
+
+    told = {name: f", {end}" for name, end in at_bound(list(found.gains), found.outcome.best.u).items()}
+    rows = [(name, f"{value:.6g}{told.get(name, '')}") for name, value in found.gains.items()]
+    factor, unit = UNITS[tuning.objective.kind]
+    console().print(f"{method}: {tuning.objective.kind} {factor * found.objective:.6g} {unit}", markup=False)
+    console().print(pairs("gains", rows))
+    show_runs(found.outcome.runs, factor)
+    if TUNING_METHODS.find(method).shows_trials:
+        _show_trials(found)
+    console().print(pairs("the best design", result.headline()))
     if out is not None:
         console().print(f"\nresult and tuning.json in {out}", markup=False, soft_wrap=True)
     if found.outcome.interrupted:
         warn("interrupted: the best so far is kept")
         raise typer.Exit(130)
     fail_if_diverged(result)
-
-
-def _show(found: TuningResult, result: Result, method: str, kind: str) -> None:
-    """Print the gains, what each run found, and the best design's numbers."""
-    from optim.problem.objectives import UNITS
-    from optim.problem.variables import at_bound
-
-    told = {name: f", {end}" for name, end in at_bound(list(found.gains), found.outcome.best.u).items()}
-    rows = [(name, f"{value:.6g}{told.get(name, '')}") for name, value in found.gains.items()]
-    factor, unit = UNITS[kind]
-    console().print(f"{method}: {kind} {factor * found.objective:.6g} {unit}", markup=False)
-    console().print(pairs("gains", rows))
-    show_runs(found.outcome.runs, factor)
-    if TUNING_METHODS.find(method).shows_trials:
-        _show_trials(found)
-    console().print(pairs("the best design", result.headline()))
 
 
 HEADS = {"largest_error_m": "largest error [m]", "swings_hz": "swings [1/s]"}

@@ -310,8 +310,17 @@ class _Jets:
         clock = Clock.of(f"{self.name}.decisions", context.time, period)
         off_at = memory(f"{self.name}.off_at", ca.SX(len(names), 1))
         part = self.parts(asked)
+        # on-times (n x 1) [s] that there are, next to those that are wanted
+        shortest, step = self.numbers("minimum_on_time"), self.numbers("resolution")
+        found = []
+        for i, time in enumerate(ca.vertsplit(part * period)):
+            own = step[i] * ca.floor(time / step[i] + 0.5) if step[i].nnz() else time
+            if shortest[i].nnz():
+                own = ca.if_else(time < shortest[i] / 2, 0, ca.fmax(own, shortest[i]))
+            found.append(own)
+        on_times = ca.vertcat(*found)
         # what is on for all of the period is not switched off at its end, but goes on as decided then
-        until = clock.instant + ca.if_else(part < WHOLE, self._on_times(part * period), 2 * period)
+        until = clock.instant + ca.if_else(part < WHOLE, on_times, 2 * period)
         sets = {switch.name(): True for switch in firing}
         steps = bool(self.numbers("resolution").nnz())
         updates, name = {off_at.name: until}, f"{self.name}.control"
@@ -329,17 +338,6 @@ class _Jets:
             outputs=acting.outputs,
             events=tuple(events),
         )
-
-    def _on_times(self, wanted: ca.SX) -> ca.SX:
-        """On-times (n x 1) [s] that there are, next to those that are wanted."""
-        shortest, step = self.numbers("minimum_on_time"), self.numbers("resolution")
-        found = []
-        for i, time in enumerate(ca.vertsplit(wanted)):
-            own = step[i] * ca.floor(time / step[i] + 0.5) if step[i].nnz() else time
-            if shortest[i].nnz():
-                own = ca.if_else(time < shortest[i] / 2, 0, ca.fmax(own, shortest[i]))
-            found.append(own)
-        return ca.vertcat(*found)
 
     def _acting(self, parts: ca.SX) -> Contribution:
         """Wrench, power, propellant and what is seen of thrusters that give parts of their thrust (n x 1)."""

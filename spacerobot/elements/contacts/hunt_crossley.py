@@ -64,7 +64,13 @@ class HuntCrossley(Contact):
         """Forces of every pair of shapes, with their stored energy and dissipated power."""
         context, touching = contact.context, touches(contact)
         stiffness, exponent = context.number("stiffness"), context.number("exponent")
-        dissipation = self._dissipation(context)
+        # the coefficient a (1x1) [s/m]
+        if self.restitution is None:
+            dissipation = context.number("dissipation") if self.dissipation is not None else ca.SX(1, 1)
+        else:
+            number, path = context.parameters, context.path
+            relative = speed_ratio(number(f"{path}.restitution"))
+            dissipation = context.once("dissipation", relative / number(f"{path}.restitution_speed"))
         energy, presses = ca.SX(1, 1), []
         for touch in touching:
             depth = ca.fmax(-touch.gap, _SHALLOWEST)
@@ -78,14 +84,6 @@ class HuntCrossley(Contact):
         marks = watch(contact, touching, self, pull, rough=not self.exponent.is_integer())
         found = booked(contact, touching, presses)
         return dataclasses.replace(found, energy=energy, events=marks.events, fine=marks.fine)
-
-    def _dissipation(self, context: SectionContext) -> ca.SX:
-        """The coefficient a (1x1) [s/m]."""
-        if self.restitution is None:
-            return context.number("dissipation") if self.dissipation is not None else ca.SX(1, 1)
-        number, path = context.parameters, context.path
-        relative = speed_ratio(number(f"{path}.restitution"))
-        return context.once("dissipation", relative / number(f"{path}.restitution_speed"))
 
     def _friction(self, context: SectionContext, touch: ContactPair, press: ca.SX) -> ca.SX:
         """Force on the second across the normal (3x1): mu N against sliding, linear near none."""

@@ -53,7 +53,13 @@ class Pid(TipController):
         """One channel and its states."""
         turns = self.controls(tip.key) == "rotation"
         axes = list(tip.plant.rotation_axes if turns else tip.plant.translation_axes)
-        fed_back = self._fed_back(tip, axes, turns=turns)
+        # the velocity that is fed back now
+        chosen = tip.context.chosen("feedback", self.feedback)
+        found = [(now, _seen_from(word, tip, axes, turns=turns)) for word, now in chosen.items()]
+        (_, fed_back), *others = found
+        for now, other in others:
+            parts = (f.name for f in fields(_FedBack))
+            fed_back = _FedBack(*(ca.if_else(now, getattr(other, n), getattr(fed_back, n)) for n in parts))
         motion, states = tip.motion, []
         wanted = (motion.angular_velocity if turns else motion.velocity)[axes]
         wanted_rate = (motion.angular_acceleration if turns else motion.acceleration)[axes]
@@ -86,16 +92,6 @@ class Pid(TipController):
         # begins at the error itself, so that the derivative does not kick
         states.append(State(f"{name}.filter", filtered, error, (error - filtered) / lag))
         return command + kd * (error - filtered) / lag, None, states
-
-    def _fed_back(self, tip: TipContext, axes: list[int], *, turns: bool) -> _FedBack:
-        """The velocity that is fed back now."""
-        chosen = tip.context.chosen("feedback", self.feedback)
-        found = [(now, _seen_from(word, tip, axes, turns=turns)) for word, now in chosen.items()]
-        (_, fed_back), *others = found
-        for now, other in others:
-            parts = (f.name for f in fields(_FedBack))
-            fed_back = _FedBack(*(ca.if_else(now, getattr(other, n), getattr(fed_back, n)) for n in parts))
-        return fed_back
 
     def reads(self, key: str, siblings: Mapping[str, Section]) -> set[str]:
         """The velocity that it feeds back, and what its amnesia controller reads."""

@@ -56,7 +56,21 @@ class ResolvedRate(RobotController):
         rates = robot.plant.v[columns]
         tasks = []
         if self.keeps != "nothing":
-            tasks.append(_base_task(robot, free, turning_alone=self.keeps == "attitude"))
+            # the base keeps still, or does not turn
+            turning_alone = self.keeps == "attitude"
+            planar = len(free.base) == 3
+            rows = (
+                [2]
+                if planar and turning_alone
+                else [3, 4, 5]
+                if turning_alone
+                else list(range(len(free.base)))
+            )
+            velocity = robot.plant.v[free.base]
+            base_task = _Task(
+                free.reaction[rows, :], velocity[rows], ca.SX(len(rows), 1), -free.falling[rows]
+            )
+            tasks.append(base_task)
         led = [task for tip in robot.tips for task in self._tip_tasks(robot, tip, free)]
         if led:
             tasks.append(_Task.of(led, number("damping")))
@@ -194,14 +208,6 @@ class _FreeBase:
     def torque(self, acceleration: ca.SX) -> ca.SX:
         """Generalized forces (n x 1) of joint accelerations."""
         return ca.mtimes(self.inertia, acceleration) + self.bias
-
-
-def _base_task(robot: RobotContext, free: _FreeBase, *, turning_alone: bool) -> _Task:
-    """The base keeps still, or does not turn."""
-    planar = len(free.base) == 3
-    rows = [2] if planar and turning_alone else [3, 4, 5] if turning_alone else list(range(len(free.base)))
-    velocity = robot.plant.v[free.base]
-    return _Task(free.reaction[rows, :], velocity[rows], ca.SX(len(rows), 1), -free.falling[rows])
 
 
 def _resolved(tasks: list[_Task], missing: list[ca.SX], rates: ca.SX) -> ca.SX:

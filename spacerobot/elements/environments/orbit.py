@@ -163,7 +163,8 @@ class Orbit(Environment):
         period = 2 * math.pi * math.sqrt(axis**3 / self.gravitational_parameter)
         shape = f"e = {self.eccentricity:g}, " if self.eccentricity else ""
         rate = math.sqrt(self.gravitational_parameter * periapsis * (1 + self.eccentricity))
-        rate /= (periapsis * (1 + self.eccentricity) / (1 + self._cos())) ** 2
+        along = 1 + self.eccentricity * math.cos(math.radians(self.true_anomaly_deg))
+        rate /= (periapsis * (1 + self.eccentricity) / along) ** 2
         return (
             f"{self.model} orbit, a = {axis / 1e3:.7g} km, {shape}period {period:.6g} s, turns by "
             f"{math.degrees(rate):.6g} deg/s at the start"
@@ -175,9 +176,6 @@ class Orbit(Environment):
             return self.semi_major_axis * (1 - self.eccentricity), self.semi_major_axis
         nearest = self.planet_radius + (self.altitude or 0.0)
         return nearest, nearest / (1 - self.eccentricity)
-
-    def _cos(self) -> float:
-        return self.eccentricity * math.cos(math.radians(self.true_anomaly_deg))
 
 
 def eccentric_anomaly(mean: ca.SX, eccentricity: ca.SX) -> ca.SX:

@@ -124,7 +124,13 @@ class Rendezvous(Reference):
         close = smooth_blend(context, ("left" if self.wait else "arrived", "closed"), left, closing)
         standoff = -context.number("standoff") * axis
         onward = -context.number("end_distance") * axis - standoff
-        coast = _coasting(context, time)
+        # how far an initial velocity of 1 leads on (1x1) [s]: T u (1 - u)^3 (1 + 3 u), gone at the end
+        u = ca.if_else(context.time < context.jump("arrived", time), context.time / time, 1)
+        coast = TimeProfile(
+            time * u * (1 - u) ** 3 * (1 + 3 * u),
+            (1 - u) ** 2 * (1 + 2 * u - 15 * u * u),
+            -12 * u * (1 - u) * (3 - 5 * u) / time,
+        )
         away = offset - standoff
         moved = TimeProfile(
             standoff + away * (1 - arrive.value) + drift * coast.value + onward * close.value,
@@ -204,16 +210,6 @@ class _Seen:
 
 def _vector(context: ReferenceContext, key: str) -> ca.SX:
     return context.parameters.sparse_vector(f"{context.path}.{key}")
-
-
-def _coasting(context: ReferenceContext, time: ca.SX) -> TimeProfile:
-    """How far an initial velocity of 1 leads on (1x1) [s]: T u (1 - u)^3 (1 + 3 u), gone at the end."""
-    u = ca.if_else(context.time < context.jump("arrived", time), context.time / time, 1)
-    return TimeProfile(
-        time * u * (1 - u) ** 3 * (1 + 3 * u),
-        (1 - u) ** 2 * (1 + 2 * u - 15 * u * u),
-        -12 * u * (1 - u) * (3 - 5 * u) / time,
-    )
 
 
 def _free_acceleration(context: ReferenceContext, seen: _Seen) -> tuple[ca.SX, ca.SX]:

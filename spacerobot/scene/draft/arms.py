@@ -147,7 +147,22 @@ def make_arm(name: str, named: tuple[str, Description], tip: str | None) -> Draf
     trial = {"urdf": str(description.path), "base": {"joint": "fixed"}, "joints": locked}
     trial["tips"] = {"tip": {"frame": link}}
     scene = build_scene(validate({"robots": {"trial": trial}}))
-    joints, turns = _posture(scene, chain)
+    # the posture, of some drawn about the middles of the joints' ranges, from which the tip moves best
+    free = [joint for joint in chain if joint.mimic is None]
+    middle = np.array([_middle(joint) for joint in free])
+    spread = np.array([min(float((joint.upper - joint.lower) / 2) * 0.7, SPREAD) for joint in free])
+    best, posture, turns = -np.inf, middle, False
+    draws = np.random.default_rng(0).uniform(-1, 1, (POSTURES, len(free)))
+    for draw in (np.zeros(len(free)), *draws):
+        tried = _rounded(free, middle + spread * draw)
+        score, every_way = _agility(scene, free, tried)
+        if score > best + 1e-12:
+            best, posture, turns = score, tried, every_way
+    values = {
+        joint.name: {"offset": float(x)} if joint.kind == "prismatic" else {"angle_deg": float(np.degrees(x))}
+        for joint, x in zip(free, posture, strict=True)
+    }
+    joints = {n: {k: round(x, 6) for k, x in state.items()} for n, state in values.items()}
     return DraftArm(
         name, urdf, description, link, tuple(chain), joints | locked, scene.planar, turns, _bus(description)
     )
@@ -162,26 +177,6 @@ def _bus(description: Description) -> Document | None:
     mass = float(f"{BUS * moving:.1g}")
     inertia = float(f"{mass * (mass / BUS_DENSITY) ** (2 / 3) / 6:.2g}")
     return {"mass": mass, "inertia": [inertia, inertia, inertia, 0, 0, 0]}
-
-
-def _posture(scene: Scene, chain: Sequence[UrdfJoint]) -> tuple[Document, bool]:
-    """The posture, of some drawn about the middles of the joints' ranges, from which the tip moves best."""
-    free = [joint for joint in chain if joint.mimic is None]
-    middle = np.array([_middle(joint) for joint in free])
-    spread = np.array([min(_half_range(joint) * 0.7, SPREAD) for joint in free])
-    best, posture, turns = -np.inf, middle, False
-    draws = np.random.default_rng(0).uniform(-1, 1, (POSTURES, len(free)))
-    for draw in (np.zeros(len(free)), *draws):
-        tried = _rounded(free, middle + spread * draw)
-        score, every_way = _agility(scene, free, tried)
-        if score > best + 1e-12:
-            best, posture, turns = score, tried, every_way
-    values = {
-        joint.name: {"offset": float(x)} if joint.kind == "prismatic" else {"angle_deg": float(np.degrees(x))}
-        for joint, x in zip(free, posture, strict=True)
-    }
-    shown = {n: {k: round(x, 6) for k, x in state.items()} for n, state in values.items()}
-    return shown, turns
 
 
 def _agility(scene: Scene, free: Sequence[UrdfJoint], posture: Array) -> tuple[float, bool]:
@@ -227,7 +222,3 @@ def _rounded(joints: Sequence[UrdfJoint], values: Array) -> Array:
 def _middle(joint: UrdfJoint) -> float:
     limited = np.isfinite(joint.lower) and np.isfinite(joint.upper)
     return (joint.lower + joint.upper) / 2 if limited else 0.0
-
-
-def _half_range(joint: UrdfJoint) -> float:
-    return float((joint.upper - joint.lower) / 2)

@@ -73,7 +73,16 @@ class DraftNumbers:
 
     def __init__(self, scene: Scene, arms: Mapping[str, DraftArm]) -> None:
         self.scene, self.arms = scene, arms
-        self.response = _response(scene)
+        # accelerations for generalised forces (nv, nv), grasps closed; zero for joints that mimic
+        upper = np.triu(pin.crba(scene.model, scene.model.createData(), scene.q))
+        free = scene.spread[:, np.diag(scene.spread) > 0]
+        inverse = free @ np.linalg.inv(free.T @ (upper + np.triu(upper, 1).T) @ free) @ free.T
+        if not scene.grasps:
+            self.response = np.asarray(inverse)
+        else:
+            rows = np.vstack([relative_jacobian(scene, grasp) for grasp in scene.grasps])
+            held = inverse @ rows.T
+            self.response = np.asarray(inverse - held @ np.linalg.pinv(rows @ held, rcond=1e-10) @ held.T)
 
     def gains(self, tip: SceneTip) -> Gains:
         """Proposed gains for the arm of a tip."""
@@ -82,8 +91,14 @@ class DraftNumbers:
         linear, angular = self.scene.translation_axes, [3 + a for a in self.scene.rotation_axes]
         directions = len(linear) + len(angular) * arm.turns
         effective = 1 / np.diag(self.response)[columns]
+        known = [
+            joint.effort / (inertia * joint.velocity)
+            for joint, inertia in zip(_free(arm), effective, strict=True)
+            if np.isfinite(joint.effort * joint.velocity) and joint.effort > 0 and joint.velocity > 0
+        ]
+        bandwidth = short(float(np.clip(min(known), *BANDWIDTHS)), 2) if known else DEFAULT_BANDWIDTH
         return Gains(
-            self._bandwidth(arm, effective),
+            bandwidth,
             self._effective(jacobian[list(linear)], columns),
             self._effective(jacobian[angular], columns) if arm.turns else None,
             float(np.median(effective)) if len(columns) > directions else None,
@@ -107,7 +122,11 @@ class DraftNumbers:
             rate = max(
                 rate, *(float(s / limit) for s, limit in zip(speeds, limits, strict=True) if limit > 0)
             )
-            reach = min(reach, self._reach(tip))
+            # distance of a tip from its robot's root link at the start [m]
+            data = self.scene.model.createData()
+            pin.framesForwardKinematics(self.scene.model, data, self.scene.q)
+            ends = data.oMf[tip.frame].translation - data.oMf[tip.body.root_frame].translation
+            reach = min(reach, float(np.linalg.norm(ends)))
         length = min(0.1 * reach, JOINT_TRAVEL / max(travel, 1e-9))
         # a cubic blend's greatest speed is 1.5 times its mean
         slow = max(1.5 * length * rate / SHARE_OF_RATE, PERIODS / bandwidth)
@@ -128,14 +147,6 @@ class DraftNumbers:
             force = force + arm.T @ (kp[:, None] * jacobian)
         rate = float(np.abs(np.linalg.eigvals(self.response @ force)).max())
         return min(0.004, short(0.8 / max(rate, 1e-9), 1))
-
-    def _bandwidth(self, arm: DraftArm, effective: Array) -> float:
-        known = [
-            joint.effort / (inertia * joint.velocity)
-            for joint, inertia in zip(_free(arm), effective, strict=True)
-            if np.isfinite(joint.effort * joint.velocity) and joint.effort > 0 and joint.velocity > 0
-        ]
-        return short(float(np.clip(min(known), *BANDWIDTHS)), 2) if known else DEFAULT_BANDWIDTH
 
     def _effective(self, rows: Array, columns: list[int]) -> float:
         """Inverse of the mean eigenvalue of ``J W J_a^T``."""
@@ -169,28 +180,9 @@ class DraftNumbers:
         world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         return np.asarray(pin.getFrameJacobian(model, data, tip.frame, world) @ self.scene.spread)
 
-    def _reach(self, tip: SceneTip) -> float:
-        """Distance of a tip from its robot's root link at the start [m]."""
-        data = self.scene.model.createData()
-        pin.framesForwardKinematics(self.scene.model, data, self.scene.q)
-        ends = data.oMf[tip.frame].translation - data.oMf[tip.body.root_frame].translation
-        return float(np.linalg.norm(ends))
-
 
 def _free(arm: DraftArm) -> list[UrdfJoint]:
     return [joint for joint in arm.chain if joint.name in arm.joints]
-
-
-def _response(scene: Scene) -> Array:
-    """Accelerations for generalised forces (nv, nv), grasps closed; zero for joints that mimic."""
-    upper = np.triu(pin.crba(scene.model, scene.model.createData(), scene.q))
-    free = scene.spread[:, np.diag(scene.spread) > 0]
-    inverse = free @ np.linalg.inv(free.T @ (upper + np.triu(upper, 1).T) @ free) @ free.T
-    if not scene.grasps:
-        return np.asarray(inverse)
-    rows = np.vstack([relative_jacobian(scene, grasp) for grasp in scene.grasps])
-    held = inverse @ rows.T
-    return np.asarray(inverse - held @ np.linalg.pinv(rows @ held, rcond=1e-10) @ held.T)
 
 
 def short(value: float, digits: int = 3) -> float:

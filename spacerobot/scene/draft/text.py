@@ -54,6 +54,21 @@ def text_of(found: DraftText) -> str:
         lines += robot_lines(found, arm)
     bare, move = found.bare, found.move
     reference = {"kind": "line", "displacement": move.displacement, "duration": move.duration}
+    peak = 1.5 * max(found.move.displacement) / found.move.duration
+    allowed = short(max(found.move.displacement) / 5, 1)
+    campaign = [
+        "# Uncertain parameters; spreads are proposals. `spacerobot campaign`, docs/how_to/monte_carlo.md",
+        "campaign:",
+        "  parameters:",
+        "    object_mass: {paths: 'target.links.*.mass', apply: factor, lower: 0.8, upper: 1.2}",
+        "    link_mass: {paths: 'robots.*.links.*.mass', apply: factor, lower: 0.95, upper: 1.05}",
+        "    # a hundredth of the reference's greatest speed",
+        "    velocity_offset: {paths: 'robots.*.sensors.tip_velocity.offset', kind: normal, mean: 0, "
+        f"std: {short(peak / 100, 1):g}}}",
+        "  samples: 256",
+        f"  limits: {{tip_error: {allowed:g}}}   # [m], a fifth of the reference's displacement",
+        f"  step: {min(0.002, found.steps[0]):g}",
+    ]
     lines += [
         "",
         "target:",
@@ -72,7 +87,7 @@ def text_of(found: DraftText) -> str:
         "",
         *tuning_lines(found),
         "",
-        *_campaign(found),
+        *campaign,
     ]
     return "\n".join(lines) + "\n"
 
@@ -159,24 +174,6 @@ def tuning_lines(found: DraftText) -> list[str]:
         "  objective: {kind: ise, object_rotation: 0.1}",
         "  # constraints: {max_joint_torque: 50, max_grip_force: 100}",
         f"  step: {found.steps[1]:g}   # resolves the fastest motion at the upper bounds",
-    ]
-
-
-def _campaign(found: DraftText) -> list[str]:
-    peak = 1.5 * max(found.move.displacement) / found.move.duration
-    allowed = short(max(found.move.displacement) / 5, 1)
-    return [
-        "# Uncertain parameters; spreads are proposals. `spacerobot campaign`, docs/how_to/monte_carlo.md",
-        "campaign:",
-        "  parameters:",
-        "    object_mass: {paths: 'target.links.*.mass', apply: factor, lower: 0.8, upper: 1.2}",
-        "    link_mass: {paths: 'robots.*.links.*.mass', apply: factor, lower: 0.95, upper: 1.05}",
-        "    # a hundredth of the reference's greatest speed",
-        "    velocity_offset: {paths: 'robots.*.sensors.tip_velocity.offset', kind: normal, mean: 0, "
-        f"std: {short(peak / 100, 1):g}}}",
-        "  samples: 256",
-        f"  limits: {{tip_error: {allowed:g}}}   # [m], a fifth of the reference's displacement",
-        f"  step: {min(0.002, found.steps[0]):g}",
     ]
 
 
