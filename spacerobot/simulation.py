@@ -288,14 +288,13 @@ def _rolled(scene: Scene, rollout: Rollout, design: Mapping[str, float]) -> _Run
     trajectory = dataclasses.replace(rollout, grid=fine).run(design, estimate=True)
     if rollout.choice is None:
         notes["step_error"] = f"{trajectory.step_error:.1e}"
-        if trajectory.status == "completed":  # one that diverged has more to say than that
-            # a given step may be too long for its own estimate
-            if trajectory.step_error > STEP_ERROR_LIMIT:
-                told = (
-                    f"simulation.step: a single step errs by up to {trajectory.step_error:.1e}, above "
-                    f"{STEP_ERROR_LIMIT:g}; give a shorter one, or none to have it chosen"
-                )
-                scene = dataclasses.replace(scene, warnings=(*scene.warnings, told))
+        # a rollout that diverged has more to say than that its step is too long
+        if trajectory.status == "completed" and trajectory.step_error > STEP_ERROR_LIMIT:
+            told = (
+                f"simulation.step: a single step errs by up to {trajectory.step_error:.1e}, above "
+                f"{STEP_ERROR_LIMIT:g}; give a shorter one, or none to have it chosen"
+            )
+            scene = dataclasses.replace(scene, warnings=(*scene.warnings, told))
     return _Run(scene, ready, trajectory, every, notes)
 
 
