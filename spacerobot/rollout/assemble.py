@@ -22,8 +22,8 @@ def trajectory_of(raw: RolloutArrays, kernel: Kernel, grid: TimeGrid, p: Array) 
     status: Status = "unclosed" if cause else "completed" if raw.completed[0] else lost
     samples = int(np.searchsorted(grid.time, raw.reached[0], side="left" if ended else "right"))
     if status == "diverged" and raw.x is not None and samples:
-        # the states without a finite rate at that time, else the state that grows fastest, its rate compared with
-        # how far it may go
+        # the states without a finite rate at that time, else the state that grows fastest, its rate
+        # compared with how far it may go
         time = raw.reached[0] + grid.step_s
         c = kernel.functions["setup"](p)[1].full().ravel()
         for place in kernel.jumps:
