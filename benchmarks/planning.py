@@ -18,7 +18,7 @@ from optim.planning.formulation.stage import PlanningProblem
 from optim.planning.solver.ipopt import LEAST_BARRIER, Solution, ipopt_options, one_thread, solve
 from optim.planning.transcription.collocation_program import CollocationProgram, SparseSums
 from optim.planning.transcription.initial_guess import initial_guess
-from optim.planning.transcription.instant_functions import InstantFunctions, Places, build_instants
+from optim.planning.transcription.instant_functions import InstantFunctions, build_instants
 from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.mesh_transfer import solve_from
 from optim.planning.transcription.motion import Motion
@@ -114,7 +114,32 @@ def rows() -> list[Row]:
     scale = CollocationProgram(problem, instants, knots, INTERVALS).objective(first.unknowns)
     shooting = Shooting(problem, first, scale)
     cold = [_row(problem, instants, shooting, scale, *mesh) for mesh in MESHES]
-    return [*cold, _warm_row(problem, instants, shooting, scale)]
+    # both go on from their solution, with its multipliers, to one whose start is moved
+    order, intervals, _ = MESHES[0]
+    lobatto, start = Lobatto.of_order(order), problem.fixed.copy()
+    program = CollocationProgram(problem, instants, lobatto, intervals)
+    before = solve(program, initial_guess(problem, lobatto, intervals).unknowns, scale=scale)
+    start[-program.nv :] += MOVED
+    moved = dataclasses.replace(problem, fixed=start)
+    program = CollocationProgram(moved, instants, lobatto, intervals)
+    shooting.solve()
+    near, found = shooting.found, dict[str, MeasuredSolution]()
+
+    def ours() -> None:
+        solved = solve(program, before.w, before)
+        z, duration = program.split(solved.w)
+        motion = Motion(moved, lobatto, program.mesh, duration, z)
+        found["ours"] = MeasuredSolution(
+            motion, program.objective(solved.w), solved.converged, str(solved.iterations)
+        )
+
+    def theirs() -> None:
+        found["theirs"] = shooting.solve(near, start)
+
+    warm_row = _compared(
+        program, shooting, (ours, theirs), found, f"of order {order}", ", from a solution nearby"
+    )
+    return [*cold, warm_row]
 
 
 def _row(
@@ -142,34 +167,6 @@ def _row(
 
     begun = f", begun on {coarse}" if coarse < intervals else ""
     return _compared(program, shooting, (ours, theirs), found, f"of order {order}", begun)
-
-
-def _warm_row(problem: PlanningProblem, instants: InstantFunctions, shooting: Shooting, scale: float) -> Row:
-    """Both go on from their solution, with its multipliers, to one whose start is moved."""
-    order, intervals, _ = MESHES[0]
-    lobatto, start = Lobatto.of_order(order), problem.fixed.copy()
-    program = CollocationProgram(problem, instants, lobatto, intervals)
-    before = solve(program, initial_guess(problem, lobatto, intervals).unknowns, scale=scale)
-    start[-program.nv :] += MOVED
-    moved = dataclasses.replace(problem, fixed=start)
-    program = CollocationProgram(moved, instants, lobatto, intervals)
-    shooting.solve()
-    near, found = shooting.found, dict[str, MeasuredSolution]()
-
-    def ours() -> None:
-        solved = solve(program, before.w, before)
-        z, duration = program.split(solved.w)
-        motion = Motion(moved, lobatto, program.mesh, duration, z)
-        found["ours"] = MeasuredSolution(
-            motion, program.objective(solved.w), solved.converged, str(solved.iterations)
-        )
-
-    def theirs() -> None:
-        found["theirs"] = shooting.solve(near, start)
-
-    return _compared(
-        program, shooting, (ours, theirs), found, f"of order {order}", ", from a solution nearby"
-    )
 
 
 def _compared(
@@ -232,7 +229,9 @@ class Shooting:
         self.size = wide * (count + 1)
         pair, step, goal, held = _one(problem, first.duration_s / count)
         w = ca.MX.sym("w", self.size)
-        pairs = ca.reshape(w[_places(wide, count).ravel().tolist()], 2 * wide, count)
+        # unknowns of each interval's ends (count, 2 wide)
+        places = np.arange(count)[:, None] * wide + np.arange(2 * wide)
+        pairs = ca.reshape(w[places.ravel().tolist()], 2 * wide, count)
         blocks = _Blocks(pair, step, goal, held, count)
         self.operations = blocks.operations
         problem_of, options = blocks.program(w, pairs)
@@ -392,11 +391,6 @@ def _one(
         end - begin - step[:nx], path_of(end, after, *symbols), step[nx] + length * problem.time_weight
     )
     return pair, rows_of, goal_of(end, after), (symbols, normals.call([end]))
-
-
-def _places(wide: int, count: int) -> Places:
-    """Unknowns of each interval's ends (count, 2 wide)."""
-    return np.arange(count)[:, None] * wide + np.arange(2 * wide)
 
 
 def _summed(places: list[tuple[Any, Any]], shape: tuple[int, int], values: ca.MX) -> ca.MX:

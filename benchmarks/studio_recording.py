@@ -22,7 +22,6 @@ COLOURS = {Image.Quantize.MEDIANCUT: 176, Image.Quantize.MAXCOVERAGE: 80}
 """Colours of the recording: frequent ones, for the sky, and ones far apart, for thin lines."""
 BAR = "document.querySelector('.slider input[type=range]')"
 WORDS = "document.querySelector('#jobs .words').textContent"
-GAIN = "robots.rpr1.tips.tip.amnesia.ge"
 SETTLED = "!document.getElementById('status').classList.contains('busy')"
 
 

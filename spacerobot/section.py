@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -81,7 +81,8 @@ class Section(BaseModel):
             if key not in known:
                 kind = f" (kind: {data['kind']})" if "kind" in fields and "kind" in data else ""
                 raise ValueError(f"unknown key {key!r}; {near_names(str(key), known)}{kind}")
-            if value is True or value is False or (isinstance(value, list | tuple) and _has_flag(value)):
+            items = value if isinstance(value, list | tuple) else (value,)
+            if any(item is True or item is False for item in items):
                 if key not in fields or fields[key].annotation not in (bool, bool | None):
                     raise ValueError(f"{key}: found {value!r}, a truth value, which is not allowed here")
             elif isinstance(value, int | float | list | tuple):
@@ -124,10 +125,6 @@ class OneOf:
         """The names as an enumeration."""
         del schema, handler
         return {"enum": list(self.names()), "type": "string"}
-
-
-def _has_flag(values: Sequence[Any]) -> bool:
-    return any(item is True or item is False for item in values)
 
 
 def _check_size(key: str, value: Any) -> None:

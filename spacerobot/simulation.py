@@ -109,7 +109,26 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
         )
     built = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # a rollout that diverges says so by its status
-        run = _run(scene, loop, backend, tell)
+        simulation = scene.scenario.simulation
+        if simulation.engine == "pinocchio":
+            run = _check(scene, loop, tell)
+        elif simulation.engine == "cvodes":
+            tell("integrating with CVODES")
+            ready, grid = time.perf_counter(), time_grid(simulation.duration, simulation.output_step)
+            every = math.ceil(FEWEST_INSTANTS / grid.intervals)
+            local = simulation.tolerance * LOCAL_TOLERANCE
+            trajectory = integrate_cvodes(
+                loop,
+                duration_s=simulation.duration,
+                output_step_s=grid.step_s / every,
+                relative=local,
+                absolute=local,
+            )
+            run = _Run(scene, ready, trajectory, every)
+        else:
+            rollout = _ready(scene, loop, backend, tell)
+            tell("rolling out")
+            run = _rolled(scene, rollout, {})
     return _result(run, loop, begin, built)
 
 
@@ -246,28 +265,6 @@ class _Run:
     trajectory: Trajectory
     every: int = 1
     notes: Mapping[str, str] = field(default_factory=dict)
-
-
-def _run(scene: Scene, loop: ClosedLoop, backend: Backend, tell: Progress) -> _Run:
-    simulation = scene.scenario.simulation
-    if simulation.engine == "pinocchio":
-        return _check(scene, loop, tell)
-    if simulation.engine == "cvodes":
-        tell("integrating with CVODES")
-        ready, grid = time.perf_counter(), time_grid(simulation.duration, simulation.output_step)
-        every = math.ceil(FEWEST_INSTANTS / grid.intervals)
-        local = simulation.tolerance * LOCAL_TOLERANCE
-        trajectory = integrate_cvodes(
-            loop,
-            duration_s=simulation.duration,
-            output_step_s=grid.step_s / every,
-            relative=local,
-            absolute=local,
-        )
-        return _Run(scene, ready, trajectory, every)
-    rollout = _ready(scene, loop, backend, tell)
-    tell("rolling out")
-    return _rolled(scene, rollout, {})
 
 
 def _rolled(scene: Scene, rollout: Rollout, design: Mapping[str, float]) -> _Run:

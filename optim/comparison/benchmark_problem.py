@@ -164,9 +164,12 @@ def compare_on_problem(
     """
     problem, nominal = entry.problem, entry.nominal
     effort = replace(effort, repeats=effort.runs)  # as many independent runs of every method
-    start, readiness = _made_ready(
-        problem, gradients=any(TUNING_METHODS.find(n).uses_gradients for n in methods)
-    )
+    begin = time.perf_counter()
+    start = float(problem.evaluate(problem.start[None]).objective[0])
+    rolled_out = time.perf_counter()
+    if any(TUNING_METHODS.find(n).uses_gradients for n in methods):
+        problem.linearise(problem.start)
+    readiness = CompileTimes(rolled_out - begin, time.perf_counter() - rolled_out)
     cost_unit, effort = cost_unit_of(nominal), replace(effort, repeats=effort.runs)
     place = None if session.place is None else session.place / entry.name
     own = replace(session, folder=place, workers=nominal.workers)
@@ -200,17 +203,6 @@ def compare_on_problem(
 def assess(judge: DesignEvaluator, design: dict[str, float]) -> Assessment:
     """Judge a design, given by dotted paths."""
     return Assessment(design, judge.nominal(design), judge.varied(design))
-
-
-def _made_ready(problem: OptimisationProblem, *, gradients: bool) -> tuple[float, CompileTimes]:
-    """Objective at the start, and how long it took to get there."""
-    begin = time.perf_counter()
-    found = problem.evaluate(problem.start[None])
-    rolled_out = time.perf_counter()
-    if gradients:
-        problem.linearise(problem.start)
-    readiness = CompileTimes(rolled_out - begin, time.perf_counter() - rolled_out)
-    return float(found.objective[0]), readiness
 
 
 def _evolved(outcomes: dict[str, MethodOutcome], method: str) -> MethodOutcome:

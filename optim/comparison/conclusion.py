@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 JUDGED = (0.01, 0.001)  # precisions that the sentence speaks of
@@ -91,8 +91,3 @@ def _reason(first: str, behind: Data, winner: str, ahead: Data) -> str:
         text += f"{first} needs more until it meets it"
     overlap = ahead["high"] is None or behind["low"] is None or behind["low"] <= ahead["high"]
     return text + (", intervals overlap" if overlap else "")
-
-
-def methods_of(problems: Sequence[Data]) -> list[str]:
-    """Ranked methods of all problems, in order."""
-    return list(dict.fromkeys(n for c in problems for n, m in c["methods"].items() if m["running_times"]))

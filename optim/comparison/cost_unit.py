@@ -74,7 +74,14 @@ def cost_unit_of(problem: TuningProblem) -> CostUnit:
     ends = sum(operations(f[f"{name}_reverse"]) for name in ("setup", "final", "objective"))
     peaks = adjoint.peaks * operations(f["peaks_reverse"])  # at most one step for each
     step = adjoint.method.stages * operations(f["dynamics_reverse"]) + operations(f["normalise_reverse"])
-    sweep_back = ends + peaks + grid.steps * step + _integrated_again(adjoint, grid) * _step(adjoint)
+    # steps that the adjoint integrates a second time, its tape being too short for all of them
+    per_step = (adjoint.method.stages + 1) * adjoint.scale.size * 8 * LANES
+    if grid.steps * per_step <= WHOLE_BYTES // LANES:
+        integrated_again = 0
+    else:
+        segment = min(grid.steps, max(1, SEGMENT_BYTES // per_step))
+        integrated_again = (grid.steps - 1) // segment * segment
+    sweep_back = ends + peaks + grid.steps * step + integrated_again * _step(adjoint)
     return CostUnit(plain, 1 + sweep_back / plain, slope / plain, sample / plain)
 
 
@@ -96,12 +103,3 @@ def _rollout(kernel: Kernel, grid: TimeGrid) -> int:
 
 def _samples(kernel: Kernel, grid: TimeGrid) -> int:
     return (grid.intervals + 1) * operations(kernel.functions["outputs"])
-
-
-def _integrated_again(kernel: Kernel, grid: TimeGrid) -> int:
-    """Steps that the adjoint integrates a second time, its tape being too short for all of them."""
-    per_step = (kernel.method.stages + 1) * kernel.scale.size * 8 * LANES
-    if grid.steps * per_step <= WHOLE_BYTES // LANES:
-        return 0
-    segment = min(grid.steps, max(1, SEGMENT_BYTES // per_step))
-    return (grid.steps - 1) // segment * segment

@@ -37,7 +37,9 @@ def to_data(comparison: Comparison) -> dict[str, Any]:
                 hits.setdefault(name, []).append(np.array(table))
     budgets = budgets_of(hits)
     made = {name: asdict(profile(tables, budgets)) for name, tables in hits.items()}
-    profiles = {"budgets": budgets, "methods": {name: _without(one, "budgets") for name, one in made.items()}}
+    for one in made.values():
+        del one["budgets"]
+    profiles = {"budgets": budgets, "methods": made}
     data = {
         "format": FORMAT,
         "name": comparison.name,
@@ -61,10 +63,6 @@ def directions(benchmark: ProblemComparison) -> list[str]:
     """Tip and axis of each entry of a problem's errors."""
     scene = benchmark.nominal.scene
     return [f"{tip.label} {'xyz'[axis]}" for tip in scene.tips for axis in scene.translation_axes]
-
-
-def _without(mapping: dict[str, Any], name: str) -> dict[str, Any]:
-    return {key: value for key, value in mapping.items() if key != name}
 
 
 def _targets(benchmark: ProblemComparison) -> list[float]:

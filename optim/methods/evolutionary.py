@@ -17,7 +17,7 @@ import numpy as np
 
 from optim.methods.settings import EvolutionSettings
 from optim.methods.tuning_method import MethodRequest, TuningMethod
-from optim.problem.problem import Evaluation, OptimisationProblem
+from optim.problem.problem import Evaluation
 from optim.search.search import FEASIBLE, Search, SearchRun, better
 from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError
@@ -141,21 +141,28 @@ def evolve(search: Search, protocol: EvolutionSettings) -> SearchRun:
 def _generations(search: Search, method: EvolutionaryMethod, protocol: EvolutionSettings, begun: int) -> bool:
     """One population from its beginning; whether another may follow it."""
     from pymoo.core.evaluator import Evaluator
+    from pymoo.core.problem import Problem
     from pymoo.core.termination import NoTermination
     from pymoo.problems.static import StaticProblem
     from scipy.stats import qmc
 
     penalised = search.method == "cmaes"
-    shape = _shape(search.problem, penalised=penalised)
+    k = len(search.problem.names)
+    count = 0 if penalised else len(search.problem.constraint_names) + 1
+    shape = Problem(n_var=k, n_obj=1, n_ieq_constr=count, xl=np.zeros(k), xu=np.ones(k))
     left = protocol.budget - search.cost.rollouts
     # points (size, k) of a Latin hypercube, the problem's start among them unless it was tried before
     rng = np.random.default_rng([search.seed, begun])
-    sampler = qmc.LatinHypercube(len(search.problem.names), rng=rng)
+    sampler = qmc.LatinHypercube(k, rng=rng)
     first: Array = sampler.random(CMAES_SCREEN if penalised else protocol.population)
     if begun == 0:
         first[0] = search.problem.start
     algorithm = method.algorithm(dataclasses.replace(protocol, budget=left), first)
-    algorithm.setup(shape, termination=NoTermination(), seed=_seed(search, begun), verbose=False)
+    # a seed is never 0, which CMA-ES replaces by the time of day
+    seed = search.seed + penalised
+    if begun:
+        seed = int(np.random.default_rng([search.seed, begun]).integers(1, 2**31))
+    algorithm.setup(shape, termination=NoTermination(), seed=seed, verbose=False)
     fitness, stagnation = _Fitness(penalised=penalised), _Stagnation()
     while algorithm.has_next():
         _anneal(algorithm, protocol, search.cost.rollouts / protocol.budget)
@@ -173,13 +180,6 @@ def _generations(search: Search, method: EvolutionaryMethod, protocol: Evolution
     return True
 
 
-def _seed(search: Search, begun: int) -> int:
-    """Seed of a population; never 0, which CMA-ES replaces by the time of day."""
-    if begun == 0:
-        return search.seed + (search.method == "cmaes")
-    return int(np.random.default_rng([search.seed, begun]).integers(1, 2**31))
-
-
 class _Stagnation:
     """Says when a population has converged or no longer improves."""
 
@@ -190,16 +190,14 @@ class _Stagnation:
         violation = found.violation
         i = int(np.lexsort((found.objective, np.maximum(violation, FEASIBLE)))[0])
         value, excess = float(found.objective[i]), float(violation[i])
-        wanted = self._objective if np.isinf(self._objective) else self._objective - self._least_fall
+        wanted = self._objective
+        if not np.isinf(wanted):
+            wanted -= STAGNANT_FALL * abs(wanted)
         self._idle += 1
         if np.isfinite(excess) and better(value, excess, wanted, (1 - STAGNANT_FALL) * self._violation):
             self._objective, self._violation, self._idle = value, excess, 0
         spread = float((population.max(axis=0) - population.min(axis=0)).max())
         return self._idle >= STAGNANT or spread < SPREAD
-
-    @property
-    def _least_fall(self) -> float:
-        return STAGNANT_FALL * abs(self._objective)
 
 
 class _Fitness:
@@ -222,14 +220,6 @@ class _Fitness:
         value = np.where(lost, self._worst * DIVERGED, found.objective)
         constraints = np.where(lost[:, None], DIVERGED, found.constraints)
         return value[:, None], np.column_stack([constraints, np.where(lost, DIVERGED, -1.0)])
-
-
-def _shape(problem: OptimisationProblem, *, penalised: bool) -> Any:
-    from pymoo.core.problem import Problem as PymooProblem
-
-    k = len(problem.names)
-    constraints = 0 if penalised else len(problem.constraint_names) + 1
-    return PymooProblem(n_var=k, n_obj=1, n_ieq_constr=constraints, xl=np.zeros(k), xu=np.ones(k))
 
 
 def _anneal(algorithm: Any, protocol: EvolutionSettings, share: float) -> None:

@@ -212,7 +212,8 @@ def _track(signals: Signals, scene: Scene, kind: str) -> Measure | None:
     if kind == "ise":
         return integral(ca.sumsqr(error))
     if kind == "itae":
-        distances = (ca.sqrt(ca.sumsqr(part) + SMALLEST_LENGTH**2) for part in _threes(error))
+        parts = (error[i : i + 3] for i in range(0, error.numel(), 3))
+        distances = (ca.sqrt(ca.sumsqr(part) + SMALLEST_LENGTH**2) for part in parts)
         return integral(ca.SX(signals.t * sum(distances, ca.SX(0))))
     if kind in EQ45:
         return integral(ca.sumsqr(signals.x[signals.x.numel() - tips :]))
@@ -242,7 +243,3 @@ def tip_errors(signals: Signals, scene: Scene) -> ca.SX:
 def error_rows(scene: Scene) -> list[int]:
     """Places in ``tip_error`` of the axes that tips can move along, tip by tip."""
     return [3 * i + axis for i in range(len(scene.tips)) for axis in scene.translation_axes]
-
-
-def _threes(stacked: ca.SX) -> list[ca.SX]:
-    return [stacked[i : i + 3] for i in range(0, stacked.numel(), 3)]

@@ -59,7 +59,12 @@ def show(data: dict[str, Any]) -> None:
         found = point.get("plan")
         cells = [_value(point["values"], name, data["units"][name]) for name in data["terms"]]
         told = [f"{found['cost']:.6g}", f"{found['intervals']}"] if found else ["", ""]
-        rows.append([point["name"], *cells, *told, _words(point)])
+        if point["status"] != "refused":
+            words = "" if point["status"] == "efficient" else "dominated"
+        else:
+            where = ", ".join(f"{path} {value:.4g}" for path, value in point["changes"].items())
+            words = f"refused ({where}): {point['failure']}"
+        rows.append([point["name"], *cells, *told, words])
     title = f"Pareto front of {data['scenario']}"
     console().print(table(title, [*heads, ""], rows))
 
@@ -74,10 +79,3 @@ def _value(values: dict[str, float], name: str, unit: str) -> str:
     if name not in values:
         return ""
     return f"{math.degrees(values[name]) if unit == 'rad' else values[name]:.5g}"
-
-
-def _words(point: dict[str, Any]) -> str:
-    if point["status"] != "refused":
-        return "" if point["status"] == "efficient" else "dominated"
-    where = ", ".join(f"{path} {value:.4g}" for path, value in point["changes"].items())
-    return f"refused ({where}): {point['failure']}"

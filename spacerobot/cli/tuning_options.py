@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from spacerobot.cli.output import progress, prose
+from spacerobot.cli.output import progress, prose, warn
 from spacerobot.interrupts import keep
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from optim import SearchProgress, SearchRun
+    from optim import MethodOutcome, SearchProgress, SearchRun
     from optim.search.search import Progress
     from spacerobot.scenario import Tuning
 
@@ -53,6 +53,13 @@ def show_runs(runs: Sequence[SearchRun], factor: float = 1.0) -> None:
         kkt = "" if run.kkt is None else f", first-order residual {run.kkt:.1e}"
         line = f"{run.method} {run.index + 1}: {factor * run.objective:.6g}, {spent}{kkt}; {ended}"
         prose(line)
+
+
+def stop_if_interrupted(outcome: MethodOutcome) -> None:
+    """Exit with code 130 after Ctrl-C: the best so far was kept."""
+    if outcome.interrupted:
+        warn("interrupted: the best so far is kept")
+        raise typer.Exit(130)
 
 
 def journals(out: Path | None, job: str) -> Path | None:

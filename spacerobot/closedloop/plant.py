@@ -18,7 +18,27 @@ def build_plant(scene: Scene, parameters: Parameters, constants: Constants) -> P
     """Plant of a scene with the mass properties and resistances of its parameters."""
     q, v = ca.SX.sym("q", scene.model.nq), ca.SX.sym("v", scene.model.nv)
     kinematics = forward_kinematics(scene.model, q, v)
-    inertias = _inertias(scene, parameters, constants)
+    # mass, first moment and inertia about the joint's origin, links welded to a joint added up
+    count = scene.model.njoints
+    mass = [ca.SX(1, 1) for _ in range(count)]
+    moment = [ca.SX(3, 1) for _ in range(count)]
+    rotational = [ca.SX(3, 3) for _ in range(count)]
+    for body in scene.bodies:
+        for name in body.config.links:
+            frame = scene.model.frames[scene.model.getFrameId(f"{body.name}/{name}", pin.FrameType.BODY)]
+            joint = int(frame.parentJoint)
+            if joint == 0:
+                continue  # welded to the world
+            own = _link_moments(parameters, f"{body.path}.links.{name}", frame.placement)
+            mass[joint] += own[0]
+            moment[joint] += own[1]
+            rotational[joint] += own[2]
+    names = [str(name) for name in scene.model.names]
+    inertias = Inertias(
+        tuple(constants.hoist(f"{n}.mass", x) for n, x in zip(names, mass, strict=True)),
+        tuple(constants.hoist(f"{n}.moment", x) for n, x in zip(names, moment, strict=True)),
+        tuple(_hoist_symmetric(constants, f"{n}.inertia", x) for n, x in zip(names, rotational, strict=True)),
+    )
     articulated = ArticulatedBody.factorise(scene.model, kinematics, inertias)
     damping = joint_damping(scene, parameters, constants)
     spread = sparse(scene.spread)
@@ -39,30 +59,6 @@ def joint_damping(scene: Scene, parameters: Parameters, constants: Constants) ->
             if resistance.nnz():
                 damping[column] = resistance
     return damping
-
-
-def _inertias(scene: Scene, parameters: Parameters, constants: Constants) -> Inertias:
-    """Mass, first moment and inertia about the joint's origin, links welded to a joint added up."""
-    count = scene.model.njoints
-    mass = [ca.SX(1, 1) for _ in range(count)]
-    moment = [ca.SX(3, 1) for _ in range(count)]
-    rotational = [ca.SX(3, 3) for _ in range(count)]
-    for body in scene.bodies:
-        for name in body.config.links:
-            frame = scene.model.frames[scene.model.getFrameId(f"{body.name}/{name}", pin.FrameType.BODY)]
-            joint = int(frame.parentJoint)
-            if joint == 0:
-                continue  # welded to the world
-            own = _link_moments(parameters, f"{body.path}.links.{name}", frame.placement)
-            mass[joint] += own[0]
-            moment[joint] += own[1]
-            rotational[joint] += own[2]
-    names = [str(name) for name in scene.model.names]
-    return Inertias(
-        tuple(constants.hoist(f"{n}.mass", x) for n, x in zip(names, mass, strict=True)),
-        tuple(constants.hoist(f"{n}.moment", x) for n, x in zip(names, moment, strict=True)),
-        tuple(_hoist_symmetric(constants, f"{n}.inertia", x) for n, x in zip(names, rotational, strict=True)),
-    )
 
 
 def _hoist_symmetric(constants: Constants, name: str, matrix: ca.SX) -> ca.SX:

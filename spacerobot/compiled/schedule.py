@@ -55,14 +55,12 @@ def order_statements(lines: Sequence[str], window: int = WINDOW) -> list[str]:
         if _REGISTER.fullmatch(target):
             place[target] = len(statements)
             target = f"a{len(statements)}"
-        statements.append(_Statement(f"{target}={renamed}", needs, _latency(value)))
+        if "casadi_sin(" in value or "casadi_cos(" in value:
+            latency = TURN
+        else:
+            latency = DIVISION if "/" in value else LATENCY
+        statements.append(_Statement(f"{target}={renamed}", needs, latency))
     return [statements[i].text for i in _schedule(statements, window)]
-
-
-def _latency(value: str) -> int:
-    if "casadi_sin(" in value or "casadi_cos(" in value:
-        return TURN
-    return DIVISION if "/" in value else LATENCY
 
 
 def _schedule(statements: Sequence[_Statement], window: int) -> list[int]:

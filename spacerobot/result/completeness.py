@@ -90,6 +90,12 @@ def _expected(data: xr.Dataset) -> dict[str, Any]:
     contact = {"force_n": Number, "contact": Name, "time_s": Maybe}
     wheel = {"speed_rad_s": Number, "wheel": Name, "time_s": Maybe, "least_margin": Maybe}
     motion = dict.fromkeys(("max_rotation_deg", "max_travel_m"), Number)
+    momentum: dict[str, Any] = {"conserved": bool, "reason": str}
+    if not data.attrs["outside"]:
+        momentum = {"conserved": bool}
+        for kind, unit in KINDS:
+            numbers = (f"drift_{unit}", f"largest_partial_{unit}", "relative_drift")
+            momentum[kind] = {f"initial_{unit}": list, **dict.fromkeys(numbers, Number)}
     return {
         "name": str,
         "status": {
@@ -113,7 +119,7 @@ def _expected(data: xr.Dataset) -> dict[str, Any]:
         **({"propellant_kg": dict} if "propellant" in data else {}),
         **({"fastest_wheel": wheel} if "wheel" in data.dims else {}),
         "fastest_joint": {"rate": Number, "unit": str, "joint": Name, "time_s": Maybe},
-        "ledger": {"momentum": _momentum(bool(data.attrs["outside"])), "energy": _ENERGY},
+        "ledger": {"momentum": momentum, "energy": _ENERGY},
         "engine": {"name": str, "backend": str, "step_s": Maybe, "steps": Number},
         "timing_s": dict.fromkeys(("closed_loop", "compile_or_load", "rollout", "total"), Number),
         "assumptions": list,
@@ -131,19 +137,6 @@ _ENERGY = dict.fromkeys(
     ),
     Number,
 )
-
-
-def _momentum(outside: bool) -> dict[str, Any]:
-    if outside:
-        return {"conserved": bool, "reason": str}
-    kinds = {
-        kind: {
-            f"initial_{unit}": list,
-            **dict.fromkeys((f"drift_{unit}", f"largest_partial_{unit}", "relative_drift"), Number),
-        }
-        for kind, unit in KINDS
-    }
-    return {"conserved": bool, **kinds}
 
 
 def _missing(wanted: Any, found: Any, path: str) -> str | None:

@@ -54,7 +54,31 @@ def build_dataset(scene: Scene, trajectory: Trajectory, loop: ClosedLoop) -> xr.
         variables[variable.name] = _array(values, ("time", *variable.dims), unit, variable.text)
     for name, sign in loop.works.items():
         variables[f"work_{name}"].attrs["sign"] = sign
-    variables |= _orientations(scene, q) | _joints(scene, q, v)
+    # quaternions of the root links and, in a planar scene, their unwrapped angle about z
+    count, bodies = len(q), scene.bodies
+    quaternion = np.empty((count, len(bodies), 4))
+    angle = np.empty((count, len(bodies)))
+    for i, body in enumerate(bodies):
+        joint = scene.model.joints[body.root_joint]
+        if body.base.joint == "planar":
+            angle[:, i] = np.unwrap(np.arctan2(q[:, joint.idx_q + 3], q[:, joint.idx_q + 2]))
+            quaternion[:, i] = 0.0
+            quaternion[:, i, 2], quaternion[:, i, 3] = np.sin(angle[:, i] / 2), np.cos(angle[:, i] / 2)
+        elif body.base.joint == "free_flyer":
+            quaternion[:, i] = q[:, joint.idx_q + 3 : joint.idx_q + 7]
+        else:
+            rotation = pin.rpy.rpyToMatrix(np.radians(body.base.rotation_deg))
+            quaternion[:, i] = pin.Quaternion(rotation).coeffs()
+            angle[:, i] = np.radians(body.base.rotation_deg[2])
+    dims = ("time", "body", "quaternion")
+    orientations = {
+        "body_orientation": _array(quaternion, dims, "1", "orientation of root links, quaternion")
+    }
+    if scene.planar:
+        orientations["body_angle"] = _array(
+            angle, ("time", "body"), "rad", "angle of root links about z, unwrapped"
+        )
+    variables |= orientations | _joints(scene, q, v)
     coordinates = {
         "time": ("time", trajectory.time, {"units": "s", "long_name": "time"}),
         "tip": [tip.label for tip in scene.tips],
@@ -94,30 +118,6 @@ def _joint_kinds(scene: Scene) -> list[str]:
         for joint in body.description.joints
     }
     return [kinds[label] for label in _joint_labels(scene)]
-
-
-def _orientations(scene: Scene, q: Array) -> dict[str, xr.Variable]:
-    """Quaternions of the root links and, in a planar scene, their unwrapped angle about z."""
-    count, bodies = len(q), scene.bodies
-    quaternion = np.empty((count, len(bodies), 4))
-    angle = np.empty((count, len(bodies)))
-    for i, body in enumerate(bodies):
-        joint = scene.model.joints[body.root_joint]
-        if body.base.joint == "planar":
-            angle[:, i] = np.unwrap(np.arctan2(q[:, joint.idx_q + 3], q[:, joint.idx_q + 2]))
-            quaternion[:, i] = 0.0
-            quaternion[:, i, 2], quaternion[:, i, 3] = np.sin(angle[:, i] / 2), np.cos(angle[:, i] / 2)
-        elif body.base.joint == "free_flyer":
-            quaternion[:, i] = q[:, joint.idx_q + 3 : joint.idx_q + 7]
-        else:
-            rotation = pin.rpy.rpyToMatrix(np.radians(body.base.rotation_deg))
-            quaternion[:, i] = pin.Quaternion(rotation).coeffs()
-            angle[:, i] = np.radians(body.base.rotation_deg[2])
-    dims = ("time", "body", "quaternion")
-    found = {"body_orientation": _array(quaternion, dims, "1", "orientation of root links, quaternion")}
-    if scene.planar:
-        found["body_angle"] = _array(angle, ("time", "body"), "rad", "angle of root links about z, unwrapped")
-    return found
 
 
 def _unit(scene: Scene, unit: str) -> str:

@@ -77,7 +77,18 @@ def build_events(scene: Scene, loop: ClosedLoop, happened: Sequence[EventRecord]
             told |= {"relative_velocity_m_s": velocity.tolist(), "relative_spin_rad_s": spin.tolist()}
         if rule.who in contacts:
             told |= _touch(contacts.index(rule.who), rule.name, touched, before)
-        found.append(told | _taken(scene, before, after) | {"momentum_change": _change(before, after)})
+        # impulses of grasps and energy that an event took, where they are not zero
+        taken: dict[str, Any] = {}
+        if "grasp_impulse" in after:
+            change = np.nan_to_num(after["grasp_impulse"] - before["grasp_impulse"]).reshape(-1, 3)
+            impulses = {
+                g.name: row.tolist() for g, row in zip(scene.grasps, change, strict=True) if row.any()
+            }
+            taken |= {"impulses_n_s": impulses} if impulses else {}
+        if "work_event" in after:
+            lost = float(after["work_event"][0] - before["work_event"][0])
+            taken |= {"energy_lost_j": lost} if lost else {}
+        found.append(told | taken | {"momentum_change": _change(before, after)})
     return found
 
 
@@ -97,19 +108,6 @@ def _outputs(loop: ClosedLoop, time: float, x: Array, c: Array) -> dict[str, Arr
     """Outputs by name, each (n,)."""
     values = loop.outputs(time, x, loop.at(time, x, c))
     return {name: value.full().ravel() for name, value in zip(loop.outputs.name_out(), values, strict=True)}
-
-
-def _taken(scene: Scene, before: Mapping[str, Array], after: Mapping[str, Array]) -> dict[str, Any]:
-    """Impulses of grasps and energy that an event took, where they are not zero."""
-    told: dict[str, Any] = {}
-    if "grasp_impulse" in after:
-        change = np.nan_to_num(after["grasp_impulse"] - before["grasp_impulse"]).reshape(-1, 3)
-        impulses = {g.name: row.tolist() for g, row in zip(scene.grasps, change, strict=True) if row.any()}
-        told |= {"impulses_n_s": impulses} if impulses else {}
-    if "work_event" in after:
-        lost = float(after["work_event"][0] - before["work_event"][0])
-        told |= {"energy_lost_j": lost} if lost else {}
-    return told
 
 
 def _touch(

@@ -119,31 +119,27 @@ def read_result(folder: Path) -> tuple[Scenario, xr.Dataset, dict[str, Any]]:
     if not folder.is_dir():
         raise ResultError("no such folder", source=folder)
     with locked(folder, shared=True):
-        return _load(folder)
-
-
-def _load(folder: Path) -> tuple[Scenario, xr.Dataset, dict[str, Any]]:
-    missing = [name for name in FILES if not (folder / name).is_file()]
-    if missing:
-        raise ResultError(f"not a complete result: no {', '.join(missing)}", source=folder)
-    summary = _parse(folder / SUMMARY, lambda path: json.loads(path.read_text(encoding="utf-8")))
-    found = summary.get("format") if isinstance(summary, dict) else None
-    if found != FORMAT:
-        raise ResultError(
-            f"written by another version: layout {found!r}, this one reads {FORMAT}; run its scenario again",
-            source=folder / SUMMARY,
-        )
-    data = _parse(folder / DATA, lambda path: xr.load_dataset(path, engine="netcdf4"))
-    try:
-        scenario = validate(read_document(folder / SCENARIO), source=folder / SCENARIO)
-    except ScenarioError as fault:
-        raise ResultError(str(fault)) from None
-    name, lacking = DATA, missing_data(data, scenario)
-    if lacking is None:
-        name, lacking = SUMMARY, missing_summary(summary, data)
-    if lacking is not None:
-        raise ResultError(f"damaged: {lacking}; run its scenario again", source=folder / name)
-    return scenario, data, summary
+        missing = [name for name in FILES if not (folder / name).is_file()]
+        if missing:
+            raise ResultError(f"not a complete result: no {', '.join(missing)}", source=folder)
+        summary = _parse(folder / SUMMARY, lambda path: json.loads(path.read_text(encoding="utf-8")))
+        found = summary.get("format") if isinstance(summary, dict) else None
+        if found != FORMAT:
+            raise ResultError(
+                f"written by another version: layout {found!r}, this one reads {FORMAT}; run its scenario again",
+                source=folder / SUMMARY,
+            )
+        data = _parse(folder / DATA, lambda path: xr.load_dataset(path, engine="netcdf4"))
+        try:
+            scenario = validate(read_document(folder / SCENARIO), source=folder / SCENARIO)
+        except ScenarioError as fault:
+            raise ResultError(str(fault)) from None
+        name, lacking = DATA, missing_data(data, scenario)
+        if lacking is None:
+            name, lacking = SUMMARY, missing_summary(summary, data)
+        if lacking is not None:
+            raise ResultError(f"damaged: {lacking}; run its scenario again", source=folder / name)
+        return scenario, data, summary
 
 
 def _parse(path: Path, reader: Callable[[Path], Any]) -> Any:

@@ -56,16 +56,12 @@ def _span(low: float, high: float) -> str:
     """Range of an axis: three decimals, or what its greater end needs for three significant figures."""
     greatest = max(abs(low), abs(high))
     if not 0 < greatest < FINEST:
-        decimals = 3 if greatest == 0 or not math.isfinite(greatest) else max(3, 2 - _magnitude(greatest))
+        plain = greatest == 0 or not math.isfinite(greatest)
+        decimals = 3 if plain else max(3, 2 - math.floor(math.log10(greatest)))
         ends = (f"{round(end, decimals) + 0.0:+.{decimals}f}" for end in (low, high))  # no -0.000
     else:
         ends = (f"{end:+.2e}" for end in (low, high))
     return " .. ".join(ends)
-
-
-def _magnitude(value: float) -> int:
-    """Power of ten of the first figure."""
-    return math.floor(math.log10(value))
 
 
 def _unit_of(size_m: float) -> tuple[str, float]:

@@ -222,15 +222,16 @@ class InterpretedEngine:
         """Measures r of a completed rollout."""
         x, c = path.x[-1], path.c[-1]
         e = self.kernel.functions["final"](path.end_s, x, c).full().ravel()
-        return np.concatenate([x[self.kernel.nx :], self._winners(path.m), e])
-
-    def _winners(self, m: Array) -> Array:
-        """Largest values of the first rows of m, and what goes along with them."""
+        # largest values of the first rows of m, and what goes along with them
         peaks = self.kernel.peaks
         if peaks == 0:
-            return np.empty(0)
-        when = m[:, :peaks].argmax(axis=0)
-        return np.concatenate([m[when, b + np.arange(peaks)] for b in range(0, m.shape[1], peaks)])
+            winners = np.empty(0)
+        else:
+            when = path.m[:, :peaks].argmax(axis=0)
+            winners = np.concatenate(
+                [path.m[when, b + np.arange(peaks)] for b in range(0, path.m.shape[1], peaks)]
+            )
+        return np.concatenate([x[self.kernel.nx :], winners, e])
 
     def _step(self, estimate: bool) -> ca.Function:
         kernel, method = self.kernel, self.kernel.method

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import coal
@@ -52,7 +51,18 @@ def wrapped(geometry: Geometry, wrap: Wrap, link: str) -> tuple[CollisionShape, 
         What carries it, as robot/link.
     """
     kind: Any = kinds("shape")[wrap]
-    measures, placement = kind.around(*_points(geometry))
+    # points whose hull is the shape (n, 3) [m], own axes, and the axes along which a capsule may lie. Of a
+    # cylinder they are some of its rims, each with all extremes along x and y.
+    if geometry.mesh is not None:
+        mesh = coal.MeshLoader().load(str(geometry.mesh), np.array(geometry.size))
+        points = np.array(mesh.vertices()), (0, 1, 2)
+    else:
+        radius, length = (float(x) for x in geometry.size)
+        angles = 2 * np.pi * np.arange(AROUND) / AROUND
+        rim = np.stack([radius * np.cos(angles), radius * np.sin(angles)], axis=1)
+        ends = [np.column_stack([rim, np.full(AROUND, side * length / 2)]) for side in (-1, 1)]
+        points = np.concatenate(ends), (2,)
+    measures, placement = kind.around(*points)
     return _made(kind, link, measures), placement
 
 
@@ -60,18 +70,3 @@ def _made(kind: Any, link: str, measures: dict[str, Any]) -> CollisionShape:
     """A shape without validation: URDFs are checked where they are read, and a wrapping may be degenerate."""
     made: CollisionShape = kind.model_construct(link=link, **measures)
     return made
-
-
-def _points(geometry: Geometry) -> tuple[Array, Sequence[int]]:
-    """Points whose hull is the shape (n, 3) [m], own axes, and the axes along which a capsule may lie.
-
-    Of a cylinder they are some of its rims, each with all extremes along x and y.
-    """
-    if geometry.mesh is not None:
-        mesh = coal.MeshLoader().load(str(geometry.mesh), np.array(geometry.size))
-        return np.array(mesh.vertices()), (0, 1, 2)
-    radius, length = (float(x) for x in geometry.size)
-    angles = 2 * np.pi * np.arange(AROUND) / AROUND
-    rim = np.stack([radius * np.cos(angles), radius * np.sin(angles)], axis=1)
-    ends = [np.column_stack([rim, np.full(AROUND, side * length / 2)]) for side in (-1, 1)]
-    return np.concatenate(ends), (2,)

@@ -232,7 +232,30 @@ def check_elements(scene: Scene) -> None:
             where = f"{path}.{key}" if key else path
             raise ScenarioError(message, source=scene.source, where=where)
     for body in scene.robots:
-        _check_base(scene, body)
+        # refuse what acts on a fixed base, and controllers whose wrench on a base no actuator delivers
+        own = [found for found in robot_elements(scene) if found[0] is body]
+        delivered = {
+            part for _, _, element in own if isinstance(element, Actuator) for part in element.base_wrench
+        }
+        _check_unloading(scene, [(path, part) for _, path, part in own if isinstance(part, Actuator)])
+        for _, path, element in own:
+            if element.base_wrench and not body.root_joint:
+                message = (
+                    "acts on the base, which is fixed; leave it out, or give `base: {joint: free_flyer}`"
+                )
+                raise ScenarioError(message, source=scene.source, where=path)
+            if isinstance(element, Actuator) or element.own_wrench <= delivered:
+                continue
+            part = min(element.own_wrench - delivered)
+            able = [
+                name for name, kind in kinds("actuator").items() if part in getattr(kind, "base_wrench", ())
+            ]
+            raise ScenarioError(
+                f"commands a {part} on the base, which no actuator of the robot delivers; give one of kind "
+                f"{', '.join(able)} at {body.path}.actuators",
+                source=scene.source,
+                where=path,
+            )
     for tip in scene.tips:
         carriers = [joint for joint in tip.body.owned if joint in scene.model.supports[tip.joint]]
         if carriers:
@@ -242,29 +265,6 @@ def check_elements(scene: Scene) -> None:
                 source=scene.source,
                 where=f"{tip.body.path}.actuators",
             )
-
-
-def _check_base(scene: Scene, body: SceneBody) -> None:
-    """Refuse what acts on a fixed base, and controllers whose wrench on a base no actuator delivers."""
-    own = [found for found in robot_elements(scene) if found[0] is body]
-    delivered = {
-        part for _, _, element in own if isinstance(element, Actuator) for part in element.base_wrench
-    }
-    _check_unloading(scene, [(path, part) for _, path, part in own if isinstance(part, Actuator)])
-    for _, path, element in own:
-        if element.base_wrench and not body.root_joint:
-            message = "acts on the base, which is fixed; leave it out, or give `base: {joint: free_flyer}`"
-            raise ScenarioError(message, source=scene.source, where=path)
-        if isinstance(element, Actuator) or element.own_wrench <= delivered:
-            continue
-        part = min(element.own_wrench - delivered)
-        able = [name for name, kind in kinds("actuator").items() if part in getattr(kind, "base_wrench", ())]
-        raise ScenarioError(
-            f"commands a {part} on the base, which no actuator of the robot delivers; give one of kind "
-            f"{', '.join(able)} at {body.path}.actuators",
-            source=scene.source,
-            where=path,
-        )
 
 
 def check_environment(scene: Scene) -> None:

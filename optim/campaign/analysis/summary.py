@@ -167,6 +167,17 @@ def summary_data(
         if words:
             count = f"{len(words)} of {len(sampled.unclosed)} samples"
             warnings.append(f"gains {name}: {count} fail before they begin; the first: {words[0]}")
+    # every two sets of gains on the same samples: how often one is better, and which fails where
+    against = []
+    for (a, first), (b, second) in combinations(found.items(), 2):
+        for metric in first.metrics:
+            one, other = first.largest(metric), second.largest(metric)
+            better, differ = int((one < other).sum()), int((one != other).sum())
+            told = _interval(share(better, differ, campaign.confidence), campaign) if differ else None
+            against.append({"first": a, "second": b, "metric": metric, "first_is_better": told})
+        fails = {a: first.any_failure, b: second.any_failure}
+        only = {name: int((fails[name] & ~fails[rest]).sum()) for name, rest in ((a, b), (b, a))}
+        against.append({"first": a, "second": b, "fails_alone": only})
     return {
         "name": evaluator.scene.scenario.name,
         "samples": len(data.sample),
@@ -192,7 +203,7 @@ def summary_data(
             for index, (name, sampled) in enumerate(found.items())
         },
         "rank_noise": noise_of(len(data.sample), campaign),
-        "against": _against(found, campaign),
+        "against": against,
         "untrusted": trust,
         "doubts": [*warnings, *doubts(trust, campaign)],
     }
@@ -291,21 +302,6 @@ def _worst(
                 "command": command_of(evaluator, draw, name, named.scenario, named.changes),
             }
         )
-    return rows
-
-
-def _against(found: Mapping[str, SampleStatistics], campaign: Campaign) -> list[dict[str, Any]]:
-    """Every two sets of gains on the same samples: how often one is better, and which fails where."""
-    rows = []
-    for (a, first), (b, second) in combinations(found.items(), 2):
-        for metric in first.metrics:
-            one, other = first.largest(metric), second.largest(metric)
-            better, differ = int((one < other).sum()), int((one != other).sum())
-            told = _interval(share(better, differ, campaign.confidence), campaign) if differ else None
-            rows.append({"first": a, "second": b, "metric": metric, "first_is_better": told})
-        fails = {a: first.any_failure, b: second.any_failure}
-        only = {name: int((fails[name] & ~fails[rest]).sum()) for name, rest in ((a, b), (b, a))}
-        rows.append({"first": a, "second": b, "fails_alone": only})
     return rows
 
 

@@ -13,7 +13,6 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
 from spacerobot.dynamics import Kinematics, frame_placement, frame_velocity, rotation_log
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.joints import exact_directions
@@ -94,18 +93,16 @@ def _twist(scene: Scene, kinematics: Kinematics, grasp: SceneGrasp) -> ca.SX:
     tip, mate = (
         frame_placement(scene.model, kinematics, frame)[0] for frame in (grasp.tip.frame, grasp.frame)
     )
-    wanted = ca.mtimes(mate, exact_directions(_rest(scene, grasp)))
+    # orientation of a tip in the mating frame where rotational springs are at rest (3x3)
+    capture = grasp.config.capture
+    if grasp.config.begins == "open":
+        rest = np.asarray(pin.rpy.rpyToMatrix(np.radians(capture.mated_deg if capture else (0.0, 0.0, 0.0))))
+    else:
+        data = scene.model.createData()
+        pin.framesForwardKinematics(scene.model, data, np.array(scene.q))
+        rest = np.asarray(data.oMf[grasp.frame].rotation.T @ data.oMf[grasp.tip.frame].rotation)
+    wanted = ca.mtimes(mate, exact_directions(rest))
     relative = ca.mtimes(wanted.T, tip)
     if scene.planar:
         return ca.atan2(relative[1, 0], relative[0, 0])
     return ca.mtimes(wanted, rotation_log(relative))
-
-
-def _rest(scene: Scene, grasp: SceneGrasp) -> Array:
-    """Orientation of a tip in the mating frame where rotational springs are at rest (3x3)."""
-    capture = grasp.config.capture
-    if grasp.config.begins == "open":
-        return np.asarray(pin.rpy.rpyToMatrix(np.radians(capture.mated_deg if capture else (0.0, 0.0, 0.0))))
-    data = scene.model.createData()
-    pin.framesForwardKinematics(scene.model, data, np.array(scene.q))
-    return np.asarray(data.oMf[grasp.frame].rotation.T @ data.oMf[grasp.tip.frame].rotation)

@@ -18,7 +18,7 @@ from spacerobot.interrupts import keep
 from spacerobot.registry import COMMANDS
 
 if TYPE_CHECKING:
-    from optim.campaign.run import CampaignProgress, Executor
+    from optim.campaign.run import CampaignProgress
     from spacerobot.scene import Scene
 
 Folder = Annotated[
@@ -76,7 +76,8 @@ def command(
     port: Port = 7000,
 ) -> None:
     """Run a campaign; exit code 130 after Ctrl-C, with the samples so far."""
-    from optim.campaign import ROLLING_OUT, ScenarioSource, run_campaign, summarise
+    from optim.campaign import ROLLING_OUT, LocalExecutor, ScenarioSource, run_campaign, summarise
+    from optim.campaign.cluster import DaskExecutor
     from optim.campaign.rollouts.gain_sets import gain_sets
     from spacerobot.files import write_text
     from spacerobot.scene import load_scene
@@ -89,13 +90,17 @@ def command(
         def report(now: CampaignProgress) -> None:
             """Say what is being done; what is rolled out is kept."""
             keep(now.phase == ROLLING_OUT)
-            tell(_words(now))
+            words = now.phase
+            if now.total:
+                done = f"{now.done} of {now.total} samples, {100 * now.done / now.total:.0f} %"
+                words = f"{done}, {now.rate:.0f} rollouts a second, about {now.left_s:.0f} s left"
+            tell(words)
 
         found = run_campaign(
             scene,
             out,
             gains=chosen,
-            executor=_executor(threads, dask),
+            executor=LocalExecutor(threads) if dask is None else DaskExecutor(dask),
             progress=report,
             named=ScenarioSource(scenario, given),
         )
@@ -136,22 +141,6 @@ def _with_samples(scene: Scene, samples: int | None) -> Scene:
         message = f"a grid's samples follow from its levels: here {campaign.count}; set campaign.levels"
         raise ScenarioError(message, source=scene.source, where="--samples")
     return build_scene(scene.scenario, {"campaign.samples": samples}, source=scene.source)
-
-
-def _executor(threads: int | None, dask: str | None) -> Executor:
-    from optim.campaign import LocalExecutor
-    from optim.campaign.cluster import DaskExecutor
-
-    if dask is not None:
-        return DaskExecutor(dask)
-    return LocalExecutor(threads)
-
-
-def _words(now: CampaignProgress) -> str:
-    if not now.total:
-        return now.phase
-    done = f"{now.done} of {now.total} samples, {100 * now.done / now.total:.0f} %"
-    return f"{done}, {now.rate:.0f} rollouts a second, about {now.left_s:.0f} s left"
 
 
 COMMANDS.add(Command.of("campaign", command, HELP, place=12), __name__)

@@ -52,26 +52,23 @@ def command(scenario: ScenarioName, changes: Changes = None) -> None:
                 prose(difference, indent=width + 4)
     if scene.scenario.plan is not None:
         console().print("\nplan", style="bold")
-        prose(_avoidance(scene), indent=2)
+        from optim.planning.formulation.link_pairs import link_pairs
+
+        # which pairs of links plans keep apart by themselves
+        pairs = link_pairs(scene)
+        avoidance = "no links; switched off, or none have collision shapes and may meet"
+        if pairs:
+            by_bodies: dict[str, int] = {}
+            for pair in pairs:
+                one, other = (name.partition("/")[0] for name in (pair.first, pair.second))
+                bodies = f"within {one}" if one == other else f"of {one} and {other}"
+                by_bodies[bodies] = by_bodies.get(bodies, 0) + 1
+            told = ", ".join(f"{count} {bodies}" for bodies, count in by_bodies.items())
+            avoidance = f"plans keep {len(pairs)} pairs of links apart, {told}"
+        prose(f"collision avoidance: {avoidance}", indent=2)
     console().print("\nassumptions", style="bold")
     for assumption in scene.assumptions:
         prose(assumption, indent=2)
-
-
-def _avoidance(scene: Scene) -> str:
-    """Which pairs of links plans keep apart by themselves."""
-    from optim.planning.formulation.link_pairs import link_pairs
-
-    pairs = link_pairs(scene)
-    if not pairs:
-        return "collision avoidance: no links; switched off, or none have collision shapes and may meet"
-    by_bodies: dict[str, int] = {}
-    for pair in pairs:
-        one, other = (name.partition("/")[0] for name in (pair.first, pair.second))
-        bodies = f"within {one}" if one == other else f"of {one} and {other}"
-        by_bodies[bodies] = by_bodies.get(bodies, 0) + 1
-    told = ", ".join(f"{count} {bodies}" for bodies, count in by_bodies.items())
-    return f"collision avoidance: plans keep {len(pairs)} pairs of links apart, {told}"
 
 
 def scene_tree(scene: Scene) -> Tree:

@@ -241,6 +241,12 @@ def _show(planned: PlanSolution) -> None:
     phases = zip(planned.names, phased_motion.motions, strict=True)
     replayed, followed = f"{verification.replay_error_m:.1e} m", f"{verification.followed_error_m:.1e} m"
     allowed = f" (allowed {verification.tolerance_m:g} m)"
+    # the greatest violation between the points, in words
+    if not planned.verification.violations:
+        violation = "none"
+    else:
+        worst = planned.verification.violations[0]
+        violation = f"{worst.amount:.1e} {worst.unit}, {worst.name} (allowed {worst.allowed:.1e})"
     rows = [
         ("duration", f"{phased_motion.duration_s:.6g} s"),
         *((f"  {name}", f"{motion.duration_s:.6g} s") for name, motion in phases if name),
@@ -254,7 +260,7 @@ def _show(planned: PlanSolution) -> None:
         ("second-order conditions", verification.status),
         ("replay error, open loop", replayed + (allowed if verification.open_loop else "")),
         ("  with feedback", followed + ("" if verification.open_loop else allowed)),
-        ("greatest violation", _violation(planned)),
+        ("greatest violation", violation),
     ]
     console().print(pairs(f"plan of {planned.scene.scenario.name}", rows))
     if verification.saddle:
@@ -294,14 +300,6 @@ def _named(one: Candidate) -> str:
 
 def _outcome(one: Candidate) -> str:
     return one.failure if one.cost is None else f"cost {one.cost:.6g}"
-
-
-def _violation(planned: PlanSolution) -> str:
-    """The greatest violation between the points, in words."""
-    if not planned.verification.violations:
-        return "none"
-    worst = planned.verification.violations[0]
-    return f"{worst.amount:.1e} {worst.unit}, {worst.name} (allowed {worst.allowed:.1e})"
 
 
 COMMANDS.add(Command.of("plan", command, HELP, place=13), __name__)

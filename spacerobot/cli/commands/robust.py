@@ -9,7 +9,7 @@ import typer
 from spacerobot.cli.command import Command
 from spacerobot.cli.commands.run import warn_if_open
 from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, parse_changes
-from spacerobot.cli.output import console, pairs, table, warn
+from spacerobot.cli.output import console, pairs, table
 from spacerobot.cli.tuning_options import (
     Budget,
     Runs,
@@ -21,6 +21,7 @@ from spacerobot.cli.tuning_options import (
     journals,
     show_runs,
     shown,
+    stop_if_interrupted,
 )
 from spacerobot.registry import COMMANDS
 
@@ -91,9 +92,7 @@ def command(
     if out is not None:
         warn_if_open(saved)
         console().print(f"result and robust.json in {out}", markup=False, soft_wrap=True)
-    if found.outcome.interrupted:
-        warn("interrupted: the best so far is kept")
-        raise typer.Exit(130)
+    stop_if_interrupted(found.outcome)
 
 
 COMMANDS.add(Command.of("robust", command, HELP, place=9), __name__)

@@ -9,7 +9,7 @@ import typer
 from spacerobot.cli.command import Command
 from spacerobot.cli.commands.run import fail_if_diverged
 from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, parse_changes
-from spacerobot.cli.output import console, pairs, table, warn
+from spacerobot.cli.output import console, pairs, table
 from spacerobot.cli.tuning_options import (
     Budget,
     Runs,
@@ -21,6 +21,7 @@ from spacerobot.cli.tuning_options import (
     journals,
     show_runs,
     shown,
+    stop_if_interrupted,
 )
 from spacerobot.registry import COMMANDS, TUNING_METHODS
 
@@ -71,7 +72,9 @@ def command(
 ) -> None:
     """Tune, simulate the best design, and save it if a folder is given."""
     from optim import build_problem, effort_of, tune
+    from optim.problem.objectives import UNITS
     from optim.problem.scene_recipe import tuning_of
+    from optim.problem.variables import at_bound
     from optim.problem.varied_parameters import vary as varied
     from optim.workers.dask import open_workers
     from spacerobot.scene import load_scene
@@ -90,10 +93,6 @@ def command(
         if out is not None:
             result = result.save(out)
             found.save(out)
-    # print the gains, what each run found, and the best design's numbers
-    from optim.problem.objectives import UNITS
-    from optim.problem.variables import at_bound
-
     told = {name: f", {end}" for name, end in at_bound(list(found.gains), found.outcome.best.u).items()}
     rows = [(name, f"{value:.6g}{told.get(name, '')}") for name, value in found.gains.items()]
     factor, unit = UNITS[tuning.objective.kind]
@@ -105,9 +104,7 @@ def command(
     console().print(pairs("the best design", result.headline()))
     if out is not None:
         console().print(f"\nresult and tuning.json in {out}", markup=False, soft_wrap=True)
-    if found.outcome.interrupted:
-        warn("interrupted: the best so far is kept")
-        raise typer.Exit(130)
+    stop_if_interrupted(found.outcome)
     fail_if_diverged(result)
 
 

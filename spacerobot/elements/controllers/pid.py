@@ -65,7 +65,13 @@ class Pid(TipController):
         wanted_rate = (motion.angular_acceleration if turns else motion.acceleration)[axes]
         memory = "orientation_amnesia" if turns else "amnesia"
         if memory in tip.siblings:
-            state, correction = correct(tip, memory, _position_error(tip, axes, turns=turns))
+            # reference minus measured position, or the rotation vector from measured orientation to reference:
+            # the signal is the tip's rotation relative to its reference, so the error is its negative
+            if not turns:
+                position_error = (tip.motion.position - tip.read("tip_position", tip.position))[axes]
+            else:
+                position_error = -tip.read("tip_orientation", -tip.orientation_error)[axes]
+            state, correction = correct(tip, memory, position_error)
             states.append(state)
             wanted, wanted_rate = wanted + correction.value, wanted_rate + correction.rate
         error = wanted - fed_back.velocity
@@ -151,11 +157,3 @@ def _seen_from(feedback: str, tip: TipContext, axes: list[int], *, turns: bool) 
         velocity = velocity + offset * seen if last is None else velocity
         drift = drift + offset * plant.rate(seen)
     return _FedBack(velocity, drift, drive, scale * drive)
-
-
-def _position_error(tip: TipContext, axes: list[int], *, turns: bool) -> ca.SX:
-    """Reference minus measured position, or the rotation vector from measured orientation to reference."""
-    if not turns:
-        return (tip.motion.position - tip.read("tip_position", tip.position))[axes]
-    # the signal is the tip's rotation relative to its reference, so the error is its negative
-    return -tip.read("tip_orientation", -tip.orientation_error)[axes]

@@ -103,7 +103,13 @@ class Orbit(Environment):
         return Contribution(
             outside=tuple(wrench for wrench, _ in pairs),
             powers=tuple(power for _, power in pairs),
-            outputs=(*_outputs(now), *_relative(now, environment)),
+            outputs=(
+                Output("orbit_anomaly", now.anomaly, "rad", "true anomaly of the reference orbit"),
+                Output(
+                    "orbit_radius", now.radius, "m", "distance of the world's origin from the planet's centre"
+                ),
+                *_relative(now, environment),
+            ),
         )
 
     def _now(self, context: SectionContext) -> OrbitState:
@@ -190,11 +196,6 @@ def eccentric_anomaly(mean: ca.SX, eccentricity: ca.SX) -> ca.SX:
         open_ = swept - sin - mean
         swept = swept - open_ * slope / (slope**2 - 0.5 * open_ * sin)
     return swept
-
-
-def _outputs(now: OrbitState) -> Iterator[Output]:
-    yield Output("orbit_anomaly", now.anomaly, "rad", "true anomaly of the reference orbit")
-    yield Output("orbit_radius", now.radius, "m", "distance of the world's origin from the planet's centre")
 
 
 def _relative(now: OrbitState, environment: EnvironmentContext) -> Iterator[Output]:

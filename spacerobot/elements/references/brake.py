@@ -37,7 +37,8 @@ class Brake(Reference):
         if pivot is not None:
             linear = linear + cross(spin, pivot - start.origin)
         limits = context.number("deceleration"), context.number("spin_deceleration_deg") * DEGREE
-        times = [_speed(v) / limit for v, limit in zip((linear, spin), limits, strict=True)]
+        speeds = (ca.sqrt(ca.dot(v, v) + _STILL**2) for v in (linear, spin))
+        times = [speed / limit for speed, limit in zip(speeds, limits, strict=True)]
         full = _LONGEST * ca.fmax(*times) + _STILL
         duration, ends = context.begun("duration", full), context.jump("end", full)
         u = ca.if_else(context.time < ends, context.time / duration, 1)
@@ -53,7 +54,3 @@ class Brake(Reference):
     def way(self) -> tuple[Array, Array]:
         """Not known before it begins: none."""
         return np.zeros((1, 3)), np.zeros((1, 3))
-
-
-def _speed(vector: ca.SX) -> ca.SX:
-    return ca.sqrt(ca.dot(vector, vector) + _STILL**2)

@@ -40,7 +40,11 @@ class Circle(TimedReference):
         delta = first + (last - first) * blend.value
         rate, acceleration = (last - first) * blend.rate, (last - first) * blend.acceleration
         cos, sin = ca.cos(delta), ca.sin(delta)
-        across = radius * self._plane(context)[:, :2]
+        plane = ca.SX.eye(3)  # axes of the circle's plane
+        if any(self.plane_deg):
+            angles = context.parameters.vector(f"{context.path}.plane_deg") * DEGREE
+            plane = context.once("plane", rotation_from_rpy(angles))
+        across = radius * plane[:, :2]
 
         def in_plane(x: ca.SX, y: ca.SX) -> ca.SX:
             return ca.mtimes(across, ca.vertcat(x, y))
@@ -50,13 +54,6 @@ class Circle(TimedReference):
             rate=in_plane(-sin * rate, cos * rate),
             acceleration=in_plane(-sin * acceleration - cos * rate**2, cos * acceleration - sin * rate**2),
         )
-
-    def _plane(self, context: SectionContext) -> ca.SX:
-        """Axes of the circle's plane, 3x3."""
-        if not any(self.plane_deg):
-            return ca.SX.eye(3)
-        angles = context.parameters.vector(f"{context.path}.plane_deg") * DEGREE
-        return context.once("plane", rotation_from_rpy(angles))
 
     def leaves_plane(self) -> Iterator[tuple[str, list[float]]]:
         """A rotation about another axis than z, or a plane that is not the x-y plane."""

@@ -20,7 +20,7 @@ from spacerobot.elements.controllers.base_attitude import BaseAttitude
 from spacerobot.elements.controllers.base_position import BasePosition
 from spacerobot.scene import Scene, SceneBody
 from tests.oracles.engine.actuation import base_columns
-from tests.oracles.engine.kinematics import Kinematics, joint_space_inertia, rotation_vector
+from tests.oracles.engine.kinematics import Kinematics, rotation_vector
 from tests.oracles.engine.robot_law import Asked, Asking, robot_law
 from tests.oracles.engine.tip_control import Command
 
@@ -134,7 +134,7 @@ class BaseController:
         """Rate of the robot's momentum about the base's origin: by v' (6, nv), and the rest (6,)."""
         model, own = kinematics.model, base_columns(self.scene, self.body)
         bias = pin.nonLinearEffects(model, model.createData(), kinematics.q, kinematics.v)
-        return jacobian[:, own] @ joint_space_inertia(kinematics)[own], jacobian[:, own] @ bias[own]
+        return jacobian[:, own] @ kinematics.inertia[own], jacobian[:, own] @ bias[own]
 
     def _mass(self, kinematics: Kinematics) -> float:
         """Of the robot."""

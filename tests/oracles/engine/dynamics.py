@@ -22,7 +22,7 @@ from spacerobot.scene import SceneGrasp
 from tests.oracles.engine.actuation import Delivered, Push
 from tests.oracles.engine.contacts import Pressure
 from tests.oracles.engine.grasps import Constraint, Relative
-from tests.oracles.engine.kinematics import Kinematics, joint_space_inertia
+from tests.oracles.engine.kinematics import Kinematics
 from tests.oracles.engine.tip_control import Command
 
 Wrench = tuple[SceneGrasp, Relative, Array, Array]
@@ -184,7 +184,7 @@ def _implicit(
     fixed = np.vstack([np.empty((0, nv)), *(c.jacobian for c in loads.constraints), loads.ties])
     nu, size = len(jacobian), nv + len(jacobian) + len(fixed)
     matrix = np.eye(size)
-    matrix[:nv] = np.hstack([joint_space_inertia(kinematics), -jacobian.T, fixed.T])
+    matrix[:nv] = np.hstack([kinematics.inertia, -jacobian.T, fixed.T])
     matrix[nv : nv + nu, :nv] = np.vstack([np.empty((0, nv)), *(c.gain * c.feedback for c in commands)])
     matrix[nv + nu :, :nv], matrix[nv + nu :, nv + nu :] = fixed, 0.0
     right = np.concatenate(

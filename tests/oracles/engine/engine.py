@@ -12,6 +12,7 @@ import pinocchio as pin
 
 import tests.oracles.engine.wheels  # noqa: F401 (registers its kinds)
 from spacerobot.arrays import Array
+from spacerobot.pinocchio_engine.mechanical_state import configuration_rate, coordinates
 from spacerobot.scene import Scene, SceneGrasp
 from tests.oracles.engine.actuation import Now, Spinning
 from tests.oracles.engine.contacts import Pressure, contact_of, touches
@@ -27,7 +28,7 @@ from tests.oracles.engine.grasps import (
     rest_orientation,
 )
 from tests.oracles.engine.joint_control import null_space
-from tests.oracles.engine.kinematics import Kinematics, configuration_rate, coordinates
+from tests.oracles.engine.kinematics import Kinematics
 from tests.oracles.engine.laws import has_writing, refusal
 from tests.oracles.engine.life import first_lives, mated_orientation, works_of
 from tests.oracles.engine.mode import Laws, Mode, laws_of, led
@@ -205,7 +206,7 @@ class Engine:
     def instant(self, t: float, x: Array, within: float | None = None) -> Instant:
         """Everything at one instant; arguments and errors as for :meth:`derivative`."""
         q, v, z = self.split(x)
-        kinematics = Kinematics(self.model, pin.normalize(self.model, q), v)
+        kinematics = Kinematics(self.model, q, v)
         motions = self._motions(t, t if within is None else within, kinematics)
         states = np.split(z, self._cuts)[:-1]
         channels = self.now.channels

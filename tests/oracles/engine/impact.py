@@ -9,7 +9,7 @@ import numpy as np
 from spacerobot.arrays import Array
 from tests.oracles.engine.engine import Engine
 from tests.oracles.engine.grasps import Constraint, grasp_of
-from tests.oracles.engine.kinematics import Kinematics, joint_space_inertia
+from tests.oracles.engine.kinematics import Kinematics
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ def strike(engine: Engine, kinematics: Kinematics, t: float) -> Impact:
     spread, nv = engine.scene.spread, engine.model.nv
     ties = (np.eye(nv) - spread)[np.diag(spread) == 0]
     rows = np.vstack([*(one.jacobian for one in held), ties])
-    inertia = joint_space_inertia(kinematics)
+    inertia = kinematics.inertia
     slips = [one.relative.velocity[one.rows] for one in held]
     matrix = np.block([[inertia, rows.T], [rows, np.zeros((len(rows), len(rows)))]])
     right = np.concatenate([np.zeros(nv), *(-slip for slip in slips), np.zeros(len(ties))])

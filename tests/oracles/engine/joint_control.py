@@ -19,7 +19,7 @@ from spacerobot.arrays import Array
 from spacerobot.elements.controllers.joint_pd import JointPd
 from spacerobot.elements.joint_plan import JointPlanController
 from spacerobot.scene import Scene, SceneBody
-from tests.oracles.engine.kinematics import Kinematics, joint_space_inertia, rotation_vector
+from tests.oracles.engine.kinematics import Kinematics, rotation_vector
 from tests.oracles.engine.planned import Pieces, hermite, plan_time, window_ends
 from tests.oracles.engine.references import Motion
 from tests.oracles.engine.robot_law import Asked, Asking, RobotLaw, robot_law
@@ -227,7 +227,7 @@ def null_space(
     feedback = np.vstack([command.feedback for command in own])
     actuation = np.vstack([command.jacobian for command in own]).T
     free = spread[:, np.diag(spread) > 0]
-    inverse = free @ np.linalg.solve(free.T @ joint_space_inertia(kinematics) @ free, free.T)
+    inverse = free @ np.linalg.solve(free.T @ kinematics.inertia @ free, free.T)
     force = np.linalg.solve(feedback @ inverse @ actuation, feedback @ inverse @ torque)
     projected: Array = torque - actuation @ force
     return projected

@@ -6,8 +6,6 @@ import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-import pinocchio as pin
-
 from spacerobot.arrays import Array
 from spacerobot.scene import SceneGrasp
 from tests.oracles.engine.contacts import Touch, touches
@@ -30,7 +28,7 @@ class Moment:
     def kinematics(self) -> Kinematics:
         """Of the plant."""
         q, v, _ = self.engine.split(self.x)
-        return Kinematics(self.engine.model, pin.normalize(self.engine.model, q), v)
+        return Kinematics(self.engine.model, q, v)
 
     @functools.cached_property
     def instant(self) -> Instant:

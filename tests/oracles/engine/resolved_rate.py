@@ -13,7 +13,7 @@ from spacerobot.arrays import Array
 from spacerobot.elements.controllers.resolved_rate import ResolvedRate
 from spacerobot.scene import Scene, SceneBody, SceneTip
 from tests.oracles.engine.actuation import base_columns
-from tests.oracles.engine.kinematics import Kinematics, joint_space_inertia, rotation_vector
+from tests.oracles.engine.kinematics import Kinematics, rotation_vector
 from tests.oracles.engine.references import Motion
 from tests.oracles.engine.robot_law import Asked, Asking, RobotLaw, robot_law
 from tests.oracles.engine.sensing import reading_of, sensors_of
@@ -52,7 +52,7 @@ class RateResolver:
         spread, v = self.scene.spread, kinematics.v
         joints = [int(model.idx_vs[joint]) for joint in self.body.driven_joints]
         base = list(base_columns(self.scene, self.body))
-        inertia = spread.T @ joint_space_inertia(kinematics) @ spread
+        inertia = spread.T @ kinematics.inertia @ spread
         bias = spread.T @ pin.nonLinearEffects(model, model.createData(), kinematics.q, v)
         # velocities and accelerations of base and joints from those of the joints
         carried = np.zeros((model.nv, len(joints)))

@@ -17,9 +17,10 @@ from spacerobot.arrays import Array
 from spacerobot.elements import TipController
 from spacerobot.elements.controllers.amnesia import Amnesia
 from spacerobot.elements.controllers.pid import Pid
+from spacerobot.pinocchio_engine.mechanical_state import FrameMotion
 from spacerobot.scenario.sensors import Sensors
 from spacerobot.scene import Scene, SceneBody, SceneTip
-from tests.oracles.engine.kinematics import FrameMotion, Kinematics, rotation_vector
+from tests.oracles.engine.kinematics import Kinematics, rotation_vector
 from tests.oracles.engine.laws import refusal
 from tests.oracles.engine.references import Motion
 from tests.oracles.engine.sensing import reading_of, sensors_of
