@@ -126,7 +126,8 @@ def read_result(folder: Path) -> tuple[Scenario, xr.Dataset, dict[str, Any]]:
         found = summary.get("format") if isinstance(summary, dict) else None
         if found != FORMAT:
             raise ResultError(
-                f"written by another version: layout {found!r}, this one reads {FORMAT}; run its scenario again",
+                f"written by another version: layout {found!r}, this one reads {FORMAT}; run its scenario "
+                "again",
                 source=folder / SUMMARY,
             )
         data = _parse(folder / DATA, lambda path: xr.load_dataset(path, engine="netcdf4"))

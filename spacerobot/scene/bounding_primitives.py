@@ -53,16 +53,17 @@ def wrapped(geometry: Geometry, wrap: Wrap, link: str) -> tuple[CollisionShape, 
     kind: Any = kinds("shape")[wrap]
     # points whose hull is the shape (n, 3) [m], own axes, and the axes along which a capsule may lie. Of a
     # cylinder they are some of its rims, each with all extremes along x and y.
+    axes: tuple[int, ...]
     if geometry.mesh is not None:
         mesh = coal.MeshLoader().load(str(geometry.mesh), np.array(geometry.size))
-        points = np.array(mesh.vertices()), (0, 1, 2)
+        points, axes = np.array(mesh.vertices()), (0, 1, 2)
     else:
         radius, length = (float(x) for x in geometry.size)
         angles = 2 * np.pi * np.arange(AROUND) / AROUND
         rim = np.stack([radius * np.cos(angles), radius * np.sin(angles)], axis=1)
         ends = [np.column_stack([rim, np.full(AROUND, side * length / 2)]) for side in (-1, 1)]
-        points = np.concatenate(ends), (2,)
-    measures, placement = kind.around(*points)
+        points, axes = np.concatenate(ends), (2,)
+    measures, placement = kind.around(points, axes)
     return _made(kind, link, measures), placement
 
 

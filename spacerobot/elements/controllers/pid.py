@@ -65,8 +65,8 @@ class Pid(TipController):
         wanted_rate = (motion.angular_acceleration if turns else motion.acceleration)[axes]
         memory = "orientation_amnesia" if turns else "amnesia"
         if memory in tip.siblings:
-            # reference minus measured position, or the rotation vector from measured orientation to reference:
-            # the signal is the tip's rotation relative to its reference, so the error is its negative
+            # Reference minus measured position, or the rotation vector from measured orientation to
+            # reference: the signal is the tip's rotation relative to its reference, so its negative.
             if not turns:
                 position_error = (tip.motion.position - tip.read("tip_position", tip.position))[axes]
             else:
