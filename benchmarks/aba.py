@@ -36,7 +36,19 @@ def rows() -> list[Row]:
         found.append(row)
     servicer = find_urdf("servicer.urdf").read_text(encoding="utf-8")
     found.append(_measure("servicer", pin.buildModelFromXML(servicer, pin.JointModelFreeFlyer()))[1])
-    return [*found, _slope(cost)]
+    a, b = LINKS[0], LINKS[-1]
+    slope = math.log(cost[b] / cost[a]) / math.log(b / a)
+    gradient = Row(
+        "symbolic ABA, slope of cost over links",
+        "linear",
+        f"{slope:.2f}",
+        "1.00",
+        slope,
+        f"at most {SLOPE_TARGET}",
+        slope <= SLOPE_TARGET,
+        f"{a} to {b} links, without the calls from Python",
+    )
+    return [*found, gradient]
 
 
 def _measure(name: str, model: pin.Model) -> tuple[float, Row]:
@@ -82,19 +94,4 @@ def _measure(name: str, model: pin.Model) -> tuple[float, Row]:
         f"{native * 1e6:.2f} us without the call from Python; {function.n_instructions()} operations; "
         f"agree to {difference:.0e}",
         {"native_s": native},
-    )
-
-
-def _slope(cost: dict[int, float]) -> Row:
-    a, b = LINKS[0], LINKS[-1]
-    slope = math.log(cost[b] / cost[a]) / math.log(b / a)
-    return Row(
-        "symbolic ABA, slope of cost over links",
-        "linear",
-        f"{slope:.2f}",
-        "1.00",
-        slope,
-        f"at most {SLOPE_TARGET}",
-        slope <= SLOPE_TARGET,
-        f"{a} to {b} links, without the calls from Python",
     )

@@ -16,7 +16,7 @@ from spacerobot.scene.contacts import dome_warnings
 from spacerobot.scene.envelope_checks import envelope_warnings, mating_warnings
 from spacerobot.scene.grasp_closing import ClosingBase, find_closings, has_loops, is_rigid, open_grasps
 from spacerobot.scene.reference_checks import reference_warnings
-from spacerobot.scene.scene import Scene, SceneBody, SceneTip
+from spacerobot.scene.scene import Scene, SceneBody
 
 SLIP = 1e-9  # [m/s, rad/s, deg/s] that a described velocity may differ from the one that begins
 
@@ -31,7 +31,13 @@ def list_assumptions(scene: Scene) -> tuple[str, ...]:
     for body in scene.bodies:
         found += _of_body(scene, body)
     for tip in scene.tips:
-        found += _of_tip(tip)
+        place = f"{tip.path}.reference"
+        if any(reference.from_target for reference in tip.references):
+            found.append(f"{tip.path}: reference derived from the target's, rigidly")
+        elif tip.config.reference is None and tip.references[-1].path == place and any(tip.config.elements()):
+            found.append(f"{tip.path}: no reference given, so it holds its initial pose")
+        for key, controller in tip.config.elements():
+            found += [f"{tip.path}.{key}: {assumed}" for assumed in controller.assumptions()]
     for _, path, element in robot_elements(scene):
         found += [f"{path}: {assumed}" for assumed in element.assumptions()]
     let_go = {name for phase in scene.scenario.phases.values() for name in phase.releases}
@@ -230,14 +236,3 @@ def _changed_masses(body: SceneBody) -> list[str]:
         f"{body.path}: inertia scaled with the mass, which is not the URDF's (give `inertia` if it shall not "
         f"be): {', '.join(changed)}"
     ]
-
-
-def _of_tip(tip: SceneTip) -> list[str]:
-    found, place = [], f"{tip.path}.reference"
-    if any(reference.from_target for reference in tip.references):
-        found.append(f"{tip.path}: reference derived from the target's, rigidly")
-    elif tip.config.reference is None and tip.references[-1].path == place and any(tip.config.elements()):
-        found.append(f"{tip.path}: no reference given, so it holds its initial pose")
-    for key, controller in tip.config.elements():
-        found += [f"{tip.path}.{key}: {assumed}" for assumed in controller.assumptions()]
-    return found

@@ -131,12 +131,9 @@ def check_size(recording: SignalRecording, samples: int, sets: int) -> None:
 
 def _described(variable: OutputVariable, scene: Scene) -> tuple[list[str], str]:
     """Names of the components of an output, and their unit."""
-    labels: Mapping[str, Sequence[str]] = {"joint": _joints(scene), "axis": AXES}
+    joints = sorted(joint for body in scene.bodies for joint in body.arm_joints)
+    joint_names = [str(scene.model.names[joint]) for joint in joints]
+    labels: Mapping[str, Sequence[str]] = {"joint": joint_names, "axis": AXES}
     parts = itertools.product(*(labels.get(dimension, variable.labels) for dimension in variable.dims))
     unit = torque_unit(scene) if variable.name == "joint_torque" else variable.unit
     return [" ".join(part) for part in parts], unit
-
-
-def _joints(scene: Scene) -> list[str]:
-    joints = sorted(joint for body in scene.bodies for joint in body.arm_joints)
-    return [str(scene.model.names[joint]) for joint in joints]

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from optim.campaign.rollouts.evaluator import CampaignEvaluator, all_draws, build_evaluator
 from optim.campaign.store.folder import HEAD, difference, load_head, open_store
@@ -36,7 +34,15 @@ def reopen(folder: StrPath) -> CampaignEvaluator:
     folder = Path(folder)
     head = load_head(folder)
     try:
-        _check_urdfs(folder, head)
+        # refuse a folder whose URDFs are not those that its numbers were made with
+        for path, description in read_descriptions(head["scenario"], source=folder / HEAD).items():
+            name = path.removeprefix("robots.")
+            if description.sha256 != head["urdf"][name]:
+                raise ResultError(
+                    f"the URDF of {name}, {description.path}, has changed since; put the old one back, or "
+                    f"{AGAIN}",
+                    source=folder,
+                )
         document = dict(head["scenario"])
         document["campaign"] = document["campaign"] | head["notes"]["asked"]
         source = folder / HEAD
@@ -64,12 +70,3 @@ def reopen(folder: StrPath) -> CampaignEvaluator:
             store.merge(layout)
     check_layout(folder / DATA, layout)
     return evaluator
-
-
-def _check_urdfs(folder: Path, head: Mapping[str, Any]) -> None:
-    """Refuse a folder whose URDFs are not those that its numbers were made with."""
-    for path, found in read_descriptions(head["scenario"], source=folder / HEAD).items():
-        name = path.removeprefix("robots.")
-        if found.sha256 != head["urdf"][name]:
-            message = f"the URDF of {name}, {found.path}, has changed since; put the old one back, or {AGAIN}"
-            raise ResultError(message, source=folder)

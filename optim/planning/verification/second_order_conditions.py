@@ -86,16 +86,15 @@ def _projected(
     equal = least == greatest
     stiff[equal] /= np.maximum(sizes[equal], 1e-12) ** 2
     held = _stiffness(w, low, high, solution.bound_multipliers, EQUATION * scale)
-    weights = np.concatenate([_weights(program), np.ones(program.size)])[: program.size]
+    # parts of the duration that belong to the unknowns of the phases; one for their durations
+    parts = np.concatenate(
+        [np.append(np.repeat(one.weights, one.nz), 1.0) for one in phase_programs(program)]
+    )
+    weights = np.concatenate([parts, np.ones(program.size)])[: program.size]
     weights[low == high] = 0.0
     held[low == high] = 0.0
     hessian = upper + sparse.triu(upper, 1).T
     return (hessian + sparse.diags(held) + slopes.T @ sparse.diags(stiff) @ slopes).tocsc(), weights
-
-
-def _weights(program: NonlinearProgram) -> Array:
-    """Parts of the duration that belong to the unknowns of the phases; one for their durations."""
-    return np.concatenate([np.append(np.repeat(one.weights, one.nz), 1.0) for one in phase_programs(program)])
 
 
 def _stiffness(values: Array, least: Array, greatest: Array, multipliers: Array, most: float) -> Array:
