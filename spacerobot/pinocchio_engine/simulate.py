@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -69,13 +70,34 @@ def simulate(
         If a duration, a step or a tolerance is not positive and finite.
     """
     begin = time.perf_counter()
-    simulation = scene.scenario.simulation
-    output_step_s = simulation.output_step if output_step_s is None else output_step_s
-    duration_s = simulation.duration if duration_s is None else duration_s
+    found = roll_out(PinocchioLoop(scene), (output_step_s, duration_s), (rtol, atol), progress)
+    return dataclasses.replace(found, wall_s=time.perf_counter() - begin)
+
+
+def roll_out(
+    engine: PinocchioLoop,
+    times_s: tuple[float | None, float | None],
+    tolerances: tuple[float, float],
+    progress: Progress | None = None,
+) -> PinocchioTrajectory:
+    """Roll out an engine that is ready.
+
+    Parameters
+    ----------
+    engine
+        The engine at the start.
+    times_s, tolerances
+        Longest time between samples and duration [s], relative and absolute tolerance, as for
+        :func:`simulate`.
+    progress
+        Told how far it is, once for each sample.
+    """
+    begin, simulation = time.perf_counter(), engine.scene.scenario.simulation
+    output_step_s = simulation.output_step if times_s[0] is None else times_s[0]
+    duration_s = simulation.duration if times_s[1] is None else times_s[1]
     samples = time_grid(duration_s, output_step_s, output_step_s).time
-    engine = PinocchioLoop(scene)
-    integrator = Integrator(engine, rtol, atol)
-    states, outputs, bad = _roll_out(engine, integrator, samples, progress or (lambda _: None))
+    integrator = Integrator(engine, *tolerances)
+    states, outputs, bad = _samples(engine, integrator, samples, progress or (lambda _: None))
     return PinocchioTrajectory(
         time=frozen(samples[: len(states)]),
         state=frozen(np.array(states)),
@@ -94,7 +116,7 @@ def simulate(
     )
 
 
-def _roll_out(
+def _samples(
     engine: PinocchioLoop, integrator: Integrator, samples: Array, progress: Progress
 ) -> tuple[list[Array], list[dict[str, Array]], float | None]:
     """States and outputs at the samples, and the time [s] at which they end early, if they do."""

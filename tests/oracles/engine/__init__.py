@@ -14,13 +14,13 @@ from tests.oracles.engine.grasps import grasp_of
 from tests.oracles.engine.references import leading, path_of, turn_of
 from tests.oracles.engine.robot_law import robot_law
 from tests.oracles.engine.sensing import reading_of
-from tests.oracles.engine.simulate import Checked, simulate
+from tests.oracles.engine.simulate import SteppedEngine, simulate
 from tests.oracles.engine.tip_control import tip_law
 
 __all__ = [
     "EVENTS",
-    "Checked",
     "Engine",
+    "SteppedEngine",
     "contact_of",
     "environment_of",
     "grasp_of",

@@ -231,8 +231,7 @@ def _pair(engine: Engine, contact: SceneContact, place: int) -> Iterator[Event]:
         )
 
     if now is None:
-        touched = event("touched", "pressed", lambda touch: -touch.gap)
-        yield replace(touched, speed=lambda moment: abs(moment.touches[contact.name][place].opening))
+        yield event("touched", "pressed", lambda touch: -touch.gap)
         return
     yield event("parted", None, lambda touch: touch.gap)
     if taken and now == "pressed":

@@ -65,8 +65,6 @@ class Event:
         Grasp whose springs lose what they store.
     state
         The state (nx,) afterwards, where an actuator's jumps, from that before with what holds afterwards.
-    speed
-        How fast the guard moves, where it is minus a gap between shapes.
     """
 
     name: str
@@ -77,4 +75,10 @@ class Event:
     impact: bool = False
     springs: SceneGrasp | None = None
     state: Callable[[Moment], Array] | None = None
-    speed: Callable[[Moment], float] | None = None
+
+    clock = False  # an instant known beforehand, as the engine that ships has some
+
+    @property
+    def ends(self) -> bool:
+        """Whether it ends the simulation."""
+        return self.then is None

@@ -1,35 +1,63 @@
-"""Roll out a scene with an adaptive integrator of high order."""
+"""Rollouts of the independent laws, by the integrator and the root finding of the Pinocchio engine.
+
+Neither is a law: what is checked here, against the casadi engine's own integrator, is what integrates.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from spacerobot.arrays import Array
-from spacerobot.rollout.time_grid import time_grid
-from spacerobot.rollout.trajectory import Trajectory, frozen
+from spacerobot.pinocchio_engine import PinocchioTrajectory
+from spacerobot.pinocchio_engine.simulate import roll_out
 from spacerobot.scene import Scene
+from tests.oracles.engine.contacts import touches
 from tests.oracles.engine.engine import Engine
-from tests.oracles.engine.integrator import Happened, Integrator
+from tests.oracles.engine.events import armed, happen
+from tests.oracles.engine.kinematics import Kinematics
+from tests.oracles.engine.mode import Mode
+from tests.oracles.engine.moment import Event, Moment
 from tests.oracles.engine.outputs import outputs_at
 
-Progress = Callable[[float], None]
-"""Told the part of the time, 0 to 1, that is done."""
 
+class SteppedEngine(Engine):
+    """An engine as the integrator sees it: events of the present mode by number, guards as one vector."""
 
-@dataclass(frozen=True, repr=False)
-class Checked(Trajectory):
-    """A rollout by this engine.
+    _known: tuple[Mode, tuple[Event, ...]] | None = None
 
-    Attributes
-    ----------
-    happened
-        Its events; ``events`` is empty, for it holds those of a closed loop.
-    """
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """What may happen in the present mode."""
+        if self._known is None or self._known[0] is not self.mode:
+            self._known = self.mode, armed(self)
+        return self._known[1]
 
-    happened: tuple[Happened, ...] = ()
+    @property
+    def armed(self) -> range:
+        """All of them."""
+        return range(len(self.events))
+
+    def guards(self, t: float, x: Array, within: float) -> Array:
+        """Guards of the present mode's events (ne,)."""
+        moment = Moment(self, t, x, within)
+        return np.array([event.guard(moment) for event in self.events])
+
+    def gaps(self, x: Array) -> tuple[Array, Array]:
+        """Gaps [m] between the shapes of all contacts, and how fast they change [m/s] (n,) each."""
+        q, v, _ = self.split(x)
+        kinematics = Kinematics(self.model, q, v)
+        found = [touch for contact in self.scene.contacts for touch in touches(kinematics, contact)]
+        return np.array([touch.gap for touch in found]), np.array([touch.opening for touch in found])
+
+    def happen(self, number: int, t: float, x: Array, within: float | None = None) -> Array:
+        """The state after an event (nx,)."""
+        return happen(self, self.events[number], Moment(self, t, x, t))
+
+    def outputs(self, t: float, x: Array, within: float | None = None) -> dict[str, Array]:
+        """Outputs by name."""
+        return outputs_at(self, t, x, within)
 
 
 def simulate(
@@ -39,81 +67,7 @@ def simulate(
     duration_s: float | None = None,
     rtol: float = 1e-11,
     atol: float = 1e-12,
-    progress: Progress | None = None,
-) -> Checked:
-    """Simulate a scene with Pinocchio's algorithms and an explicit Runge-Kutta method of order 8.
-
-    The integration stops at every sample and wherever two pieces of a reference meet, so that each of its
-    steps sees a smooth right-hand side (clipped torques excepted) and samples are not interpolated.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    output_step_s, duration_s
-        Longest time between samples, and duration [s]; the scenario's own if None.
-    rtol, atol
-        Tolerances of the integrator, per component of x.
-    progress
-        Told how far it is, once for each sample.
-
-    Returns
-    -------
-    Checked
-        No measures and costs. A sample on the end of a reference shows what led up to it. Cut short, with
-        status ``diverged``, where the state leaves its bounds, becomes singular or cannot be integrated.
-
-    Raises
-    ------
-    SpaceRobotError
-        If a duration, a step or a tolerance is not positive and finite.
-    """
-    simulation = scene.scenario.simulation
-    output_step_s = simulation.output_step if output_step_s is None else output_step_s
-    duration_s = simulation.duration if duration_s is None else duration_s
-    samples = time_grid(duration_s, output_step_s, output_step_s).time
-    engine = Engine(scene)
-    integrator = Integrator(engine, rtol, atol)
-    states, outputs, bad = _roll_out(engine, integrator, samples, progress or (lambda _: None))
-    return Checked(
-        time=frozen(samples[: len(states)]),
-        state=frozen(np.array(states)),
-        outputs={name: frozen(np.array([y[name] for y in outputs])) for name in outputs[0]},
-        measures={},
-        costs={},
-        status="chattering" if integrator.chattering else "completed" if bad is None else "diverged",
-        diverged_at_s=bad,
-        steps=0,
-        step_s=float("nan"),
-        backend="pinocchio",
-        wall_s=0.0,
-        ended_at_s=integrator.t if integrator.ended else None,
-        happened=tuple(integrator.events),
-        state_names=engine.state_names,
-    )
-
-
-def _roll_out(
-    engine: Engine, integrator: Integrator, samples: Array, progress: Progress
-) -> tuple[list[Array], list[dict[str, Array]], float | None]:
-    """States and outputs at the samples, and the time [s] at which they end early, if they do."""
-    states, outputs = [integrator.x], [outputs_at(engine, 0.0, integrator.x)]
-    for until in samples[1:]:
-        x, within = integrator.advance(until)
-        if integrator.stopped:
-            return states, outputs, integrator.t if integrator.chattering else None
-        found = None if x is None else _outputs(engine, until, x, within)
-        if x is None or found is None:
-            return states, outputs, min(integrator.t, until)
-        states.append(x)
-        outputs.append(found)
-        progress(until / samples[-1])
-    return states, outputs, None
-
-
-def _outputs(engine: Engine, t: float, x: Array, within: float) -> dict[str, Array] | None:
-    """Outputs of a sample; None where they do not exist."""
-    try:
-        return outputs_at(engine, t, x, within)
-    except np.linalg.LinAlgError:
-        return None
+    progress: Callable[[float], None] | None = None,
+) -> PinocchioTrajectory:
+    """A rollout of the independent laws; arguments as for the Pinocchio engine's."""
+    return roll_out(SteppedEngine(scene), (output_step_s, duration_s), (rtol, atol), progress)
