@@ -7,7 +7,8 @@ variables themselves, and a variable costs one direction however many numbers it
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -43,6 +44,12 @@ class DerivedLoop:
     update: ca.Function
     noise: Sequence[NoiseRule] = ()
 
+    @classmethod
+    def of(cls, loop: ClosedLoopFunctions, **changes: Any) -> DerivedLoop:
+        """The loop itself but for the changes, by attribute."""
+        same = {one.name: getattr(loop, one.name) for one in fields(cls) if one.name not in changes}
+        return cls(**same, **changes)
+
 
 def tie(
     loop: ClosedLoopFunctions, tied: Mapping[str, Sequence[str]], nominal: Sequence[float]
@@ -67,28 +74,12 @@ def tie(
     old = dict(zip(loop.parameter_paths, loop.parameter_values, strict=True))
     given = ca.vertcat(*symbols.values())
     setup = ca.Function("setup", [given], [x0, c], ["p"], ["x0", "c"])
-    return DerivedLoop(
-        tuple(names),
-        np.array([*nominal, *(old[path] for path in kept)], dtype=float),
-        loop.state_names,
-        loop.nq,
-        loop.nv,
-        loop.nz,
-        setup,
-        loop.dynamics,
-        loop.normalise,
-        loop.outputs,
-        ca.Function("gaps", [given], [loop.gaps(p)], ["p"], ["gap"]),
-        loop.max_gaps,
-        tuple(loop.jumps),
-        tuple(loop.switches),
-        tuple(loop.events),
-        tuple(loop.fine),
-        tuple(loop.tables),
-        loop.rows,
-        loop.guards,
-        loop.update,
-        tuple(loop.noise),
+    return DerivedLoop.of(
+        loop,
+        parameter_paths=tuple(names),
+        parameter_values=np.array([*nominal, *(old[path] for path in kept)], dtype=float),
+        setup=setup,
+        gaps=ca.Function("gaps", [given], [loop.gaps(p)], ["p"], ["gap"]),
     )
 
 
@@ -126,27 +117,19 @@ def extend(
         "x0": ca.vertcat(x0, ca.SX.zeros(count)),
         "c": ca.vertcat(c0, *(p[place[path]] for path in used)),
     }
-    return DerivedLoop(
-        tuple(loop.parameter_paths),
-        np.array(loop.parameter_values),
-        (*loop.state_names, *names),
-        loop.nq,
-        loop.nv,
-        loop.nz + count,
-        _function("setup", {"p": p}, begin),
-        _function("dynamics", at, {"xdot": ca.vertcat(loop.dynamics(t, x[:nx], c[:nc]), added)}),
-        _function("normalise", {"x": x}, {"n": ca.vertcat(loop.normalise(x[:nx]), x[nx:])}),
-        _function("outputs", at, dict(zip(loop.outputs.name_out(), y, strict=True))),
-        loop.gaps,
-        loop.max_gaps,
-        tuple(loop.jumps),
-        tuple(loop.switches),
-        tuple(loop.events),
-        tuple(loop.fine),
-        tuple(loop.tables),
-        _function("rows", at, {"row": ca.SX(loop.rows(t, x[:nx], c[:nc]))}) if loop.tables else loop.rows,
-        *_extended_events(loop, at),
-        tuple(loop.noise),
+    guards, update = _extended_events(loop, at)
+    rows = {"row": ca.SX(loop.rows(t, x[:nx], c[:nc]))} if loop.tables else {}
+    return DerivedLoop.of(
+        loop,
+        state_names=(*loop.state_names, *names),
+        nz=loop.nz + count,
+        setup=_function("setup", {"p": p}, begin),
+        dynamics=_function("dynamics", at, {"xdot": ca.vertcat(loop.dynamics(t, x[:nx], c[:nc]), added)}),
+        normalise=_function("normalise", {"x": x}, {"n": ca.vertcat(loop.normalise(x[:nx]), x[nx:])}),
+        outputs=_function("outputs", at, dict(zip(loop.outputs.name_out(), y, strict=True))),
+        rows=_function("rows", at, rows) if loop.tables else loop.rows,
+        guards=guards,
+        update=update,
     )
 
 

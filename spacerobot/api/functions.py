@@ -142,11 +142,12 @@ def plan(
     ResultError
         If the folder holds something else or cannot be written.
     """
-    from optim.planning.output.plan_folder import check_plan_folder
+    from optim.planning.output.plan_folder import SUMMARY
     from optim.planning.search.make_plan import make_plan
+    from spacerobot.result import check_folder
 
     if folder is not None:
-        check_plan_folder(folder)
+        check_folder(folder, SUMMARY)
     found = PlanResult.of(make_plan(scene, backend=backend, progress=progress, warm_start=warm_start))
     return found if folder is None else found.save(folder)
 

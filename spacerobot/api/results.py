@@ -178,12 +178,13 @@ class PlanResult:
         ResultError
             If the folder holds something else or cannot be written.
         """
-        from optim.planning.output.plan_folder import check_plan_folder, write
+        from optim.planning.output.plan_folder import SUMMARY, write
+        from spacerobot.result import check_folder
 
         if self.planned is None:
             assert self.folder is not None
             return replace(self, folder=_copied(self.folder, path))
-        check_plan_folder(path)
+        check_folder(path, SUMMARY)
         write(self.planned, path)
         return replace(self, folder=Path(path))
 

@@ -13,22 +13,9 @@ from optim.planning.output.plan_folder import summary
 from optim.planning.output.plan_folder import write as write_plan
 from optim.planning.studies.pareto_front import FrontPoint, ParetoFront
 from spacerobot.files import StrPath, write_text
-from spacerobot.result.store import check_folder
 from spacerobot.scene import build_scene
 
 FRONT = "front.json"
-
-
-def check_front_folder(folder: StrPath) -> None:
-    """Refuse, before any work is done, a folder that cannot be written or holds something else.
-
-    Raises
-    ------
-    ResultError
-        With the reason.
-    """
-    folder = Path(folder)
-    check_folder(folder, FRONT)
 
 
 def to_data(front: ParetoFront) -> dict[str, Any]:

@@ -29,24 +29,11 @@ from spacerobot.elements.registry import plugin_records
 from spacerobot.errors import ResultError
 from spacerobot.files import StrPath, staged, write_text
 from spacerobot.interrupts import uninterrupted
-from spacerobot.result.store import check_folder
 from spacerobot.scenario.load import to_yaml
 from spacerobot.scene import Scene
 
 SUMMARY, FOLLOWED, SCENARIO = "plan.json", "followed.yaml", "scenario.yaml"
 AXES = ["x", "y", "z"]
-
-
-def check_plan_folder(folder: StrPath) -> None:
-    """Refuse, before any work is done, a folder that cannot be written or holds something else.
-
-    Raises
-    ------
-    ResultError
-        With the reason.
-    """
-    folder = Path(folder)
-    check_folder(folder, SUMMARY)
 
 
 def dataset(planned: PlanSolution) -> xr.Dataset:

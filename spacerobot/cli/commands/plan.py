@@ -156,11 +156,12 @@ def _plan(
 ) -> Callable[[], None]:
     """Make a plan, and write it if a folder is given; what shows it."""
     from optim.planning.output.following_scenario import PLAN, handover_warnings
-    from optim.planning.output.plan_folder import FOLLOWED, SUMMARY, check_plan_folder, read, write
+    from optim.planning.output.plan_folder import FOLLOWED, SUMMARY, read, write
     from optim.planning.search.make_plan import make_plan
+    from spacerobot.result import check_folder
 
     if out is not None:
-        check_plan_folder(out)
+        check_folder(out, SUMMARY)
     planned, found = make_plan(scene, **how), {}
     if sensitivities is not None:
         from optim.planning.studies.cost_sensitivities import cost_sensitivities
@@ -190,12 +191,13 @@ def _plan(
 
 def _design(scene: Scene, points: int, out: Path | None, how: dict[str, Any]) -> Callable[[], None]:
     """Make a design study, likewise."""
-    from optim.planning.output.plan_folder import check_plan_folder, read
+    from optim.planning.output.plan_folder import SUMMARY, read
     from optim.planning.output.study_folder import DESIGN
     from spacerobot.cli.design import make, show
+    from spacerobot.result import check_folder
 
     if out is not None:
-        check_plan_folder(out)
+        check_folder(out, SUMMARY)
     study, data = make(scene, points, out, **how)
     if out is not None:
         from viz.figures.plan import write_plan_figures
@@ -215,12 +217,13 @@ def _design(scene: Scene, points: int, out: Path | None, how: dict[str, Any]) ->
 
 def _front(scene: Scene, asked: tuple[str, int], out: Path | None, how: dict[str, Any]) -> Callable[[], None]:
     """Make a front, likewise."""
-    from optim.planning.output.front_folder import FRONT, check_front_folder
+    from optim.planning.output.front_folder import FRONT
     from spacerobot.cli.front import make, show, wanted_front
+    from spacerobot.result import check_folder
 
     wanted = wanted_front(*asked)
     if out is not None:
-        check_front_folder(out)
+        check_folder(out, FRONT)
     data = make(scene, wanted, out, **how)
 
     def shown() -> None:
