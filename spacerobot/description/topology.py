@@ -26,7 +26,26 @@ def root_link(links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], source: Pa
         raise DescriptionError("holds no link", source=source)
     if len(links) > MOST_LINKS:
         raise DescriptionError(f"holds {len(links)} links, allowed are {MOST_LINKS}", source=source)
-    parent_joint = _parent_joints(links, joints, source)
+    # joint above each link, by the link's name
+    names = {link.name for link in links}
+    parent_joint: dict[str, UrdfJoint] = {}
+    for each in joints:
+        where = f"joint {each.name!r}"
+        for end, name in (("parent", each.parent), ("child", each.child)):
+            if name not in names:
+                raise DescriptionError(
+                    f"{end} link {name!r} does not exist; {near_names(name, names)}",
+                    source=source,
+                    where=where,
+                )
+        if each.child in parent_joint:
+            raise DescriptionError(
+                f"gives link {each.child!r} a second parent, besides that of joint "
+                f"{parent_joint[each.child].name!r}; a closed loop cannot be simulated",
+                source=source,
+                where=where,
+            )
+        parent_joint[each.child] = each
     roots = [link.name for link in links if link.name not in parent_joint]
     if len(roots) > 1:
         listed = ", ".join(roots[:5]) + (", ..." if len(roots) > 5 else "")
@@ -40,32 +59,6 @@ def root_link(links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], source: Pa
             f"closes a loop that {roots[0]!r} does not reach", source=source, where=f"joint {joint.name!r}"
         )
     return roots[0]
-
-
-def _parent_joints(
-    links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], source: Path
-) -> dict[str, UrdfJoint]:
-    """Joint above each link, by the link's name."""
-    names = {link.name for link in links}
-    parent_joint: dict[str, UrdfJoint] = {}
-    for joint in joints:
-        where = f"joint {joint.name!r}"
-        for end, name in (("parent", joint.parent), ("child", joint.child)):
-            if name not in names:
-                raise DescriptionError(
-                    f"{end} link {name!r} does not exist; {near_names(name, names)}",
-                    source=source,
-                    where=where,
-                )
-        if joint.child in parent_joint:
-            raise DescriptionError(
-                f"gives link {joint.child!r} a second parent, besides that of joint "
-                f"{parent_joint[joint.child].name!r}; a closed loop cannot be simulated",
-                source=source,
-                where=where,
-            )
-        parent_joint[joint.child] = joint
-    return parent_joint
 
 
 def reached_from(start: str, joints: Sequence[UrdfJoint]) -> set[str]:

@@ -53,11 +53,7 @@ def missing_data(data: xr.Dataset, scenario: Scenario) -> str | None:
     for work in map(str, data):
         if work.startswith("work_") and "sign" not in data[work].attrs:
             return f"{work}: no attribute 'sign'"
-    return _other_names(data, scenario)
-
-
-def _other_names(data: xr.Dataset, scenario: Scenario) -> str | None:
-    """Where a dataset and a scenario speak of different things."""
+    # where a dataset and a scenario speak of different things
     target = ["target"] if scenario.target else []
     wanted = {
         "tip": [f"{robot}/{tip}" for robot, config in scenario.robots.items() for tip in config.tips],
@@ -66,11 +62,10 @@ def _other_names(data: xr.Dataset, scenario: Scenario) -> str | None:
         "contact": list(scenario.contacts),
     }
     for name, labels in wanted.items():
-        found = [str(label) for label in data[name].values] if name in data.coords else []
-        if found != labels:
-            return (
-                f"{name}: holds {', '.join(found) or 'none'}, scenario.yaml has {', '.join(labels) or 'none'}"
-            )
+        present = [str(label) for label in data[name].values] if name in data.coords else []
+        if present != labels:
+            told = f"holds {', '.join(present) or 'none'}, scenario.yaml has {', '.join(labels) or 'none'}"
+            return f"{name}: {told}"
     return None
 
 

@@ -49,7 +49,13 @@ def headline(summary: Mapping[str, Any], data: xr.Dataset) -> list[Row]:
         left = wheel["least_margin"]
         margin = "" if left is None else f", {max(left, 0):.0%} of its speed limit left"
         rows.append(("fastest wheel", _peak(wheel, "speed_rad_s", "rad/s", "wheel") + margin))
-    return rows + ledger_rows(summary["ledger"]) + [("engine", _engine(summary))]
+    engine, timing = summary["engine"], summary["timing_s"]
+    step = f", steps of {engine['step_s'] * 1e3:g} ms" if engine["step_s"] else ""
+    why = f"; {engine['interpreted_because']}" if engine.get("interpreted_because") else ""
+    engine_words = (
+        f"{engine['name']} ({engine['backend']}){step}, {timing['rollout'] * 1e3:.0f} ms for the rollout{why}"
+    )
+    return rows + ledger_rows(summary["ledger"]) + [("engine", engine_words)]
 
 
 def _span(low: float, high: float) -> str:
@@ -104,12 +110,3 @@ def _peak(peak: Mapping[str, Any], key: str, unit: str, place: str) -> str:
     if peak[place] is None:
         return "none"
     return f"{peak[key]:.4g} {unit} ({peak[place]}, {peak['time_s']:.3g} s)"
-
-
-def _engine(summary: Mapping[str, Any]) -> str:
-    engine, timing = summary["engine"], summary["timing_s"]
-    step = f", steps of {engine['step_s'] * 1e3:g} ms" if engine["step_s"] else ""
-    why = f"; {engine['interpreted_because']}" if engine.get("interpreted_because") else ""
-    return (
-        f"{engine['name']} ({engine['backend']}){step}, {timing['rollout'] * 1e3:.0f} ms for the rollout{why}"
-    )

@@ -75,10 +75,12 @@ def integrate_cvodes(
             status, cause = "diverged", str(fault)
     states, sides = zip(*found, strict=True)
     state, instants = np.array(states), grid.time[: len(states)]
+    values = loop.outputs.call([ca.DM(instants).T, ca.DM(state).T, ca.DM(np.array(sides)).T])
+    outputs = {name: frozen(y.full().T) for name, y in zip(loop.outputs.name_out(), values, strict=True)}
     return Trajectory(
         time=frozen(instants),
         state=frozen(state),
-        outputs=_outputs(loop, instants, state, np.array(sides)),
+        outputs=outputs,
         measures={},
         costs={},
         status=status,
@@ -172,8 +174,3 @@ def _integrator(loop: ClosedLoopFunctions, relative: float, absolute: float) -> 
     }
     options["disable_internal_warnings"] = True  # why it gives up is in the status
     return ca.integrator("advance", "cvodes", dae, 0.0, 1.0, options)
-
-
-def _outputs(loop: ClosedLoopFunctions, instants: Array, state: Array, c: Array) -> dict[str, Array]:
-    found = loop.outputs.call([ca.DM(instants).T, ca.DM(state).T, ca.DM(c).T])
-    return {name: frozen(y.full().T) for name, y in zip(loop.outputs.name_out(), found, strict=True)}

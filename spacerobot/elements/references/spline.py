@@ -72,7 +72,14 @@ class Spline(Reference):
         """Of an axis on which it swings far beyond its waypoints."""
         points = np.array(self.displacements)
         lower, upper = points.min(axis=0), points.max(axis=0)
-        found = _between(np.array(self.times), points)
+        # displacements (m, 3) on the whole way, at as many times in each piece
+        knots = np.array(self.times)
+        second = _clamped_spline_operator(knots).full() @ points
+        right = np.linspace(0.0, 1.0, 33)[:, None, None]
+        left, bend = 1 - right, np.diff(knots)[:, None] ** 2 / 6
+        inner = left * points[:-1] + right * points[1:]
+        inner = inner + bend * (second[:-1] * (left**3 - left) + second[1:] * (right**3 - right))
+        found: Array = inner.reshape(-1, 3)
         beyond = np.maximum(lower - found, found - upper).max(axis=0)
         axis = int(beyond.argmax())
         if beyond[axis] <= OVERSHOOT * np.linalg.norm(upper - lower):
@@ -91,17 +98,6 @@ class Spline(Reference):
         for i, displacement in enumerate(self.displacements):
             if displacement[2]:
                 yield f"displacements.{i}", list(displacement)
-
-
-def _between(knots: Array, points: Array) -> Array:
-    """Displacements (m, 3) on the whole way, at as many times in each piece."""
-    second = _clamped_spline_operator(knots).full() @ points
-    right = np.linspace(0.0, 1.0, 33)[:, None, None]
-    left, bend = 1 - right, np.diff(knots)[:, None] ** 2 / 6
-    found = left * points[:-1] + right * points[1:]
-    found = found + bend * (second[:-1] * (left**3 - left) + second[1:] * (right**3 - right))
-    flat: Array = found.reshape(-1, 3)
-    return flat
 
 
 def _piece(knots: Array, time: ca.SX, points: ca.SX, second: ca.SX) -> TimeProfile:
