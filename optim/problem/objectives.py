@@ -13,7 +13,7 @@ from optim.problem.problem import Form
 from optim.problem.quantity_measures import context_of, measure, required_measure, with_added_states
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
-from spacerobot.quantities import Context, Quantity, find_quantity
+from spacerobot.quantities import Quantity, find_quantity
 from spacerobot.rollout import ClosedLoopFunctions, Measure, Measures, Signals, integral, peak
 from spacerobot.scenario import Constraints, Objective
 from spacerobot.scene import Scene
@@ -133,7 +133,13 @@ def build_terms(
     """
     context = context_of(scene, loop)
     signals = context.signals
-    named = _watched(context)
+    # peaks that every rollout reports; of tip errors both signs, which a minimax objective is made of
+    error = tip_errors(signals, scene)
+    named = {"tip_error_peak": peak(ca.vertcat(error, -error))}
+    for name in WATCHED:
+        found, watched = measure(find_quantity(name), context)
+        if found.labels:
+            named[name] = watched
     limits = constraints.given
     for name in limits:
         quantity = find_quantity(name)
@@ -222,17 +228,6 @@ def _track(signals: Signals, scene: Scene, kind: str) -> Measure | None:
 
 WATCHED = ("joint_torque_peak", "grip_force_peak", "base_rotation_peak")
 """Quantities that every rollout of a tuning problem measures."""
-
-
-def _watched(context: Context) -> dict[str, Measure]:
-    """Peaks that every rollout reports; of tip errors both signs, which a minimax objective is made of."""
-    error = tip_errors(context.signals, context.scene)
-    named = {"tip_error_peak": peak(ca.vertcat(error, -error))}
-    for name in WATCHED:
-        found, own = measure(find_quantity(name), context)
-        if found.labels:
-            named[name] = own
-    return named
 
 
 def tip_errors(signals: Signals, scene: Scene) -> ca.SX:

@@ -59,7 +59,10 @@ def build_model(
     bodies = tuple(_body(model, path, config, descriptions[path]) for path, config in configs.items())
     for body in bodies:
         _set_inertias(model, body)
-        _set_damping(model, body)
+        damping = np.array(model.damping)
+        for name, joint in body.config.joints.items():
+            damping[model.joints[model.getJointId(f"{body.name}/{name}")].idx_v] = joint.damping or 0.0
+        model.damping = damping
     return model, bodies
 
 
@@ -113,11 +116,3 @@ def link_inertia(link: Any) -> Any:
     # not by the constructor, which judges links that are welded together one by one
     inertia.inertia = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
     return inertia
-
-
-def _set_damping(model: Any, body: SceneBody) -> None:
-    damping = np.array(model.damping)
-    for name, joint in body.config.joints.items():
-        index = model.joints[model.getJointId(f"{body.name}/{name}")].idx_v
-        damping[index] = joint.damping or 0.0
-    model.damping = damping

@@ -16,7 +16,6 @@ from optim.planning.solver.ipopt import Solution
 from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.motion import Motion, PhasedMotion
-from spacerobot.arrays import Array
 from spacerobot.elements.plan_file import numbers, open_plan, phase_rows
 from spacerobot.errors import ScenarioError
 
@@ -131,13 +130,8 @@ def _motion(problem: PlanningProblem, plan: xr.Dataset, file: Path) -> Motion:
         w = numbers(plan, "grip_wrench", ("time", "grip"))[:, [stored.index(axis) for axis in axes]]
     z = np.hstack([q, v, a, np.zeros((len(times), stage.u.numel())), w])
     first = stage.q.numel() + stage.v.numel() + stage.a.numel()
-    z[:, first : first + stage.u.numel()] = _drive(problem, z)
+    # the drive is what the equations of motion leave without it
+    left = ca.Function("left", [stage.z], [ca.densify(stage.balance[list(stage.driven.columns)])])
+    z[:, first : first + stage.u.numel()] = np.array(left(z.T).full()).T
     mesh = Mesh(tuple(float(knot) for knot in knots / knots[-1]))
     return Motion(problem, Lobatto.of_order(2 * points - 2), mesh, float(knots[-1]), z)
-
-
-def _drive(problem: PlanningProblem, z: Array) -> Array:
-    """Drive at instants (n, nu): the residual of the equations of motion without it."""
-    stage = problem.stage
-    left = ca.Function("left", [stage.z], [ca.densify(stage.balance[list(stage.driven.columns)])])
-    return np.array(left(z.T).full()).T
