@@ -165,12 +165,7 @@ def _generations(search: Search, method: EvolutionaryMethod, protocol: Evolution
     algorithm.setup(shape, termination=NoTermination(), seed=seed, verbose=False)
     fitness, stagnation = _Fitness(penalised=penalised), _Stagnation()
     while algorithm.has_next():
-        # let the GA's crossover probability fall linearly with the budget spent
-        mating = getattr(algorithm, "mating", None)
-        if mating is not None and hasattr(mating, "annealed"):
-            high, low = protocol.crossover
-            share = min(search.cost.rollouts / protocol.budget, 1.0)
-            mating.crossover.prob.set(high + (low - high) * share)
+        _anneal(algorithm, protocol, search.cost.rollouts / protocol.budget)
         asked = algorithm.ask()
         points = asked.get("X")
         if search.cost.rollouts + len(points) > protocol.budget:
@@ -225,3 +220,11 @@ class _Fitness:
         value = np.where(lost, self._worst * DIVERGED, found.objective)
         constraints = np.where(lost[:, None], DIVERGED, found.constraints)
         return value[:, None], np.column_stack([constraints, np.where(lost, DIVERGED, -1.0)])
+
+
+def _anneal(algorithm: Any, protocol: EvolutionSettings, share: float) -> None:
+    """Let the GA's crossover probability fall linearly with the budget spent."""
+    mating = getattr(algorithm, "mating", None)
+    if mating is not None and hasattr(mating, "annealed"):
+        first, last = protocol.crossover
+        mating.crossover.prob.set(first + (last - first) * min(share, 1.0))
