@@ -143,7 +143,9 @@ class IdentificationResult:
             found = json.loads(Path(path).read_text(encoding="utf-8"))["identification"]
             return cls(**found | {key: np.array(found[key]) for key in ("values", "deviations", "truth")})
         except (OSError, ValueError, KeyError, TypeError) as fault:
-            raise ResultError(f"holds no identification that can be read: {fault}", source=Path(path)) from None
+            raise ResultError(
+                f"holds no identification that can be read: {fault}", source=Path(path)
+            ) from None
 
     def __repr__(self) -> str:
         """Body, and its mass with the standard deviation, in one line."""
