@@ -80,6 +80,10 @@ def test_the_values_are_those_of_the_outputs():
         squares = (error[:, k] ** 2).sum(axis=1)
         rms = np.sqrt(np.trapezoid(squares, run.time) / 0.4)
         assert found[f"tip_error_rms {tip.label}"] == pytest.approx(rms, rel=1e-3)
+    for name, output in (("grip_force_peak", "grasp_force"), ("grip_torque_peak", "grasp_torque")):
+        sizes = np.linalg.norm(run.outputs[output].reshape(-1, len(scene.grasps), 3), axis=2)
+        for k, grasp in enumerate(scene.grasps):
+            assert found[f"{name} {grasp.name}"] == pytest.approx(sizes[:, k].max(), rel=1e-9, abs=2e-6)
     owners = find_quantity("joint_torque_peak").components(
         type("C", (), {"scene": scene, "signals": kept.measures.signals})()
     )
