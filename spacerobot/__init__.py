@@ -43,6 +43,10 @@ if TYPE_CHECKING:
     from spacerobot.elements import load_plugin as load_plugin
     from spacerobot.elements import register as register
     from spacerobot.errors import SpaceRobotError as SpaceRobotError
+    from spacerobot.linear import Linearisation as Linearisation
+    from spacerobot.linear import MarginAnalysis as MarginAnalysis
+    from spacerobot.linear import linearise as linearise
+    from spacerobot.linear import margins as margins
     from spacerobot.quantities import Quantity as Quantity
     from spacerobot.quantities import register_quantity as register_quantity
     from spacerobot.result import Result as Result
@@ -62,6 +66,8 @@ _HOME = {
     "Effort": "optim.methods.settings",
     "GradientResult": "optim.evaluation",
     "IdentificationResult": "optim.identification",
+    "Linearisation": "spacerobot.linear",
+    "MarginAnalysis": "spacerobot.linear",
     "PlanResult": "spacerobot.api.results",
     "Quantity": "spacerobot.quantities",
     "Result": "spacerobot.result",
@@ -80,9 +86,11 @@ _HOME = {
     "figures": "spacerobot.api.functions",
     "gradient": "optim.evaluation",
     "identify": "optim.identification",
+    "linearise": "spacerobot.linear",
     "load": "spacerobot.api.results",
     "load_plugin": "spacerobot.elements",
     "load_scene": "spacerobot.scene",
+    "margins": "spacerobot.linear",
     "plan": "spacerobot.api.functions",
     "register": "spacerobot.elements",
     "register_quantity": "spacerobot.quantities",

@@ -182,7 +182,12 @@ class PreparedSimulation:
 
 
 def prepare_simulation(
-    scene: Scene, loop: ClosedLoop, measures: Measures | None = None, progress: Progress | None = None
+    scene: Scene,
+    loop: ClosedLoop,
+    measures: Measures | None = None,
+    progress: Progress | None = None,
+    *,
+    backend: Backend = "auto",
 ) -> PreparedSimulation:
     """Compile a closed loop of a scene, or find it compiled.
 
@@ -192,7 +197,7 @@ def prepare_simulation(
         The scene, and a closed loop of it.
     measures
         What each rollout is reduced to beside its result.
-    progress
+    progress, backend
         As for :func:`simulate`.
 
     Raises
@@ -201,7 +206,7 @@ def prepare_simulation(
         If the step was to be chosen and none keeps to the tolerance.
     """
     return PreparedSimulation(
-        scene, loop, _ready(scene, loop, "auto", progress or (lambda _: None), measures)
+        scene, loop, _ready(scene, loop, backend, progress or (lambda _: None), measures)
     )
 
 

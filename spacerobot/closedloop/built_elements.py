@@ -31,7 +31,7 @@ from spacerobot.elements import (
     negated,
 )
 from spacerobot.elements.capture_release import living
-from spacerobot.elements.context import Affine, ContactSurface
+from spacerobot.elements.context import Affine, ContactSurface, unbroken
 from spacerobot.elements.contribution import gated
 from spacerobot.elements.measurement import Measurement, changing, filled
 from spacerobot.elements.reference import DEGREE
@@ -60,6 +60,8 @@ class LoopBuilder:
         What is remembered of phases, by a short name.
     measurements
         What controllers read at instants, by name.
+    break_point
+        As of :class:`~spacerobot.elements.ActuatorContext`; None unless the loop is linearised.
     """
 
     scene: Scene
@@ -68,6 +70,7 @@ class LoopBuilder:
     start: InitialState
     remembered: dict[str, State] = field(default_factory=dict)
     measurements: dict[str, Measurement] = field(default_factory=dict)
+    break_point: Callable[[str, Sequence[str], ca.SX], ca.SX] | None = None
 
     @functools.cached_property
     def leads(self) -> Mapping[str, TipGuidance]:
@@ -180,14 +183,20 @@ class LoopBuilder:
 
         def held(signal: str, value: ca.SX) -> ca.SX | None:
             """Held value of a signal; None where it is not sampled."""
-            name = f"{owner if signal.startswith('tip_') else body.name}.{signal}.{value.size1()}"
-            shown = measured(sensors(signal), value)
+            whose = f"{owner if signal.startswith('tip_') else body.name}.{signal}"
+            name, shown = f"{whose}.{value.size1()}", measured(sensors(signal), value)
             if name not in self.measurements:
                 found = measure(signal, name, changing(shown), None)
-                if found is None:
-                    return None
-                self.measurements[name] = found
-            return filled(shown, self.measurements[name].value.symbol)
+                if found is not None:
+                    self.measurements[name] = found
+            known = self.measurements.get(name)
+            if known is not None:
+                shown = filled(shown, known.value.symbol)
+            if self.break_point is None:
+                return None if known is None else shown
+            entries = changing(shown)
+            names = [f"{whose}[{i}]" for i in range(entries.size1())]
+            return filled(shown, self.break_point("measurement", names, entries))
 
         return held
 
@@ -254,6 +263,7 @@ class LoopBuilder:
             base_columns=tuple(range(first, first + int(model.nvs[body.root_joint])))
             if body.root_joint
             else (),
+            break_point=self.break_point or unbroken,
         )
 
     def _grasp(self, grasp: SceneGrasp) -> GraspContext:

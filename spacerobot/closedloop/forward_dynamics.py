@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import casadi as ca
 
@@ -59,6 +59,8 @@ class ForwardDynamicsResult:
         What actuators bring beside the torques that they deliver.
     sampled
         Outputs of laws that are evaluated at instants, as they are now (n x 1 each).
+    commanded
+        Generalized forces that controllers command of all actuators (nv x 1).
     """
 
     acceleration: ca.SX
@@ -66,6 +68,7 @@ class ForwardDynamicsResult:
     wrenches: tuple[tuple[ca.SX, ca.SX], ...]
     driven: Contribution
     sampled: tuple[ca.SX, ...] = ()
+    commanded: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
 
 
 def solve_accelerations(plant: Plant, acting: Contribution) -> ForwardDynamicsResult:
@@ -108,7 +111,10 @@ def solve_accelerations(plant: Plant, acting: Contribution) -> ForwardDynamicsRe
     own = zip(acting.constraints, reactions[: len(acting.constraints)], strict=True)
     on_targets = tuple(constraint.on_target(along) for constraint, along in own)
     sampled = tuple(_at_instant(plant, acting, law, commanded, (ideal, held)) for law in acting.sampled)
-    return ForwardDynamicsResult(acceleration, torque, on_targets, concatenate([early, answer]), sampled)
+    answers = concatenate([early, answer])
+    for channel, output in zip(ideal, outputs, strict=True):
+        commanded = commanded + ca.mtimes(channel.actuation, output)
+    return ForwardDynamicsResult(acceleration, torque, on_targets, answers, sampled, commanded)
 
 
 def _at_instant(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -20,6 +20,12 @@ from spacerobot.symbolic import InitialState, Plant
 
 Affine = tuple[ca.SX | None, ca.SX]
 """Offset, none where it is zero by construction, and scale (1x1 each) of a measured signal."""
+
+
+def unbroken(place: str, names: Sequence[str], signal: ca.SX) -> ca.SX:
+    """Signal of a loop that is not broken."""
+    del place, names
+    return signal
 
 
 @dataclass(frozen=True)
@@ -293,6 +299,9 @@ class ActuatorContext:
         Places in v of the floating base, of its linear and then its angular velocity in the root link's axes.
     wheels
         Angular momentum (3x1) of the robot's wheels about their axes.
+    break_point
+        From the place, the names and the values (n x 1) of signals to what acts of them: the same, unless the
+        loop is linearised with an input there.
     """
 
     context: SectionContext
@@ -304,6 +313,7 @@ class ActuatorContext:
     base_frame: int
     base_columns: tuple[int, ...]
     wheels: ca.SX = field(default_factory=lambda: ca.SX(3, 1))
+    break_point: Callable[[str, Sequence[str], ca.SX], ca.SX] = unbroken
 
     @property
     def base_joint(self) -> int:

@@ -102,6 +102,7 @@ class WheelSet(Actuator):
             beyond, names = ca.fabs(command) / limit - 1, names_of(actuator, count)
             events += saturation_events(actuator, names, beyond, free=[negated(held) for held in switches])
             command = ca.fmin(ca.fmax(command, -limit), limit)
+        command = actuator.break_point("wheel", names_of(actuator, count), command)
         if self.speed_limit is None:
             return WheelMotors(command, command - friction, friction, tuple(events))
         most, free = actuator.context.number("speed_limit"), list[ca.SX]()

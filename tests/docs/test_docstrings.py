@@ -11,6 +11,7 @@ INTERFACE = (
     "spacerobot.description",
     "spacerobot.dynamics",
     "spacerobot.elements",
+    "spacerobot.linear",
     "spacerobot.result",
     "spacerobot.rollout",
     "spacerobot.scene",

@@ -1,0 +1,119 @@
+"""``spacerobot margins``: stability margins of every loop at instants of a simulation."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import typer
+
+from spacerobot.cli.command import Command
+from spacerobot.cli.options import Changes, Out, ScenarioName, parse_changes
+from spacerobot.cli.output import console, progress, table
+from spacerobot.registry import COMMANDS
+
+if TYPE_CHECKING:
+    from spacerobot.linear import Linearisation, LoopMargins
+
+At = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--at",
+        metavar="INSTANT",
+        help="Time in s, or an event such as `captured`: just before and just after it. Repeatable; else 0.",
+    ),
+]
+Along = Annotated[
+    int,
+    typer.Option(
+        "--along", min=0, metavar="N", help="N instants from the start to the end, instead of --at."
+    ),
+]
+HELP = """Linearise the closed loop; print its poles, and gain, phase, delay and disk margins of every loop.
+
+Loops are broken at one joint torque, measurement or wheel each, while the others stay closed. Needs
+python-control: pip install 'spacerobot[margins]'.
+
+Examples:
+
+    spacerobot margins docking --at 2.5 --at captured --out out/margins
+
+    spacerobot margins docking --along 40 --out out/margins
+"""
+HEADINGS = ("loop", "gain [dB]", "phase [deg]", "delay [s]", "disk", "crossover [Hz]")
+MOST_MODES = 6
+"""Least damped modes that are printed."""
+
+
+def command(
+    scenario: ScenarioName, at: At = None, along: Along = 0, changes: Changes = None, out: Out = None
+) -> None:
+    """Print margins, and draw them if a folder is given."""
+    from spacerobot.linear import margins
+    from spacerobot.scene import load_scene
+
+    scene = load_scene(scenario, parse_changes(changes))
+    with progress("building the closed loop") as tell:
+        found = margins(scene, [_instant(text) for text in at or ["0"]], along=along, progress=tell)
+        if out is not None:
+            from viz.figures.margins import write_margins
+
+            tell("drawing")
+            write_margins(found, scene.scenario.name, out)
+            data = found.to_xarray()
+            data.to_netcdf(out / "margins.nc")
+    if along:
+        least = found.to_xarray()
+        rows = []
+        for k, disk in enumerate(least.disk.values.T):
+            worst = int(np.nanargmin(disk)) if np.isfinite(disk).any() else 0
+            rows.append([least.instant.values[worst], *row_of(found.loops[worst][k])])
+        console().print(table(f"least disk margin of {along} instants", ("at", *HEADINGS), rows, keys=2))
+    else:
+        for linear, loops in zip(found.linearisations, found.loops, strict=True):
+            console().print(
+                table(f"{linear.label}: {about(linear)}", HEADINGS, [row_of(one) for one in loops])
+            )
+            console().print(table(None, ("mode", "frequency [Hz]", "damping ratio"), modes_of(linear)))
+    if out is not None:
+        console().print(f"margins.nc and figures in {out}", markup=False, soft_wrap=True)
+
+
+def row_of(one: LoopMargins) -> list[str]:
+    """Cells of a loop."""
+    if math.isnan(one.disk):
+        return [one.name, "varies in time", "", "", "", ""]
+    gain = f"{one.gain_down:+.1f} to {one.gain_up:+.1f}"
+    numbers = (f"{one.phase:.1f}", f"{one.delay:.3g}", f"{one.disk:.3f}", f"{one.crossover:.3g}")
+    return [one.name, gain, *(text.replace("nan", "none") for text in numbers)]
+
+
+def about(linear: Linearisation) -> str:
+    """Stability of a linearised closed loop, and its size, in words."""
+    kind = f"sampled, period {linear.period_s:g} s" if linear.period_s else "continuous"
+    growing = [mode for mode in linear.modes if mode.pole.real >= 0]
+    stable = "stable"
+    if growing:
+        fastest = max(mode.pole.real for mode in growing)
+        stable = f"{len(growing)} growing modes, the fastest {fastest:.3g} 1/s"
+    return f"{kind}, {len(linear.states)} states, {linear.zero_poles} poles at zero, {stable}"
+
+
+def modes_of(linear: Linearisation) -> list[list[str]]:
+    """Rows of the least damped modes."""
+    chosen = sorted(linear.modes, key=lambda mode: mode.damping)[:MOST_MODES]
+    return [
+        [f"{mode.pole.real:+.4g} {mode.pole.imag:+.4g}i", f"{mode.frequency_hz:.4g}", f"{mode.damping:.4f}"]
+        for mode in chosen
+    ]
+
+
+def _instant(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+COMMANDS.add(Command.of("margins", command, HELP, place=4.5), __name__)

@@ -1,0 +1,143 @@
+"""States of a simulation at requested instants: times, and events just before and after they happen."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from spacerobot.arrays import Array
+from spacerobot.closedloop import ClosedLoop
+from spacerobot.errors import DivergedError, ScenarioError, near_names
+from spacerobot.rollout import FiredEvent, Rollout, Trajectory, time_grid
+
+
+@dataclass(frozen=True)
+class Instant:
+    """State of a simulation at an instant.
+
+    Attributes
+    ----------
+    label
+        ``12.3 s``, or an event: ``captured, before``.
+    time_s
+        Time [s].
+    x, c
+        State (nx,) and constants (nc,) of the closed loop, its switches as they are then.
+    """
+
+    label: str
+    time_s: float
+    x: Array
+    c: Array
+
+
+def instants(rollout: Rollout, loop: ClosedLoop, at: Iterable[float | str]) -> Iterator[Instant]:
+    """States at times and at events.
+
+    Parameters
+    ----------
+    rollout, loop
+        The rollout, and its closed loop.
+    at
+        Times [s], and kinds or names of events; of each event the states just before and just after the first
+        time that it happens.
+
+    Raises
+    ------
+    DivergedError
+        If the simulation does not reach an instant.
+    ScenarioError
+        If a time lies outside the simulation, or an event does not happen.
+    """
+    places = list(at)
+    duration = rollout.grid.duration_s
+    for time_s in places:
+        if not isinstance(time_s, str) and not 0 <= time_s <= duration:
+            raise ScenarioError(f"found {time_s:g} s, allowed: from 0 to {duration:g} s", where="at")
+    whole = _run(rollout) if any(isinstance(place, str) for place in places) else None
+    for place in places:
+        if isinstance(place, str) and whole is not None:
+            yield from _at_event(loop, whole, place)
+        elif place == 0:
+            x0, c = (found.full().ravel() for found in loop.setup(loop.parameter_values))
+            yield _instant(loop, "0 s", 0.0, x0, c[list(loop.switches)])
+        else:
+            time_s = float(place)
+            grid = time_grid(time_s, rollout.grid.step_s, time_s)
+            found = _run(dataclasses.replace(rollout, grid=grid))
+            if found.ended_at_s is not None and found.ended_at_s < time_s:
+                ended = f"the simulation ended at {found.ended_at_s:g} s, before {time_s:g} s"
+                raise ScenarioError(ended, where="at")
+            yield _instant(loop, f"{time_s:.6g} s", time_s, found.state[-1], _switches(loop, found.events))
+
+
+def samples(rollout: Rollout, loop: ClosedLoop, count: int) -> Iterator[Instant]:
+    """States at equidistant times from the start to the end, the first and last included.
+
+    Parameters
+    ----------
+    rollout, loop
+        As for :func:`instants`.
+    count
+        How many; an event at one of them has happened.
+    """
+    grid = rollout.grid
+    grid = time_grid(grid.duration_s, grid.step_s, grid.duration_s / (count - 1))
+    found = _run(dataclasses.replace(rollout, grid=grid))
+    for time_s, x in zip(found.time, found.state, strict=True):
+        past = [fired for fired in found.events if fired.time_s <= time_s]
+        yield _instant(loop, f"{time_s:.6g} s", float(time_s), x, _switches(loop, past))
+
+
+def events_of(rollout: Rollout, loop: ClosedLoop, kinds: Collection[str]) -> tuple[tuple[float, str], ...]:
+    """Times [s] and kinds of events of a simulation.
+
+    Parameters
+    ----------
+    rollout, loop
+        As for :func:`instants`.
+    kinds
+        Those that are of interest.
+    """
+    fired = [(one.time_s, loop.events[one.event].kind) for one in _run(rollout).events]
+    return tuple(one for one in fired if one[1] in kinds)
+
+
+def _run(rollout: Rollout) -> Trajectory:
+    """Completed rollout."""
+    found = rollout.run()
+    if found.status != "completed":
+        why = f"{found.cause or found.status} at {found.diverged_at_s:g} s"
+        raise DivergedError(f"the simulation does not reach the instant: {why}")
+    return found
+
+
+def _at_event(loop: ClosedLoop, found: Trajectory, name: str) -> Iterator[Instant]:
+    """Before and after the first event of a kind or name."""
+    for place, fired in enumerate(found.events):
+        rule = loop.events[fired.event]
+        if name in (rule.kind, rule.name):
+            before = _switches(loop, found.events[:place])
+            yield _instant(loop, f"{name}, before", fired.time_s, fired.before, before)
+            yield _instant(loop, f"{name}, after", fired.time_s, fired.after, fired.switches)
+            return
+    known = dict.fromkeys(kind for rule in loop.events for kind in (rule.kind, rule.name))
+    if name not in known:
+        raise ScenarioError(f"no event '{name}', {near_names(name, known)}", where="at")
+    raise ScenarioError(f"'{name}' does not happen in the simulation", where="at")
+
+
+def _switches(loop: ClosedLoop, past: Sequence[FiredEvent]) -> Array:
+    """Values of the switches after these events."""
+    if past:
+        return past[-1].switches
+    return np.asarray(loop.setup(loop.parameter_values)[1].full().ravel()[list(loop.switches)])
+
+
+def _instant(loop: ClosedLoop, label: str, time_s: float, x: Array, switches: Array) -> Instant:
+    c = loop.setup(loop.parameter_values)[1].full().ravel()
+    c[list(loop.switches)] = switches
+    return Instant(label, time_s, np.array(x), np.array(loop.at(time_s, x, c), dtype=float).ravel())

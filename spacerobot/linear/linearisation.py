@@ -1,0 +1,415 @@
+r"""Linearised closed loops at instants of a simulation.
+
+About the motion x(t), deviations obey ``dx' = A dx + B w``, ``dy = C dx + D w``, with exact derivatives. The
+coordinates q lie on a manifold (quaternions, cosine-sine pairs) and rigid connections confine (q, v) to
+another one, so that A has meaningless entries across them. Deviations are therefore expressed
+
+* in tangent coordinates: dq = N(q) xi, where q' = N(q) v, so that xi has a component for each of v. Then
+  ``xi' = N^+ (A N - N') xi + ...``, N' being the rate of N along the motion;
+* on the constraint manifold: with ``G(q) v = 0`` of the active rigid grasps and joints that mimic others,
+  ``G xi = 0`` and ``(G v)_q N xi + G dv = 0``. An orthonormal basis T of the solutions gives ``T^T A T``; the
+  manifold is invariant, hence nothing is lost. The basis is taken as parallel along the motion.
+
+States that are constant or that nothing depends on (works, counters, memories of events) are left out.
+
+The coefficients are those of the instant. A free-floating system has poles at zero: pose and momentum of the
+whole that no controller acts on.
+
+With periodic elements the closed loop is periodic: the linearised motion over one period T, from the
+coefficients of the instant, is ``x_k+1 = A x_k + B w_k``, in which holds, registers of delays and events are
+exact (:mod:`spacerobot.linear.periodic`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from spacerobot.arrays import Array
+from spacerobot.closedloop import ClosedLoop, build_closed_loop
+from spacerobot.closedloop.break_points import PerturbedLoop, build_perturbed_loop
+from spacerobot.errors import SpaceRobotError, near_names
+from spacerobot.linear.instants import Instant, instants
+from spacerobot.linear.periodic import Matrices, Occurrence, beginning, occurrences, transition
+from spacerobot.notebook import html_table
+from spacerobot.rollout import Rollout
+from spacerobot.scene import Scene
+from spacerobot.simulation import Backend, Progress, prepare_simulation
+
+if TYPE_CHECKING:
+    import control
+
+RIGID = 1e-3
+"""Poles below it [1/s] count as zero: a Jordan block of four zeros splits by the fourth root of rounding."""
+
+RANK = 1e-9
+"""Singular values of constraints below this part of the greatest count as zero."""
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A pole, or a pair of conjugate ones.
+
+    Attributes
+    ----------
+    pole
+        With the imaginary part above or equal to zero [1/s]; of a periodic system ``log(z) / T``.
+    frequency_hz
+        Undamped natural frequency |s| / 2 pi [Hz].
+    damping
+        Damping ratio -Re(s) / |s|; NaN for a pole at zero.
+    """
+
+    pole: complex
+    frequency_hz: float
+    damping: float
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """Closed loop linearised at an instant, with an input at every break point; arrays are named.
+
+    Attributes
+    ----------
+    label, time_s
+        The instant.
+    A, B, C, D
+        Matrices of the closed loop (nx, nx), (nx, nu), (ny, nx), (ny, nu).
+    states, inputs, outputs
+        Names. Inputs and the first outputs are those of the break points: ``torque/one/joint_1``.
+    period_s
+        Period of a discrete system [s]; 0 where it is continuous.
+    starts
+        Of a discrete system: B, C, D and A by the break point whose output is held from the instant on at
+        which the period begins; a loop without one is not invariant in time.
+    """
+
+    label: str
+    time_s: float
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    period_s: float = 0.0
+    starts: Mapping[str, Matrices] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """Instant and sizes, in one line."""
+        kind = f"every {self.period_s:g} s" if self.period_s else "continuous"
+        return (
+            f"<Linearisation at {self.label}: {kind}, {len(self.states)} states, {len(self.inputs)} inputs, "
+            f"{len(self.outputs)} outputs>"
+        )
+
+    def _repr_html_(self) -> str:
+        """The same as a table, for notebooks."""
+        modes = [(f"{mode.frequency_hz:.4g} Hz", f"damping ratio {mode.damping:.3g}") for mode in self.modes]
+        return html_table(f"Linearised at {self.label}", modes)
+
+    @property
+    def poles(self) -> Array:
+        """Poles of the closed loop [1/s], those of a periodic system as ``log(z) / T`` (complex)."""
+        found = np.linalg.eigvals(self.A).astype(complex)
+        if self.period_s:
+            found = np.log(found[np.abs(found) > np.finfo(float).tiny]) / self.period_s
+        return found[np.lexsort((found.imag, np.abs(found)))]
+
+    @property
+    def modes(self) -> tuple[Mode, ...]:
+        """Poles that are not zero, the slowest first, one for each conjugate pair."""
+        return tuple(
+            Mode(complex(pole), float(abs(pole) / (2 * np.pi)), float(-pole.real / abs(pole)))
+            for pole in self.poles
+            if abs(pole) > RIGID and pole.imag >= 0
+        )
+
+    @property
+    def zero_poles(self) -> int:
+        """Number of poles at zero: motions of the whole that nothing acts on."""
+        return int(np.sum(np.abs(self.poles) <= RIGID))
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether all poles but those at zero decay."""
+        return all(mode.pole.real < 0 for mode in self.modes)
+
+    def to_xarray(self) -> xr.Dataset:
+        """Matrices with named rows and columns."""
+        dims = {
+            "A": ("state", "state_"),
+            "B": ("state", "input"),
+            "C": ("output", "state_"),
+            "D": ("output", "input"),
+        }
+        names = {"state": self.states, "state_": self.states, "input": self.inputs, "output": self.outputs}
+        return xr.Dataset(
+            {name: (dim, getattr(self, name)) for name, dim in dims.items()},
+            coords={name: list(values) for name, values in names.items()},
+            attrs={"label": self.label, "time": self.time_s, "period": self.period_s},
+        )
+
+    def to_control(self) -> control.StateSpace:
+        """Closed loop as a system of python-control, with the names of states, inputs and outputs.
+
+        Raises
+        ------
+        SpaceRobotError
+            If python-control is not installed.
+        """
+        return self._system((self.A, self.B, self.C, self.D), self.inputs, self.outputs)
+
+    def loop_transfer(self, name: str) -> control.StateSpace:
+        """Transfer function L of a loop broken at one point, the others closed, for negative feedback.
+
+        Parameters
+        ----------
+        name
+            A break point, one of ``inputs``.
+
+        Raises
+        ------
+        SpaceRobotError
+            If there is no such point, python-control is not installed, or the broken loop varies in time.
+        """
+        return self._system(self.broken(name), [name], [name])
+
+    def broken(self, name: str) -> Matrices:
+        """Matrices of :meth:`loop_transfer`.
+
+        With u = y + w, ``w = (1 + d)^-1 (u - c x)`` removes the feedback of the loop itself.
+
+        Parameters
+        ----------
+        name
+            A break point.
+
+        Raises
+        ------
+        SpaceRobotError
+            If there is no such point, or the broken loop varies in time.
+        """
+        if name not in self.inputs:
+            raise SpaceRobotError(f"no break point '{name}', {near_names(name, self.inputs)}")
+        if self.period_s and name not in self.starts:
+            raise SpaceRobotError(
+                f"the loop broken at {name} varies in time: its signal is not held over a period"
+            )
+        A, B, C, D = self.starts[name] if self.period_s else (self.A, self.B, self.C, self.D)
+        place = self.inputs.index(name)
+        b, c, d = B[:, [place]], C[[place], :], D[place, place]
+        return A - b @ c / (1 + d), b / (1 + d), -c / (1 + d), np.array([[-d / (1 + d)]])
+
+    def _system(
+        self, matrices: Matrices, inputs: Sequence[str], outputs: Sequence[str]
+    ) -> control.StateSpace:
+        ct = python_control()
+        plain = {  # python-control reserves the dot
+            key: [name.replace(".", ":") for name in names]
+            for key, names in (("states", self.states), ("inputs", inputs), ("outputs", outputs))
+        }
+        return ct.ss(*matrices, dt=self.period_s, remove_useless_states=False, **plain)
+
+
+def python_control() -> Any:
+    """Module of python-control.
+
+    Raises
+    ------
+    SpaceRobotError
+        If it is not installed.
+    """
+    try:
+        import control
+    except ImportError:
+        raise SpaceRobotError(
+            "margins and systems of python-control need the package control; "
+            "install it by pip install 'spacerobot[margins]'"
+        ) from None
+    return control
+
+
+def linearise(
+    scene: Scene,
+    at: Iterable[float | str] = (0.0,),
+    *,
+    outputs: Iterable[str] = (),
+    backend: Backend = "auto",
+    progress: Progress | None = None,
+) -> list[Linearisation]:
+    """Linearise a scene's closed loop at instants of its simulation.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    at
+        Times [s], and kinds or names of events (``captured``), which give the instants just before and after.
+    outputs
+        Names of outputs of the simulation, such as ``tip_position``, after the break points' signals.
+    backend, progress
+        As of :func:`spacerobot.simulate`.
+
+    Returns
+    -------
+    list of Linearisation
+        In the order of ``at``.
+
+    Raises
+    ------
+    DivergedError
+        If the simulation does not reach an instant.
+    ScenarioError
+        If a time lies outside the simulation, an event does not happen, or periods have no common multiple.
+    """
+    tell = progress or (lambda _: None)
+    tell("building the closed loop")
+    lineariser = Lineariser.of(scene, outputs)
+    rollout = lineariser.rollout(backend, tell)
+    tell("simulating and linearising")
+    return [lineariser.at(instant) for instant in instants(rollout, lineariser.loop, at)]
+
+
+@dataclass(frozen=True)
+class Lineariser:
+    """A closed loop and its derivatives, ready to be evaluated at instants."""
+
+    scene: Scene
+    loop: ClosedLoop
+    perturbed: PerturbedLoop
+
+    @classmethod
+    def of(cls, scene: Scene, outputs: Iterable[str] = ()) -> Lineariser:
+        """Of a scene, with outputs of the simulation after the break points' signals.
+
+        Parameters
+        ----------
+        scene, outputs
+            As of :func:`linearise`.
+
+        Raises
+        ------
+        ScenarioError
+            If there is no such output.
+        """
+        loop, wanted = build_closed_loop(scene), tuple(outputs)
+        known = [variable.name for variable in loop.variables]
+        for name in wanted:
+            if name not in known:
+                raise SpaceRobotError(f"no output '{name}', {near_names(name, known)}")
+        return cls(scene, loop, build_perturbed_loop(scene, wanted))
+
+    def rollout(self, backend: Backend, progress: Progress) -> Rollout:
+        """Rollout of the closed loop, as of the scene's simulation."""
+        return prepare_simulation(self.scene, self.loop, backend=backend, progress=progress).rollout
+
+    def at(self, instant: Instant) -> Linearisation:
+        """Linearisation at an instant.
+
+        Raises
+        ------
+        ScenarioError
+            If periods of elements have no common multiple.
+        """
+        perturbed, (nq, nv) = self.perturbed, (self.loop.nq, self.loop.nv)
+        t, x, c = instant.time_s, instant.x, instant.c
+        A, B, C, D = (part.full() for part in perturbed.derivatives(t, x, c))
+        chart, rate = self._chart(x)
+        inverse = np.linalg.pinv(chart)
+        A, B, C = inverse @ (A @ chart - rate), inverse @ B, C @ chart
+        events, period_s = occurrences(self.loop, perturbed, instant)
+        updates = [
+            Occurrence(one.time_s, inverse @ one.by_state @ chart, inverse @ one.by_input) for one in events
+        ]
+        names = [f"d.{name}" for name in perturbed.coordinates] + list(perturbed.state_names[nq:])
+        basis = self._basis(instant, chart)
+        if basis.shape[1] < 2 * nv:  # coordinates on the constraint manifold
+            whole = np.zeros((A.shape[0], A.shape[0] - 2 * nv + basis.shape[1]))
+            whole[: 2 * nv, : basis.shape[1]] = basis
+            whole[2 * nv :, basis.shape[1] :] = np.eye(A.shape[0] - 2 * nv)
+            A, B, C = whole.T @ A @ whole, whole.T @ B, C @ whole
+            updates = [
+                Occurrence(one.time_s, whole.T @ one.by_state @ whole, whole.T @ one.by_input)
+                for one in updates
+            ]
+            names = [f"eta[{i}]" for i in range(basis.shape[1])] + names[2 * nv :]
+        kept = _relevant(A, B, C, updates, basis.shape[1])
+        A, B, C = A[np.ix_(kept, kept)], B[kept], C[:, kept]
+        updates = [
+            Occurrence(one.time_s, one.by_state[np.ix_(kept, kept)], one.by_input[kept]) for one in updates
+        ]
+        found = Linearisation(
+            instant.label,
+            t,
+            A,
+            B,
+            C,
+            D,
+            tuple(names[i] for i in kept),
+            perturbed.inputs,
+            perturbed.outputs,
+        )
+        return _periodic(found, updates, period_s) if updates else found
+
+    def _chart(self, x: Array) -> tuple[Array, Array]:
+        """Tangent coordinates to coordinates of x (nx, nx - nq + nv), and the rate of that."""
+        nq, nv, size = self.loop.nq, self.loop.nv, len(x)
+        found = []
+        for part, rest in zip(
+            self.perturbed.tangent(x), (np.eye(size - nq), np.zeros((size - nq,) * 2)), strict=True
+        ):
+            whole = np.zeros((size, size - nq + nv))
+            whole[:nq, :nv], whole[nq:, nv:] = part.full(), rest
+            found.append(whole)
+        return found[0], found[1]
+
+    def _basis(self, instant: Instant, chart: Array) -> Array:
+        """Orthonormal basis of (xi, dv) on the constraint manifold (2 nv, n)."""
+        nq, nv = self.loop.nq, self.loop.nv
+        G, by_q = (part.full() for part in self.perturbed.constraints(instant.time_s, instant.x, instant.c))
+        rows = np.block([[G, np.zeros_like(G)], [by_q @ chart[:nq, :nv], G]])
+        if not rows.any():
+            return np.eye(2 * nv)
+        _, sizes, vectors = np.linalg.svd(rows)
+        rank = int(np.sum(sizes > RANK * sizes[0]))
+        return np.asarray(vectors[rank:].T)
+
+
+def _relevant(A: Array, B: Array, C: Array, updates: Sequence[Occurrence], mechanical: int) -> list[int]:
+    """States that change and on which something depends; of those of mechanics, all.
+
+    Constant are states with zero rows: memories that no periodic event changes.
+    """
+    size = len(A)
+    eye = np.eye(size)
+    changes = np.abs(A).sum(1) + np.abs(B).sum(1)
+    for one in updates:
+        changes += np.abs(one.by_state - eye).sum(1) + np.abs(one.by_input).sum(1)
+    kept = [i for i in range(size) if i < mechanical or changes[i] > 0]
+    while True:
+        used = np.abs(C[:, kept]).sum(0) + np.abs(A[np.ix_(kept, kept)] * (1 - eye[np.ix_(kept, kept)])).sum(
+            0
+        )
+        for one in updates:
+            used += np.abs((one.by_state * (1 - eye))[np.ix_(kept, kept)]).sum(0)
+        left = [i for i, use in zip(kept, used, strict=True) if i < mechanical or use > 0]
+        if len(left) == len(kept):
+            return kept
+        kept = left
+
+
+def _periodic(found: Linearisation, updates: Sequence[Occurrence], period_s: float) -> Linearisation:
+    """Discrete form over one period; see :mod:`spacerobot.linear.periodic`."""
+    continuous, starts = (found.A, found.B, found.C, found.D), {}
+    for place, name in enumerate(found.inputs):
+        begin = beginning(updates, continuous, place, period_s)
+        if begin is not None:
+            starts[name] = transition(updates, continuous, begin, period_s)
+    A, B, C, D = transition(updates, continuous, updates[0].time_s, period_s)
+    return replace(found, A=A, B=B, C=C, D=D, period_s=period_s, starts=starts)

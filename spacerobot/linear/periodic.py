@@ -1,0 +1,192 @@
+"""Periodic systems: transition over one period, with holds, delays and sample instants.
+
+Between events ``x' = A x + B w`` with the coefficients of the instant and w held; at an event, the linearised
+update ``x+ = E x + F w``. The product over one period, the least common multiple of all periods, is the
+discrete system ``x_k+1 = A_d x_k + B_d w_k``. A loop whose signal y is held over the whole period, broken
+there, is invariant in time: its period begins with the event that sets y, so that w_k acts with y_k at once,
+also in algebraic loops. So is a loop whose signal is seen at sample instants alone, once in each period.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+import scipy.linalg
+
+from spacerobot.arrays import Array
+from spacerobot.closedloop import ClosedLoop
+from spacerobot.closedloop.break_points import PerturbedLoop
+from spacerobot.elements.clock import EARLY
+from spacerobot.errors import ScenarioError
+from spacerobot.linear.instants import Instant
+
+TOGETHER = 1e-9
+"""Events less than it apart [s] are at one instant."""
+
+MAX_EVENTS = 20_000
+"""Most events in one common period."""
+
+Matrices = tuple[Array, Array, Array, Array]
+
+
+@dataclass(frozen=True)
+class Occurrence:
+    """A periodic event at its instant: time [s] and Jacobians of the state after it by state and input."""
+
+    time_s: float
+    by_state: Array
+    by_input: Array
+
+
+def occurrences(
+    loop: ClosedLoop, perturbed: PerturbedLoop, instant: Instant
+) -> tuple[list[Occurrence], float]:
+    """Periodic events from an instant on, over two common periods, and that period [s].
+
+    Parameters
+    ----------
+    loop, perturbed
+        Closed loop and its derivatives.
+    instant
+        Where they are evaluated; only the counters of samples advance.
+
+    Returns
+    -------
+    tuple
+        No events and zero if nothing is periodic. Events that turn switches, such as thruster pulses, are not
+        linear and left out.
+
+    Raises
+    ------
+    ScenarioError
+        If periods have no common multiple with few enough events.
+    """
+    places = [i for i, rule in enumerate(loop.events) if rule.clock and not rule.sets]
+    counters = [i for i, name in enumerate(loop.state_names) if name.endswith(".count[0]")]
+    x = instant.x.copy()
+
+    def due(x: Array) -> Array:
+        """Times at which the events are due next [s]."""
+        guards = loop.guards(instant.time_s, x, instant.c, np.zeros_like(x))[0].full().ravel()
+        return np.asarray(instant.time_s - guards[places] + EARLY)
+
+    def advanced(x: Array, after: Array) -> Array:
+        return np.where(np.isin(np.arange(len(x)), counters), after, x)
+
+    first, periods = due(x), {}
+    for k, place in enumerate(places):
+        if np.isfinite(first[k]):
+            after = perturbed.update(instant.time_s, x, instant.c, place)[0].full().ravel()
+            period = float(due(advanced(x, after))[k] - first[k])
+            if period > TOGETHER:
+                periods[k] = period
+    if not periods:
+        return [], 0.0
+    whole = common_period(list(periods.values()))
+    begin = max(first[k] for k in periods)  # what waits for a delay has begun by then
+    found, end = list[Occurrence](), begin + 2 * whole + TOGETHER
+    while True:
+        times = {k: time for k, time in enumerate(due(x)) if k in periods}
+        soonest = min(times.values())
+        if soonest > end:
+            return found, whole
+        k = min(k for k, time in times.items() if time < soonest + TOGETHER)
+        after, by_state, by_input = perturbed.update(instant.time_s, x, instant.c, places[k])
+        if times[k] > begin - TOGETHER:
+            found.append(Occurrence(times[k], by_state.full(), by_input.full()))
+        x = advanced(x, after.full().ravel())
+
+
+def common_period(periods: Sequence[float]) -> float:
+    """Least common multiple of periods [s].
+
+    Raises
+    ------
+    ScenarioError
+        If there is none with few enough events.
+    """
+    shortest = min(periods)
+    ratios = [Fraction(period / shortest).limit_denominator(1000) for period in periods]
+    numerator = math.lcm(*(ratio.numerator for ratio in ratios))
+    whole = shortest * numerator / math.gcd(*(ratio.denominator for ratio in ratios))
+    apart = max(abs(float(r) * shortest / p - 1) for r, p in zip(ratios, periods, strict=True))
+    if apart > TOGETHER or sum(whole / period for period in periods) > MAX_EVENTS:
+        shown = ", ".join(f"{period:g} s" for period in sorted(set(periods)))
+        raise ScenarioError(f"periods of {shown} have no common multiple: a linear analysis needs one")
+    return whole
+
+
+def beginning(
+    updates: Sequence[Occurrence], continuous: Matrices, place: int, period_s: float
+) -> float | None:
+    """Time at which the period of a broken loop begins [s]; None if the loop varies in time.
+
+    It is invariant if its signal is set once in a period and held, or seen by events at one instant alone.
+
+    Parameters
+    ----------
+    updates
+        Events over two periods.
+    continuous
+        A, B, C, D between events.
+    place
+        Of the break point among inputs and outputs.
+    period_s
+        The period [s].
+    """
+    A, B, C, D = continuous
+    eye, own = np.eye(len(A)), np.flatnonzero(C[place])
+    if np.abs(A[own]).sum() + np.abs(B[own]).sum() + np.abs(D[place]).sum() == 0:  # held
+        sets = [np.abs(one.by_state - eye)[own].sum() + np.abs(one.by_input[own]).sum() for one in updates]
+    elif np.abs(B[:, place]).sum() + np.abs(D[:, place]).sum() == 0:  # sampled
+        sets = [np.abs(one.by_input[:, place]).sum() for one in updates]
+    else:
+        return None
+    times = [one.time_s for one, size in zip(updates, sets, strict=True) if size > 0]
+    if not times or any(times[0] + TOGETHER < time < times[0] + period_s - TOGETHER for time in times):
+        return None
+    return times[0]
+
+
+def transition(
+    updates: Sequence[Occurrence], continuous: Matrices, begin_s: float, period_s: float
+) -> Matrices:
+    """Discrete system over one period; outputs are those just after the events at its beginning.
+
+    Parameters
+    ----------
+    updates
+        Events over two periods.
+    continuous
+        A, B, C, D between events.
+    begin_s, period_s
+        Beginning and length of the period [s].
+    """
+    A, B, C, D = continuous
+    size, inputs = B.shape
+    whole = np.zeros((size + inputs,) * 2)
+    whole[:size, :size], whole[:size, size:] = A, B
+    state, now, outputs = np.eye(size, size + inputs), begin_s, None
+    lengths: dict[float, Array] = {}
+
+    def flow(length: float) -> Array:
+        """Transition of state and input over a time without events."""
+        key = round(length, 12)
+        if key not in lengths:
+            lengths[key] = scipy.linalg.expm(whole * length)[:size]
+        return lengths[key]
+
+    pad = np.hstack([np.zeros((inputs, size)), np.eye(inputs)])
+    for one in [*(u for u in updates if begin_s - TOGETHER < u.time_s < begin_s + period_s - TOGETHER), None]:
+        time_s = begin_s + period_s if one is None else one.time_s
+        if time_s > now + TOGETHER:
+            outputs = C @ state + D @ pad if outputs is None else outputs
+            state, now = flow(time_s - now) @ np.vstack([state, pad]), time_s
+        if one is not None:
+            state = one.by_state @ state + one.by_input @ pad
+    assert outputs is not None
+    return state[:, :size], state[:, size:], outputs[:, :size], outputs[:, size:]

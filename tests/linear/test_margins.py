@@ -1,0 +1,143 @@
+"""Margins of loops: closed forms, sampled loops, and the onset of instability in the time domain."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.optimize import brentq
+
+from spacerobot.closedloop import build_closed_loop
+from spacerobot.linear import linearise, margins
+from spacerobot.rollout import build_rollout
+from tests.linear.scenes import KD, KP, arm_scene
+
+pytest.importorskip("control")
+
+
+def reduced_inertia(scene, place):
+    """Inertia that a torque at one place of v finds, everything else free."""
+    mass = pin.crba(scene.model, scene.model.createData(), scene.q)
+    return 1 / np.linalg.inv(np.triu(mass) + np.triu(mass, 1).T)[place, place]
+
+
+def own(found, name):
+    return next(one for one in found.loops[0] if one.name == name)
+
+
+def check_pd(found, inertia, kp, kd):
+    """Margins of L = (K_d s + K_p) / (J s^2), which no gain makes unstable."""
+    # |L| = 1: J^2 w^4 = K_p^2 + K_d^2 w^2
+    crossover = np.sqrt((kd**2 + np.sqrt(kd**4 + 4 * kp**2 * inertia**2)) / 2) / inertia
+    phase = np.arctan(kd * crossover / kp)
+    omega = np.geomspace(1e-3, 1e3, 200001)
+    loop = (1j * omega * kd + kp) / (inertia * (1j * omega) ** 2)
+    disk = 1 / np.abs(1 / (1 + loop) - 0.5).max()
+    assert (found.gain_up, found.gain_down) == (np.inf, -np.inf)
+    np.testing.assert_allclose(found.crossover * 2 * np.pi, crossover, rtol=1e-6)
+    np.testing.assert_allclose(found.phase, np.degrees(phase), rtol=1e-5)
+    np.testing.assert_allclose(found.delay, phase / crossover, rtol=1e-5)
+    np.testing.assert_allclose(found.disk, disk, rtol=1e-4)
+
+
+@pytest.mark.parametrize("base", ["fixed", "planar"])
+def test_double_integrator_under_pd_broken_at_the_torque(base):
+    scene = arm_scene(1, base)
+    found = margins(scene, backend="interpreted")
+    check_pd(own(found, "torque/arm/joint_1"), reduced_inertia(scene, -1), KP, KD)
+
+
+def test_loop_broken_at_one_measurement_has_the_other_one_closed():
+    """Rate: L = K_d s / (J s^2 + K_p), of infinite gain margin; position: K_p / (J s^2 + K_d s)."""
+    scene = arm_scene(1)
+    inertia, found = reduced_inertia(scene, -1), margins(scene, backend="interpreted")
+    rate, position = (own(found, f"measurement/arm.joint_{kind}[0]") for kind in ("rate", "position"))
+    assert rate.gain_up == np.inf
+    crossover = np.sqrt((-(KD**2) + np.sqrt(KD**4 + 4 * KP**2 * inertia**2)) / 2) / inertia
+    phase = np.pi / 2 - np.arctan(inertia * crossover / KD)
+    np.testing.assert_allclose(position.crossover * 2 * np.pi, crossover, rtol=1e-6)
+    np.testing.assert_allclose(position.phase, np.degrees(phase), rtol=1e-5)
+    np.testing.assert_allclose(position.delay, phase / crossover, rtol=1e-5)
+
+
+def test_attitude_loop_broken_at_the_wheel():
+    kp, kd = 3.0, 8.0
+    wheels = {"kind": "reaction_wheels", "axes": [[0, 0, 1]], "inertia": 0.05, "speeds": [100]}
+    attitude = {"kind": "base_attitude", "kp": kp, "kd": kd, "feed_forward": 0}
+    hold = {"kind": "joint_pd", "kp": 0, "kd": 0}
+    robot = {"controllers": {"hold": hold, "attitude": attitude}, "actuators": {"wheels": wheels}}
+    scene = arm_scene(1, "planar", robot=robot)
+    found = margins(scene, backend="interpreted")
+    inertia = reduced_inertia(scene, 2)
+    check_pd(own(found, "wheel/arm/wheels.0"), inertia, kp, kd)
+    check_pd(own(found, "torque/arm/root[2]"), inertia, kp, kd)
+
+
+@pytest.mark.parametrize("late", [0, 1, 2])
+def test_gain_margin_of_a_sampled_rate_loop(late):
+    """J w' = -k w, evaluated each T and acting m T later, is stable up to k T / J = 2 sin(pi / (4 m + 2))."""
+    period = 0.05
+    scene = arm_scene(1, "planar", kp=0.0, kd=1.0, sampled={"period": period, "delay": late * period})
+    found = margins(scene, [0.2], backend="interpreted")
+    limit = 2 * np.sin(np.pi / (4 * late + 2)) * reduced_inertia(scene, -1) / period
+    for name in ("torque/arm/joint_1", "measurement/arm.joint_rate[0]"):
+        np.testing.assert_allclose(10 ** (own(found, name).gain_up / 20), limit, rtol=1e-4)
+
+
+def test_loops_of_two_periods_vary_in_time():
+    robot = {
+        "controllers": {
+            "hold": {"kind": "joint_pd", "kp": KP, "kd": 0, "sampled": {"period": 0.02}},
+            "brake": {"kind": "joint_pd", "kp": 0, "kd": KD, "sampled": {"period": 0.01}},
+        }
+    }
+    found = margins(arm_scene(1, robot=robot), backend="interpreted")
+    assert found.linearisations[0].period_s == pytest.approx(0.02)
+    assert found.linearisations[0].is_stable
+    assert np.isnan(own(found, "torque/arm/joint_1").disk)
+    assert own(found, "measurement/arm.joint_position[0]").phase > 0  # seen once in each period
+
+
+SAMPLED = {"kp": 12.0, "kd": 3.0}
+PERIOD, DELAY = 0.1, 0.04
+
+
+def scene_of(gain=1.0, period=PERIOD, delay=DELAY):
+    scaled = {key: gain * value for key, value in SAMPLED.items()}
+    return arm_scene(1, "planar", rate_deg=2, **scaled, sampled={"period": period, "delay": delay})
+
+
+def growth(**changes):
+    """Growth rate of the joint's motion [1/s]; the base's drift is far slower."""
+    (found,) = linearise(scene_of(**changes), backend="interpreted")
+    return max(mode.pole.real for mode in found.modes if abs(mode.pole) > 0.1)
+
+
+def limit_of(what):
+    """Gain, delay or period at which the closed loop is predicted to become unstable."""
+    if what == "gain":
+        return 10 ** (own(margins(scene_of(), backend="interpreted"), "torque/arm/joint_1").gain_up / 20)
+    low, high = {"delay": (0.05, 0.25), "period": (0.1, 0.4)}[what]
+    return brentq(lambda value: growth(**{what: value}), low, high, xtol=1e-3 * low)
+
+
+@pytest.mark.parametrize("what", ["gain", "delay", "period"])
+def test_predicted_instability_agrees_with_its_onset_in_the_time_domain(what):
+    """One percent below the limit a motion decays, one percent above it grows."""
+    limit = limit_of(what)
+    for factor, grows in ((0.99, False), (1.01, True)):
+        loop = build_closed_loop(scene_of(**{what: factor * limit}))
+        options = {"duration_s": 60.0, "step_s": 0.1, "output_step_s": 0.1, "backend": "interpreted"}
+        run = build_rollout(loop, **options).run()
+        assert run.status == "completed"
+        rate = np.abs(run.state[:, loop.state_names.index("v.arm/joint_1")])
+        third = len(rate) // 3
+        assert (rate[-third:].max() > rate[third : 2 * third].max()) == grows, (what, factor)
+
+
+def test_along_the_whole_time():
+    found = margins(scene_of(), along=3, backend="interpreted")
+    table = found.to_xarray()
+    assert table.time.values.tolist() == [0, 0.5, 1]
+    assert table.gain_up.attrs["units"] == "dB"
+    values = table.phase.sel(loop="torque/arm/joint_1").values
+    np.testing.assert_allclose(values, values[0], rtol=0.05)
+    assert found.events == ()

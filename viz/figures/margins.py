@@ -1,0 +1,139 @@
+"""Stability margins: Bode and Nichols diagrams of broken loops, and margins over time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from spacerobot.arrays import Array
+from spacerobot.linear import Linearisation, LoopMargins, MarginAnalysis, loop_response
+from viz.figures.style import Drawing, legend_above, line, panels, styled, write_both
+
+MOST_LOOPS = 8
+"""Loops in a diagram, those of the least disk margins."""
+
+
+def _chosen(loops: tuple[LoopMargins, ...]) -> list[LoopMargins]:
+    """Loops with margins, the least first."""
+    return sorted((one for one in loops if one.disk < 2), key=lambda one: one.disk)[:MOST_LOOPS]
+
+
+def _responses(
+    linear: Linearisation, loops: tuple[LoopMargins, ...]
+) -> Iterator[tuple[str, Array, Array, Array]]:
+    """Name, frequencies [Hz], gain [dB], phase [deg] of loops; at gain 0 dB between -360 and 0 deg."""
+    for one in _chosen(loops):
+        omega, response = loop_response(linear, one.name)
+        phase = np.degrees(np.unwrap(np.angle(response)))
+        phase -= 360 * np.ceil(phase[np.argmin(np.abs(np.abs(response) - 1))] / 360)
+        yield one.name, omega / (2 * np.pi), 20 * np.log10(np.abs(response)), phase
+
+
+@styled
+def bode(linear: Linearisation, loops: tuple[LoopMargins, ...], title: str) -> Drawing:
+    """Gain and phase of broken loops over frequency.
+
+    Parameters
+    ----------
+    linear, loops
+        The closed loop at an instant, and its margins.
+    title
+        Above it.
+    """
+    figure, axes = panels(2, 1, height_in=2.2, sharex=True)
+    for k, (name, frequency, gain, phase) in enumerate(_responses(linear, loops)):
+        axes[0, 0].semilogx(frequency, gain, **line(k), label=name)
+        axes[1, 0].semilogx(frequency, phase, **line(k))
+    axes[0, 0].axhline(0, color="black", linewidth=0.6)
+    axes[1, 0].axhline(-180, color="black", linewidth=0.6)
+    axes[0, 0].set(ylabel="gain [dB]", title=title, ylim=(-80, 80))
+    axes[1, 0].set(ylabel="phase [deg]", xlabel="frequency [Hz]")
+    legend_above(figure, axes[0, 0], columns=2)
+    return figure
+
+
+@styled
+def nichols(linear: Linearisation, loops: tuple[LoopMargins, ...], title: str) -> Drawing:
+    """Gain over phase of broken loops, and the disk that the one with the least margin does not enter.
+
+    Parameters
+    ----------
+    linear, loops
+        As for :func:`bode`.
+    title
+        Above it.
+    """
+    figure, axes = panels(1, 1, height_in=3.6)
+    panel = axes[0, 0]
+    for k, (name, _, gain, phase) in enumerate(_responses(linear, loops)):
+        panel.plot(phase, gain, **line(k), label=name)
+    panel.plot([-180], [0], marker="+", markersize=9, color="black")
+    chosen = _chosen(loops)
+    if chosen:
+        # |S - 1/2| = 1 / alpha with S = 1 / (1 + L): L = -(1 - d alpha/2) / (1 + d alpha/2), |d| = 1
+        turn = 0.5 * min(chosen[0].disk, 1.99) * np.exp(1j * np.linspace(0, 2 * np.pi, 361))
+        edge = (1 - turn) / (1 + turn)
+        panel.fill(np.degrees(np.angle(edge)) - 180, 20 * np.log10(np.abs(edge)), color="0.85", zorder=0)
+    panel.set(xlabel="phase [deg]", ylabel="gain [dB]", title=title, xlim=(-450, 90), ylim=(-50, 50))
+    legend_above(figure, panel, columns=2)
+    return figure
+
+
+@styled
+def margins_along(found: MarginAnalysis, title: str) -> Drawing:
+    """Disk and phase margins of the least stable loops over time, captures and releases marked.
+
+    Parameters
+    ----------
+    found
+        Margins at instants along a simulation.
+    title
+        Above it.
+    """
+    data = found.to_xarray()
+    least = data.disk.min("instant")
+    names = [str(name) for name in least.sortby(least).loop.values if float(least.sel(loop=name)) < 2][
+        :MOST_LOOPS
+    ]
+    figure, axes = panels(2, 1, height_in=2.2, sharex=True)
+    for panel, name, text in zip(
+        axes.flat, ("disk", "phase"), ("disk margin", "phase margin [deg]"), strict=True
+    ):
+        for k, loop in enumerate(names):
+            panel.plot(data.time.values, data[name].sel(loop=loop).values, **line(k), label=loop)
+        for time_s, kind in found.events:
+            panel.axvline(
+                time_s, color="#B00020" if kind == "captured" else "0.4", linewidth=0.9, linestyle=":"
+            )
+        panel.set(ylabel=text, ylim=(0, None))
+    axes[0, 0].set_title(title)
+    axes[1, 0].set_xlabel("time [s]; dotted: captured, released")
+    legend_above(figure, axes[0, 0], columns=2)
+    return figure
+
+
+def write_margins(found: MarginAnalysis, title: str, folder: Path) -> None:
+    """Write Bode and Nichols diagrams at each of few instants, or margins over many, to ``figures``.
+
+    Parameters
+    ----------
+    found
+        Margins at instants.
+    title
+        Above the diagrams.
+    folder
+        Where ``figures`` is.
+
+    Raises
+    ------
+    ResultError
+        If a file cannot be written.
+    """
+    if len(found.loops) > MOST_LOOPS:
+        write_both(margins_along(found, title), folder, "margins_along")
+        return
+    for k, (linear, loops) in enumerate(zip(found.linearisations, found.loops, strict=True)):
+        for name, draw in (("bode", bode), ("nichols", nichols)):
+            write_both(draw(linear, loops, f"{title}, {linear.label}"), folder, f"{name}_{k + 1}")
