@@ -32,6 +32,9 @@ PER_DECADE = 150
 BEYOND = 30.0
 """How far the frequencies reach beyond the slowest and the fastest pole."""
 
+MAX_GAIN = 1e6
+"""Crossings that need a larger change of the gain than by this factor are rounding."""
+
 MAX_CONDITION = 1e10
 """Greatest condition of a pole's distance from frequency zero, beyond which there is a pole."""
 
@@ -241,7 +244,8 @@ def _margins(found: Linearisation, name: str, omega: Array, response: Array) -> 
     gains, phases, _, _, crossings, _ = ct.stability_margins(ct.frd(response, omega), returnall=True)
     d = found.broken(name)[3]
     gains = np.concatenate([gains, _real_ends(found, name)])
-    up, down = gains[gains > 1], gains[gains < 1]
+    up = gains[(gains > 1) & (gains < MAX_GAIN)]
+    down = gains[(gains < 1) & (gains > 1 / MAX_GAIN)]
     late = np.radians(np.where(phases > 0, phases, phases + 360)) / crossings
     delay = late.min(initial=np.inf)
     if not found.period_s and abs(d[0, 0]) >= 1:

@@ -146,6 +146,16 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
         "coulomb": 0.02,
         "speeds": [3],
     },
+    ("actuator", "transmission"): {
+        "ratio": 5,
+        "inertia": 0.01,
+        "stiffness": 40,
+        "damping": 0.3,
+        "viscous": 0.02,
+        "coulomb": 0.05,
+        "stribeck": 0.03,
+        "torque_limit": 1.5,
+    },
     ("actuator", "wheel_joints"): {"joints": "rotor*", "torque_limit": 2, "speed_limit": 80, "coulomb": 0.02},
     ("sensor", "linear"): {"offset": 0.01, "scale": 1.1},
     # what errors do at instants is held to closed forms in test_sensor_errors

@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from spacerobot.description.planar import PlanarBase, PlanarLink, planar_arm_urdf
 from spacerobot.scenario.load import validate
 from spacerobot.scene import Scene, build_scene
@@ -52,4 +54,5 @@ def arm_scene(
         "simulation": {"duration": 1.0, "step": 0.01, "output_step": 0.1},
     }
     source = Path(_folder().name) / "scenario.yaml"
+    source.write_text(yaml.safe_dump(document), encoding="utf-8")
     return build_scene(validate(document, source=source), {}, source=source)

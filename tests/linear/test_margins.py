@@ -50,7 +50,7 @@ def test_loop_broken_at_one_measurement_has_the_other_one_closed():
     scene = arm_scene(1)
     inertia, found = reduced_inertia(scene, -1), margins(scene, backend="interpreted")
     rate, position = (own(found, f"measurement/arm.joint_{kind}[0]") for kind in ("rate", "position"))
-    assert rate.gain_up == np.inf
+    assert (rate.gain_up, rate.gain_down) == (np.inf, -np.inf)
     crossover = np.sqrt((-(KD**2) + np.sqrt(KD**4 + 4 * KP**2 * inertia**2)) / 2) / inertia
     phase = np.pi / 2 - np.arctan(inertia * crossover / KD)
     np.testing.assert_allclose(position.crossover * 2 * np.pi, crossover, rtol=1e-6)
@@ -116,7 +116,7 @@ def limit_of(what):
     if what == "gain":
         return 10 ** (own(margins(scene_of(), backend="interpreted"), "torque/arm/joint_1").gain_up / 20)
     low, high = {"delay": (0.05, 0.25), "period": (0.1, 0.4)}[what]
-    return brentq(lambda value: growth(**{what: value}), low, high, xtol=1e-3 * low)
+    return brentq(lambda value: growth(**{what: value}), low, high, xtol=2e-3 * low)
 
 
 @pytest.mark.parametrize("what", ["gain", "delay", "period"])
@@ -125,7 +125,7 @@ def test_predicted_instability_agrees_with_its_onset_in_the_time_domain(what):
     limit = limit_of(what)
     for factor, grows in ((0.99, False), (1.01, True)):
         loop = build_closed_loop(scene_of(**{what: factor * limit}))
-        options = {"duration_s": 60.0, "step_s": 0.1, "output_step_s": 0.1, "backend": "interpreted"}
+        options = {"duration_s": 30.0, "step_s": 0.1, "output_step_s": 0.1, "backend": "interpreted"}
         run = build_rollout(loop, **options).run()
         assert run.status == "completed"
         rate = np.abs(run.state[:, loop.state_names.index("v.arm/joint_1")])

@@ -1,0 +1,184 @@
+"""Motors that drive joints through an elastic gear.
+
+The rotor of a joint's motor turns about an axis parallel to the joint's axis a, at the speed s relative to
+the link that carries it (the joint's parent), whose angular velocity is w. With the gear ratio N, the
+deflection p of the transmission, seen at the joint, and its torque t there are
+
+    p' = s / N - q',    t = K p + D p'.
+
+The rotor's angular momentum about its axis is ``h = J (s + a . w)``, and
+
+    h' = m - t / N - f(s),
+
+m being the motor's torque, up to its limit, for m = command / N, and f its friction
+
+    f(s) = (C + S exp(-(s / s_S)^2)) s / sqrt(s^2 + s_C^2) + V s        (Coulomb, Stribeck, viscous).
+
+The joint receives t. The parent link takes ``-a h' - w x a h``, so that momentum is conserved whatever the
+gear. The rotor's energy is ``J (s + a . w)^2 / 2``, not only that of its own spin (M. W. Spong, Modeling and
+control of elastic joint robots, ASME J. Dyn. Sys. Meas. Control 109, 1987, neglects the rest): the inertia
+that a stiff joint reflects is N^2 J on a fixed base, and another one on a floating base.
+The energy's rate is ``m s - f s - D p'^2``, with the spring's K p^2 / 2. The rotor's mass, and its inertia
+across its axis, are part of the parent link. For a sliding joint N is in rad/m, as of a screw.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Literal
+
+import casadi as ca
+from pydantic import Field
+
+from spacerobot.dynamics import Wrench
+from spacerobot.dynamics.algebra import cross
+from spacerobot.elements.actuator import Actuator
+from spacerobot.elements.context import ActuatorContext
+from spacerobot.elements.contribution import (
+    ActuatorDrive,
+    Contribution,
+    Output,
+    PowerTerm,
+    State,
+    StoredMomentum,
+)
+from spacerobot.elements.event import Event
+from spacerobot.elements.registry import register
+from spacerobot.elements.robot_element import RobotProperties
+from spacerobot.elements.saturation import saturation_events
+from spacerobot.errors import near_names
+from spacerobot.section import matching, quantity
+
+
+@register
+class Transmission(Actuator):
+    """Joint motors with rotor inertia and friction, behind an elastic gear."""
+
+    kind: Literal["transmission"] = "transmission"
+    joints: str = Field(default="*", description="joint by name; `*` matches any letters")
+    ratio: float = quantity("1 or rad/m", "turns of the rotor for one of the joint, N", default=1.0, gt=0)
+    inertia: float = quantity("kg m^2", "of the rotor about its axis, J; in addition to the links'", gt=0)
+    stiffness: float = quantity("N m/rad or N/m", "of the transmission, at the joint", gt=0)
+    damping: float = quantity("N m s/rad or N s/m", "of the transmission, at the joint", default=0.0, ge=0)
+    viscous: float = quantity("N m s/rad", "friction of the motor by its speed", default=0.0, ge=0)
+    coulomb: float = quantity("N m", "friction of the motor that does not depend on speed", default=0.0, ge=0)
+    coulomb_speed: float = quantity(
+        "rad/s",
+        "speed of the motor at which that friction has reached 1/sqrt(2) of its value",
+        default=1.0,
+        gt=0,
+    )
+    stribeck: float = quantity("N m", "friction at low speed beyond Coulomb friction", default=0.0, ge=0)
+    stribeck_speed: float = quantity(
+        "rad/s", "speed of the motor at which 1/e of it is left", default=5.0, gt=0
+    )
+    torque_limit: float | None = quantity("N m", "greatest torque of the motor", default=None, gt=0)
+
+    def build(self, actuator: ActuatorContext) -> Contribution:
+        """The rotors' angular momenta and the deflections are states."""
+        names = matching(tuple(actuator.columns), self.joints)
+        if not names:
+            return Contribution()
+        context, plant = actuator.context, actuator.plant
+        number = {key: context.number(key) for key in ("ratio", "inertia", "stiffness", "damping")}
+        name, ratio = f"{actuator.robot}/{context.path.rpartition('.')[2]}", number["ratio"]
+        columns = [actuator.columns[joint] for joint in names]
+        kinematics = plant.kinematics
+        joints = [next(one for one in kinematics.joints if one.idx_v == column) for column in columns]
+        axes = [self._axis(actuator, joint.index) for joint in joints]
+        spins = [kinematics.angular_velocity[joint.parent] for joint in joints]
+        carried = ca.vertcat(*(ca.dot(axis, spin) for axis, spin in zip(axes, spins, strict=True)))
+        size, rates = len(names), plant.v[columns]
+        momentum, deflection = ca.SX.sym(f"{name}.momentum", size), ca.SX.sym(f"{name}.deflection", size)
+        speed = momentum / number["inertia"] - carried
+        twisting = speed / ratio - rates
+        torque = number["stiffness"] * deflection + number["damping"] * twisting
+        friction = self._friction(actuator, speed)
+
+        def motor(asked: ca.SX) -> ca.SX:
+            wanted = asked / ratio
+            if self.torque_limit is None:
+                return wanted
+            limit = context.number("torque_limit")
+            return ca.fmin(ca.fmax(wanted, -limit), limit)
+
+        def answer(asked: ca.SX) -> Contribution:
+            given = motor(asked)
+            net = given - torque / ratio - friction
+            labels = [f"{actuator.robot}/{joint}" for joint in names]
+            wrenches = [
+                Wrench(
+                    joint.parent,
+                    ca.SX(3, 1),
+                    -axis * net[i] - cross(spin, axis * momentum[i]),
+                    kinematics.origin[joint.index],
+                )
+                for i, (joint, axis, spin) in enumerate(zip(joints, axes, spins, strict=True))
+            ]
+            lost = ca.dot(friction, speed) + number["damping"] * ca.dot(twisting, twisting)
+            put_in = ca.dot(given, speed) - ca.dot(torque, rates)  # beside that of the joints' torques
+            seen = {
+                "motor_speed": (speed, "rad/s", "speed of motors behind transmissions"),
+                "motor_torque": (given, "N m", "torque of motors behind transmissions"),
+            }
+            events: tuple[Event, ...] = ()
+            if self.torque_limit is not None:
+                beyond = ca.fabs(asked / ratio) / context.number("torque_limit") - 1
+                events = saturation_events(actuator, labels, beyond)
+            return Contribution(
+                states=(
+                    State(f"{name}.momentum", momentum, number["inertia"] * (ratio * rates + carried), net),
+                    State(f"{name}.deflection", deflection, ca.SX.zeros(size), twisting),
+                ),
+                wrenches=tuple(wrenches),
+                energy=number["stiffness"] * ca.dot(deflection, deflection) / 2,
+                powers=(PowerTerm("actuator", put_in, "in"), PowerTerm("transmission", lost)),
+                outputs=tuple(
+                    Output(key, value[i], unit, text, "motor", labels[i])
+                    for key, (value, unit, text) in seen.items()
+                    for i in range(size)
+                ),
+                events=events,
+            )
+
+        whole = sum((axis * momentum[i] for i, axis in enumerate(axes)), ca.SX(3, 1))
+        energy = ca.dot(momentum, momentum) / (2 * number["inertia"])
+        drive = ActuatorDrive(tuple(columns), lambda _: torque, answer)
+        return Contribution(drives=(drive,), stored=(StoredMomentum(actuator.robot, whole, energy),))
+
+    def _axis(self, actuator: ActuatorContext, joint: int) -> ca.SX:
+        """Axis of a joint (3x1), world axes."""
+        kinematics = actuator.plant.kinematics
+        turning = kinematics.angular[joint]
+        return turning if turning.nnz() else kinematics.linear[joint]
+
+    def _friction(self, actuator: ActuatorContext, speed: ca.SX) -> ca.SX:
+        """Friction against the motors' motion (n x 1) [N m]."""
+        context = actuator.context
+
+        def once(key: str) -> ca.SX:
+            return context.once(key, context.parameters.sparse(f"{context.path}.{key}"))
+
+        most, viscous = once("coulomb"), once("viscous")
+        found = viscous * speed
+        if self.stribeck:
+            most = most + once("stribeck") * ca.exp(-((speed / context.number("stribeck_speed")) ** 2))
+        if self.coulomb or self.stribeck:
+            found = found + most * speed / ca.sqrt(speed**2 + context.number("coulomb_speed") ** 2)
+        return found
+
+    def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
+        """A pattern that no joint matches."""
+        if not matching(robot.joints, self.joints):
+            yield "joints", f"no joint {self.joints!r}; {near_names(self.joints, robot.joints)}"
+
+    def assumptions(self) -> list[str]:
+        """Mass properties of rotors that links include."""
+        return ["mass of rotors, and their inertia across their axes, are part of the links that carry them"]
+
+    def words(self) -> str:
+        """Ratio, inertia and stiffness."""
+        return (
+            f"transmission of {self.joints}, ratio {self.ratio:g}, rotor {self.inertia:g} kg m^2, "
+            f"stiffness {self.stiffness:g}"
+        )

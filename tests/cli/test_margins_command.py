@@ -1,0 +1,78 @@
+"""``spacerobot margins``: tables within 80 columns, figures, numbers, one line for each error."""
+
+import builtins
+import sys
+
+import pytest
+import xarray as xr
+
+from spacerobot.cli.app import main
+from tests.linear.scenes import arm_scene
+
+ct = pytest.importorskip("control")
+
+
+@pytest.fixture
+def margins(monkeypatch, capsys):
+    """The command on an arm with reaction to nothing, interpreted."""
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr("spacerobot.rollout.build.find_toolchain", lambda: None)
+    source = arm_scene(1, "planar").source
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["spacerobot", "margins", str(source), *map(str, arguments)])
+        with pytest.raises(SystemExit) as left:
+            main()
+        captured = capsys.readouterr()
+        return left.value.code or 0, captured.out, captured.err
+
+    return run
+
+
+def test_tables_and_diagrams_at_instants(margins, tmp_path):
+    code, out, err = margins("--at", 0, "--at", 0.5, "--out", tmp_path)
+    assert (code, err.strip()) == (0, "")
+    assert max(map(len, out.splitlines()[:-1])) <= 80  # the last one is a path
+    assert "torque/arm/joint_1" in out
+    assert "6 poles at zero" in out
+    names = {path.name for path in (tmp_path / "figures").iterdir()}
+    assert names == {
+        f"{kind}_{k}.{form}" for kind in ("bode", "nichols") for k in (1, 2) for form in ("pdf", "png")
+    }
+    assert xr.load_dataset(tmp_path / "margins.nc").phase.sel(loop="torque/arm/joint_1").size == 2
+
+
+def test_margins_over_time(margins, tmp_path):
+    code, out, _ = margins("--along", 10, "--out", tmp_path)
+    assert code == 0
+    assert "least disk margin of 10 instants" in out
+    assert (tmp_path / "figures" / "margins_along.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("--at", "7"), "from 0 to 1 s"),
+        (("--at", "catched"), "no event 'catched'"),
+        (("--along", "1"), "at least 2"),
+    ],
+)
+def test_what_cannot_be_analysed_is_one_line(margins, arguments, told):
+    code, _, err = margins(*arguments)
+    assert code == 2
+    assert len(err.strip().splitlines()) == 1
+    assert told in err
+
+
+def test_without_python_control_it_says_what_to_install(margins, monkeypatch):
+    real = builtins.__import__
+
+    def refused(name, *rest, **more):
+        if name == "control":
+            raise ImportError(name)
+        return real(name, *rest, **more)
+
+    monkeypatch.setattr(builtins, "__import__", refused)
+    code, _, err = margins()
+    assert code == 2
+    assert "pip install 'spacerobot[margins]'" in err
