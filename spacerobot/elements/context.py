@@ -23,7 +23,15 @@ Affine = tuple[ca.SX | None, ca.SX]
 
 
 def unbroken(place: str, names: Sequence[str], signal: ca.SX) -> ca.SX:
-    """Signal of a loop that is not broken."""
+    """Signal of a loop that is not broken.
+
+    Parameters
+    ----------
+    place, names
+        Where the loop would be broken, and names of the components.
+    signal
+        Its values (n x 1).
+    """
     del place, names
     return signal
 

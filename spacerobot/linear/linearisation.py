@@ -34,7 +34,7 @@ from spacerobot.closedloop import ClosedLoop, build_closed_loop
 from spacerobot.closedloop.break_points import PerturbedLoop, build_perturbed_loop
 from spacerobot.errors import SpaceRobotError, near_names
 from spacerobot.linear.instants import Instant, instants
-from spacerobot.linear.periodic import Matrices, Occurrence, beginning, occurrences, transition
+from spacerobot.linear.periodic import Matrices, PeriodicUpdate, beginning, occurrences, transition
 from spacerobot.notebook import html_table
 from spacerobot.rollout import Rollout
 from spacerobot.scene import Scene
@@ -325,7 +325,8 @@ class Lineariser:
         A, B, C = inverse @ (A @ chart - rate), inverse @ B, C @ chart
         events, period_s = occurrences(self.loop, perturbed, instant)
         updates = [
-            Occurrence(one.time_s, inverse @ one.by_state @ chart, inverse @ one.by_input) for one in events
+            PeriodicUpdate(one.time_s, inverse @ one.by_state @ chart, inverse @ one.by_input)
+            for one in events
         ]
         names = [f"d.{name}" for name in perturbed.coordinates] + list(perturbed.state_names[nq:])
         basis = self._basis(instant, chart)
@@ -335,14 +336,15 @@ class Lineariser:
             whole[2 * nv :, basis.shape[1] :] = np.eye(A.shape[0] - 2 * nv)
             A, B, C = whole.T @ A @ whole, whole.T @ B, C @ whole
             updates = [
-                Occurrence(one.time_s, whole.T @ one.by_state @ whole, whole.T @ one.by_input)
+                PeriodicUpdate(one.time_s, whole.T @ one.by_state @ whole, whole.T @ one.by_input)
                 for one in updates
             ]
             names = [f"eta[{i}]" for i in range(basis.shape[1])] + names[2 * nv :]
         kept = _relevant(A, B, C, updates, basis.shape[1])
         A, B, C = A[np.ix_(kept, kept)], B[kept], C[:, kept]
         updates = [
-            Occurrence(one.time_s, one.by_state[np.ix_(kept, kept)], one.by_input[kept]) for one in updates
+            PeriodicUpdate(one.time_s, one.by_state[np.ix_(kept, kept)], one.by_input[kept])
+            for one in updates
         ]
         found = Linearisation(
             instant.label,
@@ -381,7 +383,7 @@ class Lineariser:
         return np.asarray(vectors[rank:].T)
 
 
-def _relevant(A: Array, B: Array, C: Array, updates: Sequence[Occurrence], mechanical: int) -> list[int]:
+def _relevant(A: Array, B: Array, C: Array, updates: Sequence[PeriodicUpdate], mechanical: int) -> list[int]:
     """States that change and on which something depends; of those of mechanics, all.
 
     Constant are states with zero rows: memories that no periodic event changes.
@@ -404,7 +406,7 @@ def _relevant(A: Array, B: Array, C: Array, updates: Sequence[Occurrence], mecha
         kept = left
 
 
-def _periodic(found: Linearisation, updates: Sequence[Occurrence], period_s: float) -> Linearisation:
+def _periodic(found: Linearisation, updates: Sequence[PeriodicUpdate], period_s: float) -> Linearisation:
     """Discrete form over one period; see :mod:`spacerobot.linear.periodic`."""
     continuous, starts = (found.A, found.B, found.C, found.D), {}
     for place, name in enumerate(found.inputs):

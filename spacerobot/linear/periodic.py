@@ -34,7 +34,7 @@ Matrices = tuple[Array, Array, Array, Array]
 
 
 @dataclass(frozen=True)
-class Occurrence:
+class PeriodicUpdate:
     """A periodic event at its instant: time [s] and Jacobians of the state after it by state and input."""
 
     time_s: float
@@ -44,7 +44,7 @@ class Occurrence:
 
 def occurrences(
     loop: ClosedLoop, perturbed: PerturbedLoop, instant: Instant
-) -> tuple[list[Occurrence], float]:
+) -> tuple[list[PeriodicUpdate], float]:
     """Periodic events from an instant on, over two common periods, and that period [s].
 
     Parameters
@@ -88,7 +88,7 @@ def occurrences(
         return [], 0.0
     whole = common_period(list(periods.values()))
     begin = max(first[k] for k in periods)  # what waits for a delay has begun by then
-    found, end = list[Occurrence](), begin + 2 * whole + TOGETHER
+    found, end = list[PeriodicUpdate](), begin + 2 * whole + TOGETHER
     while True:
         times = {k: time for k, time in enumerate(due(x)) if k in periods}
         soonest = min(times.values())
@@ -97,7 +97,7 @@ def occurrences(
         k = min(k for k, time in times.items() if time < soonest + TOGETHER)
         after, by_state, by_input = perturbed.update(instant.time_s, x, instant.c, places[k])
         if times[k] > begin - TOGETHER:
-            found.append(Occurrence(times[k], by_state.full(), by_input.full()))
+            found.append(PeriodicUpdate(times[k], by_state.full(), by_input.full()))
         x = advanced(x, after.full().ravel())
 
 
@@ -121,7 +121,7 @@ def common_period(periods: Sequence[float]) -> float:
 
 
 def beginning(
-    updates: Sequence[Occurrence], continuous: Matrices, place: int, period_s: float
+    updates: Sequence[PeriodicUpdate], continuous: Matrices, place: int, period_s: float
 ) -> float | None:
     """Time at which the period of a broken loop begins [s]; None if the loop varies in time.
 
@@ -153,7 +153,7 @@ def beginning(
 
 
 def transition(
-    updates: Sequence[Occurrence], continuous: Matrices, begin_s: float, period_s: float
+    updates: Sequence[PeriodicUpdate], continuous: Matrices, begin_s: float, period_s: float
 ) -> Matrices:
     """Discrete system over one period; outputs are those just after the events at its beginning.
 

@@ -118,8 +118,8 @@ class Transmission(Actuator):
             lost = ca.dot(friction, speed) + number["damping"] * ca.dot(twisting, twisting)
             put_in = ca.dot(given, speed) - ca.dot(torque, rates)  # beside that of the joints' torques
             seen = {
-                "motor_speed": (speed, "rad/s", "speed of motors behind transmissions"),
-                "motor_torque": (given, "N m", "torque of motors behind transmissions"),
+                "motor_speed": (speed, "rad/s", "speed of motors that drive transmissions"),
+                "motor_torque": (given, "N m", "torque of motors that drive transmissions"),
             }
             events: tuple[Event, ...] = ()
             if self.torque_limit is not None:
