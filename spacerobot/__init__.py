@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from spacerobot.elements import load_plugin as load_plugin
     from spacerobot.elements import register as register
     from spacerobot.errors import SpaceRobotError as SpaceRobotError
-    from spacerobot.linear import Linearisation as Linearisation
+    from spacerobot.linear import LinearSystem as LinearSystem
     from spacerobot.linear import MarginAnalysis as MarginAnalysis
     from spacerobot.linear import linearise as linearise
     from spacerobot.linear import margins as margins
@@ -66,7 +66,7 @@ _HOME = {
     "Effort": "optim.methods.settings",
     "GradientResult": "optim.evaluation",
     "IdentificationResult": "optim.identification",
-    "Linearisation": "spacerobot.linear",
+    "LinearSystem": "spacerobot.linear",
     "MarginAnalysis": "spacerobot.linear",
     "PlanResult": "spacerobot.api.results",
     "Quantity": "spacerobot.quantities",

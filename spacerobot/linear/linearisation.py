@@ -70,7 +70,7 @@ class Mode:
 
 
 @dataclass(frozen=True)
-class Linearisation:
+class LinearSystem:
     """Closed loop linearised at an instant, with an input at every break point; arrays are named.
 
     Attributes
@@ -104,7 +104,7 @@ class Linearisation:
         """Instant and sizes, in one line."""
         kind = f"every {self.period_s:g} s" if self.period_s else "continuous"
         return (
-            f"<Linearisation at {self.label}: {kind}, {len(self.states)} states, {len(self.inputs)} inputs, "
+            f"<LinearSystem at {self.label}: {kind}, {len(self.states)} states, {len(self.inputs)} inputs, "
             f"{len(self.outputs)} outputs>"
         )
 
@@ -242,7 +242,7 @@ def linearise(
     outputs: Iterable[str] = (),
     backend: Backend = "auto",
     progress: Progress | None = None,
-) -> list[Linearisation]:
+) -> list[LinearSystem]:
     """Linearise a scene's closed loop at instants of its simulation.
 
     Parameters
@@ -258,7 +258,7 @@ def linearise(
 
     Returns
     -------
-    list of Linearisation
+    list of LinearSystem
         In the order of ``at``.
 
     Raises
@@ -309,8 +309,8 @@ class Lineariser:
         """Rollout of the closed loop, as of the scene's simulation."""
         return prepare_simulation(self.scene, self.loop, backend=backend, progress=progress).rollout
 
-    def at(self, instant: Instant) -> Linearisation:
-        """Linearisation at an instant.
+    def at(self, instant: Instant) -> LinearSystem:
+        """Linearised closed loop at an instant.
 
         Raises
         ------
@@ -346,7 +346,7 @@ class Lineariser:
             PeriodicUpdate(one.time_s, one.by_state[np.ix_(kept, kept)], one.by_input[kept])
             for one in updates
         ]
-        found = Linearisation(
+        found = LinearSystem(
             instant.label,
             t,
             A,
@@ -406,7 +406,7 @@ def _relevant(A: Array, B: Array, C: Array, updates: Sequence[PeriodicUpdate], m
         kept = left
 
 
-def _periodic(found: Linearisation, updates: Sequence[PeriodicUpdate], period_s: float) -> Linearisation:
+def _periodic(found: LinearSystem, updates: Sequence[PeriodicUpdate], period_s: float) -> LinearSystem:
     """Discrete form over one period; see :mod:`spacerobot.linear.periodic`."""
     continuous, starts = (found.A, found.B, found.C, found.D), {}
     for place, name in enumerate(found.inputs):

@@ -21,7 +21,7 @@ import xarray as xr
 from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError
 from spacerobot.linear.instants import events_of, instants, samples
-from spacerobot.linear.linearisation import RIGID, Linearisation, Lineariser, python_control
+from spacerobot.linear.linearisation import RIGID, Lineariser, LinearSystem, python_control
 from spacerobot.notebook import html_table
 from spacerobot.scene import Scene
 from spacerobot.simulation import Backend, Progress
@@ -85,7 +85,7 @@ class MarginAnalysis:
         Times [s] and kinds of the captures and releases of the simulation.
     """
 
-    linearisations: tuple[Linearisation, ...]
+    linearisations: tuple[LinearSystem, ...]
     loops: tuple[tuple[LoopMargins, ...], ...]
     events: tuple[tuple[float, str], ...] = ()
 
@@ -172,7 +172,7 @@ def margins(
     return MarginAnalysis(tuple(linear), tuple(loops), events_of(rollout, loop, ("captured", "released")))
 
 
-def loop_margins(found: Linearisation) -> Iterator[LoopMargins]:
+def loop_margins(found: LinearSystem) -> Iterator[LoopMargins]:
     """Margins of each loop of a linearised closed loop.
 
     Raises
@@ -188,7 +188,7 @@ def loop_margins(found: Linearisation) -> Iterator[LoopMargins]:
         yield _margins(found, name, omega, response)
 
 
-def loop_response(found: Linearisation, name: str) -> tuple[Array, Array]:
+def loop_response(found: LinearSystem, name: str) -> tuple[Array, Array]:
     """Frequencies [rad/s] and loop transfer function (complex) there, of a loop broken at one point.
 
     Parameters
@@ -236,7 +236,7 @@ def _frequencies(poles: Array, most: float) -> Array:
     return np.asarray(omega[np.concatenate([[True], np.diff(omega) > 1e-12 * omega[1:]])])
 
 
-def _margins(found: Linearisation, name: str, omega: Array, response: Array) -> LoopMargins:
+def _margins(found: LinearSystem, name: str, omega: Array, response: Array) -> LoopMargins:
     """Margins from a frequency response."""
     ct = python_control()
     if not np.abs(response).max() > 0:
@@ -265,7 +265,7 @@ def _margins(found: Linearisation, name: str, omega: Array, response: Array) -> 
     )
 
 
-def _real_ends(found: Linearisation, name: str) -> Array:
+def _real_ends(found: LinearSystem, name: str) -> Array:
     """Gain margins at frequency zero and the Nyquist frequency, where L is real, if it is negative."""
     A, b, c, d = found.broken(name)
     at = []

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from spacerobot.arrays import Array
-from spacerobot.linear import Linearisation, LoopMargins, MarginAnalysis, loop_response
-from viz.figures.style import Drawing, legend_above, line, panels, styled, write_both
+from spacerobot.linear import LinearSystem, LoopMargins, MarginAnalysis, loop_response
+from viz.figures.style import Drawing, legend_above, line, panels, styled, write_drawings
 
 MOST_LOOPS = 8
 """Loops in a diagram, those of the least disk margins."""
@@ -21,7 +21,7 @@ def _chosen(loops: tuple[LoopMargins, ...]) -> list[LoopMargins]:
 
 
 def _responses(
-    linear: Linearisation, loops: tuple[LoopMargins, ...]
+    linear: LinearSystem, loops: tuple[LoopMargins, ...]
 ) -> Iterator[tuple[str, Array, Array, Array]]:
     """Name, frequencies [Hz], gain [dB], phase [deg] of loops; at gain 0 dB between -360 and 0 deg."""
     for one in _chosen(loops):
@@ -32,7 +32,7 @@ def _responses(
 
 
 @styled
-def bode(linear: Linearisation, loops: tuple[LoopMargins, ...], title: str) -> Drawing:
+def bode(linear: LinearSystem, loops: tuple[LoopMargins, ...], title: str) -> Drawing:
     """Gain and phase of broken loops over frequency.
 
     Parameters
@@ -55,7 +55,7 @@ def bode(linear: Linearisation, loops: tuple[LoopMargins, ...], title: str) -> D
 
 
 @styled
-def nichols(linear: Linearisation, loops: tuple[LoopMargins, ...], title: str) -> Drawing:
+def nichols(linear: LinearSystem, loops: tuple[LoopMargins, ...], title: str) -> Drawing:
     """Gain over phase of broken loops, and the disk that the one with the least margin does not enter.
 
     Parameters
@@ -132,8 +132,11 @@ def write_margins(found: MarginAnalysis, title: str, folder: Path) -> None:
         If a file cannot be written.
     """
     if len(found.loops) > MOST_LOOPS:
-        write_both(margins_along(found, title), folder, "margins_along")
-        return
-    for k, (linear, loops) in enumerate(zip(found.linearisations, found.loops, strict=True)):
-        for name, draw in (("bode", bode), ("nichols", nichols)):
-            write_both(draw(linear, loops, f"{title}, {linear.label}"), folder, f"{name}_{k + 1}")
+        drawings = [("margins_along", margins_along(found, title))]
+    else:
+        drawings = [
+            (f"{name}_{k + 1}", draw(linear, loops, f"{title}, {linear.label}"))
+            for k, (linear, loops) in enumerate(zip(found.linearisations, found.loops, strict=True))
+            for name, draw in (("bode", bode), ("nichols", nichols))
+        ]
+    write_drawings(drawings, folder / "figures")

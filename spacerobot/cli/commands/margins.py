@@ -14,7 +14,7 @@ from spacerobot.cli.output import console, progress, table
 from spacerobot.registry import COMMANDS
 
 if TYPE_CHECKING:
-    from spacerobot.linear import Linearisation, LoopMargins
+    from spacerobot.linear import LinearSystem, LoopMargins
 
 At = Annotated[
     list[str] | None,
@@ -89,7 +89,7 @@ def row_of(one: LoopMargins) -> list[str]:
     return [one.name, gain, *(text.replace("nan", "none") for text in numbers)]
 
 
-def about(linear: Linearisation) -> str:
+def about(linear: LinearSystem) -> str:
     """Stability of a linearised closed loop, and its size, in words."""
     kind = f"sampled, period {linear.period_s:g} s" if linear.period_s else "continuous"
     growing = [mode for mode in linear.modes if mode.pole.real >= 0]
@@ -100,7 +100,7 @@ def about(linear: Linearisation) -> str:
     return f"{kind}, {len(linear.states)} states, {linear.zero_poles} poles at zero, {stable}"
 
 
-def modes_of(linear: Linearisation) -> list[list[str]]:
+def modes_of(linear: LinearSystem) -> list[list[str]]:
     """Rows of the least damped modes."""
     chosen = sorted(linear.modes, key=lambda mode: mode.damping)[:MOST_MODES]
     return [
