@@ -50,6 +50,7 @@ def bode(linear: LinearSystem, loops: tuple[LoopMargins, ...], title: str) -> Dr
     axes[1, 0].axhline(-180, color="black", linewidth=0.6)
     axes[0, 0].set(ylabel="gain [dB]", title=title, ylim=(-80, 80))
     axes[1, 0].set(ylabel="phase [deg]", xlabel="frequency [Hz]")
+    axes[1, 0].xaxis.set_major_formatter("{x:g}")
     legend_above(figure, axes[0, 0], columns=2)
     return figure
 
@@ -76,7 +77,8 @@ def nichols(linear: LinearSystem, loops: tuple[LoopMargins, ...], title: str) ->
         turn = 0.5 * min(chosen[0].disk, 1.99) * np.exp(1j * np.linspace(0, 2 * np.pi, 361))
         edge = (1 - turn) / (1 + turn)
         panel.fill(np.degrees(np.angle(edge)) - 180, 20 * np.log10(np.abs(edge)), color="0.85", zorder=0)
-    panel.set(xlabel="phase [deg]", ylabel="gain [dB]", title=title, xlim=(-450, 90), ylim=(-50, 50))
+    panel.set(xlabel="phase [deg]", ylabel="gain [dB]", title=title, xlim=(-405, 90), ylim=(-50, 50))
+    panel.set_xticks(range(-360, 91, 90))
     legend_above(figure, panel, columns=2)
     return figure
 
