@@ -19,7 +19,7 @@ DRAW = """(async (level, count) => {
   spacerobotFilm.level(level);
   for (let k = 0; k < count; k++) {
     spacerobotFilm.draw(5 + 0.05 * k);
-    await new Promise((ok) => setTimeout(ok, 0));
+    await new Promise(requestAnimationFrame); // until the page is put together too
   }
 })(LEVEL, COUNT)"""
 

@@ -12,7 +12,7 @@ from spacerobot.errors import ResultError
 from viz.browser import Browser, chromium
 from viz.page.page import page
 
-FINE, MOVING = 0, 2
+FINE, MOVING = 0, 3
 """Levels of ``viz/web/quality.js``: all that can be drawn, for one picture; and for many."""
 
 _READY = "document.body?.dataset.ready === 'true'"
@@ -54,7 +54,7 @@ def page_pictures(
         file.write_text(page(payload), encoding="utf-8")
         browser.call("Page.enable")
         _resize(browser, width, height)
-        browser.call("Page.navigate", url=f"{file.as_uri()}#t=0&play=0")
+        browser.call("Page.navigate", url=f"{file.as_uri()}#t=0&play=0&fine={int(level == FINE)}")
         browser.wait_for(_READY)
         if browser.evaluate("document.body.classList.contains('blind')"):
             raise ResultError(

@@ -34,6 +34,7 @@ from viz.page.meshcat_scene import Meshes, changed_descriptions, packed, poses, 
 from viz.page.panel import panel_data
 from viz.page.planet import planet_data
 from viz.page.plumes import no_plumes, plume_data
+from viz.page.reaction_wheels import no_reaction_wheels, reaction_wheel_data
 from viz.page.shots import shots
 from viz.page.signals import chart_rows, quantities, signal_data
 
@@ -155,6 +156,7 @@ def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
         "grips": no_grips(),
         "contacts": no_contacts(),
         "plumes": no_plumes(),
+        "wheels": no_reaction_wheels(),
         "masses": no_masses(),
         "planet": None,
         "fine_time": packed(motion.time),
@@ -206,6 +208,7 @@ def run_data(shown: AnimatedResult) -> dict[str, Any]:
         "grips": grip_data(result, rows),
         "contacts": contact_data(result, rows),
         "plumes": plume_data(result, rows),
+        "wheels": reaction_wheel_data(result, motion),
         "masses": mass_data(result, shown.scene, motion),
         "planet": planet_data(result, rows),
         "events": event_data(result),

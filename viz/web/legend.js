@@ -8,6 +8,7 @@ export const LAYERS = [
   ["forces", "grip forces on the object", COLOURS.force, "arrow"],
   ["contacts", "contact forces", COLOURS.contact, "arrow"],
   ["impulses", "impulses of rigid captures", COLOURS.impulse, "arrow"], ["plumes", "plumes of thrusters", COLOURS.plume, "box"],
+  ["wheels", "reaction wheels", COLOURS.wheel, "ring"],
   ["mates", "tips; ringed while captured", COLOURS.mate, "ring"],
   ["cloud", "tips of a campaign's samples", "#cfd8e3", "thin"], ["before", "previous design, or the plan", "#dfe6ee", "box"],
   ["ghosts", "initial poses of bodies", "#b9c3ce", "box"], ["magnifier", "tip errors, enlarged", "#8fa3b8", "ring"],

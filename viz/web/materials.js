@@ -19,7 +19,7 @@ export function surfaceMaterial(finish, { coloured, opacity, side }) {
   const material = new THREE.MeshStandardMaterial({ ...LOOKS[finish], opacity, side, transparent: opacity < 1, vertexColors: coloured });
   if (finish === "solar") material.map = once("cells", cells);
   material.userData = {
-    metalness: material.metalness, normalMap: finish === "foil" ? once("crinkles", crinkles) : null,
+    finish, metalness: material.metalness, normalMap: finish === "foil" ? once("crinkles", crinkles) : null,
     envMap: finish === "paint" ? null : once("space", surroundings),
   };
   return material;
@@ -35,14 +35,30 @@ export function refineSurface(material, mirrors, creases, anew) {
   material.needsUpdate = anew || before[0] !== material.envMap || before[1] !== material.normalMap;
 }
 
+// Whether a mesh's light is computed for each pixel, by the look of its surface, or for each vertex, without any gloss.
+export function shadeSurface(mesh, glossy) {
+  const { material } = mesh;
+  if (material.userData.metalness === undefined || Boolean(material.isMeshStandardMaterial) === glossy) return;
+  const { color, map, vertexColors, opacity, transparent, side, polygonOffset, polygonOffsetFactor, polygonOffsetUnits, userData } = material, { finish } = userData;
+  const own = { color, vertexColors, opacity, transparent, side, polygonOffset, polygonOffsetFactor, polygonOffsetUnits };
+  if (glossy) mesh.material = new THREE.MeshStandardMaterial({ ...own, ...LOOKS[finish], map: finish === "foil" ? null : map });
+  else mesh.material = new THREE.MeshLambertMaterial({ ...own, map: finish === "foil" ? once("facets", () => crinkles(true)) : map });
+  mesh.material.userData = userData;
+  material.dispose();
+}
+
 // Whether the processor draws, without a graphics processor.
-export function isSoftware(renderer) {
-  const context = renderer.getContext?.(), about = context?.getExtension("WEBGL_debug_renderer_info");
-  return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(about ? context.getParameter(about.UNMASKED_RENDERER_WEBGL) : "");
+export function isSoftware() {
+  return once("software", () => {
+    const context = element("canvas").getContext("webgl"), about = context?.getExtension("WEBGL_debug_renderer_info");
+    const name = about ? context.getParameter(about.UNMASKED_RENDERER_WEBGL) : "";
+    context?.getExtension("WEBGL_lose_context")?.loseContext();
+    return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
+  });
 }
 
 function once(name, draw) {
-  drawn[name] ||= draw();
+  drawn[name] ??= draw();
   return drawn[name];
 }
 
@@ -98,8 +114,8 @@ export function scattered(seed) {
   };
 }
 
-// Normals of a foil that was folded flat again: plane facets around scattered points, each tilted its own way.
-function crinkles() {
+// Normals of a foil that was folded flat again: plane facets around scattered points, each tilted its own way; or their brightness.
+function crinkles(bright = false) {
   const next = scattered(7), facets = Array.from({ length: 260 }, () => [next(), next(), next() - 0.5, next() - 0.5]);
   return canvasTexture(PIXELS, PIXELS, (pen) => {
     const picture = pen.createImageData(PIXELS, PIXELS);
@@ -110,7 +126,8 @@ function crinkles() {
         const [dx, dy] = [Math.abs(x - facet[0]), Math.abs(y - facet[1])], off = Math.min(dx, 1 - dx) ** 2 + Math.min(dy, 1 - dy) ** 2;
         if (off < least) [least, own] = [off, facet];
       }
-      picture.data.set([128 + 120 * own[2], 128 + 120 * own[3], 232, 255], 4 * i);
+      const grey = 205 + 95 * own[2];
+      picture.data.set(bright ? [grey, grey, grey, 255] : [128 + 120 * own[2], 128 + 120 * own[3], 232, 255], 4 * i);
     }
     pen.putImageData(picture, 0, 0);
   });

@@ -1,10 +1,11 @@
 // A viewer where the browser cannot draw in three dimensions: a sentence stands for the scene, all else works.
 import { element } from "./format.js";
+import { isSoftware } from "./materials.js";
 import { THREE } from "./three.js";
 
 export function viewerIn(pane) {
   try {
-    const renderer = new THREE.WebGLRenderer({ antialias: true, powerPreference: "high-performance" });
+    const renderer = new THREE.WebGLRenderer({ antialias: !isSoftware() || location.hash.includes("fine=1"), powerPreference: "high-performance" });
     Object.assign(renderer, { outputEncoding: THREE.sRGBEncoding, toneMapping: THREE.ACESFilmicToneMapping, toneMappingExposure: 0.72 });
     Object.assign(renderer.shadowMap, { enabled: true, type: THREE.PCFShadowMap });
     pane.append(renderer.domElement);

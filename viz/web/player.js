@@ -183,6 +183,7 @@ export class Player {
 
   show(time) {
     this.scene.seek(time);
+    if (this.staged) return;
     this.readout.seek(time, this.events.at(time));
     this.chart.seek(time);
     this.magnifier.draw(time);
@@ -247,7 +248,8 @@ export class Player {
   // Nothing but the scene is shown, drawn as finely as a level says.
   stage(level) {
     document.body.classList.add("film");
-    this.filming = true;
+    this.filming = this.staged = true;
+    this.scene.viewer.renderer.domElement.remove(); // its pictures are taken, not shown
     this.timeline.pause();
     this.scene.quality.fixed = level;
     this.scene.quality.tick(0, false);

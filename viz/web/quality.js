@@ -1,14 +1,14 @@
 // How much is drawn: where pictures come too slowly the finest things go first, and where nothing moves all come back.
 
 // Each without one more thing. ``ratio``: pixels a CSS pixel; ``shadows``: edge of their map; ``soft``: their edges; ``mirrors``: metals
-// reflect; ``creases``: foil is crinkled; ``share``: of the plumes' particles. What each costs is measured in benchmarks/page_frames.py.
+// reflect; ``creases``: foil is crinkled; ``gloss``: light is computed for each pixel, and else for each vertex; ``share``: of the plumes' particles. What each costs is measured in benchmarks/page_frames.py.
 export const LEVELS = [
-  { ratio: 1, shadows: 2048, soft: true, mirrors: true, creases: true, share: 1 },
-  { ratio: 1, shadows: 2048, soft: true, mirrors: false, creases: true, share: 0.7 },
-  { ratio: 1, shadows: 1024, soft: false, mirrors: false, creases: true, share: 0.5 },
-  { ratio: 0.8, shadows: 1024, soft: false, mirrors: false, creases: false, share: 0.4 },
-  { ratio: 0.66, shadows: 512, soft: false, mirrors: false, creases: false, share: 0.3 },
-  { ratio: 0.5, shadows: 0, soft: false, mirrors: false, creases: false, share: 0.2 },
+  { ratio: 1, shadows: 2048, soft: true, mirrors: true, creases: true, gloss: true, share: 1 },
+  { ratio: 1, shadows: 2048, soft: true, mirrors: false, creases: true, gloss: true, share: 0.7 },
+  { ratio: 1, shadows: 1024, soft: false, mirrors: false, creases: true, gloss: true, share: 0.5 },
+  { ratio: 1, shadows: 1024, soft: false, mirrors: false, creases: false, gloss: false, share: 0.4 },
+  { ratio: 0.75, shadows: 512, soft: false, mirrors: false, creases: false, gloss: false, share: 0.3 },
+  { ratio: 0.5, shadows: 0, soft: false, mirrors: false, creases: false, gloss: false, share: 0.2 },
 ];
 const SLOW_MS = 45, WINDOW = 10, REST_MS = 500; // 45 ms: more than 20 pictures a second
 
@@ -39,6 +39,12 @@ export class Quality {
     const gaps = this.times.slice(1).map((t, k) => t - this.times[k]).sort((a, b) => a - b), slow = gaps[gaps.length >> 1] > SLOW_MS;
     this.times = [];
     if (slow && this.level < LEVELS.length - 1) this.level++;
+  }
+
+  // Something has moved once, and may do so again soon.
+  stir() {
+    this.moved = performance.now();
+    this.set(this.level);
   }
 
   set(level) {

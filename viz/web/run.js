@@ -1,7 +1,7 @@
 // One run in the scene: bodies, ghosts, paths, forces, at any time.
 import { floats, locate } from "./format.js";
 import { paint } from "./materials.js";
-import { COLOURS, arrow, ball, dye, ghostOf, overlay, plume, setPose, surfaces, tipColour, triad } from "./shapes.js";
+import { COLOURS, arrow, ball, dye, flywheel, ghostOf, middleOf, overlay, plume, setPose, surfaces, tipColour, triad } from "./shapes.js";
 import { THREE } from "./three.js";
 import { grow, tube, tubeGeometry } from "./tubes.js";
 
@@ -19,7 +19,7 @@ export class Run {
     this.metresPerNewtonSecond = sizes.newtonSecond * closeness;
     this.root = new THREE.Group();
     this.layers = {
-      ghosts: [], reference: [], traces: [], forces: [], contacts: [], impulses: [], plumes: [], mates: [], frames: [], centres: [], momenta: [],
+      ghosts: [], reference: [], traces: [], forces: [], contacts: [], impulses: [], plumes: [], wheels: [], mates: [], frames: [], centres: [], momenta: [],
     };
     this.vector = new THREE.Vector3();
     this.from = new THREE.Vector3();
@@ -28,6 +28,7 @@ export class Run {
     this.addPaths();
     this.addGrips();
     this.addMasses();
+    this.addWheels();
     this.plumes = Array.from({ length: data.plumes.count }, () => this.put("plumes", plume(COLOURS.plume)));
     if (data.pale) this.fade();
   }
@@ -45,6 +46,7 @@ export class Run {
     this.touched = floats(data.contacts.points);
     this.thrusts = floats(data.plumes.forces);
     this.nozzles = floats(data.plumes.points);
+    this.angles = floats(data.wheels.angles); // of reaction wheels about their axes, rad
     this.fineTime = floats(data.fine_time);
     this.errors = data.errors.map((values) => values && floats(values)); // null: a tip that nothing leads
     this.centres = floats(data.masses.centres);
@@ -146,6 +148,19 @@ export class Run {
     this.momentumArrows = this.centreBalls.map(() => this.put("momenta", arrow(0.0028 * this.scale, COLOURS.momentum)));
   }
 
+  // Reaction wheels are seen through their base, each beside its middle along its axis.
+  addWheels() {
+    const { nodes, axes } = this.data.wheels, radius = 0.026 * this.scale, up = new THREE.Vector3(0, 0, 1);
+    this.wheels = axes.map((axis, k) => {
+      const base = this.nodes[nodes[k]], shown = flywheel(radius), along = new THREE.Vector3(...axis);
+      shown.position.copy(middleOf(base)).addScaledVector(along, 2.2 * radius);
+      shown.quaternion.setFromUnitVectors(up, along);
+      this.layers.wheels.push(shown);
+      base.add(shown);
+      return shown.children[0];
+    });
+  }
+
   column(values, count, k) {
     const n = values.length / (3 * count), found = new Float32Array(3 * n);
     for (let i = 0; i < n; i++) for (let c = 0; c < 3; c++) found[3 * i + c] = values[3 * (i * count + k) + c];
@@ -204,6 +219,11 @@ export class Run {
       this.between(this.touched, touches, k, i, share, this.from);
       this.between(this.touching, touches, k, i, share, this.vector).multiplyScalar(this.metresPerNewton);
       this.point(shown);
+    });
+    const wheels = this.wheels.length;
+    this.wheels.forEach((rotor, k) => {
+      const a = i * wheels + k, angle = this.angles[a];
+      rotor.rotation.z = angle + (share > 0 ? share * (this.angles[a + wheels] - angle) : 0);
     });
     const nozzles = this.plumes.length;
     this.plumes.forEach((shown, k) => {

@@ -4,7 +4,7 @@ import { Eye } from "./camera.js";
 import { niceStep } from "./format.js";
 import { INSETS, Insets } from "./insets.js";
 import { LAYERS } from "./legend.js";
-import { isSoftware, refineSurface } from "./materials.js";
+import { isSoftware, refineSurface, shadeSurface } from "./materials.js";
 import { Run, extentOf } from "./run.js";
 import { LEVELS, Quality } from "./quality.js";
 import { COLOURS, PIXELS, RUN_COLOURS, keepMeshes } from "./shapes.js";
@@ -36,7 +36,7 @@ export class Scene {
     for (const name of ["PointLightNegativeX", "PointLightPositiveX", "FillLight", "SpotLight", "AmbientLight"]) this.viewer.delete_path(["Lights", name]);
     for (const name of ["Grid", "Axes"]) this.viewer.set_property([name], "visible", false);
     this.space = new Space(this.viewer);
-    this.quality = new Quality((level) => this.refine(level), isSoftware(this.viewer.renderer));
+    this.quality = new Quality((level) => this.refine(level), isSoftware());
     this.insets = new Insets(this.viewer, this.pane);
     const draw = this.viewer.render.bind(this.viewer);
     this.viewer.render = () => {
@@ -49,9 +49,12 @@ export class Scene {
   }
 
   // Draw as fine as a level says.
-  refine({ ratio, shadows, soft, mirrors, creases, share }) {
+  refine(level) {
+    const { ratio, shadows, soft, mirrors, creases, gloss, share } = level;
     const { sun: { shadow, shadow: { map } }, sun } = this.space, { renderer } = this.viewer;
-    renderer.setPixelRatio(ratio * window.devicePixelRatio);
+    // where edges are not smoothed as they are drawn, they are by more pixels once nothing moves
+    const smooth = level !== LEVELS[0] || renderer.getContext?.().getContextAttributes().antialias;
+    renderer.setPixelRatio((smooth ? 1 : 2) * ratio * window.devicePixelRatio);
     sun.castShadow = shadows > 0;
     const edges = soft ? THREE.PCFShadowMap : THREE.BasicShadowMap, others = renderer.shadowMap && renderer.shadowMap.type !== edges;
     if (others) renderer.shadowMap.type = edges;
@@ -62,7 +65,10 @@ export class Scene {
     }
     for (const { nodes, plumes } of this.runs) {
       for (const gas of plumes) gas.refine(share);
-      for (const { material } of nodes.flatMap(({ children }) => children)) if (material) refineSurface(material, mirrors, creases, others);
+      for (const mesh of nodes.flatMap(({ children }) => children).filter(({ material }) => material)) {
+        shadeSurface(mesh, gloss);
+        refineSurface(mesh.material, mirrors, creases, others);
+      }
     }
     this.viewer.set_dirty();
   }
@@ -102,6 +108,7 @@ export class Scene {
 
   // Other motions of the same bodies: camera, layers and time stay. Whether the objects of the runs are others than before.
   renew(runs) {
+    this.quality.stir();
     const same = runs.length === this.runs.length && runs.every(({ nodes }, k) => alike(nodes, this.runs[k].data.nodes));
     this.payload = { ...this.payload, runs };
     if (same) {
@@ -208,6 +215,8 @@ export class Scene {
     if (force > 0 && (this.shown.forces || this.shown.contacts)) parts.push(`longest force ${force.toPrecision(3)} N`);
     if (impulse > 0 && this.shown.impulses) parts.push(`longest impulse ${impulse.toPrecision(3)} N s`);
     if (thrust > 0 && this.shown.plumes) parts.push(`longest plume ${thrust.toPrecision(3)} N`);
+    const { slowed } = this.payload.runs[0].wheels;
+    if (slowed > 1 && this.shown.wheels) parts.push(`wheels ${slowed.toPrecision(2)} times slower`);
     if (momentum > 0 && this.shown.momenta) parts.push(`longest momentum ${momentum.toPrecision(3)} N s`);
     return parts.join("; ");
   }

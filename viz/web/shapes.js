@@ -12,7 +12,7 @@ const TIP_COLOURS = [
 export const AXIS_COLOURS = ["#ff5c5c", "#5ee05e", "#6fa8ff"];
 export const COLOURS = {
   target: "#35e0a1", force: "#ff5c6c", contact: "#c77dff", impulse: "#ff9d2e", reference: "#ffffff", mate: "#ffffff", grid: "#8fa3b8",
-  centre: "#ffd23f", momentum: "#7df9ff", plume: "#ffdca8",
+  centre: "#ffd23f", momentum: "#7df9ff", plume: "#ffdca8", wheel: "#d7e3ff",
 };
 export const RUN_COLOURS = ["#56b4e9", "#ff8c42", "#9be564", "#f29ad0", "#f0e442", "#c9b6ff", ...TIP_COLOURS.slice(6)];
 
@@ -52,6 +52,9 @@ function creased(geometry, index) {
   return geometry;
 }
 
+// So much wider, as a share of the scene, is each but the largest on every side: of faces in one plane, that of the smaller one is seen.
+const MARGIN = 3e-5;
+
 // Boxes, spheres and cylinders are closed and seen from outside alone; a mesh may be open, or wound either way.
 const CLOSED = ["box", "sphere", "cylinder"];
 
@@ -73,7 +76,7 @@ function solidGeometry({ kind, size, mesh }, scale) {
 
 // A body's solids, as few objects as can be, for each costs a draw call: closed ones of one opacity and finish are one.
 export function surfaces(solids, scale) {
-  const closed = new Map(), found = [];
+  const closed = new Map(), found = [], bySize = [...solids].sort((a, b) => Math.hypot(...b.size) - Math.hypot(...a.size));
   for (const solid of solids) {
     const { rgba: { 3: alpha }, finish } = solid, key = `${alpha} ${finish}`;
     if (!CLOSED.includes(solid.kind)) {
@@ -88,7 +91,9 @@ export function surfaces(solids, scale) {
   for (const alike of closed.values()) {
     const geometries = alike.map((solid) => {
       const geometry = solidGeometry(solid, scale);
-      geometry.setAttribute("uv", texturePlaces(geometry, spans(geometry), solid.finish));
+      const sides = spans(geometry), margin = 2 * MARGIN * scale * bySize.indexOf(solid);
+      geometry.setAttribute("uv", texturePlaces(geometry, sides, solid.finish));
+      geometry.scale(...sides.map((side) => 1 + margin / side));
       return placed(geometry, solid);
     });
     const colours = alike.flatMap((solid, k) => Array.from({ length: geometries[k].attributes.position.count }, () => colourOf(solid)).flat());
@@ -192,6 +197,30 @@ export function arrow(size, colour) {
     head.position.y = length - headLength;
   };
   return Object.assign(group, { point });
+}
+
+// A rotor of six spokes about its z axis in a pale disc, in front of what encloses it.
+export function flywheel(radius) {
+  const group = new THREE.Group(), rotor = new THREE.Group(), disc = overlay(COLOURS.wheel, 0.3), spoke = overlay(COLOURS.wheel, 0.95);
+  const rim = new THREE.Mesh(new THREE.TorusGeometry(radius, 0.08 * radius, 6, 28), spoke);
+  const parts = [0, 1, 2].map((k) => new THREE.Mesh(new THREE.BoxGeometry(2 * radius, 0.12 * radius, 0.12 * radius).rotateZ((k * Math.PI) / 3), spoke));
+  const mark = new THREE.Mesh(new THREE.SphereGeometry(0.2 * radius, 8, 6).translate(0.72 * radius, 0, 0), spoke); // by which a turn is seen
+  rotor.add(rim, mark, ...parts);
+  group.add(rotor, new THREE.Mesh(new THREE.CircleGeometry(radius, 28), Object.assign(disc, { side: THREE.DoubleSide })));
+  group.children[1].renderOrder = 16;
+  for (const part of rotor.children) part.renderOrder = 17;
+  return group;
+}
+
+// Of what a body shows, in its own frame.
+export function middleOf(node) {
+  const box = new THREE.Box3();
+  for (const { geometry, matrix, userData } of node.children) {
+    if (!userData.colours) continue; // neither axes nor names
+    geometry.computeBoundingBox();
+    box.union(geometry.boundingBox.clone().applyMatrix4(matrix));
+  }
+  return box.isEmpty() ? new THREE.Vector3() : box.getCenter(new THREE.Vector3());
 }
 
 export function ball(radius, colour, order) {

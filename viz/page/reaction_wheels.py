@@ -1,0 +1,50 @@
+"""Reaction wheels for the page: axes on their base, and angles by which they have turned."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+
+from spacerobot.result import Result
+from viz.drawing.motion import BodyMotion
+from viz.page.meshcat_scene import packed, rounded
+
+FASTEST = 4.0
+"""Angular velocity of the fastest wheel as drawn [rad/s]; a faster one may seem to stand still."""
+
+
+def reaction_wheel_data(result: Result, motion: BodyMotion) -> dict[str, Any]:
+    """Reaction wheels of a result: ``count``, and of each the ``nodes`` and ``axes`` (3,) of its base.
+
+    ``angles`` are those relative to the base at the motion's rows, packed (nt, count) [rad], divided by
+    ``slowed`` for all wheels alike.
+    """
+    data = result.data
+    if "wheel_speed" not in data:
+        return no_reaction_wheels()
+    labels = [str(label) for label in data.wheel.values]
+    axes = {
+        f"{robot}/{name}.{k}": axis
+        for robot, section in result.scenario.robots.items()
+        for name, actuator in section.actuators.items()
+        if (storage := actuator.momentum_storage()) is not None
+        for k, axis in enumerate(storage.axes.T)
+    }
+    bases = {node.body: k for k, node in enumerate(motion.nodes) if node.is_base}
+    speed = result.array("wheel_speed")
+    slowed = max(1.0, float(np.abs(speed).max(initial=0.0)) / FASTEST)
+    angles = cumulative_trapezoid(speed, result.array("time"), axis=0, initial=0)[motion.rows]
+    return {
+        "count": len(labels),
+        "nodes": [bases[label.partition("/")[0]] for label in labels],
+        "axes": [rounded(axes[label]) for label in labels],
+        "angles": packed(angles / slowed),
+        "slowed": slowed,
+    }
+
+
+def no_reaction_wheels() -> dict[str, Any]:
+    """The same where there are none."""
+    return {"count": 0, "nodes": [], "axes": [], "angles": "", "slowed": 1.0}
