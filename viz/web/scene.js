@@ -54,7 +54,7 @@ export class Scene {
     const { sun: { shadow, shadow: { map } }, sun } = this.space, { renderer } = this.viewer;
     // where edges are not smoothed as they are drawn, they are by more pixels once nothing moves
     const smooth = level !== LEVELS[0] || renderer.getContext?.().getContextAttributes().antialias;
-    renderer.setPixelRatio((smooth ? 1 : 2) * ratio * window.devicePixelRatio);
+    renderer.setPixelRatio((smooth ? 1 : 1.5) * ratio * window.devicePixelRatio);
     sun.castShadow = shadows > 0;
     const edges = soft ? THREE.PCFShadowMap : THREE.BasicShadowMap, others = renderer.shadowMap && renderer.shadowMap.type !== edges;
     if (others) renderer.shadowMap.type = edges;
