@@ -16,12 +16,14 @@ from optim.planning.search.make_plan import make_plan
 from optim.planning.search.plan_solver import PlanSolver, SolveResult
 from optim.planning.search.solve_request import solve_request
 from optim.planning.solver.ipopt import solve
+from optim.planning.transcription.drive_jumps import find_jumps, split_at_jumps
 from optim.planning.transcription.initial_guess import initial_guess
 from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.motion import PhasedMotion
+from optim.planning.verification.mesh_refinement import local_errors, refined_meshes
 from optim.planning.verification.replay import tip_errors
 from optim.planning.verification.second_order_conditions import descent_direction
-from optim.planning.verification.verify import verify
+from optim.planning.verification.verify import RELATIVE, VerificationResult, verify
 from spacerobot.cli.app import app
 from spacerobot.cli.commands.plan import _show
 from spacerobot.errors import ScenarioError
@@ -225,3 +227,47 @@ def test_the_least_time_of_half_a_turn_is_that_of_bilimoria_and_wie(turning):
     phased_motion = solver.phased_motion(solver.request(), found)
     torques = np.concatenate([motion.u for motion in phased_motion.motions if motion.duration_s > 0.1])
     assert np.abs(torques).min() > 0.99
+
+
+def test_an_interval_is_wrong_by_where_its_error_in_velocity_leads_by_the_end(turning):
+    """A spin that is off by 1 mrad/s at 2 s of 4 s is an error of the intervals before and after."""
+    motion = make_plan(turning(), backend="interpreted").motion
+    z, middle = motion.z.copy(), 2 * (motion.lobatto.points - 1)
+    z[middle, 7 + 5] += 1e-3  # about z, behind the pose and the velocity
+    off = dataclasses.replace(motion, z=z)
+    (errors,), (before,) = (local_errors(PhasedMotion((one,)), "interpreted") for one in (off, motion))
+    # 2 s are left where the first ends; the second begins with the error, for 1 s, and leaves it for 1 s more
+    np.testing.assert_allclose(errors - before, [0, 2e-3, 2e-3, 0], atol=2e-5)
+
+
+def test_an_interval_is_split_only_where_a_limit_is_passed_by_more_than_allowed(turning):
+    motion = make_plan(turning(), backend="interpreted").motion
+    problem, good = motion.problem, VerificationResult(0.0, (), {}, {}, 1.0)
+    column = 7 + 6 + 6 + int(np.argmax(np.abs(motion.u).max(axis=0)))
+    places = np.append(np.arange(10) / 10, 1)
+    greatest = np.abs(motion.at(motion.mesh, places)[:, column]).max()
+    for part, split in ((0.5, False), (2.0, True)):
+        upper, lower = problem.upper.copy(), problem.lower.copy()
+        upper[column] = greatest / (1 + part * RELATIVE)
+        lower[column] = -upper[column]
+        tight = dataclasses.replace(motion, problem=dataclasses.replace(problem, upper=upper, lower=lower))
+        assert (refined_meshes(PhasedMotion((tight,)), good, 100, "interpreted") is not None) == split
+
+
+def test_a_motion_is_cut_where_drives_jump_which_then_keep_their_levels_up_to_there(turning):
+    """Two torques change sign, each within an interval, an interval and a half after one another."""
+    solver = PlanSolver.of(turning(*FASTER), "interpreted")
+    guess = initial_guess(solver.problem, solver.lobatto, 12)
+    share, jumps = guess.lobatto.times(guess.mesh, 1.0), (0.3, 0.3 + 1.5 / 12)
+    drives = guess.parts(guess.z)[3]  # a view
+    drives[:] = 0.0
+    for k, jump in enumerate(jumps):
+        drives[:, k] = np.clip(-(share - jump) * 2 * 12, -1, 1)  # ramps over an interval
+    found = [(jump.share, jump.drive, jump.before, jump.after) for jump in find_jumps(guess, np.ones(3))]
+    np.testing.assert_allclose(found, [(jumps[0], 0, 1, -1), (jumps[1], 1, 1, -1)], atol=0.25 / 12)
+    cut = split_at_jumps(PhasedMotion((guess,)), solver.problem)
+    ends = np.cumsum([motion.duration_s for motion in cut.motions]) / guess.duration_s
+    np.testing.assert_allclose(ends, [found[0][0], found[1][0], 1])
+    first, second, third = (motion.u for motion in cut.motions)
+    for levels, wanted in ((first[-3:, 0], 1), (second[:3, 0], -1), (second[-3:, 1], 1), (third[:3, 1], -1)):
+        np.testing.assert_allclose(levels, wanted, atol=1e-12)
