@@ -181,6 +181,25 @@ def test_guesses_of_bases_begin_as_given_and_wind_to_their_attitude_in_three_way
     )
 
 
+def test_several_starts_find_the_better_winding_of_a_body_that_turns_already(turning):
+    """Of theta'' = u from a rate w to rest by an angle A: 12 A^2 / T^3 - 12 A w / T^2 + 4 w^2 / T."""
+    spin, turn, duration = np.radians(150), np.radians(-30), 4.0
+    costs = {
+        winding: 12 * angle**2 / duration**3 - 12 * angle * spin / duration**2 + 4 * spin**2 / duration
+        for winding in range(-2, 4)
+        for angle in [turn + 2 * np.pi * winding]
+    }
+    assert min(costs, key=costs.__getitem__) == 1
+    changes = [
+        ("robots.sat.base", {"joint": "planar", "spin_deg": [0, 0, 150]}),
+        ("plan.goals.turn.rotation_deg", [0, 0, -30]),
+        ("plan.limits.base_torque", 5),
+    ]
+    one, four = (make_plan(turning(*changes, ("plan.starts", n)), backend="interpreted") for n in (1, 4))
+    assert one.cost == pytest.approx(costs[2], rel=1e-4)  # the first guess goes on with the spin too far
+    assert four.cost == pytest.approx(costs[1], rel=1e-4)
+
+
 def test_the_eigenaxis_turn_is_a_saddle_point_that_a_search_leaves(turning):
     solver = PlanSolver.of(turning(*FASTER), "interpreted")
     program, problem = solver.program(solver.request(), solver.meshes(12)), solver.problem
