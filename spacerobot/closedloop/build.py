@@ -12,7 +12,7 @@ import casadi as ca
 from spacerobot.closedloop.built_elements import LoopBuilder
 from spacerobot.closedloop.closed_loop import ClosedLoop, OutputVariable
 from spacerobot.closedloop.energy import EnergyTerm, build_works, plant_powers, stored_energies
-from spacerobot.closedloop.events import booked, guards_of, rules_of, update_of
+from spacerobot.closedloop.events import booked, guards_of, rules_of, speeds_of, update_of
 from spacerobot.closedloop.external_impulse import impulse_of, on_bases, unbooked
 from spacerobot.closedloop.forward_dynamics import ForwardDynamicsResult, solve_accelerations
 from spacerobot.closedloop.impulse import strike
@@ -213,7 +213,7 @@ def _hybrid(builder: LoopBuilder, acting: Contribution, arguments: Mapping[str, 
     values, rates = guards_of(events, arguments["t"], arguments["x"], rate)
     updated = update_of(builder.plant, acting, which)
     names = list(places)
-    guards = {"g": ca.densify(values), "rate": ca.densify(rates)}
+    guards = {"g": ca.densify(values), "rate": ca.densify(rates), "speed": ca.densify(speeds_of(events))}
     return {
         "switches": tuple(places.values()),
         "events": rules_of(events, names),

@@ -29,6 +29,8 @@ class LoopEvent:
         Whether the rollout is over.
     kink
         Whether it only marks where the dynamics are not smooth.
+    gap
+        Whether its guard is minus a gap whose rate has a bound.
     clock, silent
         Whether its guard is time less an instant that events alone change; whether it is not recorded.
     routine
@@ -43,6 +45,7 @@ class LoopEvent:
     sets: tuple[tuple[int, bool], ...]
     ends: bool
     kink: bool = False
+    gap: bool = False
     clock: bool = False
     silent: bool = False
     routine: bool = False
@@ -66,6 +69,7 @@ def rules_of(events: Sequence[Event], switches: Sequence[str]) -> tuple[LoopEven
             tuple((places[name], value) for name, value in event.sets.items()),
             event.ends,
             event.kink,
+            event.speed is not None,
             event.clock,
             event.silent,
             event.routine,
@@ -82,6 +86,11 @@ def guards_of(events: Sequence[Event], time: ca.SX, x: ca.SX, rate: ca.SX) -> tu
     rates = ca.jtimes(values, ca.vertcat(time, x), ca.vertcat(1, rate)) if events else none
     armed = ca.vertcat(none, *(event.armed for event in events))
     return ca.if_else(armed, values, -ca.inf), ca.if_else(armed, rates, 0)
+
+
+def speeds_of(events: Sequence[Event]) -> ca.SX:
+    """Upper bounds of the rates of gaps (n x 1) [m/s], of the events that have one in turn."""
+    return ca.vertcat(ca.SX(0, 1), *(event.speed for event in events if event.speed is not None))
 
 
 def update_of(plant: Plant, acting: Contribution, which: ca.SX, impact: PlasticImpact | None = None) -> ca.SX:

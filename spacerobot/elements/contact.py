@@ -7,6 +7,7 @@ momentum and energy are accounted for to rounding.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -86,6 +87,8 @@ class ContactPair:
         Where it acts (3x1) [m].
     velocity
         Of the second relative to the first there (3x1) [m/s].
+    speed
+        Upper bound of the gap's rate (1x1) [m/s], wherever the shapes are nearest.
     lead
         Of one way out over another (1x1) [m] or None; see :class:`spacerobot.shapes.Proximity`.
     """
@@ -94,6 +97,7 @@ class ContactPair:
     normal: ca.SX
     point: ca.SX
     velocity: ca.SX
+    speed: ca.SX
     lead: ca.SX | None = None
 
     @property
@@ -113,7 +117,8 @@ def touches(contact: ContactContext) -> list[ContactPair]:
     for first, second in contact.pairs:
         near = contact.proximity(first, second)
         velocity = contact.velocity(second, near.point) - contact.velocity(first, near.point)
-        found.append(ContactPair(near.gap, near.normal, near.point, velocity, near.lead))
+        speed = contact.approach_speed(first, second)
+        found.append(ContactPair(near.gap, near.normal, near.point, velocity, speed, near.lead))
     return found
 
 
@@ -156,8 +161,9 @@ def watch(
         def event(kind: str, guard: ca.SX, armed: ca.SX, sets: dict[str, bool], mark: str = mark) -> Event:
             return Event(f"{contact.name}{mark}.{kind}", kind, contact.name, guard, armed, sets, kink=True)
 
+        touched = event("touched", -touch.gap, negated(touches), {touches.name(): True})
         events += [
-            event("touched", -touch.gap, negated(touches), {touches.name(): True}),
+            dataclasses.replace(touched, speed=touch.speed),
             event("parted", touch.gap, touches, {touches.name(): False, loose.name(): False}),
         ]
         if touch.lead is not None:
@@ -201,7 +207,7 @@ def booked(
     """Wrenches of all pairs, the power they take, and what is observed: sums, and the nearest pair."""
     nearest = touching[0]
     for touch in touching[1:]:
-        nearer, parts = touch.gap < nearest.gap, ("gap", "normal", "point", "velocity")
+        nearer, parts = touch.gap < nearest.gap, ("gap", "normal", "point", "velocity", "speed")
         nearest = ContactPair(*(ca.if_else(nearer, getattr(touch, k), getattr(nearest, k)) for k in parts))
     force = sum((press.force for press in presses), ca.SX(3, 1))
     taken = sum((press.taken for press in presses), ca.SX(1, 1))

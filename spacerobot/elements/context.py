@@ -15,7 +15,7 @@ from spacerobot.elements.desired_motion import DesiredMotion
 from spacerobot.elements.grasp_state import GraspState
 from spacerobot.elements.section_context import SectionContext
 from spacerobot.section import Section
-from spacerobot.shapes import Proximity, Shape, proximity
+from spacerobot.shapes import MovingShape, Proximity, Shape, approach_speed, proximity
 from spacerobot.symbolic import InitialState, Plant
 
 Affine = tuple[ca.SX | None, ca.SX]
@@ -486,6 +486,20 @@ class ContactContext:
         """
         crown = self.context.number("crown")
         return proximity(first.shape, second.shape, crown)
+
+    def approach_speed(self, first: ContactSurface, second: ContactSurface) -> ca.SX:
+        """Upper bound of the rate of the gap of two shapes (1x1) [m/s], wherever they are nearest.
+
+        Parameters
+        ----------
+        first, second
+            Surfaces of the two bodies.
+        """
+        moving = [
+            MovingShape(one.shape, self.velocity(one, one.shape.position), self.plant.velocity(one.frame)[1])
+            for one in (first, second)
+        ]
+        return approach_speed(moving, self.context.number("crown"))
 
     def velocity(self, surface: ContactSurface, point: ca.SX) -> ca.SX:
         """Velocity of a body's material point, world axes (3x1) [m/s].

@@ -37,6 +37,10 @@ class Event:
         Whether the rollout is over.
     kink
         Whether it only marks where a law is not smooth, so that an integrator may step over it.
+    speed
+        Where the guard is minus a gap between two bodies: an upper bound (1x1) [m/s] of the gap's rate,
+        whatever their surfaces are like where they are nearest; else None. Integrators then miss no contact
+        between two evaluations of the gap.
     clock
         Whether its guard is time less an instant that events alone change, as that of
         :class:`~spacerobot.elements.clock.Clock`: steps then end there without root finding.
@@ -59,6 +63,7 @@ class Event:
     loss: ca.SX | None = None
     ends: bool = False
     kink: bool = False
+    speed: ca.SX | None = None
     clock: bool = False
     silent: bool = False
     routine: bool = False

@@ -242,13 +242,13 @@ class PinocchioLoop:
         return [int(number) for number in np.flatnonzero(_numbers(self._armed(self.c)))]
 
     def gaps(self, x: Array) -> tuple[Array, Array]:
-        """Gaps [m] between the shapes of all contacts, and how fast they change [m/s] (n,) each."""
+        """Gaps [m] between the shapes of all contacts, and bounds of their rates [m/s] (n,) each."""
         q, v, _ = self.split(x)
         state, found = MechanicalState(self.model, q, v), list[tuple[float, float]]()
         for contact in self.scene.contacts:
             for pair in contact.pairs:
-                near = state.proximity(pair, contact.config.crown)
-                found.append((near[0], state.opening(pair, near)))
+                crown = contact.config.crown
+                found.append((state.proximity(pair, crown)[0], state.approach_speed(pair, crown)))
         gaps, speeds = np.array(found).reshape(-1, 2).T
         return gaps, speeds
 

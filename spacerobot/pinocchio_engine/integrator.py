@@ -20,7 +20,9 @@ VELOCITY_LIMIT = 1e4
 CONTROLLER_LIMIT = 1e12
 """Greatest controller state or work."""
 LOOK_S = 0.01
-"""Longest time between two looks at guards [s]; what rises above zero for less may be passed by."""
+"""Longest time between two looks at guards [s]; all but gaps may be passed by if above zero for less."""
+DEEP = 1e-6
+"""No contact is missed that is deeper than this [m]."""
 PAST_S = 1e-13
 """First step past a root whose guard rounding leaves below zero [s]; each further one is twice as long."""
 EARLY = 5e-13
@@ -193,12 +195,16 @@ class Integrator:
         return None
 
     def _may_meet(self, early: Array, late: Array, time: float) -> bool:
-        """Whether shapes may meet and part again between two looks: a gap closes no faster than they move."""
+        """Whether shapes may meet and part again between two looks, deeper than ``DEEP``.
+
+        Between gaps a and b a gap stays above (a + b - speed T) / 2. Its rate is bounded at both looks, and
+        between them by the larger bound and as much more as they differ.
+        """
         if not self._engine.scene.contacts:
             return False
         (first, fast), (last, speed) = self._engine.gaps(early), self._engine.gaps(late)
-        between, speeds = first + last, np.maximum(np.abs(fast), np.abs(speed))
-        return bool(((first > 0) & (last >= 0) & (between > 0) & (time * speeds > between)).any())
+        reach = time * (np.maximum(fast, speed) + np.abs(fast - speed))
+        return bool(((first > 0) & (last >= 0) & (reach > first + last + 2 * DEEP)).any())
 
     def _stop_at(self, number: int, time: float, within: float) -> bool:
         """Integrate again to just past an event's root, and let it happen; whether the state stays good."""

@@ -7,12 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 
 from spacerobot.arrays import Array
+from spacerobot.elements import CollisionShape
 from spacerobot.pinocchio_engine.crowned_distance import shape_distance
 from spacerobot.scene.scene import SceneShape
+from spacerobot.shapes import Shape, core_radius
 
 _AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
@@ -119,13 +122,45 @@ class MechanicalState:
         gap, normal, point = shape_distance(pair, places, crown)
         return np.concatenate([[gap], normal, point])
 
-    def opening(self, pair: tuple[SceneShape, SceneShape], near: Array) -> float:
-        """Rate of a gap [m/s], from its proximity (7,)."""
-        first, second = (
-            f.velocity[:3] + np.cross(f.velocity[3:], near[4:] - f.position)
-            for f in (self.frame(shape.frame) for shape in pair)
-        )
-        return float(near[1:4] @ (second - first))
+    def approach_speed(self, pair: tuple[SceneShape, SceneShape], crown: float) -> float:
+        """Upper bound of the rate of a gap [m/s]; see :func:`spacerobot.shapes.approach_speed`.
+
+        A shape's point p moves at ``v + omega x (p - c)``. Relative to the first shape's axes the second's
+        points are at most ``radius`` from its centre, whatever the normal is.
+        """
+        frames = [self.frame(shape.frame) for shape in pair]
+        centres = [
+            f.position + f.rotation @ shape.placement[:3, 3] for f, shape in zip(frames, pair, strict=True)
+        ]
+        radii = [_radius(shape, crown) for shape in pair]
+
+        def speed(of: int, at: Array) -> Array:
+            """Velocity of a body's material point at a point [m/s]."""
+            return frames[of].velocity[:3] + np.cross(frames[of].velocity[3:], at - frames[of].position)
+
+        omega = [f.velocity[3:] for f in frames]
+        turning = np.linalg.norm(omega[1] - omega[0])
+        bounds = [
+            np.linalg.norm(speed(1, c) - speed(0, c)) + (turning * r if r < np.inf else np.inf)
+            for c, r in zip(centres, radii, strict=True)
+        ]
+        if max(radii) < np.inf:
+            rolling = sum(np.linalg.norm(w) * r for w, r in zip(omega, radii, strict=True))
+            bounds.append(np.linalg.norm(speed(1, centres[1]) - speed(0, centres[0])) + rolling)
+        return float(min(bounds))
+
+
+@functools.cache
+def _radius_of(kind: type[CollisionShape], measures: tuple[float, ...], crown: float) -> float:
+    shape = Shape(kind, ca.SX.eye(3), ca.SX.zeros(3), ca.SX(ca.DM(measures)))
+    radius = core_radius(shape, crown)
+    return np.inf if radius is None else float(ca.DM(radius))
+
+
+def _radius(shape: SceneShape, crown: float) -> float:
+    """Radius [m] about a shape's origin that holds it without its ball; infinite for a half-space."""
+    measures = tuple(ca.DM(shape.config.measures()).full().ravel())
+    return _radius_of(type(shape.config), measures, crown)
 
 
 def coordinates(model: Any) -> list[tuple[slice, slice]]:

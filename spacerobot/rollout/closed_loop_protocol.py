@@ -38,6 +38,10 @@ class EventRule(Protocol):
         """Whether it only marks where a law is not smooth: neither state nor rate jumps there."""
 
     @property
+    def gap(self) -> bool:
+        """Whether its guard is minus a gap between two bodies, and ``guards`` bounds the gap's rate."""
+
+    @property
     def clock(self) -> bool:
         """Whether its guard is time less an instant that events alone change."""
 
@@ -169,7 +173,9 @@ class ClosedLoopFunctions(Protocol):
 
     @property
     def guards(self) -> ca.Function:
-        """``(t, x, c, xdot) -> (g, rate)``: one guard for each event, and its rate along xdot.
+        """``(t, x, c, xdot) -> (g, rate, speed)``: one guard for each event, and its rate along xdot.
+
+        Each event whose guard is minus a gap has a speed [m/s]: the gap closes no faster, whatever xdot.
 
         An event fires where its guard is above zero. One that is not armed has a guard of minus infinity
         and a rate of zero; whether it is armed depends on switches alone. ``xdot`` serves the rate only.

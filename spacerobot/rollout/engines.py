@@ -15,7 +15,6 @@ import numpy.typing as npt
 from spacerobot.compiled import Library, Toolchain, compile_functions
 from spacerobot.errors import CompileError
 from spacerobot.rollout.closed_loop_protocol import Array
-from spacerobot.rollout.event_location import GAP
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.rollout_arrays import RolloutArrays
 from spacerobot.rollout.time_grid import TimeGrid
@@ -161,7 +160,7 @@ def _facts(kernel: Kernel) -> list[str]:
         "int ENDS": [event.ends for event in kernel.events],
         "int KINK": [event.kink for event in kernel.events],
         "int MOVES": kernel.moving or [False] * len(kernel.events),
-        "int GAP": [event.kind == GAP for event in kernel.events],
+        "int GAP": kernel.gaps,
         "int CLOCK": [event.clock for event in kernel.events],
         "int SILENT": [event.silent for event in kernel.events],
         "int ROUTINE": [event.routine for event in kernel.events],

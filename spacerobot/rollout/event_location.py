@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,10 +16,8 @@ UNSURE, WRONG, CHECK = 0.01, 12, 2
 """Part of its bend by which a cubic is wrong where half the step is tried; by how many times that a guard may
 be above it; which of the places inside a step checks it."""
 
-SURGE = 1.3
-"""A gap may close so many times as fast where it turns as it is seen to elsewhere along the step."""
-GAP = "touched"
-"""Kind of the events whose guards are minus a gap between shapes."""
+DEEP, LOOKS = 1e-6, 1000
+"""No contact is missed that is deeper than this [m]; looks at gaps within a step before it is halved."""
 
 
 @dataclass(frozen=True)
@@ -33,12 +32,22 @@ class TrialStep:
         At the parts ``INNER`` of it, shape (3, ne).
     end
         At its end, shape (ne,).
+    gaps
+        Guards that are minus a gap.
+    reach
+        How far each gap may change in the step by the bounds of its rate at the beginning, the parts
+        ``INNER`` and the end, shape (5, gaps) [m].
+    inside
+        Guards, and bounds of the rates of gaps, at a part of the step.
     """
 
     first: Array
     rates: Array
     inner: Array
     end: Array
+    gaps: Sequence[int]
+    reach: Array
+    inside: Callable[[float], tuple[Array, Array]]
 
     @property
     def rise(self) -> bool:
@@ -80,25 +89,42 @@ class TrialStep:
             least = UNSURE * self._bend + ROUNDING * (abs(self.first) + abs(self.end))
             return np.asarray((wrong > least) & (seen + WRONG * wrong > 0))
 
-    def skips(self) -> npt.NDArray[np.bool_]:
-        """Whether shapes may meet and part between two looks at their gap, minus each guard, shape (ne,).
+    def meets(self) -> tuple[float, bool]:
+        """Part of the step at which a gap is closed, and whether it surely is; 1 where none is.
 
-        A gap closes no faster than the shapes move, so that between gaps a and b, seen a time T apart, it
-        stays above (a + b - speed T) / 2: conservative advancement. The speed is the largest that is seen
-        along the step, and more where the gap turns within T, as where one shape passes the other.
+        Between gaps a and b, seen a time T apart, a gap stays above (a + b - speed T) / 2, where the speed
+        bounds its rate wherever the bodies are nearest: conservative advancement. That bound is the largest
+        of the five places along the step, and as much more as they differ, since it may be larger in between.
+        So the gap is seen again, by the states inside, at parts so near to each other that it can close
+        between none of them. The states inside are wrong by no more than the one at the end, where the true
+        gap is known: where a gap is not more than that, or there are too many looks, half the step shall be
+        tried.
         """
-        order, ne = [0, CHECK, 1], len(self.first)
-        g = np.vstack([self.first, self.inner[order], self.end])
-        length = np.diff([0.0, *(INNER[k] for k in order), 1.0])[:, None]
-        with np.errstate(all="ignore"):
-            change, both = np.diff(g, axis=0), g[1:] + g[:-1]
-            reach, chord = length * np.max(abs(change) / length, axis=0), abs(change)
-            before, after = np.vstack([self.rates, change[:-1]]), np.vstack([change[1:], np.full(ne, -1.0)])
-            turns = (chord < 0.8 * reach) | (np.arange(4) < 3)[:, None]
-            slow = (both + SURGE * reach > 0) & turns
-            fast = (both + reach > 0) & (chord < 0.999 * reach)
-            falls = (after < 0) | (change < 0)
-            return np.asarray(((before > 0) & falls & (slow | fast)).any(axis=0))
+        if not self.gaps:
+            return 1.0, False
+        a = -np.vstack([self.first, self.inner, self.end])[:, self.gaps]
+        reach = 2 * self.reach.max(axis=0) - self.reach.min(axis=0)
+        known = [*((INNER[i], a[1 + i]) for i in (0, CHECK, 1)), (1.0, a[-1])]
+        part, now = 0.0, a[0]
+        wrong: Array | None = None
+        for _ in range(LOOKS):
+            for place, gap in known:
+                if place > part:
+                    if not (now + gap + 2 * DEEP >= reach * (place - part)).all():
+                        break
+                    part, now = place, gap
+            with np.errstate(all="ignore"):
+                part += float(np.min((now + DEEP) / reach, initial=1 - part, where=reach > 0))
+            if not part < 1:
+                return 1.0, False
+            if wrong is None:
+                with np.errstate(invalid="ignore"):
+                    off = abs(self.inside(1.0)[0] - self.end)[self.gaps]
+                wrong = np.where(off < np.inf, off, 0.0)
+            now = -self.inside(part)[0][self.gaps]
+            if (now <= wrong).any():
+                return (part, True) if (now <= 0).any() else (0.5, False)
+        return 0.5, False
 
     def _cubic(self, s: Array) -> Array:
         """The cubics at parts of the step (ne,)."""

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from spacerobot.rollout.closed_loop_protocol import Array
-from spacerobot.rollout.event_location import GAP, RootBracket, TrialStep
+from spacerobot.rollout.event_location import RootBracket, TrialStep
 from spacerobot.rollout.interpreted_event import InterpretedEvent
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.methods.tableau import INNER
@@ -52,7 +52,7 @@ class Stepper(Protocol):
         """The kernel."""
 
     def steps(self, n: int, estimate: bool) -> Any:
-        """Function of so many steps, ``(x, t, h, dt, dh, c) -> (x, m, error, inner states)``."""
+        """Function of so many steps, ``(x, t, h, dt, dh, c) -> (x, m, error, states inside)``."""
 
 
 @dataclass
@@ -111,7 +111,7 @@ class HybridRun:
         kernel = self.engine.kernel
         self._begin, self._level = self.x, np.zeros(len(kernel.events))
         self._kinks = np.array([event.kink for event in kernel.events], bool)
-        self._gaps = np.array([event.kind == GAP for event in kernel.events], bool)
+        self._gaps, self._speeds = list(kernel.gaps), np.zeros(len(kernel.gaps))
         self._clocks = np.array([event.clock for event in kernel.events], bool)
         self._fixed = ~np.array(kernel.moving or [True] * len(kernel.events), bool)
         self._carried = False  # whether the next segment begins where an event was
@@ -203,7 +203,7 @@ class HybridRun:
 
     def _at_rest(self, t: float) -> bool:
         """Whether nothing is left to happen at an instant, as far as clocks are concerned."""
-        values = self.engine.kernel.functions["values"](t, self.x, self.c).full().ravel()
+        values = self._values(t, self.x)[0]
         return bool(self._clocks.any()) and not (values > self._level).any()
 
     def _number(self, length_s: float) -> int:
@@ -225,10 +225,17 @@ class HybridRun:
         found = self.engine.kernel.functions["guards"](t, x, self.c, rate)
         return (part.full().ravel() for part in found)
 
+    def _values(self, t: float, x: Array) -> tuple[Array, Array]:
+        """Guards, and bounds of the rates of gaps."""
+        g, speed = self.engine.kernel.functions["values"](t, x, self.c)
+        return g.full().ravel(), speed.full().ravel()
+
     def _at_once(self, t: float) -> int:
         """The event that fires where a step begins, or -1: what another armed before what rose by itself."""
         rate = self.engine.kernel.functions["dynamics"](t, self.x, self.c)[0].full().ravel()
         self._first, self._rates = [*self._guards(t, self.x, rate)][:2]
+        if self._fresh and self._gaps:
+            self._speeds = self._values(t, self.x)[1]
         if self._last >= 0:
             self._level[self._last] = max(self._first[self._last], 0.0)
         self._first = self._first - self._level
@@ -290,11 +297,25 @@ class HybridRun:
         """A step of length h, and the guards along it."""
         found = self.engine.steps(1, self.estimate)(self.x, t, h, dt, dh, self.c)
         end, m, error = (value.full().ravel() for value in found[:3])
-        values, states = self.engine.kernel.functions["values"], [*found[3].full().T, end]
-        times = [t + part * h for part in (*INNER, 1)]
-        rows = [values(*at, self.c).full().ravel() for at in zip(times, states, strict=True)]
-        seen = np.array(rows) - self._level
-        return _Done(end, m, error, h), TrialStep(self._first, self._rates, seen[:-1], seen[-1])
+        begin, level, powers = self.x, self._level, found[3].full()
+
+        def inside(part: float) -> tuple[Array, Array]:
+            g, speed = self._values(t + part * h, begin + powers @ part ** np.arange(1, 5))
+            return g - level, speed
+
+        g, speed = self._values(t + h, end)
+        looks = [inside(part) for part in INNER]
+        speeds = np.array([self._speeds, *(own for _, own in looks), speed])
+        tried = TrialStep(
+            self._first,
+            self._rates,
+            np.array([own for own, _ in looks]),
+            g - level,
+            self._gaps,
+            h * speeds,
+            inside,
+        )
+        return _Done(end, m, error, h), tried
 
     def _at_root(self, t: float, dt: float, event: int) -> _Done:
         """A step of length zero to an event's root."""
@@ -307,12 +328,15 @@ class HybridRun:
     def _tried(self, t: float, h: float, dt: float, dh: float) -> _Done:
         """The step, taken with other lengths until no guard is above its level before its end."""
         done, seen = self._evaluated(t, h, dt, dh)
+        clear = 0.0  # length of the step within which no gap closes
         for peaks in range(TRIES + 1):
             if not self._sound(done.end):
                 return done
             shorter = self._shortest_peak(seen, done.length, GRAZES if peaks else MARGIN)
-            skipped = done.length > TOLERANCE and bool((seen.skips() & self._gaps).any())
-            shorter = min(shorter, done.length / 2) if skipped else shorter
+            meets, sure = (1.0, False) if done.length <= max(clear, TOLERANCE) else seen.meets()
+            clear = meets * done.length if sure else clear
+            skipped = meets < (1 - GRAZES if seen.rise else 1)
+            shorter = min(shorter, meets * done.length) if skipped else shorter
             if shorter == done.length or peaks >= (TRIES if skipped else SECANTS):
                 break
             done, seen = self._evaluated(t, shorter, dt, dh)
@@ -321,6 +345,7 @@ class HybridRun:
             done, seen = self._located(t, RootBracket(0.0, self._first, done.length, seen.end), done, seen)
             done.near = self._judge(done.event, done.length, seen)
         self._judge_end(t + done.length, seen)
+        self._speeds = seen.reach[-1] / done.length if done.length > 0 else self._speeds
         self._crossed = seen.end > 0
         self._crossed[done.event] &= done.event < 0
         self._level = np.minimum(self._level, np.maximum(seen.end + self._level, 0.0))

@@ -252,10 +252,8 @@ class InterpretedEngine:
         error = ca.MX(nx, 1)
         for weight, slope in zip(method.error, slopes, strict=False):
             error = error + (h * weight * slope if estimate else 0)
-        inside = [
-            x + h * sum(float(w) * k for w, k in zip(row, slopes, strict=False)) for row in method.inner
-        ]
-        inner = ca.horzcat(*inside) if kernel.events else ca.MX(nx, 0)
+        inside = ca.mtimes(h * ca.horzcat(*slopes[: method.stages]), ca.DM(method.dense))
+        inner = inside if kernel.events else ca.MX(nx, 0)
         return ca.Function("step", [x, t, h, dt, dh, c], [end, peaks, error, inner])
 
     def _combined(
@@ -282,7 +280,10 @@ class InterpretedEngine:
         return {}
 
     def steps(self, n: int, estimate: bool) -> ca.Function:
-        """So many steps with the same constants: states, peak quantities, errors, states inside."""
+        """So many steps with the same constants: states, peak quantities, errors, and what states inside add.
+
+        These are coefficients of the powers 1 to 4 of the part of a step, four columns for each.
+        """
         if (n, estimate) not in self._made:
             self._made[n, estimate] = self._step(estimate).mapaccum("steps", n)
         return self._made[n, estimate]

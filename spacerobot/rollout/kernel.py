@@ -93,6 +93,11 @@ class Kernel:
     names: tuple[str, ...] = ()
     noise: NoiseInput = field(default_factory=NoiseInput)
 
+    @property
+    def gaps(self) -> tuple[int, ...]:
+        """Events whose guards are minus a gap, in the order of the speeds that ``values`` gives."""
+        return tuple(number for number, event in enumerate(self.events) if event.gap)
+
     def size(self, function: str, argument: str) -> int:
         """Length of an argument of a function."""
         f = self.functions[function]
@@ -182,26 +187,29 @@ def _seen(functions: Mapping[str, ca.Function]) -> tuple[int, ...]:
     values, dynamics = functions["values"], functions["dynamics"]
     at = [ca.SX.sym(name, dynamics.numel_in(name)) for name in dynamics.name_in()]
     rates = ca.sparsify(ca.SX(dynamics(*at)[0]))
-    used = set(values.jac_sparsity(0, 1).get_triplet()[1])
+    used = {place for output in (0, 1) for place in values.jac_sparsity(output, 1).get_triplet()[1]}
     return tuple(sorted(used & set(rates.sparsity().row())))
 
 
 def _hybrid(
     loop: ClosedLoopFunctions, at: Mapping[str, ca.SX], state: ca.SX, sums: ca.SX, prepared: ca.SX
 ) -> dict[str, ca.Function]:
-    """Rows of tables; guards, their values alone, and updates, which leave the integrals ``sums`` alone."""
+    """Rows of tables; guards, their values with the speeds of gaps, and updates.
+
+    Updates leave the integrals ``sums`` alone.
+    """
     t, found = at["t"], dict[str, ca.Function]()
     if loop.tables:
         found["rows"] = sx_function("rows", at, {"row": ca.SX(loop.rows(t, state, prepared))})
     if not loop.events:
         return found
     xdot, e = ca.SX.sym("xdot", state.numel()), ca.SX.sym("e")
-    g, rate = loop.guards(t, state, prepared, xdot)
+    g, rate, speed = loop.guards(t, state, prepared, xdot)
     after = ca.vertcat(loop.update(t, state, prepared, e), sums)
     slopes = ca.vertcat(xdot, ca.SX.sym("y", sums.numel()))
     return found | {
         "guards": sx_function("guards", {**at, "xdot": slopes}, {"g": g, "rate": rate}),
-        "values": sx_function("values", at, {"g": g}),
+        "values": sx_function("values", at, {"g": g, "speed": speed}),
         "update": sx_function("update", {**at, "e": e}, {"x_after": after}),
     }
 

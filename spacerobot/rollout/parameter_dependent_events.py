@@ -44,7 +44,7 @@ def moving_events(kernel: Kernel, wrt: Sequence[int], reached: Collection[int]) 
     seen = ca.vertcat(x, t, c)  # entries up to nx are states, then comes time
     nx = x.numel()
     constants = {nx + 1 + place for place in reached}
-    guards = _dependencies(f["values"](t, x, c), seen)
+    guards = _dependencies(f["values"](t, x, c)[0], seen)
     sets = []
     for event in range(len(kernel.events)):
         after = ca.SX(f["update"](t, x, c, event))

@@ -46,7 +46,7 @@ def resumed(loop: Any) -> Any:
         outputs=ca.Function("outputs", given, _all(loop.outputs, at), names, loop.outputs.name_out()),
         gaps=ca.Function("gaps", [ca.vertcat(p, own)], [ca.SX(loop.gaps(p))], ["p"], ["gap"]),
         guards=ca.Function(
-            "guards", [*given, xdot], _all(loop.guards, (*at, xdot)), [*names, "xdot"], ["g", "rate"]
+            "guards", [*given, xdot], _all(loop.guards, (*at, xdot)), [*names, "xdot"], loop.guards.name_out()
         ),
         rows=ca.Function("rows", given, [loop.rows(*at)], names, ["row"]),
         update=ca.Function("update", [*given, e], [loop.update(*at, e)], [*names, "e"], ["x_after"]),

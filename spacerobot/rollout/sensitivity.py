@@ -104,7 +104,7 @@ def _functions(
         after = f["update"](t, x, c, event)
         told = {"g": g, "rate": g_rate, "slope": along(g)}
         hybrid["guards"] = sx_function("guards", {**at, "xdot": slope}, told)
-        hybrid["values"] = sx_function("values", at, {"g": g})
+        hybrid["values"] = sx_function("values", at, {"g": g, "speed": f["values"](t, x, c)[1]})
         updated = {"x_after": _paired(after, along(after), n)}
         hybrid["update"] = sx_function("update", {**at, "e": event}, updated)
     if kernel.tables:

@@ -1,6 +1,17 @@
 """Convex shapes as CasADi expressions: signed distance, normal and one point of a pair."""
 
-from spacerobot.shapes.pairs import CROWN, Implicit, Proximity, have_distance, held_gap, is_exact, proximity
+from spacerobot.shapes.pairs import (
+    CROWN,
+    Implicit,
+    MovingShape,
+    Proximity,
+    approach_speed,
+    core_radius,
+    have_distance,
+    held_gap,
+    is_exact,
+    proximity,
+)
 from spacerobot.shapes.shape import ConvexKind, Nearest, Shape
 from spacerobot.shapes.support import CrownedTerm, SmoothTerm, Support
 
@@ -9,11 +20,14 @@ __all__ = [
     "ConvexKind",
     "CrownedTerm",
     "Implicit",
+    "MovingShape",
     "Nearest",
     "Proximity",
     "Shape",
     "SmoothTerm",
     "Support",
+    "approach_speed",
+    "core_radius",
     "have_distance",
     "held_gap",
     "is_exact",

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import casadi as ca
 
+from spacerobot.dynamics.algebra import cross
 from spacerobot.shapes import crowned
 from spacerobot.shapes.shape import ConvexKind, Shape
 
@@ -79,6 +81,78 @@ def proximity(one: Shape, other: Shape, crown: ca.SX | float = CROWN) -> Proximi
     else:
         (gap, away, nearest), lead = crowned.to_shape(one, other, ca.SX(crown))
     return Proximity(gap, -away, nearest + away * gap / 2, lead)
+
+
+def approach_speed(shapes: Sequence[MovingShape], crown: ca.SX | float = CROWN) -> ca.SX:
+    """Upper bound of the rate of the gap of two moving shapes (1x1) [m/s].
+
+    With the nearest points p1 and p2, the unit vector n from p1 to p2, and the bodies' velocity fields v1 and
+    v2, the gap's rate is ``n.(v2(p2) - v1(p1))``. Since p2 - p1 is along n, this is ``n.w(p2)``, where
+    w = v2 - v1 is the second's motion relative to the first, with omega = omega_2 - omega_1:
+    ``n.(w(c2) + omega x (p2 - c2))``. A ball's part of p2 - c2 is along n, so that with r2, the radius about
+    c2 of the shape without its ball, the rate is at most ``|w(c2)| + |omega| r2``. Likewise about c1; and at
+    most ``|v2(c2) - v1(c1)| + |omega_1| r1 + |omega_2| r2``. None depends on where the nearest points are.
+
+    Parameters
+    ----------
+    shapes
+        The two shapes and their motions; at most one is a half-space.
+    crown
+        Height of the dome on flat faces and straight edges, of half their length (1x1).
+
+    Returns
+    -------
+    ca.SX
+        The least of these bounds.
+    """
+    one, other = shapes
+    turning = ca.norm_2(other.angular - one.angular)
+    bounds, radii = [], [core_radius(moving.shape, crown) for moving in shapes]
+    for moving, radius in zip(shapes, radii, strict=True):
+        if radius is not None:
+            centre = moving.shape.position
+            bounds.append(ca.norm_2(other.velocity(centre) - one.velocity(centre)) + turning * radius)
+    if radii[0] is not None and radii[1] is not None:
+        apart = ca.norm_2(other.linear - one.linear)
+        bounds.append(apart + ca.norm_2(one.angular) * radii[0] + ca.norm_2(other.angular) * radii[1])
+    return ca.mmin(ca.vertcat(*bounds))
+
+
+@dataclass(frozen=True)
+class MovingShape:
+    """A shape that moves with its body.
+
+    Attributes
+    ----------
+    shape
+        The shape, world axes.
+    linear, angular
+        Velocity of its origin (3x1) [m/s] and angular velocity (3x1) [rad/s], world axes.
+    """
+
+    shape: Shape
+    linear: ca.SX
+    angular: ca.SX
+
+    def velocity(self, point: ca.SX) -> ca.SX:
+        """Velocity (3x1) [m/s] of its material point at a point (3x1) [m]."""
+        return self.linear + cross(self.angular, point - self.shape.position)
+
+
+def core_radius(shape: Shape, crown: ca.SX | float) -> ca.SX | None:
+    """Radius (1x1) [m] about its origin that holds a shape without its ball; None for a half-space.
+
+    A support function h is sublinear: ``h(n) <= sum |n_i| h(+-e_i)``, so that the norm of its greatest values
+    along three axes bounds it.
+    """
+    if shape.kind.is_halfspace:
+        return None
+    terms, axes = shape.kind.support(ca.SX.eye(3), shape.measures).terms, ca.SX.eye(3)
+    reaches = [
+        [sum((term.reach(side * axes[:, i], ca.SX(crown)) for term in terms), ca.SX(0)) for side in (1, -1)]
+        for i in range(3)
+    ]
+    return ca.norm_2(ca.vertcat(*(ca.fmax(*pair) for pair in reaches)))
 
 
 class Implicit(NamedTuple):

@@ -20,6 +20,7 @@ class Rule:
     sets: tuple[tuple[int, bool], ...] = ()
     ends: bool = False
     kink: bool = False
+    gap: bool = False
     clock: bool = False
     silent: bool = False
     routine: bool = False
@@ -57,7 +58,7 @@ class Hybrid:
         after = x
         for number, new in enumerate(self.updates(t, x, c)):
             after = ca.if_else(e == number, ca.vertcat(*new), after)
-        found = [ca.if_else(armed, guards, -ca.inf), ca.if_else(armed, rates, 0)]
+        found = [ca.if_else(armed, guards, -ca.inf), ca.if_else(armed, rates, 0), ca.SX(0, 1)]
         return SimpleNamespace(
             parameter_paths=tuple(self.parameters),
             parameter_values=np.array(list(self.parameters.values())),

@@ -104,7 +104,7 @@ class ReplayLoop:
             ca.Function("normalise", [x], [ca.vertcat(normalise(model, q), v)], ["x"], ["n"]),
             ca.Function("outputs", at, [v], at_names, ["velocity"]),
             ca.Function("gaps", [p], [none], ["p"], ["gap"]),
-            ca.Function("guards", [*at, xdot], [none, none], [*at_names, "xdot"], ["g", "rate"]),
+            ca.Function("guards", [*at, xdot], [none] * 3, [*at_names, "xdot"], ["g", "rate", "speed"]),
             ca.Function("update", [*at, e], [x], [*at_names, "e"], ["x_after"]),
             ca.Function("rows", at, [none], at_names, ["row"]),
         )

@@ -1,10 +1,10 @@
 // Events of hybrid motion: where each fires, and what it changes. An event fires where its guard is above zero, and a
 // guard that is not armed is minus infinity. SWITCH lists the places in c of the switches, which are constant between
 // events; SETS holds what each event makes of them (-1: leaves it), ENDS whether the rollout is over with it,
-// KINK whether it only marks where a law is not smooth, GAP whether its guard is minus a gap, CLOCK whether it is time less
-// that of a sample, which events alone change, SILENT whether it is not told, ROUTINE whether batches do not tell it, FIXED whether no parameter that derivatives are
-// asked for moves its time. FINE lists switches, FINE_STEP the longest step while one is on,
-// FINE_GROW over how many of these steps grow behind its beginning, and shrink before its end.
+// KINK whether it only marks where a law is not smooth, CLOCK whether it is time less that of a sample, which events alone
+// change, SILENT whether it is not told, ROUTINE whether batches do not tell it, FIXED whether no parameter that derivatives
+// are asked for moves its time. GAP lists the events whose guards are minus a gap. FINE lists switches, FINE_STEP the
+// longest step while one is on, FINE_GROW over how many of these steps grow behind its beginning, and shrink before its end.
 //
 // Every step is tried. Where no guard is above zero at its end, it is done; else the lane takes it once more, with other
 // lengths, until the end lies behind the earliest root by less than TOLERANCE. Then the event fires, and the rest of the
@@ -30,9 +30,10 @@ constexpr double GRAZES = 1e-3;       // part of a step within which a guard tha
 constexpr double MARGIN = 0.05;       // part of its bend that a guard's cubic may be wrong
 constexpr double UNSURE = 0.01;       // part of it by which it is wrong where half the step is tried
 constexpr double WRONG = 12;          // a guard may be above its cubic by so many times what that is wrong by at CHECK
-constexpr double SURGE = 1.3;         // a gap may close so many times as fast where it turns as it is seen to elsewhere
+constexpr double DEEP = 1e-6;         // no contact is missed that is deeper than this, m
 enum { CHECK = 2 };                   // which of the places inside checks the cubic
 constexpr double EARLY = 5e-13;       // a clock's guard is above zero so long before its instant, s
+enum { LOOKS = 1000 };                // at gaps within a step, before it is halved
 enum { SECANTS = 8, TRIES = 60 };     // lengths tried at peaks, or before they are halved; in all
 enum { BURST = 100 };                 // more events than that within one step are chattering
 enum Doubt { NONE, GRAZING, COINCIDENT, AT_END };
@@ -46,10 +47,10 @@ struct Happened {
 #endif
 };
 
-// The guards at a state.
-INLINE void values(Trajectory& at, real t, const real* x, real* g) {
+// The guards at a state, and bounds of the rates of gaps.
+INLINE void values(Trajectory& at, real t, const real* x, real* g, real* speed) {
   const real instant[1] = {t};
-  G::values(instant, x, at.c, g);
+  G::values(instant, x, at.c, g, speed);
 }
 
 // The guards at a state, their rates along xdot, and for sensitivities their derivatives along the lane's direction.
@@ -64,7 +65,7 @@ INLINE void guards(Trajectory& at, real t, const real* x, const real* xdot, real
 
 // Begin the next length tried from nothing.
 INLINE void forget(Watch& w, int l) {
-  lane(w.low, l) = lane(w.tries, l) = lane(w.peak, l) = 0., lane(w.high, l) = INFINITY;
+  lane(w.low, l) = lane(w.tries, l) = lane(w.peak, l) = lane(w.clear, l) = 0., lane(w.high, l) = INFINITY;
 }
 
 static void watch(Trajectory& at) {
@@ -72,6 +73,7 @@ static void watch(Trajectory& at) {
   for (int i = 0; i < SWITCHES; ++i) w.mode[i] = at.c[SWITCH[i]];
   for (int i = 0; i < EVENTS; ++i) w.level[i] = w.first[i] = w.crossed[i] = w.before[i] = w.after[i] = 0.;
   for (int f = 0; f < FINES; ++f) w.on[f] = 0., w.off[f] = INFINITY;
+  for (int n = 0; n < GAPS; ++n) w.speed[n] = 0.;
   w.last = -1., w.fresh = 1., w.burst = w.graded = 0., w.since = -INFINITY;
   for (int l = 0; l < LANES; ++l) forget(w, l), at.fired[l] = at.doubt[l] = at.doubted[l] = 0;
 }
@@ -82,9 +84,10 @@ static void aim(const Job& job, Trajectory& at) {
   Watch& w = at.now.watch;
   Step& s = at.now.step;
   if (any(w.fresh)) {
-    real g[EVENTS];
-    values(at, s.t, at.now.x, g);
+    real g[EVENTS], speed[GAPS + 1];
+    values(at, s.t, at.now.x, g, speed);
     for (int i = 0; i < EVENTS; ++i) w.first[i] = select(w.fresh, g[i], w.first[i]);
+    for (int n = 0; n < GAPS; ++n) w.speed[n] = select(w.fresh, speed[n], w.speed[n]);
   }
   for (int l = 0; CLOCKS && l < LANES; ++l) {
     if (lane(s.busy, l) == 0 || lane(at.now.alive, l) == 0 || lane(w.high, l) < INFINITY) continue;
@@ -138,9 +141,11 @@ struct Guard {
   }
 };
 
-// The guards of a step that was tried, from their levels: at its beginning, with their rates, inside, and at its end.
+// The guards of a step that was tried, from their levels: at its beginning, with their rates, inside, and at its end;
+// bounds of the rates of gaps there; and the part of the step at which a gap is closed, or half where none is sure.
 struct Tried {
   real g0[EVENTS], rate[EVENTS], inner[3][EVENTS], g1[EVENTS];
+  real fast[3][GAPS + 1], fast1[GAPS + 1], meets;
 };
 
 // Doubts in a gradient through event e at the end of a step of length h: that the guard turns back soon, or that
@@ -187,25 +192,6 @@ template <class T> INLINE T unsure(const Cubic<T>& g, T check) {
   return wrong > UNSURE * g.bend() + TOGETHER * (fabs(g.b[0]) + fabs(g.b[3])) && seen + WRONG * wrong > 0.;
 }
 
-// Truth where shapes may meet and part between two of the places at which their gap is seen (-g, with its rate where the
-// step begins). A gap closes no faster than the shapes move, so that between gaps a and b, seen a time T apart, it stays
-// above (a + b - speed T) / 2: conservative advancement. The speed is the largest that is seen along the step, and more
-// where the gap turns within T, as it does where one shape passes the other.
-template <class T> INLINE T skips(T rate, T g0, T third, T check, T two_thirds, T g1) {
-  constexpr double place[] = {0., M::INSIDE[0], M::INSIDE[CHECK], M::INSIDE[1], 1.};
-  const T g[] = {g0, third, check, two_thirds, g1};
-  T speed = 0., found = 0.;
-  for (int i = 0; i < 4; ++i) speed = fmax(speed, fabs(g[i + 1] - g[i]) / (place[i + 1] - place[i]));
-  for (int i = 0; i < 4; ++i) {
-    const T reach = speed * (place[i + 1] - place[i]), chord = fabs(g[i + 1] - g[i]), both = g[i] + g[i + 1];
-    const T before = i > 0 ? g[i] - g[i - 1] : rate, after = i < 3 ? g[i + 2] - g[i + 1] : T(-1.);
-    const T turns = i < 3 ? T(1.) : T(chord < 0.8 * reach), fast = both + reach > 0. && chord < 0.999 * reach;
-    const T slow = both + SURGE * reach > 0. && turns;
-    found = found || (before > 0. && (after < 0. || g[i + 1] < g[i]) && (slow || fast));
-  }
-  return found;
-}
-
 // Where a cubic has its maximum; NAN where it has none.
 static double peak_of(const Cubic<double>& g) {
   const double first = g.b[1] - g.b[0], second = g.b[2] - g.b[1], third = g.b[3] - g.b[2];
@@ -213,9 +199,9 @@ static double peak_of(const Cubic<double>& g) {
   return b > 0 ? first / (b + root) : (b - root) / a;
 }
 
-// How long a step of lane l must be to end at the first peak of a guard that may rise above its level within it; and
-// whether shapes may have met within it unseen.
-static double shortest_peak(Trajectory& at, int l, const Tried& tried, bool& skipped) {
+// How long a step of lane l must be to end at the first peak of a guard that may rise above its level within it, or
+// where shapes meet within it; and whether they do. At the end of a step that `rises` a guard is above its level.
+static double shortest_peak(Trajectory& at, int l, const Tried& tried, bool rises, bool& skipped) {
   const double h = lane(at.now.step.h, l), margin = lane(at.now.watch.peak, l) >= 1 ? GRAZES : MARGIN;
   double shortest = h;
   for (int i = 0; i < EVENTS; ++i) {
@@ -228,12 +214,10 @@ static double shortest_peak(Trajectory& at, int l, const Tried& tried, bool& ski
     if (s > SHORTEST && s < 1 - GRAZES && s * h > TOLERANCE && g.at(s) > -margin * bend)
       shortest = ::fmin(shortest, s * h);
     if (h > TOLERANCE && unsure(g, lane(tried.inner[CHECK][i], l))) shortest = ::fmin(shortest, h / 2);
-    if (GAP[i] && h > TOLERANCE &&
-        skips<double>(lane(tried.rate[i], l), lane(tried.g0[i], l), lane(tried.inner[0][i], l),
-                      lane(tried.inner[CHECK][i], l), lane(tried.inner[1][i], l), lane(tried.g1[i], l)))
-      shortest = ::fmin(shortest, h / 2), skipped = true;
   }
-  return shortest;
+  const double meets = lane(tried.meets, l);
+  skipped = h > TOLERANCE && meets < (rises ? 1 - GRAZES : 1);
+  return skipped ? ::fmin(shortest, meets * h) : shortest;
 }
 
 // The first of the events whose guards are above zero, or -1; backwards the one that rose last.
@@ -274,7 +258,7 @@ static void judge_lane(const Job& job, Trajectory& at, int l, const Tried& tried
   }
   if (lane(w.high, l) == INFINITY) {
     bool skipped = false;
-    const double shorter = shortest_peak(at, l, tried, skipped);
+    const double shorter = shortest_peak(at, l, tried, event >= 0, skipped);
     double& peaks = lane(w.peak, l);
     if (shorter < h && peaks < (skipped ? TRIES : SECANTS)) {
       ++peaks, h = shorter;
@@ -305,8 +289,10 @@ static void judge_lane(const Job& job, Trajectory& at, int l, const Tried& tried
   }
 }
 
-// The guards at one of the places inside a step, by the state that the slopes give there.
-template <bool SHARED, int PART> INLINE void look_inside(Trajectory& at, const real* k, real* g) {
+// The guards at a part of a step, which may differ between lanes, by the state that the slopes give there; `weight` gives
+// the slopes' weights.
+template <bool SHARED, class Weight>
+INLINE void look_inside(Trajectory& at, const real* k, real part, Weight weight, real* g, real* speed) {
   const Step& s = at.now.step;
   real x[NX];
   std::memcpy(x, at.now.x, sizeof x);
@@ -314,10 +300,97 @@ template <bool SHARED, int PART> INLINE void look_inside(Trajectory& at, const r
     real sum = 0.;
 #pragma GCC unroll 16
     for (int j = 0; j < M::STAGES; ++j)
-      if (M::B[j] != 0) sum = sum + M::INNER[PART][j] * k[place_of<SHARED>(j) + SEEN[n]];
+      if (M::B[j] != 0) sum = sum + weight(j) * k[place_of<SHARED>(j) + SEEN[n]];
     x[SEEN[n]] = x[SEEN[n]] + s.h * sum;
   }
-  values(at, s.t + M::INSIDE[PART] * s.h, x, g);
+  values(at, s.t + part * s.h, x, g, speed);
+}
+
+// The places inside a step.
+template <bool SHARED, int PART> INLINE void look_inside(Trajectory& at, const real* k, Tried& tried) {
+  look_inside<SHARED>(at, k, M::INSIDE[PART], [](int j) { return M::INNER[PART][j]; }, tried.inner[PART], tried.fast[PART]);
+}
+
+// Bodies do not pass each other between two places at which their gap is seen. `speed` bounds the gap's rate wherever
+// the bodies are nearest, so that between gaps a and b, a time T apart, the gap stays above (a + b - speed T) / 2:
+// conservative advancement. The bound is the largest of the five places along the step, and as much more as they differ,
+// since it may be larger in between.
+struct Gap {
+  real a[5], reach;  // at the places of a step; how far it may change in one
+};
+
+constexpr double SEEN_AT[] = {0., M::INSIDE[0], M::INSIDE[CHECK], M::INSIDE[1], 1.};
+
+INLINE Gap gap_of(const Watch& w, const Step& s, const Tried& tried, int n) {
+  const int i = GAP[n];
+  const real fast[] = {w.speed[n], tried.fast[0][n], tried.fast[CHECK][n], tried.fast[1][n], tried.fast1[n]};
+  real most = fast[0], least = fast[0];
+  for (int p = 1; p < 5; ++p) most = fmax(most, fast[p]), least = fmin(least, fast[p]);
+  return {{-tried.g0[i], -tried.inner[0][i], -tried.inner[CHECK][i], -tried.inner[1][i], -tried.g1[i]},
+          s.h * (most + (most - least))};
+}
+
+// Truth where a gap may close between two places of a step.
+INLINE real may_close(const Gap& gap) {
+  real found = 0.;
+  for (int p = 0; p < 4; ++p)
+    found = found || gap.a[p] + gap.a[p + 1] + 2 * DEEP < gap.reach * (SEEN_AT[p + 1] - SEEN_AT[p]);
+  return found;
+}
+
+// Part of lane l's step that no gap closes before, from a part `to` with gaps `now`: as far as what was seen at the places
+// of the step is enough, and from there as far as the last gaps allow.
+static double advanced(const Gap* gaps, int l, double to, real* now) {
+  for (int p = 1; p < 5; ++p) {
+    if (to >= SEEN_AT[p]) continue;
+    for (int n = 0; n < GAPS; ++n)
+      if (lane(now[n], l) + lane(gaps[n].a[p], l) + 2 * DEEP < lane(gaps[n].reach, l) * (SEEN_AT[p] - to)) p = 5;
+    if (p == 5) break;
+    to = SEEN_AT[p];
+    for (int n = 0; n < GAPS; ++n) lane(now[n], l) = lane(gaps[n].a[p], l);
+  }
+  double ahead = 1 - to;
+  for (int n = 0; n < GAPS; ++n)
+    if (lane(gaps[n].reach, l) > 0) ahead = ::fmin(ahead, (lane(now[n], l) + DEEP) / lane(gaps[n].reach, l));
+  return to + ahead;
+}
+
+// Advance along the steps of the lanes that `doubt` by the states inside, so far at a time that no gap can close, and note
+// the part at which one is closed. These states are wrong by no more than the one at the step's end, where the true gap is
+// known: where a gap is not more than that, or there are too many looks, half the step shall be tried.
+template <bool SHARED>
+static void advance_gaps(Trajectory& at, const real* k, const Gap* gaps, real doubt, Tried& tried) {
+  Watch& w = at.now.watch;
+  const Step& s = at.now.step;
+  real g[EVENTS], speed[GAPS + 1], now[GAPS + 1], wrong[GAPS + 1], part = 1.;
+  const auto weight = [&part](int j) {
+    return part * (M::DENSE[j][0] + part * (M::DENSE[j][1] + part * (M::DENSE[j][2] + part * M::DENSE[j][3])));
+  };
+  look_inside<SHARED>(at, k, part, weight, g, speed);
+  for (int n = 0; n < GAPS; ++n) {
+    const real off = fabs(g[GAP[n]] - w.level[GAP[n]] + gaps[n].a[4]);
+    wrong[n] = select(off < INFINITY, off, 0.), now[n] = gaps[n].a[0];
+  }
+  part = 0.;
+  for (int looks = 0; any(doubt); ++looks) {
+    for (int l = 0; l < LANES; ++l) {
+      if (lane(doubt, l) == 0) continue;
+      lane(part, l) = advanced(gaps, l, lane(part, l), now);
+      if (!(lane(part, l) < 1)) lane(doubt, l) = 0;
+      else if (looks >= LOOKS) lane(doubt, l) = 0, lane(tried.meets, l) = 0.5;
+    }
+    if (!any(doubt)) return;
+    look_inside<SHARED>(at, k, part, weight, g, speed);
+    for (int n = 0; n < GAPS; ++n) {
+      now[n] = w.level[GAP[n]] - g[GAP[n]];
+      for (int l = 0; l < LANES; ++l) {
+        if (lane(doubt, l) == 0 || lane(now[n], l) > lane(wrong[n], l)) continue;
+        const bool meets = lane(now[n], l) <= 0;
+        lane(doubt, l) = 0, lane(tried.meets, l) = meets ? lane(part, l) : 0.5;
+        if (meets) lane(w.clear, l) = lane(part, l) * lane(s.h, l);
+      }
+    }
+  }
 }
 
 // Find out in which lanes that `count` the step to `next` is done, and what happens with it.
@@ -329,11 +402,11 @@ INLINE void judge(const Job& job, Trajectory& at, const real* k, const real* nex
   real end[EVENTS], off[FINES + 1], stirs = 0.;
   for (int f = 0; f < FINES; ++f) off[f] = INFINITY;
   if (int(CLOCKS) < int(EVENTS)) {
-    look_inside<SHARED, 0>(at, k, tried.inner[0]);
-    look_inside<SHARED, 1>(at, k, tried.inner[1]);
-    look_inside<SHARED, CHECK>(at, k, tried.inner[CHECK]);
+    look_inside<SHARED, 0>(at, k, tried);
+    look_inside<SHARED, 1>(at, k, tried);
+    look_inside<SHARED, CHECK>(at, k, tried);
   }
-  values(at, s.t + s.h, next, end);
+  values(at, s.t + s.h, next, end, tried.fast1);
   for (int i = 0; i < EVENTS; ++i) {
     w.level[i] = select(w.last == real(double(i)), fmax(w.first[i], 0.), w.level[i]);
     const real level = w.level[i], g0 = w.first[i] - level, g1 = end[i] - level;
@@ -347,11 +420,18 @@ INLINE void judge(const Job& job, Trajectory& at, const real* k, const real* nex
     const real near = -3. * MARGIN * g.bend();
     stirs = stirs || g1 > 0. || (g0 > 0. && w.fresh) || g.b[1] > near || g.b[2] > near;
     stirs = stirs || unsure(g, tried.inner[CHECK][i]);
-    if (GAP[i])
-      stirs = stirs || skips<real>(1., g0, tried.inner[0][i], tried.inner[CHECK][i], tried.inner[1][i], g1);
     const real left = g1 / (3. * (g.b[2] - g1)) * s.h;
     for (int f = 0; f < FINES; ++f)
       if (SETS[i][FINE[f]] == 0) off[f] = select(left > 0., fmin(off[f], s.t + s.h + left), off[f]);
+  }
+  tried.meets = 1.;
+  if constexpr (GAPS > 0) {
+    Gap gaps[GAPS];
+    real doubt = 0.;
+    for (int n = 0; n < GAPS; ++n) gaps[n] = gap_of(w, s, tried, n), doubt = doubt || may_close(gaps[n]);
+    doubt = doubt && count && s.h > w.clear && w.high == real(INFINITY);
+    if (any(doubt)) advance_gaps<SHARED>(at, k, gaps, doubt, tried);
+    stirs = stirs || tried.meets < 1.;
   }
   const real last = count && s.t + s.h >= job.time(job.intervals) - TOGETHER;
   stirs = count && (stirs || w.peak || (w.high < INFINITY));
@@ -372,6 +452,7 @@ INLINE void judge(const Job& job, Trajectory& at, const real* k, const real* nex
     w.level[i] = select(done, fmin(w.level[i], fmax(end[i], 0.)), w.level[i]);
     w.first[i] = select(done, end[i], w.first[i]);
   }
+  for (int n = 0; n < GAPS; ++n) w.speed[n] = select(done, tried.fast1[n], w.speed[n]);
   for (int f = 0; f < FINES; ++f) w.off[f] = select(done, off[f], w.off[f]);
   w.last = select(done, -1., w.last), w.fresh = w.fresh && !done;
   found.cut = found.cut || (done && w.graded);
@@ -420,8 +501,8 @@ static void finish(Trajectory& at, real cut) {
   Step& s = at.now.step;
   const real over = cut && s.busy && s.begin >= s.end && s.to == real(-1.);
   if (!any(over)) return;
-  real g[EVENTS], left = 0.;
-  values(at, s.t, at.now.x, g);
+  real g[EVENTS], speed[GAPS + 1], left = 0.;
+  values(at, s.t, at.now.x, g, speed);
   for (int i = 0; i < EVENTS; ++i) left = left || g[i] > at.now.watch.level[i];
   for (int l = 0; l < LANES; ++l)
     if (lane(over, l) != 0 && lane(left, l) == 0) lane(s.to, l) = HERE, lane(s.busy, l) = lane(s.h, l) = 0.;

@@ -11,7 +11,7 @@
 // `tables.hpp` comes next where there are TABLES; and where there are EVENTS, see `events.hpp`:
 //
 //   guards(t, x, c, xdot -> g, rate)   an event fires where its guard is above zero; rates along xdot
-//   values(t, x, c -> g)               the guards alone
+//   values(t, x, c -> g, speed)        the guards alone; for each of GAPS, how fast it closes at most
 //   update(t, x, c, e -> x)            state after event e
 //
 // The state x ends with INTEGRALS integrals. Of m, the first PEAKS rows compete for the largest value; each further
@@ -90,11 +90,14 @@ enum { HERE = -2 };
 constexpr double TOGETHER = 1e-9;  // what is so close may change places, s
 
 #if EVENTS
+enum { GAPS = G::values_speed };
 // How far each lane is with its next event; `events.hpp` tells more. Guards count from their levels.
 struct Watch {
   real mode[SWITCHES + 1];             // the switches
   real level[EVENTS];                  // what each guard must rise above
   real first[EVENTS];                  // the guards where the step begins, from zero; not there yet while `fresh`
+  real speed[GAPS + 1];                // bounds of the rates of gaps where the step begins
+  real clear;                          // length of the step within which no gap closes
   real crossed[EVENTS];                // truth where a guard rose above its level in the last step, with an event
   real last;                           // event that fired last, until a step is done; or -1
   real fresh;                          // truth where a guard above its level fires at once

@@ -82,11 +82,11 @@ class Tableau:
         return tuple(found)
 
     @property
-    def inner(self) -> Array:
-        """Weights (3, S) of states inside a step, at the parts :data:`INNER`, by the slopes that b reads.
+    def dense(self) -> Array:
+        """Weights of states inside a step: coefficients (S, 4) of the powers 1 to 4 of the part of the step.
 
-        They are of order 4, or one less than the solution's where that is lower: the least weights that meet
-        the conditions of that order.
+        They are of order 4, or one less than the solution's where that is lower: the least weights, of the
+        slopes that b reads, that meet the conditions of that order.
         """
         a, c = self.a[: self.stages, : self.stages], np.array(self.nodes[: self.stages])
         read = np.flatnonzero(self.b)
@@ -94,10 +94,15 @@ class Tableau:
         trees = [(1, 1, c**0), (2, 2, c), (3, 3, c**2), (3, 6, once)]
         trees += [(4, 4, c**3), (4, 8, c * once), (4, 12, twice), (4, 24, a @ once)]
         met = [tree for tree in trees if tree[0] <= min(4, self.order - 1)]
-        rows, found = np.array([tree[read] for _, _, tree in met]), np.zeros((len(INNER), self.stages))
-        for weights, part in zip(found, INNER, strict=True):
-            sides = [part**order / density for order, density, _ in met]
-            weights[read] = np.linalg.lstsq(rows, np.array(sides), rcond=1e-10)[0]
+        found, inverse = np.zeros((self.stages, 4)), np.linalg.pinv([tree[read] for _, _, tree in met], 1e-10)
+        for (order, density, _), column in zip(met, inverse.T, strict=True):
+            found[read, order - 1] += column / density
+        return found
+
+    @property
+    def inner(self) -> Array:
+        """Weights (3, S) of states inside a step, at the parts :data:`INNER`."""
+        found: Array = np.power.outer(np.array(INNER), np.arange(1, 5)) @ self.dense.T
         return found
 
     def source(self) -> str:
@@ -107,7 +112,8 @@ class Tableau:
             return "{" + ", ".join(repr(float(v)) for v in np.asarray(values)) + "}"
 
         total, stages = len(self.nodes), self.stages
-        places, inner = ", ".join(map(str, self.places)), ", ".join(row(r) for r in self.inner)
+        places = ", ".join(map(str, self.places))
+        inner, dense = (", ".join(row(r) for r in rows) for rows in (self.inner, self.dense))
         lines = [
             f"enum {{ STAGES = {stages}, TOTAL = {total}, PLACES = {max(self.places) + 1} }};",
             f"static constexpr double A[TOTAL][TOTAL] = {{{', '.join(row(r) for r in self.a)}}};",
@@ -116,6 +122,7 @@ class Tableau:
             f"static constexpr double E[TOTAL] = {row(self.error)};",
             f"static constexpr double INSIDE[{len(INNER)}] = {row(INNER)};",
             f"static constexpr double INNER[{len(INNER)}][STAGES] = {{{inner}}};",
+            f"static constexpr double DENSE[STAGES][4] = {{{dense}}};",
             f"static constexpr int PLACE[STAGES] = {{{places}}};",
         ]
         return "struct Method {\n  " + "\n  ".join(lines) + "\n};"

@@ -45,11 +45,14 @@ class SteppedEngine(Engine):
         return np.array([event.guard(moment) for event in self.events])
 
     def gaps(self, x: Array) -> tuple[Array, Array]:
-        """Gaps [m] between the shapes of all contacts, and how fast they change [m/s] (n,) each."""
+        """Gaps [m] between the shapes of all contacts, and bounds of their rates [m/s] (n,) each."""
         q, v, _ = self.split(x)
-        kinematics = Kinematics(self.model, q, v)
-        found = [touch for contact in self.scene.contacts for touch in touches(kinematics, contact)]
-        return np.array([touch.gap for touch in found]), np.array([touch.opening for touch in found])
+        kinematics, found = Kinematics(self.model, q, v), list[tuple[float, float]]()
+        for contact in self.scene.contacts:
+            for touch in touches(kinematics, contact):
+                found.append((touch.gap, kinematics.approach_speed(touch.pair, contact.config.crown)))
+        gaps, speeds = np.array(found).reshape(-1, 2).T
+        return gaps, speeds
 
     def happen(self, number: int, t: float, x: Array, within: float | None = None) -> Array:
         """The state after an event (nx,)."""
