@@ -29,7 +29,7 @@ from viz.figures.style import labels_of
 from viz.page.centres_of_mass import mass_data, no_masses
 from viz.page.contacts import contact_data, grip_data, no_contacts, no_grips
 from viz.page.events import event_data
-from viz.page.limits import joint_limits
+from viz.page.limits import drawn_limits
 from viz.page.meshcat_scene import Meshes, changed_descriptions, packed, poses, rounded
 from viz.page.panel import panel_data
 from viz.page.planet import planet_data
@@ -214,7 +214,7 @@ def run_data(shown: AnimatedResult) -> dict[str, Any]:
         "events": event_data(result),
         "fine_time": packed(result.array("time")[finer]),
         "errors": [packed(error[:, k]) if tip in led else None for k, tip in enumerate(tips)],
-        "quantities": signal_data(shown_over_time, finer, joint_limits(shown.scene)),
+        "quantities": signal_data(shown_over_time, finer, drawn_limits(shown.scene)),
     }
 
 

@@ -180,7 +180,17 @@ def _grasps(result: Result) -> list[PlottedQuantity]:
             "grip torque by axis", "N m", _along(result.array("grasp_torque"), names, _about(result))
         ),
         PlottedQuantity("gap of grips", "mm", _size(result.array("grasp_gap") * 1e3, names, colours)),
+        PlottedQuantity("misalignment of grips", "deg", _misalignments(result, names, colours)),
     ]
+
+
+def _misalignments(result: Result, names: Sequence[str], colours: Sequence[tuple[str, int]]) -> list[Signal]:
+    """Angles between tips and where they are mated, of grasps that know it."""
+    if "grasp_misalignment" not in result.data:
+        return []
+    turned = np.degrees(np.linalg.norm(result.data.grasp_misalignment, axis=-1))
+    own = zip(names, turned.T, colours, strict=True)
+    return [Signal(name, values, colour) for name, values, colour in own if np.isfinite(values).all()]
 
 
 def _contacts(result: Result) -> list[PlottedQuantity]:

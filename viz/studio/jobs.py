@@ -24,12 +24,14 @@ class Jobs:
         The structures that designs have.
     send
         Sends a message to a page.
+    more
+        What does kinds of jobs beside those of ``DO``.
     """
 
     methods = staticmethod(methods)
 
-    def __init__(self, plants: DesignCache, send: Send) -> None:
-        self._plants, self._send = plants, send
+    def __init__(self, plants: DesignCache, send: Send, more: Mapping[str, Callable[..., None]]) -> None:
+        self.plants, self._send, self._do = plants, send, {**DO, **more}
         self._names = map(str, itertools.count(1))
         self._job: Job | None = None
 
@@ -59,12 +61,12 @@ class Jobs:
     def _run(self, job: Job) -> None:
         job.tell(always=True, progress=0.0, message="building and compiling")
         try:
-            found = self._plants.find(job.request.values)
+            found = self.plants.find(job.request.values)
             if found is None:
-                self._plants.make(job.request.values)
-                found = self._plants.find(job.request.values)
+                self.plants.make(job.request.values)
+                found = self.plants.find(job.request.values)
             assert found is not None
-            DO[job.request.kind](self._plants, *found, job)
+            self._do[job.request.kind](self.plants, *found, job)
             self._send(None, {"type": "compiling", "why": ""})
         except Exception as fault:  # a defect is told as well, instead of a job that never ends
             self._send(None, {"type": "compiling", "why": ""})

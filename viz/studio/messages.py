@@ -24,7 +24,10 @@ MAX_DEPTH = 16
 LARGEST = 1e300
 """Numbers from here on count as infinite."""
 
-KINDS = ("set", "gradient", "improve", "tune", "campaign", "stop", "save", "command")
+KINDS = (
+    *("set", "gradient", "improve", "tune", "campaign", "stop", "save", "command"),
+    *("urdfs", "draft", "open", "plan"),
+)
 """What a page may ask."""
 
 

@@ -60,7 +60,6 @@ class Studio(Loopback):
     ) -> None:
         self.token = secrets.token_urlsafe(24)
         self.session = StudioSession(origin, folder, tell)
-        self._title = origin.scene.scenario.name
         super().__init__(port)
 
     @property
@@ -89,7 +88,12 @@ class Studio(Loopback):
 
     def payload(self) -> dict[str, Any]:
         """Initial data of the page."""
-        return {"title": self._title, "about": "connecting", "runs": [], "studio": True}
+        return {
+            "title": self.session.origin.scene.scenario.name,
+            "about": "connecting",
+            "runs": [],
+            "studio": True,
+        }
 
 
 def studio(scene: Scene, *, folder: StrPath = FOLDER, port: int = FIRST_PORT) -> Studio:

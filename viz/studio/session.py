@@ -5,20 +5,23 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
-from spacerobot.errors import SpaceRobotError
+from spacerobot.errors import ScenarioError, SpaceRobotError
 from spacerobot.result import Result
 from spacerobot.rollout import Trajectory
 from spacerobot.rollout.engine_factory import ADJOINT
+from spacerobot.scene import load_scene
 from spacerobot.simulation import STEP_ERROR_LIMIT
 from viz.page.animation import notices, run_data, shown_data
 from viz.page.meshcat_scene import Meshes
 from viz.studio.bookmarks import KINDS as SAVED
-from viz.studio.bookmarks import command_line, keep
+from viz.studio.bookmarks import command_line, keep, place
+from viz.studio.docking import Docking, UrdfChoice, plan
+from viz.studio.job import Job
 from viz.studio.jobs import Jobs
 from viz.studio.messages import Request, packets, read
 from viz.studio.metric_slopes import differences
@@ -31,7 +34,7 @@ REST_S = 0.2
 MOST_WAITING = 16
 """Files that wait at most to be written; one more is refused."""
 
-NEWEST = ("set", "gradient", "command")
+NEWEST = ("set", "gradient", "command", "urdfs", "draft", "open")
 """Requests of which only a page's newest counts, the more urgent ones first."""
 
 
@@ -66,6 +69,7 @@ class StudioSession:
 
     def __init__(self, origin: Origin, folder: Path, tell: Callable[[str], None] = lambda _: None) -> None:
         self.origin, self.folder = origin, folder
+        self._choice, self._drafted = UrdfChoice(Path.cwd(), folder), set[Path]()
         self._pages: dict[PageConnection, PreparedDesign] = {}
         self._tell = tell
         self.plants = DesignCache(origin, self._say)
@@ -77,7 +81,7 @@ class StudioSession:
         self._waiting: deque[tuple[PageConnection, Request]] = deque()
         self._change = threading.Condition()
         self._closed = self._prepared = False
-        self._jobs = Jobs(self.plants, self._broadcast)
+        self._jobs = Jobs(self.plants, self._broadcast, {"plan": self._plan_approach})
         self._thread = _begin(self._work)
         _begin(self._write)
 
@@ -188,8 +192,43 @@ class StudioSession:
             self.origin.build(self.plants.changes(request.values))
         elif request.kind == "gradient":
             self._gradient(page, request)
+        elif request.kind == "urdfs":
+            sent = request.more.get("text")
+            name = self._choice.upload(request.text("name"), request.text("text")) if sent else None
+            self._send(page, {"type": "urdfs", "files": list(self._choice.files()), "uploaded": name})
+        elif request.kind == "draft":
+            self._send(page, Docking.of(request, self._choice).plain(request, self._choice))
+        elif request.kind == "open":
+            _begin(lambda: self._attempt(self._open, page, request))
         else:
             self._send(page, {"type": "command", "text": self._command(request)})
+
+    def _open(self, _: PageConnection, request: Request) -> None:
+        """Write a drafted docking, and work on it from now on."""
+        docking = Docking.of(request, self._choice)
+        if docking.file.exists() and docking.file not in self._drafted:
+            raise ScenarioError("exists already; choose another name", source=docking.file)
+        self._drafted.add(docking.write())
+        self._move(docking.file)
+
+    def _move(self, file: Path) -> None:
+        """Work on another scenario; every page opens again."""
+        origin = Origin(load_scene(file), str(file))
+        plants = DesignCache(origin, self._say)
+        with self._change:
+            self.origin, self.plants, self._jobs.plants, self._prepared = origin, plants, plants, False
+            self._newest.clear()
+            self._resting.clear()
+        self._broadcast(None, {"type": "moved"})
+
+    def _plan_approach(
+        self, plants: DesignCache, _: PreparedDesign, __: Mapping[str, float], job: Job
+    ) -> None:
+        """Plan the approach of a design, and work on the scenario that follows the plan."""
+        scene = plants.origin.build(plants.changes(job.request.values))
+        followed = plan(scene, place(self.folder, f"{scene.scenario.name}-plan", ""), job)
+        if followed is not None:
+            self._move(followed)
 
     def _plant(
         self, page: PageConnection, request: Request, *, gradients: bool = False
@@ -300,6 +339,7 @@ class StudioSession:
             "methods": [list(named) for named in self._jobs.methods().items()],
             "saves": list(SAVED),
             "suggested": list(sliders),
+            "plans": scenario.plan is not None,
         }
 
     def _gradient(self, page: PageConnection, request: Request) -> None:

@@ -5,8 +5,8 @@ import { inked, strokeOf, themed } from "./theme.js";
 export function curvesTable({ signals, window: [begin, end] }) {
   const columns = signals.runs.flatMap(({ label, time }, r) => {
     const rows = [...time.keys()].filter((i) => time[i] >= begin && time[i] <= end), who = signals.runs.length > 1 ? `${label}: ` : "";
-    const shown = signals.shown.flatMap(({ title, unit, signals: own }) => own.filter(({ values }) => values[r]).map(({ name, values }) => (
-      [`${who}${title} ${name} [${unit}]`, rows.map((i) => values[r][Math.min(i, values[r].length - 1)])]
+    const shown = signals.shown.flatMap(({ unit, signals: own }) => own.filter(({ values }) => values[r]).map(({ title: of, name, values }) => (
+      [`${who}${of} ${name} [${unit}]`, rows.map((i) => values[r][Math.min(i, values[r].length - 1)])]
     )));
     return [[`${who}time [s]`, rows.map((i) => time[i])], ...shown];
   });
@@ -31,7 +31,7 @@ export function curvesPicture({ drawn, times, signals }) {
     let left = 8;
     const say = (text, colour) => { pen.fillStyle = colour; pen.fillText(text, left, top + 13); left += pen.measureText(text).width + 12; };
     say(`${one.title} [${one.unit}]`, themed("--ink"));
-    for (const signal of one.signals) say(`— ${signal.name}`, inked(signal.colour));
+    for (const signal of one.signals) say(`— ${signals.called(signal)}`, inked(signal.colour));
     signals.runs.forEach(({ label }, r) => { if (r) say(`${strokeOf(r)[0]}: ${label}`, themed("--dim")); });
     pen.drawImage(one.plot.ctx.canvas, 0, top + line, one.plot.width, one.plot.height);
     top += parts[k];

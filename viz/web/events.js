@@ -1,8 +1,8 @@
 // Phases and events of the first run, in a strip above the seek bar: a click on one goes there.
 import { button } from "./format.js";
 
-const PHASE_COLOURS = ["#31485f", "#4a3f5c"]; // in turn, so that neighbours differ
-const EVENT_COLOURS = { captured: "#4fd1a5", released: "#9aa8b8", slipped: "#ff5d6c", touched: "#ff5d6c", parted: "#9aa8b8" };
+export const PHASE_COLOURS = ["#31485f", "#4a3f5c"]; // in turn, so that neighbours differ
+export const EVENT_COLOURS = { other: "#f0e442", captured: "#4fd1a5", released: "#9aa8b8", slipped: "#ff5d6c", touched: "#ff5d6c", parted: "#9aa8b8" };
 
 export class EventStrip {
   constructor(root, { onSeek }) {
@@ -27,7 +27,7 @@ export class EventStrip {
     const ticks = marks.map(([time, text, kind]) => {
       const tick = button("", `${text}, ${time.toFixed(3)} s`, () => this.onSeek(time));
       tick.className = "tick";
-      tick.style.color = EVENT_COLOURS[kind] || "#f0e442";
+      tick.style.color = EVENT_COLOURS[kind] || EVENT_COLOURS.other;
       return place(tick, time);
     });
     this.root.replaceChildren(...spans, ...ticks);

@@ -7,6 +7,13 @@ export function called(body) {
   return body === "target" ? "object" : body;
 }
 
+// Names as people read them: without the robot where all have the same one, and in words ("servicer/left_tip": "left tip").
+export function shortNames(names) {
+  const heads = new Set(names.map((name) => name.split("/", 2)).map(([head, rest]) => (rest === undefined ? "" : head)));
+  const one = heads.size === 1 && !heads.has("");
+  return names.map((name) => (one ? name.slice(name.indexOf("/") + 1) : name).replace(/[/_]/g, " "));
+}
+
 export class Labels {
   constructor(root) {
     this.root = root;

@@ -15,7 +15,7 @@ import { Readout } from "./readout.js";
 import { Scene } from "./scene.js";
 import { cloudOf } from "./shapes.js";
 import { Signals } from "./signals.js";
-import { LIGHT } from "./theme.js";
+import { chosenScheme, isLight, onScheme, scheme } from "./theme.js";
 import { Timeline } from "./timeline.js";
 
 export class Player {
@@ -28,7 +28,7 @@ export class Player {
     this.events = new EventStrip($("events"), { onSeek: (time) => this.timeline.go(time) });
     this.chart = new Chart($("chart"), {
       onSeek: (time) => this.timeline.go(time),
-      onRemove: (title) => { this.signals.choose(title, undefined, false); this.picked(); },
+      onChange: () => this.picked(),
     });
     this.picker = new SignalPicker($("picker"), $("signals"), () => this.picked());
     this.portrait = new Portrait($("portrait"), $("portraying"), () => this.note());
@@ -67,7 +67,7 @@ export class Player {
     this.legend.load((layer) => this.present(layer));
     this.picker.load(this.signals);
     this.portrait.load(this.signals);
-    this.chart.load(this.signals, this.scene.end);
+    this.chart.load(this.signals, this.scene.end, payload.runs[0].events);
     this.offer();
     this.speak();
     this.events.load(payload.runs[0].events, this.scene.end);
@@ -79,19 +79,18 @@ export class Player {
 
   // Other motions of the same bodies: time, view and the choice of signals stay.
   renew(runs, notices) {
-    const chosen = this.signals.text, { end } = this.scene, count = this.scene.runs.length;
+    const { end } = this.scene, count = this.scene.runs.length;
     this.payload = { ...this.payload, runs, notices };
     this.words();
     const others = this.scene.renew(runs);
-    this.signals = new Signals(runs);
-    this.signals.text = chosen;
+    this.signals = new Signals(runs, this.signals);
     this.magnifier.load(this.scene.runs);
     this.legend.load((layer) => this.present(layer));
     this.picker.load(this.signals);
     this.portrait.load(this.signals);
-    this.chart.load(this.signals, this.scene.end);
+    this.chart.load(this.signals, this.scene.end, runs[0].events);
     if (others) {
-      this.readout.load(this.scene.runs, this.scene.colours);
+      this.readout.load(this.scene.runs, this.scene.colours, this.signals.full);
       this.labels.load(this.scene.runs);
     }
     this.events.load(runs[0].events, this.scene.end);
@@ -113,6 +112,7 @@ export class Player {
   panel(open) {
     $("panel").hidden = !open;
     $("paneling").setAttribute("aria-expanded", String(open));
+    this.laidOut();
   }
 
   // Whether there is anything of a layer to show.
@@ -150,7 +150,7 @@ export class Player {
 
   // Words that follow the runs' objects.
   speak() {
-    this.readout.load(this.scene.runs, this.scene.colours);
+    this.readout.load(this.scene.runs, this.scene.colours, this.signals.full);
     this.labels.load(this.scene.runs);
     this.magnifier.load(this.scene.runs);
     this.controls();
@@ -172,6 +172,15 @@ export class Player {
     this.controls();
     this.timeline.seek(this.timeline.time);
     this.note();
+  }
+
+  // Signals and tips by the names of the result, or short.
+  name(full) {
+    this.signals.full = full;
+    $("fullnames").setAttribute("aria-pressed", String(full));
+    this.picker.load(this.signals);
+    this.speak();
+    this.picked();
   }
 
   picked() {
@@ -200,7 +209,7 @@ export class Player {
   laidOut() {
     if (!this.payload) return;
     this.chart.resize();
-    const [left, right] = this.chart.drawn.length ? this.chart.span : [0, 0];
+    const [left, right] = this.chart.seen ? this.chart.span : [0, 0];
     this.events.align(...this.timeline.align(left, right));
     this.magnifier.draw(this.timeline.time);
   }
@@ -275,6 +284,7 @@ export class Player {
     $("earlier").addEventListener("click", () => this.chart.pan(-0.25));
     $("later").addEventListener("click", () => this.chart.pan(0.25));
     $("table").addEventListener("click", () => saveText(curvesTable(this.chart), `${this.fileName}.csv`, "text/csv"));
+    $("fullnames").addEventListener("click", () => this.name(!this.signals.full));
     $("plot").addEventListener("click", () => save(curvesPicture(this.chart), `${this.fileName}-curves.png`));
     $("paneling").addEventListener("click", () => this.panel($("panel").hidden));
     $("about").addEventListener("click", () => $("about").classList.toggle("whole"));
@@ -286,7 +296,10 @@ export class Player {
       if (this.scene.eye.moved && !this.timeline.playing) this.note();
     });
     window.addEventListener("resize", () => this.laidOut());
-    LIGHT.addEventListener("change", () => { if (this.payload) this.picked(); });
+    const schemed = () => { $("scheme").textContent = isLight() ? "dark" : "light"; if (this.payload) this.picked(); };
+    onScheme(schemed);
+    schemed();
+    $("scheme").addEventListener("click", () => { scheme(isLight() ? "dark" : "light"); this.note(); });
     window.addEventListener("keydown", (event) => this.key(event));
   }
 
@@ -314,7 +327,7 @@ export class Player {
       ["t", timeline.time.toFixed(3)], ["play", timeline.playing ? "1" : ""],
       ["speed", timeline.speed === 1 ? "" : String(timeline.speed)],
       ["arrange", scene.over ? "over" : ""], ["look", scene.near ? "near" : scene.auto || !this.payload?.shots?.length ? "" : "all"], ["follow", scene.followed],
-      ["signals", this.signals.text], ["phase", this.portrait.text], ["layers", this.legend.text],
+      ["signals", this.signals.text], ["scheme", chosenScheme()], ["names", this.signals.full ? "full" : ""], ["phase", this.portrait.text], ["layers", this.legend.text],
       ["eye", pose && pose.map((value) => Number(value.toPrecision(6))).join(" ")],
     ];
   }
@@ -334,6 +347,8 @@ export class Player {
     if (wanted.has("arrange")) scene.lay(wanted.get("arrange") === "over");
     if (wanted.has("look")) scene.look(wanted.get("look") || "auto");
     if (wanted.has("signals")) { this.signals.text = wanted.get("signals"); this.picked(); }
+    if (wanted.has("scheme")) scheme(wanted.get("scheme"));
+    if (wanted.get("names") === "full") this.name(true);
     if (wanted.has("phase")) this.portrait.text = wanted.get("phase");
     if (wanted.has("t")) timeline.seek(Number(wanted.get("t")));
     if (wanted.has("follow")) scene.follow(wanted.get("follow"));

@@ -1,5 +1,6 @@
 // Time, and the size of each tip's error.
 import { element, errorSize, mark } from "./format.js";
+import { shortNames } from "./labels.js";
 import { tipColour } from "./shapes.js";
 
 export class Readout {
@@ -8,8 +9,8 @@ export class Readout {
     this.values = [];
   }
 
-  // ``colours``: of the runs, where they lie over each other.
-  load(runs, colours) {
+  // ``colours``: of the runs, where they lie over each other; ``full``: tips by the names of the result.
+  load(runs, colours, full) {
     runs = runs.filter(({ data }) => !data.pale);
     this.clock = element("div", "", "time");
     this.phase = element("div", "", "phase");
@@ -17,7 +18,8 @@ export class Readout {
     const rows = [this.clock, this.phase];
     runs.forEach((run, r) => {
       if (runs.length > 1) rows.push(this.heading(run.data.label, colours && colours[r]));
-      run.data.tip_names.forEach((name, k) => {
+      const { tip_names: names } = run.data;
+      (full ? names : shortNames(names)).forEach((name, k) => {
         if (!run.errors[k]) return;
         const row = element("div", undefined, "tip"), value = element("b");
         row.append(mark(tipColour(k)), `${name} error `, value);

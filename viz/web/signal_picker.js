@@ -1,4 +1,5 @@
 // The list from which signals are chosen: quantities, and the signals of each.
+import { draggable } from "./chart.js";
 import { element, mark } from "./format.js";
 
 export class SignalPicker {
@@ -23,7 +24,7 @@ export class SignalPicker {
   load(signals) {
     this.signals = signals;
     this.opener.disabled = signals.quantities.length === 0;
-    const listed = JSON.stringify(signals.quantities.map(({ title, unit, signals: own }) => [title, unit, own.map(({ name, colour }) => [name, colour])]));
+    const listed = JSON.stringify([signals.full, ...signals.quantities.map(({ title, unit, signals: own }) => [title, unit, own.map(({ name, colour }) => [name, colour])])]);
     if (listed === this.listed) { this.update(); return; } // what is open stays open
     this.listed = listed;
     this.groups = signals.quantities.map((quantity) => this.group(quantity));
@@ -36,9 +37,10 @@ export class SignalPicker {
     const whole = element("details"), summary = element("summary");
     const all = this.box(`all of ${title}`, (wanted) => this.signals.choose(title, undefined, wanted));
     summary.append(all, `${title} [${unit}]`);
-    const boxes = signals.map(({ name, colour }) => {
-      const label = element("label"), box = this.box(name, (wanted) => this.signals.choose(title, name, wanted));
-      label.append(box, mark(colour), name);
+    const boxes = signals.map((signal) => {
+      const { name, colour } = signal, label = draggable(element("label"), signal), box = this.box(name, (wanted) => this.signals.choose(title, name, wanted));
+      label.title = `${name}; drag it into a panel`;
+      label.append(box, mark(colour), this.signals.called(signal));
       return { name, box, label };
     });
     whole.append(summary, ...boxes.map(({ label }) => label));
@@ -72,7 +74,7 @@ export class SignalPicker {
     const words = this.search.value.toLowerCase().split(/\s+/).filter(Boolean);
     for (const { title, whole, boxes } of this.groups || []) {
       for (const { name, label } of boxes) {
-        const text = `${title} ${name}`.toLowerCase();
+        const text = `${title} ${name} ${label.textContent}`.toLowerCase();
         label.hidden = !words.every((word) => text.includes(word));
       }
       whole.hidden = boxes.every(({ label }) => label.hidden);

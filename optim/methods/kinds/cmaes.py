@@ -15,7 +15,7 @@ class CmaEs(EvolutionaryMethod):
     """Covariance matrix adaptation (CMA-ES), which restarts by itself."""
 
     name: ClassVar[str] = "cmaes"
-    title: ClassVar[str] = "CMA-ES"
+    title: ClassVar[str] = "CMA-ES: covariance adaptation"
     place: ClassVar[float] = 5
 
     def algorithm(self, protocol: EvolutionSettings, first: Array) -> Any:

@@ -15,7 +15,7 @@ class DifferentialEvolution(EvolutionaryMethod):
     """Differential evolution."""
 
     name: ClassVar[str] = "de"
-    title: ClassVar[str] = "differential evolution"
+    title: ClassVar[str] = "DE: differential evolution"
     place: ClassVar[float] = 3
 
     def algorithm(self, protocol: EvolutionSettings, first: Array) -> Any:

@@ -15,7 +15,7 @@ class GeneticAlgorithm(EvolutionaryMethod):
     """Genetic algorithm, with the paper's probabilities."""
 
     name: ClassVar[str] = "ga"
-    title: ClassVar[str] = "GA (evolution)"
+    title: ClassVar[str] = "GA: genetic algorithm"
     place: ClassVar[float] = 2
     has_own_budget: ClassVar[bool] = True
 

@@ -17,7 +17,7 @@ class NonlinearProgramming(TuningMethod):
     """Nonlinear programming from several starts."""
 
     name: ClassVar[str] = "nlp"
-    title: ClassVar[str] = "NLP (gradients)"
+    title: ClassVar[str] = "NLP: gradient-based"
     place: ClassVar[float] = 8
     uses_gradients: ClassVar[bool] = True
 

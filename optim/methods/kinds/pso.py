@@ -15,7 +15,7 @@ class ParticleSwarm(EvolutionaryMethod):
     """Particle swarm optimisation."""
 
     name: ClassVar[str] = "pso"
-    title: ClassVar[str] = "particle swarm"
+    title: ClassVar[str] = "PSO: particle swarm"
     place: ClassVar[float] = 4
 
     def algorithm(self, protocol: EvolutionSettings, first: Array) -> Any:

@@ -16,7 +16,7 @@ class RandomSearch(PointSearch):
     """Uniform random points."""
 
     name: ClassVar[str] = "random"
-    title: ClassVar[str] = "random points"
+    title: ClassVar[str] = "random: independent points"
     place: ClassVar[float] = 7
 
     def points(self, sequence: Any, rng: np.random.Generator, count: int) -> Array:

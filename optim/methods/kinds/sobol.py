@@ -16,7 +16,7 @@ class SobolSearch(PointSearch):
     """Points of a scrambled Sobol sequence."""
 
     name: ClassVar[str] = "sobol"
-    title: ClassVar[str] = "Sobol points"
+    title: ClassVar[str] = "Sobol: quasi-random points"
     place: ClassVar[float] = 6
 
     def points(self, sequence: Any, rng: np.random.Generator, count: int) -> Array:

@@ -89,7 +89,7 @@ def test_it_says_time_and_the_tip_errors_of_the_result(browser, paper, tmp_path)
     assert "t = 3.00 s" in words
     row = paper.data.tip_error.sel(time=3.0, method="nearest")
     for tip in ("rpr1/tip", "rpr2/tip"):
-        said = float(re.search(rf"{tip} error ([\d.]+) mm", words)[1])
+        said = float(re.search(rf"{tip.replace(chr(47), chr(32))} error ([\d.]+) mm", words)[1])
         assert said == pytest.approx(np.linalg.norm(row.sel(tip=tip)) * 1e3, abs=6e-3)
 
 

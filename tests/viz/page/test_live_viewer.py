@@ -102,7 +102,7 @@ def test_a_page_follows_a_run(browser, viewer, paper):
     assert browser.evaluate("document.querySelector('#busy progress').value") == 40
     viewer.show(paper)
     browser.wait_for("document.body.dataset.shown === '2' && Number(document.body.dataset.time) > 0.2")
-    assert "rpr1/tip error" in browser.evaluate("document.getElementById('readout').innerText")
+    assert "rpr1 tip error" in browser.evaluate("document.getElementById('readout').innerText")
     assert browser.evaluate("document.getElementById('busy').hidden")
     assert viewer.wait_for_page(0)
     assert browser.errors == []

@@ -170,3 +170,104 @@ def test_many_curves_have_colours_of_their_own_that_can_be_read():
 def _luminance(rgb):
     part = rgb / 255
     return np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722]
+
+
+PLOTS = "uPlot.sync('time').plots"  # one for each panel
+SPANS = f"{PLOTS}.map((plot) => [plot.scales.y.min, plot.scales.y.max])"
+TITLES = "[...document.querySelectorAll('.panel')].map((e) => e.querySelector('.curves').innerText)"
+
+
+def _drag(page, dragged, onto):
+    page.evaluate(
+        "((from, to) => { const data = new DataTransfer(), event = (kind) => new DragEvent(kind, "
+        "{ dataTransfer: data, bubbles: true, cancelable: true }); from.dispatchEvent(event('dragstart')); "
+        f"to.dispatchEvent(event('dragover')); to.dispatchEvent(event('drop')); }})({dragged}, {onto})"
+    )
+
+
+def test_a_signal_is_dragged_into_a_panel_of_its_unit_or_gets_one_of_its_own(shown):
+    page = shown("#t=5&play=0&signals=tip error;gap of grips;joint torque:rpr1/joint_1")
+    last = "[...document.querySelectorAll('.panel')].at({}).querySelectorAll('.curves [draggable]')[0]"
+    _drag(page, last.format(0), "document.querySelectorAll('.panel')[1]")
+    words = page.evaluate(TITLES)
+    assert len(words) == 3
+    assert "rpr1 tip" not in words[0]
+    assert "tip error rpr1 tip" in words[1]
+    assert len(set(page.evaluate(f"{PLOTS}[1].series.slice(1).map(({{ _stroke }}) => _stroke)"))) == 3
+    _drag(page, last.format(2), "document.querySelectorAll('.panel')[0]")  # another unit: below that panel
+    assert "joint torque" in page.evaluate(TITLES)[1]
+    wanted = "tip error:rpr2/tip;joint torque:rpr1/joint_1;gap of grips|tip error:rpr1/tip"
+    page.wait_for(f"decodeURIComponent(location.hash).replace(/\\+/g, ' ').includes('signals={wanted}')")
+    fragment = page.evaluate("location.hash")
+    words = page.evaluate(TITLES)
+    assert shown(fragment).evaluate(TITLES) == words
+    assert page.errors == []
+
+
+def test_a_panel_shows_the_range_of_what_is_seen_and_logarithms(shown, paper):
+    page = shown("#t=5&play=0&signals=tip error;tip error by axis:rpr1/tip x")
+    error = np.linalg.norm(paper.data.tip_error.values, axis=-1) * 1e3
+    assert page.evaluate(SPANS)[0][0] == 0
+    assert error.max() <= page.evaluate(SPANS)[0][1] < 1.1 * error.max()
+    for _ in range(5):
+        page.evaluate("document.getElementById('nearer').click()")
+    begin, end = page.evaluate(f"(({{ min, max }}) => [min, max])({PLOTS}[0].scales.x)")
+    inside = (paper.data.time.values >= begin) & (paper.data.time.values <= end)
+    seen = error[inside].max()
+    assert seen <= page.evaluate(SPANS)[0][1] < 1.1 * seen < 0.95 * error.max()
+    page.evaluate("document.querySelector('.panel .curves button:nth-of-type(2)').click()")
+    least, most = page.evaluate(SPANS)[0]
+    assert page.evaluate(f"{PLOTS}[0].scales.y.distr") == 3
+    assert 0 < least <= error[inside].min()
+    assert most >= seen
+    page.wait_for("location.hash.includes('%7Elog') || location.hash.includes('~log')")
+    assert page.errors == []
+
+
+def test_panels_get_other_heights_by_hand_and_by_keys(shown):
+    page = shown("#t=5&play=0&signals=tip error;joint torque")
+    heights = f"{PLOTS}.map((plot) => plot.height)"
+    first = page.evaluate(heights)
+    bar = "document.querySelector('.panel .divider')"
+    page.evaluate(f"{bar}.dispatchEvent(new KeyboardEvent('keydown', {{ key: 'ArrowDown', bubbles: true }}))")
+    assert page.evaluate(heights) == [first[0] + 12, first[1]]
+    assert page.evaluate("document.body.dataset.time") == "5.000"
+    x, y = page.evaluate(f"((b) => [b.left + b.width / 2, b.top + 3])({bar}.getBoundingClientRect())")
+    moves = (("mouseMoved", 0), ("mousePressed", 0), ("mouseMoved", 30), ("mouseReleased", 30))
+    for kind, down in moves:
+        pressed = {"button": "left", "buttons": 1, "clickCount": 1} if down or "Pressed" in kind else {}
+        page.call("Input.dispatchMouseEvent", type=kind, x=x, y=y + down, **pressed)
+    assert page.evaluate(heights) == [first[0] + 42, first[1]]
+    page.evaluate("document.querySelector('#chart > .divider').focus()")
+    stage = page.evaluate("stage.clientHeight")
+    for _ in range(4):
+        page.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowUp", windowsVirtualKeyCode=38)
+    assert page.evaluate("stage.clientHeight") < stage
+    assert page.errors == []
+
+
+def test_names_are_short_and_as_in_the_result_on_demand(shown):
+    page = shown("#t=5&play=0")
+    assert "rpr1 tip error" in page.evaluate("readout.innerText")
+    page.evaluate("document.getElementById('fullnames').click()")
+    assert "rpr1/tip error" in page.evaluate("readout.innerText")
+    assert "rpr1/tip " in page.evaluate(TITLES)[0]
+    page.wait_for("location.hash.includes('names=full')")
+    assert "rpr1/tip" in shown(page.evaluate("location.hash")).evaluate(TITLES)[0]
+
+
+def test_events_limits_and_half_a_phone_for_the_scene(browser, docked, tmp_path):
+    (tmp_path / "page.html").write_text(animation_page(docked), encoding="utf-8")
+    signals = "#t=1&play=0&signals=gap of grips~limits;tip velocity;linear momentum;angular momentum by axis"
+    for size in ((390, 844), (1200, 800)):
+        browser.open(f"{(tmp_path / 'page.html').as_uri()}{signals}", *size)
+        browser.wait_for("document.body?.dataset.ready === 'true'")
+        browser.drawn()
+        assert size[0] > 400 or browser.evaluate("stage.clientHeight / window.innerHeight") >= 0.5
+    assert browser.evaluate(SPANS)[0][1] >= 50  # mm, the envelope's distance
+    captured = next(event for event in docked.summary["events"] if event["kind"] == "captured")
+    left, right, y = browser.evaluate(SPAN)
+    x = left + (right - left) * captured["time_s"] / float(docked.data.time[-1])
+    browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+    assert "captured" in browser.evaluate("document.querySelector('.u-cursor-x').dataset.time")
+    assert browser.errors == []

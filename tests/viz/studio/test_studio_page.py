@@ -115,7 +115,7 @@ def test_designs_are_kept_side_by_side_compared_and_deleted(opened):
     head = "[...document.querySelectorAll('#designs thead th')].map((e) => e.firstChild.firstChild.data)"
     assert page.evaluate(head) == ["this design", "soft", "stiff"]
     rows = page.evaluate("[...document.querySelectorAll('#designs tbody tr')].map((e) => e.innerText)")
-    assert next(row for row in rows if KP in row).split("\t")[2] == "150"
+    assert next(row for row in rows if "arm tip pid kp" in row).split("\t")[2] == "150"
     page.evaluate("document.querySelector('[aria-label=\"Compare with soft\"]').click()")
     page.wait_for("document.querySelector('#chart').innerText.includes('soft (dashed)')")
     page.evaluate("document.querySelector('[aria-label=\"Rename soft\"]').click()")

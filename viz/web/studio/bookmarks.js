@@ -1,6 +1,7 @@
 // Kept designs side by side: their metrics, and the numbers in which they differ.
 import { amountOf, button, element, tableRow } from "../format.js";
 import { short } from "./parameter_tree.js";
+import { shortPath } from "./slider.js";
 
 export class Bookmarks {
   // ``designs``: whose; ``metricsOf`` gives a design's metrics once they are known.
@@ -20,13 +21,14 @@ export class Bookmarks {
     this.designs = designs;
   }
 
-  show(metrics, units) {
+  // ``full``: whether numbers are called by their dotted paths.
+  show(metrics, units, full) {
     const { designs } = this, table = this.root.querySelector("table");
     table.hidden = designs.kept.length === 0;
     if (table.hidden) { this.shown = undefined; return; }
     const columns = [{ name: "this design", values: designs.now, own: true }, ...designs.kept];
     const known = columns.map(({ values }) => this.metricsOf(values));
-    const text = JSON.stringify([columns, known, designs.chosen, metrics.length]);
+    const text = JSON.stringify([columns, known, designs.chosen, metrics.length, full]);
     if (text === this.shown) return; // the focus stays where it is
     this.shown = text;
     const focused = table.contains(document.activeElement) && document.activeElement.getAttribute("aria-label");
@@ -35,7 +37,7 @@ export class Bookmarks {
     table.tHead.replaceChildren(tableRow("", columns.map((one) => this.head(one)), "th"));
     table.tBodies[0].replaceChildren(
       ...metrics.map((metric) => tableRow(metric.label, known.map((own) => amountOf(own?.[metric.key], metric)))),
-      ...paths.map((path) => tableRow(`${path}${units(path) ? ` [${units(path)}]` : ""}`, columns.map(({ values }) => short(value(values, path))))),
+      ...paths.map((path) => tableRow(`${full ? path : shortPath(path)}${units(path) ? ` [${units(path)}]` : ""}`, columns.map(({ values }) => short(value(values, path))))),
     );
     if (focused) table.querySelector(`[aria-label="${CSS.escape(focused)}"]`)?.focus();
   }

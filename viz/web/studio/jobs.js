@@ -14,13 +14,16 @@ export class Jobs {
     this.part = (name) => root.querySelector(`.${name}`);
     this.part("improve").addEventListener("click", () => this.start("improve"));
     this.part("tune").addEventListener("click", () => this.start("tune", { method: this.part("method").value }));
+    this.part("plan").addEventListener("click", () => this.begin({ type: "plan" }));
     this.part("campaign").addEventListener("click", () => this.campaign());
     this.part("stop").addEventListener("click", () => this.ask({ type: "stop", job: this.id }));
     this.part("best").addEventListener("click", () => this.take(true));
     this.enable();
   }
 
-  load(methods) {
+  // ``plans``: whether the scenario has an approach to be planned.
+  load(methods, plans) {
+    this.part("plan").hidden = !plans;
     options(this.part("method"), methods);
     this.enable();
   }
@@ -99,6 +102,7 @@ export class Jobs {
   enable(able = true) {
     this.able = able;
     for (const name of ["improve", "tune", "campaign"]) this.part(name).disabled = this.running || !able;
+    this.part("plan").disabled = this.running;
     this.part("stop").disabled = !this.running || !this.id;
     this.part("progress").hidden = !this.running;
     this.part("best").hidden = this.following || !this.last?.best;

@@ -17,12 +17,12 @@ export class Slider {
     this.bar.addEventListener("input", () => hooks.onValue(number.path, this.valueAt(Number(this.bar.value))));
     this.bar.addEventListener("change", () => hooks.onSettle());
     this.field.addEventListener("change", () => this.typed());
-    const head = element("div", undefined, "head"), name = element("span", number.path, "path");
+    const head = element("div", undefined, "head"), name = this.name = element("span", "", "path");
     name.title = [number.path, number.text].filter(Boolean).join(": ");
     const row = element("div", undefined, "hand");
-    row.append(this.bar, this.field, element("span", number.unit || "", "unit"));
-    head.append(name, button("×", `Remove the slider of ${number.path}`, () => hooks.onRemove(number.path)));
-    this.whole.append(head, row, this.foot());
+    row.append(this.bar, this.field, element("span", number.unit || "", "unit"), this.bounds());
+    head.append(name, this.arrow, button("×", `Remove the slider of ${number.path}`, () => hooks.onRemove(number.path)));
+    this.whole.append(head, row);
   }
 
   input(type, label, more) {
@@ -31,8 +31,8 @@ export class Slider {
     return made;
   }
 
-  foot() {
-    const foot = element("div", undefined, "foot"), bounds = element("details"), log = this.input("checkbox", "logarithmic", {});
+  bounds() {
+    const bounds = element("details"), log = this.input("checkbox", "logarithmic", {});
     this.ends = ["low", "high"].map((end) => {
       const field = this.input("number", `${end === "low" ? "least" : "greatest"} value of the slider`, { step: "any" });
       field.addEventListener("change", () => this.bound({ [end]: Number(field.value) }));
@@ -42,10 +42,9 @@ export class Slider {
     log.addEventListener("change", () => this.bound({ log: log.checked }));
     const label = element("label");
     label.append(log, "logarithmic");
-    this.words = element("summary");
+    this.words = element("summary", "⋯");
     bounds.append(this.words, ...this.ends, label);
-    foot.append(bounds, this.arrow);
-    return foot;
+    return bounds;
   }
 
   typed() {
@@ -69,7 +68,7 @@ export class Slider {
     range.high = Math.min(range.high, this.greatest);
     range.log &&= range.low > 0;
     if (range.low < range.high) Object.assign(this.range, range);
-    this.update(this.value);
+    this.update(this.value, this.name.textContent === this.number.path);
     this.hooks.onRange();
   }
 
@@ -85,7 +84,9 @@ export class Slider {
     return Math.round(NOTCHES * Math.min(1, Math.max(0, share || 0)));
   }
 
-  update(value) {
+  // ``full``: whether it is called by its dotted path.
+  update(value, full) {
+    this.name.textContent = full ? this.number.path : shortPath(this.number.path);
     const { low, high, log } = this.range, said = [value, low, high, log].join();
     this.value = value;
     if (document.activeElement !== this.field || this.field.value === "" || this.field.validity.valid) this.field.value = short(value);
@@ -94,7 +95,7 @@ export class Slider {
     const notch = this.notchOf(value);
     if (Number(this.bar.value) !== notch) this.bar.value = notch;
     this.bar.setAttribute("aria-valuetext", `${short(value)} ${this.number.unit || ""}`);
-    this.words.textContent = `${short(low)} to ${short(high)}${log ? ", logarithmic" : ""}`;
+    this.words.title = this.bar.title = `${short(low)} to ${short(high)}${log ? ", log" : ""}`;
     [this.ends[0].value, this.ends[1].value, this.log.checked] = [short(low), short(high), log];
     this.log.disabled = !(low > 0);
   }
@@ -110,6 +111,11 @@ export class Slider {
     this.arrow.replaceChildren(sign, `${words} for ${value ? "+10 %" : `+1 ${number.unit || ""}`}`);
     this.arrow.title = `${label}: ${digits(slope)} ${unit} per ${number.unit || "1"}`;
   }
+}
+
+// A dotted path as people read it: "robots.rpr1.tips.tip.pid.kp" is "rpr1 tip pid kp".
+export function shortPath(path) {
+  return path.split(".").filter((part) => !["robots", "tips", "grasps", "phases"].includes(part)).join(" ").replace(/_/g, " ");
 }
 
 // What the server says.

@@ -2,6 +2,7 @@
 import { $, digits } from "../format.js";
 import { Bookmarks } from "./bookmarks.js";
 import { Designs, parsed } from "./designs.js";
+import { Docking } from "./docking.js";
 import { Jobs } from "./jobs.js";
 import { Keep } from "./save_design.js";
 import { Metrics } from "./metrics.js";
@@ -31,6 +32,10 @@ export class Studio {
       onBest: (values, settled) => { this.designs.set(values); if (settled) this.designs.settle(); },
       onCloud: (spread) => player.cloud(spread),
     });
+    this.docking = new Docking($("docking"), {
+      ask: (message) => this.wire.send(message),
+      onPreview: (show) => { player.cloud(null); if (show) player.load(show); else if (this.worn) { this.wear(this.worn); this.show(); } },
+    });
     this.sliders = new Map();
     this.slopes = {};
     this.rollouts = new Rollouts((message) => this.wire.send(message), (values, entry) => this.arrived(values, entry));
@@ -50,6 +55,9 @@ export class Studio {
       saving: () => this.keep.say(message.words),
       saved: () => this.keep.saved(message),
       command: () => this.keep.show(message.text, true),
+      urdfs: () => this.docking.offer(message),
+      draft: () => this.docking.show(message),
+      moved: () => { history.replaceState(null, "", location.pathname + location.search); location.reload(); },
     }[message.type];
     if (act) act();
   }
@@ -87,7 +95,7 @@ export class Studio {
     this.metrics.load(hello.metrics, this.metric);
     this.numbers.load(hello.numbers);
     this.bookmarks.load(this.designs);
-    this.jobs.load(hello.methods);
+    this.jobs.load(hello.methods, hello.plans);
     this.keep.load(hello);
     const shown = new URLSearchParams(this.player.payload ? this.player.state().filter(([, value]) => value) : []);
     this.player.load(hello.show);
@@ -135,14 +143,14 @@ export class Studio {
     const { designs, rollouts } = this, known = rollouts.known(designs.now), before = rollouts.known(designs.before?.values);
     rollouts.want(designs.now, [designs.before?.values, ...designs.kept.map(({ values }) => values)]);
     if (known?.run && known.hello !== this.worn) this.wear(known.hello);
-    for (const [path, slider] of this.sliders) slider.update(designs.value(path));
+    for (const [path, slider] of this.sliders) slider.update(designs.value(path), this.player.signals?.full);
     this.numbers.update((path) => designs.value(path), (path) => this.sliders.has(path));
     if (known?.run) this.metrics.show(known.metrics, before?.metrics);
     if (known) this.draw(known, before);
     $("undo").disabled = !designs.canUndo;
     $("redo").disabled = !designs.canRedo;
     $("restore").disabled = Object.keys(designs.now).length === 0;
-    this.bookmarks.show(this.metrics.seen, (path) => this.byPath.get(path)?.unit);
+    this.bookmarks.show(this.metrics.seen, (path) => this.byPath.get(path)?.unit, this.player.signals?.full);
     this.jobs.enable(this.sliders.size > 0);
     this.status();
     this.slope();
@@ -196,6 +204,7 @@ export class Studio {
       set: () => this.rollouts.answer(message),
       save: () => this.keep.say(message.message),
       command: () => this.keep.say(message.message),
+      ...Object.fromEntries(["urdfs", "draft", "open"].map((what) => [what, () => this.docking.say(message.message)])),
     }[message.what] || (() => (this.jobs.running ? this.jobs.refused(message.message) : this.say(message.message)));
     act();
   }
@@ -234,7 +243,7 @@ export class Studio {
     const { slopes: { status }, pieces } = this;
     if (status === "differences") return `Sensitivities (change for +10 %) are finite differences of rollouts until exact gradients are compiled${pieces ? ` (${pieces})` : ""}.`;
     if (!status) return "";
-    return status === "exact" ? "" : `Sensitivities (change for +10 %) may be inaccurate: ${status}.`;
+    return status === "exact" ? "" : `Sensitivities (change for +10 %) may be inaccurate: ${status.replace(/^inaccurate: /, "")}.`;
   }
 
   // How much the metric changes, as the slider's arrow says it.
@@ -250,6 +259,7 @@ export class Studio {
   listen() {
     $("sort").addEventListener("click", () => this.sort());
     $("undo").addEventListener("click", () => this.step(-1));
+    $("fullnames").addEventListener("click", () => this.show());
     $("redo").addEventListener("click", () => this.step(1));
     $("restore").addEventListener("click", () => this.hand(() => this.designs.take({})));
     window.addEventListener("keydown", (event) => this.key(event));

@@ -1,0 +1,135 @@
+"""A docking of one's own from the studio: which URDFs a page may name, the draft, its opening, its plan."""
+
+import shutil
+from types import SimpleNamespace
+
+import pytest
+
+from spacerobot.errors import SpaceRobotError
+from spacerobot.scenario.load import parse_yaml
+from spacerobot.scene import load_scene
+from spacerobot.scene.draft import DraftRequest, draft_capture
+from tests.oracles import one_arm
+from tests.viz.studio.conftest import Asker
+from viz.studio.docking import UrdfChoice
+from viz.studio.messages import Request, read
+from viz.studio.prepared_design import Origin
+from viz.studio.session import StudioSession
+
+MINE = {"name": "mine", "robot": "arm.urdf", "target": "rectangle.urdf"}
+MESH = (
+    "<robot name='a'><link name='a'><visual><geometry><mesh filename={}/></geometry></visual></link></robot>"
+)
+
+
+@pytest.fixture
+def served(tmp_path, monkeypatch):
+    """A session that was started in a folder with an arm, and its page; nothing is compiled."""
+    monkeypatch.setenv("SPACEROBOT_COMPILER", "none")
+    working = tmp_path / "working"
+    working.mkdir()
+    file = one_arm.write(working)
+    monkeypatch.chdir(working)
+    session = StudioSession(Origin(load_scene(file), str(file)), working / "out")
+    page = Asker(session)
+    session.greet(page)
+    page.take("rollout")
+    yield session, page
+    session.close()
+
+
+def test_a_page_names_urdfs_of_the_working_folder_and_no_others(tmp_path):
+    working, out = tmp_path / "working", tmp_path / "working" / "out"
+    (working / "arms").mkdir(parents=True)
+    for place in (working / "arms" / "mine.urdf", tmp_path / "theirs.urdf"):
+        place.write_text("<robot/>")
+    (working / "link.urdf").symlink_to(tmp_path / "theirs.urdf")
+    choice = UrdfChoice(working, out)
+    files = choice.files()
+    assert files["arms/mine.urdf"] == working / "arms" / "mine.urdf"
+    assert "panda_arm.urdf" in files
+    for name in ("link.urdf", "../theirs.urdf", str(tmp_path / "theirs.urdf"), ""):
+        with pytest.raises(SpaceRobotError, match="not offered"):
+            choice.find(name)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *map(MESH.format, ("'/etc/passwd'", '"../x.stl"', "'a/../../x'", "'file:///x'", '"package://a/b"')),
+        "<robot xmlns:xacro='http://ros.org/wiki/xacro'/>",
+        "<!DOCTYPE r [<!ENTITY x SYSTEM 'file:///etc/passwd'>]><robot/>",
+    ],
+)
+def test_an_uploaded_urdf_leads_to_no_other_files(tmp_path, text):
+    with pytest.raises(SpaceRobotError, match="allowed in an uploaded URDF"):
+        UrdfChoice(tmp_path, tmp_path).upload("a.urdf", text)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_uploaded_urdf_is_written_into_the_folder_alone(tmp_path):
+    choice = UrdfChoice(tmp_path / "working", tmp_path / "out")
+    assert choice.upload("../../a.urdf", MESH.format("'meshes/a.stl'")) == "a.urdf"
+    assert choice.find("a.urdf") == tmp_path / "out" / "a.urdf"
+    for name in ("..", "con.urdf", "a b.urdf", ""):
+        with pytest.raises(SpaceRobotError, match="name"):
+            choice.upload(name, "<robot/>")
+
+
+def test_a_docking_is_drafted_placed_opened_and_planned(served, monkeypatch):
+    session, page = served
+    page.ask("urdfs")
+    assert "arm.urdf" in page.take("urdfs")["files"]
+    page.ask("draft", **MINE)
+    draft = page.take("draft", "failed")
+    text, scene = draft_capture(DraftRequest(["arm.urdf"], "rectangle.urdf"), session.folder / "mine.yaml")
+    assert draft["text"] == text  # as `spacerobot new --capture` drafts it
+    assert draft["place"]["position"] == list(scene.scenario.target.base.position)
+    assert draft["chosen"]["frame"] in draft["frames"]
+    assert not (session.folder / "mine.yaml").exists()
+    x, y, z = draft["place"]["position"]
+    page.ask("draft", **MINE, position=f"{x + 0.01}, {y}, {z}", spin_deg="0, 0, 0.5")
+    placed = parse_yaml(page.take("draft", "failed")["text"])["target"]["base"]
+    assert placed["position"] == [x + 0.01, y, z]
+    assert placed["spin_deg"] == [0, 0, 0.5]
+    page.ask("draft", **MINE, position="1, 2")
+    assert "three numbers" in page.take("failed")["message"]
+
+    page.ask("open", **MINE)
+    page.take("moved")
+    assert session.origin.scene.source == session.folder.resolve() / "mine.yaml"
+    again = Asker(session)
+    session.greet(again)
+    hello = again.take("hello")
+    assert (hello["scenario"], hello["plans"]) == ("mine", True)
+    again.take("rollout")
+
+    def make_plan(scene, *, progress):
+        progress("solving")
+        return SimpleNamespace(cost=1.25)
+
+    def write(_, folder):
+        folder.mkdir()
+        shutil.copy(session.folder / "mine.yaml", folder / "followed.yaml")
+
+    monkeypatch.setattr("viz.studio.docking.make_plan", make_plan)  # its own tests plan
+    monkeypatch.setattr("viz.studio.docking.write", write)
+    again.ask("plan")
+    assert "cost 1.25" in again.take("job", until=lambda job: job["state"] == "done")["message"]
+    again.take("moved")
+    assert session.origin.scene.source.parent.name == "mine-plan"
+
+
+def test_a_file_that_is_there_is_not_overwritten(served):
+    session, page = served
+    session.folder.mkdir()
+    (session.folder / "mine.yaml").write_text("name: theirs\n")
+    page.ask("open", **MINE)
+    assert "exists already" in page.take("failed")["message"]
+    assert (session.folder / "mine.yaml").read_text() == "name: theirs\n"
+    page.ask("open", **MINE | {"name": "../mine"})
+    assert "found the name" in page.take("failed")["message"]
+
+
+def test_requests_are_known():
+    assert read('{"type": "draft", "robot": "a.urdf"}') == Request("draft", more={"robot": "a.urdf"})

@@ -1,0 +1,217 @@
+"""A docking of one's own: URDFs to choose from, the draft of their scenario, and a plan of it."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from optim.planning.output.plan_folder import FOLLOWED, check_plan_folder, write
+from optim.planning.search.make_plan import make_plan
+from spacerobot.description.find import shipped_names, shipped_urdf_folder
+from spacerobot.description.read import read_description
+from spacerobot.errors import ScenarioError, near_names
+from spacerobot.files import write_text
+from spacerobot.scenario.load import parse_yaml, validate
+from spacerobot.scene import Scene, build_scene
+from spacerobot.scene.draft import DraftRequest, draft_capture, surface_point
+from spacerobot.scene.draft.arms import ends
+from viz.page.animation import still
+from viz.studio.bookmarks import place
+from viz.studio.edited_text import edited
+from viz.studio.job import Job
+from viz.studio.messages import Request
+
+DEPTHS = ("*.urdf", "*/*.urdf", "*/*/*.urdf")
+"""Where URDFs are looked for below the working folder."""
+
+MOST_URDFS = 300
+"""Of a folder."""
+
+PLACED = {
+    "position": "target.base.position",
+    "velocity": "target.base.velocity",
+    "spin_deg": "target.base.spin_deg",
+}
+"""What of the object's motion may be given in place of what is drafted."""
+
+LEADS_ELSEWHERE = re.compile(r"""xacro|<!\w|filename\s*=\s*["'](?:[/\\]|[^"']*(?::|\.\.))""")
+"""What in an uploaded URDF could lead to other files than those beside it."""
+
+
+@dataclass(frozen=True)
+class UrdfChoice:
+    """URDFs that a page may name: those that ship, those in the working folder, and those it uploaded.
+
+    Attributes
+    ----------
+    working
+        The folder in which the studio was started.
+    folder
+        The only place where anything is written.
+    """
+
+    working: Path
+    folder: Path
+
+    def files(self) -> dict[str, Path]:
+        """Files by the names that a page knows; links that lead out of the two folders are left out."""
+        found = {name: shipped_urdf_folder() / name for name in shipped_names()}
+        for top in (self.working.resolve(), self.folder.resolve()):
+            paths = itertools.islice((path for pattern in DEPTHS for path in top.glob(pattern)), MOST_URDFS)
+            inside = (path for path in sorted(paths) if path.resolve().is_relative_to(top))
+            found |= {path.relative_to(top).as_posix(): path for path in inside}
+        return found
+
+    def find(self, name: str) -> Path:
+        """File of a name.
+
+        Raises
+        ------
+        ScenarioError
+            If a page may not name it.
+        """
+        files = self.files()
+        if name not in files:
+            raise ScenarioError(
+                f"found {name!r}, which was not offered; {near_names(name, files)}", where="urdf"
+            )
+        return files[name]
+
+    def upload(self, name: str, text: str) -> str:
+        """Write a URDF that a page sends, and return its name.
+
+        Raises
+        ------
+        ScenarioError, ResultError
+            If it names other files that are not beside it, or its own name could lead elsewhere.
+        """
+        led = LEADS_ELSEWHERE.search(text)
+        if led is not None:
+            raise ScenarioError(
+                f"found {led[0]!r}, allowed in an uploaded URDF: no xacro, and meshes beside it alone; start "
+                "the studio in the URDF's folder instead",
+                where=name,
+            )
+        path = place(self.folder, Path(name).name, "urdf")
+        self.folder.mkdir(parents=True, exist_ok=True)
+        write_text(path, text)
+        return path.name
+
+
+@dataclass(frozen=True)
+class Docking:
+    """Draft of a docking: the scenario's text and scene, and the file that it is for."""
+
+    file: Path
+    text: str
+    scene: Scene
+
+    @classmethod
+    def of(cls, request: Request, choice: UrdfChoice) -> Docking:
+        """Draft of what a page chose.
+
+        For a point of the surface the object's URDF with a mating frame there is written.
+
+        Raises
+        ------
+        ScenarioError, DescriptionError, ResultError
+            If there can be none.
+        """
+        more = request.more
+        file = place(choice.folder, request.text("name"), "yaml")
+        robot, target = (str(choice.find(request.text(name))) for name in ("robot", "target"))
+        tips, frames = ([more[name]] if more.get(name) else [] for name in ("tip", "frame"))
+        point = numbers(more.get("point"), "point")
+        if point:
+            name, text = surface_point(target, point, file)
+            choice.folder.mkdir(parents=True, exist_ok=True)
+            write_text(file.parent / name, text)
+            target, frames = str((file.parent / name).absolute()), ["mate_point"]
+        text, scene = draft_capture(
+            DraftRequest([robot], target, tips, frames, more.get("base") or None), file
+        )
+        given = {path: numbers(more.get(key), key) for key, path in PLACED.items()}
+        changes = {path: values for path, values in given.items() if values}
+        if changes:
+            changed = edited(text, changes)
+            assert changed is not None, "the draft has no such section"
+            text, source = changed, file.absolute()
+            scene = build_scene(validate(parse_yaml(text, source=source), source=source), source=source)
+        return cls(file, text, scene)
+
+    def plain(self, request: Request, choice: UrdfChoice) -> dict[str, Any]:
+        """Message about it: text, first picture, links to choose from, and the proposed numbers."""
+        robot, target = (read_description(choice.find(request.text(name))) for name in ("robot", "target"))
+        grasp, base = (
+            self.scene.grasps[0],
+            self.scene.scenario.target.base if self.scene.scenario.target else None,
+        )
+        return {
+            "type": "draft",
+            "text": self.text,
+            "file": str(self.file),
+            "tips": ends(robot),
+            "frames": [link.name for link in target.links],
+            "chosen": {"tip": grasp.tip.label, "frame": grasp.config.frame},
+            "place": {key: list(getattr(base, key)) for key in PLACED},
+            "warnings": list(self.scene.warnings),
+            "show": still(self.scene),
+        }
+
+    def write(self) -> Path:
+        """Write the scenario, and return its file."""
+        self.file.parent.mkdir(parents=True, exist_ok=True)
+        write_text(self.file, self.text)
+        return self.file
+
+
+def numbers(text: Any, where: str) -> list[float]:
+    """Three numbers that a page wrote, ``x, y, z``; none where it wrote nothing.
+
+    Raises
+    ------
+    ScenarioError
+        If it wrote something else.
+    """
+    if text in (None, ""):
+        return []
+    try:
+        found = [float(part) for part in str(text).split(",")]
+    except ValueError:
+        found = []
+    if len(found) != 3:
+        raise ScenarioError(f"found {text!r}, allowed: three numbers, as 0.1, 0, -0.2", where=where)
+    return found
+
+
+def plan(scene: Scene, folder: Path, job: Job) -> Path | None:
+    """Plan the approach of a scene, and return the scenario that follows the plan; None if it was stopped.
+
+    Raises
+    ------
+    SpaceRobotError
+        If there is no plan section, or no plan passes the verification.
+    """
+
+    def tell(words: str) -> None:
+        """Report progress."""
+        if job.stop.is_set():
+            raise KeyboardInterrupt  # as Ctrl-C does
+        job.tell(always=True, progress=0.5, message=words)
+
+    check_plan_folder(folder)
+    try:
+        planned = make_plan(scene, progress=tell)
+    except KeyboardInterrupt:
+        job.tell("stopped", progress=1.0, message="")
+        return None
+    write(planned, folder)
+    job.tell(
+        "done",
+        progress=1.0,
+        message=f"cost {planned.cost:.4g}; opening the scenario that follows it",
+    )
+    return folder / FOLLOWED
