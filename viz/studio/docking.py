@@ -124,7 +124,7 @@ class Docking:
         file = place(choice.folder, request.text("name"), "yaml")
         robot, target = (str(choice.find(request.text(name))) for name in ("robot", "target"))
         tips, frames = ([more[name]] if more.get(name) else [] for name in ("tip", "frame"))
-        point = numbers(more.get("point"), "point")
+        point = _numbers(more.get("point"), "point")
         if point:
             name, text = surface_point(target, point, file)
             choice.folder.mkdir(parents=True, exist_ok=True)
@@ -133,7 +133,7 @@ class Docking:
         text, scene = draft_capture(
             DraftRequest([robot], target, tips, frames, more.get("base") or None), file
         )
-        given = {path: numbers(more.get(key), key) for key, path in PLACED.items()}
+        given = {path: _numbers(more.get(key), key) for key, path in PLACED.items()}
         changes = {path: values for path, values in given.items() if values}
         if changes:
             changed = edited(text, changes)
@@ -168,7 +168,7 @@ class Docking:
         return self.file
 
 
-def numbers(text: Any, where: str) -> list[float]:
+def _numbers(text: Any, where: str) -> list[float]:
     """Three numbers that a page wrote, ``x, y, z``; none where it wrote nothing.
 
     Raises
@@ -189,6 +189,15 @@ def numbers(text: Any, where: str) -> list[float]:
 
 def plan(scene: Scene, folder: Path, job: Job) -> Path | None:
     """Plan the approach of a scene, and return the scenario that follows the plan; None if it was stopped.
+
+    Parameters
+    ----------
+    scene
+        The scene, with a ``plan`` section.
+    folder
+        Where the plan is written.
+    job
+        Told of the progress.
 
     Raises
     ------

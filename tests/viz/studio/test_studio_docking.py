@@ -1,5 +1,6 @@
 """A docking of one's own from the studio: which URDFs a page may name, the draft, its opening, its plan."""
 
+import re
 import shutil
 from types import SimpleNamespace
 
@@ -95,6 +96,13 @@ def test_a_docking_is_drafted_placed_opened_and_planned(served, monkeypatch):
     page.ask("draft", **MINE, position="1, 2")
     assert "three numbers" in page.take("failed")["message"]
 
+    def short(order, file):
+        text, scene = draft_capture(order, file)
+        return re.sub(
+            "simulation: .*", "simulation: {duration: 0.2, step: 0.02, output_step: 0.1}", text
+        ), scene
+
+    monkeypatch.setattr("viz.studio.docking.draft_capture", short)
     page.ask("open", **MINE)
     page.take("moved")
     assert session.origin.scene.source == session.folder.resolve() / "mine.yaml"
