@@ -2,6 +2,7 @@
 import { $, options } from "../format.js";
 
 const FILES = ["robot", "target"], LINKS = { tip: "tips", frame: "frames" };
+const LARGEST = 2e5; // bytes of a URDF: the server ends connections with messages of 256 kB
 const REST_MS = 400; // after the last change a draft is asked for
 
 export class Docking {
@@ -35,6 +36,7 @@ export class Docking {
 
   async upload(kind, { files: [file] }) {
     if (!file) return;
+    if (file.size > LARGEST) { this.say(`${file.name} has ${Math.round(file.size / 1e3)} kB, allowed: ${LARGEST / 1e3} kB; start the studio in its folder instead`); return; }
     this.uploading = kind;
     this.ask({ type: "urdfs", name: file.name, text: await file.text() });
   }
