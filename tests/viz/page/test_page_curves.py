@@ -271,3 +271,14 @@ def test_events_limits_and_half_a_phone_for_the_scene(browser, docked, tmp_path)
     browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
     assert "captured" in browser.evaluate("document.querySelector('.u-cursor-x').dataset.time")
     assert browser.errors == []
+
+
+def test_the_page_is_dark_or_light_by_a_switch_which_a_link_carries(shown):
+    page, ground = shown(), "getComputedStyle(document.body).backgroundColor"
+    first = page.evaluate(ground)
+    page.evaluate("document.getElementById('scheme').click()")
+    page.wait_for("location.hash.includes('scheme=')")
+    other = page.evaluate(ground)
+    assert other != first
+    assert shown(page.evaluate("location.hash")).evaluate(ground) == other
+    assert page.errors == []

@@ -271,3 +271,20 @@ def test_an_address_that_holds_anything_does_no_harm(opened):
     page.wait_for("document.getElementById('status').textContent.includes('nonsense')")
     assert page.evaluate(METRIC) > 0  # what was shown stays
     assert page.errors == []
+
+
+def test_a_docking_is_drafted_with_its_yaml_beside_it(opened):
+    page = opened()
+    page.evaluate("docking.open = true")
+    page.wait_for("document.querySelectorAll('#docking [name=robot] option').length > 5")
+    choose = "((n, v) => { const e = document.querySelector(`#docking [name=${n}]`); e.value = v; "
+    choose += "e.dispatchEvent(new Event('input', { bubbles: true })); })"
+    page.evaluate(f"{choose}('robot', 'planar_arm.urdf'); {choose}('target', 'rectangle.urdf')")
+    page.wait_for("!document.querySelector('#docking .open').disabled", 60)
+    assert "kind: rendezvous" in page.evaluate("yaml.innerText")
+    assert page.evaluate("document.querySelector('#docking [name=position]').placeholder").count(",") == 2
+    assert page.evaluate("title.textContent") == "my-docking"
+    page.evaluate("docking.open = false")
+    page.wait_for("title.textContent === 'small'")  # the design in the hand again
+    assert page.evaluate("yaml.hidden")
+    assert page.errors == []
