@@ -273,7 +273,7 @@ def test_an_address_that_holds_anything_does_no_harm(opened):
     assert page.errors == []
 
 
-def test_a_docking_is_drafted_with_its_yaml_beside_it(opened):
+def test_a_docking_is_drafted_with_its_yaml(opened):
     page = opened()
     page.evaluate("docking.open = true")
     page.wait_for("document.querySelectorAll('#docking [name=robot] option').length > 5")
