@@ -91,8 +91,8 @@ class UrdfChoice:
         led = LEADS_ELSEWHERE.search(text)
         if led is not None:
             raise ScenarioError(
-                f"found {led[0]!r}, allowed in an uploaded URDF: no xacro, and meshes in its folder alone; start "
-                "the studio in the URDF's folder instead",
+                f"found {led[0]!r}, allowed in an uploaded URDF: no xacro, and meshes in its folder alone; "
+                "start the studio in the URDF's folder instead",
                 where=name,
             )
         path = place(self.folder, Path(name).name, "urdf")

@@ -30,8 +30,10 @@ class Jobs:
 
     methods = staticmethod(methods)
 
-    def __init__(self, plants: DesignCache, send: Send, more: Mapping[str, Callable[..., None]]) -> None:
-        self.plants, self._send, self._do = plants, send, {**DO, **more}
+    def __init__(
+        self, plants: DesignCache, send: Send, more: Mapping[str, Callable[..., None]] | None = None
+    ) -> None:
+        self.plants, self._send, self._do = plants, send, {**DO, **(more or {})}
         self._names = map(str, itertools.count(1))
         self._job: Job | None = None
 
