@@ -5,20 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from optim.planning.mpc.batch import build_mpc_rollout
+from optim.planning.mpc.flown_scene import FlownScene, mpc_controllers
 from optim.problem.quantity_measures import context_of, measure, with_added_states
 from spacerobot.errors import ResultError, ScenarioError
 from spacerobot.files import StrPath, staged
 from spacerobot.loop_cache import cached_closed_loop
 from spacerobot.notebook import html_table
 from spacerobot.quantities import Quantity, find_quantity
-from spacerobot.rollout import Measures, Rollout, build_rollout
-from spacerobot.rollout.build import Backend
+from spacerobot.rollout import Measures, build_rollout
+from spacerobot.rollout.build import Backend, Options
 from spacerobot.scene import Scene
 
 JITTER_FREQUENCY_HZ = 1.0
@@ -178,7 +181,7 @@ def gradient(
         If no step keeps to the tolerance.
     """
     chosen = [find_quantity(name) for name in ([quantities] if isinstance(quantities, str) else quantities)]
-    rollout, _ = _rollout(scene, chosen, parameters, backend)
+    rollout, _ = _rollout(scene, chosen, parameters, backend, many=False)
     found = rollout.value_and_gradient(wrt=parameters)
     places = rollout.indices(parameters)
     names = [each.name for each in chosen]
@@ -237,7 +240,7 @@ def batch(
     lengths = {len(column) for column in columns.values()}
     if len(lengths) != 1:
         raise ScenarioError(f"values: one list of numbers for each parameter, all as long; found {lengths}")
-    rollout, labels = _rollout(scene, chosen, list(columns), backend)
+    rollout, labels = _rollout(scene, chosen, list(columns), backend, many=True)
     rows = np.column_stack(list(columns.values()))
     done = rollout.batch(list(columns), rows, threads=threads)
     duration = scene.scenario.simulation.duration
@@ -259,10 +262,11 @@ def batch(
 
 
 def _rollout(
-    scene: Scene, chosen: Sequence[Quantity], vary: Sequence[str], backend: Backend
-) -> tuple[Rollout, dict[str, tuple[str, ...]]]:
+    scene: Scene, chosen: Sequence[Quantity], vary: Sequence[str], backend: Backend, *, many: bool
+) -> tuple[Any, dict[str, tuple[str, ...]]]:
     """Rollout whose measures and costs are the quantities, and the labels of each one's components."""
-    loop = cached_closed_loop(scene, vary=vary)
+    flown = FlownScene.of(scene, vary) if many and mpc_controllers(scene) else None
+    loop = cached_closed_loop(scene if flown is None else flown.scene, vary=vary)
     extended = with_added_states(loop, scene, chosen, JITTER_FREQUENCY_HZ)
     context = context_of(scene, extended)
     simulation, named, labels = scene.scenario.simulation, {}, {}
@@ -276,17 +280,20 @@ def _rollout(
         duration = simulation.duration
         return {each.name: each.combined(each.reduced(reduced[each.name], duration)) for each in chosen}
 
-    rollout = build_rollout(
-        extended,
-        duration_s=simulation.duration,
-        step_s=simulation.step,
-        output_step_s=simulation.output_step,
-        tolerance=simulation.tolerance,
-        method=simulation.method,
-        measures=Measures(context.signals, named, costs),
-        backend=backend,
-    )
-    return rollout, labels
+    measures = Measures(context.signals, named, costs)
+    options: Options = {
+        "step_s": simulation.step,
+        "output_step_s": simulation.output_step,
+        "tolerance": simulation.tolerance,
+        "method": simulation.method,
+        "backend": backend,
+    }
+    if flown is not None:
+        duration = flown.duration_s
+        return build_mpc_rollout(
+            scene, flown, loop, extended, measures, duration_s=duration, **options
+        ), labels
+    return build_rollout(extended, duration_s=simulation.duration, measures=measures, **options), labels
 
 
 def _write(data: xr.Dataset, path: StrPath) -> None:

@@ -316,7 +316,19 @@ def _check(scene: Scene, loop: ClosedLoop, tell: Progress) -> _Run:
     ready = time.perf_counter()
     local = scene.scenario.simulation.tolerance * CHECKING_TOLERANCE
     checked = check(scene, rtol=local, atol=local / 10, progress=lambda part: tell(f"{words}: {part:.0%}"))
-    # events of the independent engine as the closed loop's, whose states are the same
+    return _Run(scene, ready, dataclasses.replace(checked, events=fired_events(loop, checked)))
+
+
+def fired_events(loop: ClosedLoop, checked: PinocchioTrajectory) -> tuple[FiredEvent, ...]:
+    """Events of the independent engine as the closed loop's, whose states are the same.
+
+    Parameters
+    ----------
+    loop
+        The closed loop.
+    checked
+        Rollout of the same scene by the independent engine.
+    """
     switches = loop.setup(loop.parameter_values)[1].full().ravel()[list(loop.switches)]
     rules = {rule.name: place for place, rule in enumerate(loop.events)}
     found = []
@@ -324,8 +336,9 @@ def _check(scene: Scene, loop: ClosedLoop, tell: Progress) -> _Run:
         number = rules[event.name]
         for place, value in loop.events[number].sets:
             switches[place] = float(value)
-        found.append(FiredEvent(event.time_s, number, event.before, event.after, switches.copy()))
-    return _Run(scene, ready, dataclasses.replace(checked, events=tuple(found)))
+        if not loop.events[number].silent:
+            found.append(FiredEvent(event.time_s, number, event.before, event.after, switches.copy()))
+    return tuple(found)
 
 
 def _ready(

@@ -26,6 +26,7 @@ from spacerobot.scene import Scene
 
 CHUNK_S = 4.0  # long enough to hide what a chunk costs, short enough to lose
 FIRST = 128  # rollouts of the first chunk, from which the rate is learnt
+MPC_SAMPLES = 16  # of a chunk in which plans are solved
 CHUNK_BYTES = 32_000_000  # of series in a chunk, of which several copies exist for a moment
 ROLLING_OUT = "rolling out"
 """The phase in which samples are kept."""
@@ -129,12 +130,14 @@ class LocalExecutor:
             since = time.perf_counter()
             table = evaluator.evaluate(draws[piece[0] : piece[1]], self.threads)
             yield piece[0], table
+            if evaluator.solves_plans:
+                continue  # chunks of few seconds would leave processes without work
             size = self.size or sized(len(table), time.perf_counter() - since, self.chunk_s)
 
 
 def first_size(evaluator: CampaignEvaluator) -> int:
     """Samples of a first chunk, whose time is not known yet."""
-    return max(1, FIRST // len(evaluator.members))
+    return MPC_SAMPLES if evaluator.solves_plans else max(1, FIRST // len(evaluator.members))
 
 
 def most_samples(evaluator: CampaignEvaluator) -> int | None:

@@ -62,9 +62,9 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
 
 
 def uses_mpc(scene: Scene) -> bool:
-    """Whether a robot of a scene is under model predictive control, by the engine that can be resumed."""
+    """Whether a robot of a scene is under model predictive control, by an engine that can be resumed."""
     controllers = [one for robot in scene.scenario.robots.values() for one in robot.controllers.values()]
-    is_resumable = scene.scenario.simulation.engine == "casadi"
+    is_resumable = scene.scenario.simulation.engine != "cvodes"
     return is_resumable and any(one.replanning is not None for one in controllers)
 
 

@@ -23,7 +23,7 @@ def spreads(evaluator: CampaignEvaluator, data: xr.Dataset) -> list[dict[str, An
     data
         Its draws and metrics.
     """
-    if evaluator.members[0].rollout.engines.toolchain is None:  # opened again without its rollouts
+    if evaluator.members[0].continuous.engines.toolchain is None:  # opened again without its rollouts
         evaluator = evaluator.recipe.build()
     return [_spread(evaluator, data, name, MOST_AGAIN) for name in evaluator.gains]
 
@@ -40,7 +40,9 @@ def _spread(evaluator: CampaignEvaluator, data: xr.Dataset, gains: str, again: i
     from viz.page.meshcat_scene import packed
 
     member = evaluator.member(gains)
-    spread, rows = CampaignSpread(member.scene, member.rollout), member.space.values(data.draw.values[:again])
+    again = 0 if evaluator.solves_plans else again  # each takes seconds
+    spread = CampaignSpread(member.scene, member.continuous)
+    rows = member.space.values(data.draw.values[:again])
     for begin in range(0, len(rows), spread.most):
         spread.roll(member.space.paths, rows[begin : begin + spread.most])
     metrics = []

@@ -31,7 +31,7 @@ from spacerobot.elements import (
     negated,
 )
 from spacerobot.elements.capture_release import living
-from spacerobot.elements.context import Affine, ContactSurface, unbroken
+from spacerobot.elements.context import Affine, ContactSurface, Held, unbroken
 from spacerobot.elements.contribution import gated
 from spacerobot.elements.measurement import Measurement, changing, filled
 from spacerobot.elements.reference import DEGREE
@@ -177,16 +177,22 @@ class LoopBuilder:
 
         return measure
 
-    def _held(self, body: SceneBody, owner: str) -> Callable[[str, ca.SX], ca.SX | None]:
+    def _held(self, body: SceneBody, owner: str, frame: int) -> Held:
         """Reader of signals that are measured at instants; all that read one see the same."""
         measure, sensors = self._measure(body), self._sensors(body)
 
-        def held(signal: str, value: ca.SX) -> ca.SX | None:
+        def held(signal: str, value: ca.SX, world: ca.SX | None = None) -> ca.SX | None:
             """Held value of a signal; None where it is not sampled."""
-            whose = f"{owner if signal.startswith('tip_') else body.name}.{signal}"
-            name, shown = f"{whose}.{value.size1()}", measured(sensors(signal), value)
+            own = signal.startswith(("tip_", "target_"))
+            whose = f"{owner if own else body.name}.{signal}"
+            name, shown, away = f"{whose}.{value.size1()}", measured(sensors(signal), value), None
+            if world is not None:
+                shown = world + shown - value
+            if signal.startswith("target_") and self.scene.target is not None:
+                places = (self.plant.placement(each)[1] for each in (self.scene.target.root_frame, frame))
+                away = ca.norm_2(ca.densify(next(places) - next(places)))
             if name not in self.measurements:
-                found = measure(signal, name, changing(shown), None)
+                found = measure(signal, name, changing(shown), away)
                 if found is not None:
                     self.measurements[name] = found
             known = self.measurements.get(name)
@@ -213,7 +219,7 @@ class LoopBuilder:
             base_frame=tip.body.root_frame,
             motion=self.motions[tip.label],
             sensors=self._sensors(tip.body),
-            held=self._held(tip.body, tip.label),
+            held=self._held(tip.body, tip.label, tip.frame),
             siblings=tip.config.sections,
         )
 
@@ -229,7 +235,7 @@ class LoopBuilder:
             positions=functools.partial(_positions, body),
             passed=self.passed,
             sensors=self._sensors(body),
-            held=self._held(body, body.name),
+            held=self._held(body, body.name, body.root_frame),
             base_frame=body.root_frame,
             arm=tuple(int(self.plant.model.idx_vs[joint]) for joint in body.arm_joints),
             tips=tuple(self._tip(tip, "") for tip in self.scene.tips if tip.body.name == body.name),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import casadi as ca
 
@@ -34,6 +35,13 @@ def unbroken(place: str, names: Sequence[str], signal: ca.SX) -> ca.SX:
     """
     del place, names
     return signal
+
+
+class Held(Protocol):
+    """Reader of signals that are measured at instants."""
+
+    def __call__(self, signal: str, value: ca.SX, world: ca.SX | None = None, /) -> ca.SX | None:
+        """Last measurement of a signal, as for :meth:`TipContext.read`; None if it is continuous."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +86,7 @@ class RobotContext:
     positions: Callable[[ca.SX], Mapping[int, ca.SX]]
     passed: Callable[[], ca.SX]
     sensors: Callable[[str], Affine]
-    held: Callable[[str, ca.SX], ca.SX | None]
+    held: Held
     base_frame: int
     arm: tuple[int, ...]
     tips: tuple[TipContext, ...] = ()
@@ -163,10 +171,10 @@ class TipContext:
     base_frame: int
     motion: DesiredMotion
     sensors: Callable[[str], Affine]
-    held: Callable[[str, ca.SX], ca.SX | None]
+    held: Held
     siblings: Mapping[str, Section]
 
-    def read(self, signal: str, value: ca.SX) -> ca.SX:
+    def read(self, signal: str, value: ca.SX, world: ca.SX | None = None) -> ca.SX:
         """Signal as its sensor gives it.
 
         Parameters
@@ -175,13 +183,15 @@ class TipContext:
             Name of the signal.
         value
             Its true value (n x 1).
+        world
+            What is known with it in world axes (n x 1), which is then given with the error of the sensor.
 
         Returns
         -------
         casadi.SX
             Last sample of a sampled sensor, otherwise the value with the sensor's offset and scale (n x 1).
         """
-        return known(self, signal, value)
+        return known(self, signal, value, world)
 
     @property
     def joint(self) -> int:
@@ -537,13 +547,14 @@ class ContactContext:
         return Wrench(pair[1].joint, force, none, point), Wrench(pair[0].joint, -force, none, point)
 
 
-def known(context: RobotContext | TipContext, signal: str, value: ca.SX) -> ca.SX:
+def known(context: RobotContext | TipContext, signal: str, value: ca.SX, world: ca.SX | None = None) -> ca.SX:
     """A signal (n x 1) as its sensor gives it: what was measured last, or a + b s."""
-    last = context.held(signal, value)
+    last = context.held(signal, value, world)
     if last is not None:
         return last
     offset, scale = context.sensors(signal)
-    return scale * value if offset is None else offset + scale * value
+    shown = scale * value if offset is None else offset + scale * value
+    return shown if world is None else world + shown - value
 
 
 def joint_of(plant: Plant, frame: int) -> int:

@@ -13,6 +13,9 @@ from spacerobot.elements.robot_element import RobotElement
 from spacerobot.elements.sampling import SAMPLED, Sampling
 from spacerobot.section import Section
 
+MEASURED = "measured_"
+"""Beginning of the names of outputs that are measurements from which plans in flight begin."""
+
 
 class TipController(Element):
     """A controller of one tip."""

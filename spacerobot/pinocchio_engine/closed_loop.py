@@ -59,6 +59,8 @@ class PinocchioLoop:
     ----------
     scene, model
         The scene and its ``pinocchio.Model``.
+    parameter_paths
+        Dotted paths of the parameters.
     state_names
         Names of z, in the closed loop's order.
     x0
@@ -86,8 +88,9 @@ class PinocchioLoop:
         constants = context.constants
         z = ca.vertcat(ca.SX(0, 1), *(state.symbol for state in acting.states))
         self.state_names = state_names(self.model, acting.states)[self.model.nq + self.model.nv :]
-        p = parameters.values
-        self.c: Array = _numbers(ca.Function("c", [parameters.symbols], [constants.expressions])(p))
+        self.parameter_paths = parameters.paths
+        self._constants = ca.Function("c", [parameters.symbols], [constants.expressions])
+        self.c: Array = _numbers(self._constants(parameters.values))
         self._jumps, self._tables = list(constants.jumps), constants.tables
         self._jump_times = self.c[self._jumps]
         drawn = (t.drawn(*(parameters.value(key) for key in t.keys)) for t in constants.noise)
@@ -152,6 +155,12 @@ class PinocchioLoop:
             x = np.concatenate([q, v, z * remembers])
             z = _numbers(self._start(0.0, x, self.c, inputs))
         return np.concatenate([q, v, z])
+
+    def change(self, p: Array) -> None:
+        """Continue with other parameters (np,), in the order of ``parameter_paths``; switches stay."""
+        switches, self.c = self.switches, _numbers(self._constants(p))
+        self.c[self._switches] = switches
+        self._jump_times, self._kept = self.c[self._jumps], {}
 
     @property
     def breakpoints(self) -> tuple[float, ...]:

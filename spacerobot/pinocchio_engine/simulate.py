@@ -92,35 +92,96 @@ def roll_out(
     progress
         Told how far it is, once for each sample.
     """
-    begin, simulation = time.perf_counter(), engine.scene.scenario.simulation
-    output_step_s = simulation.output_step if times_s[0] is None else times_s[0]
-    duration_s = simulation.duration if times_s[1] is None else times_s[1]
-    samples = time_grid(duration_s, output_step_s, output_step_s).time
-    integrator = Integrator(engine, *tolerances)
-    states, outputs, bad = _samples(engine, integrator, samples, progress or (lambda _: None))
-    return PinocchioTrajectory(
-        time=frozen(samples[: len(states)]),
-        state=frozen(np.array(states)),
-        outputs={name: frozen(np.array([y[name] for y in outputs])) for name in outputs[0]},
-        measures={},
-        costs={},
-        status="chattering" if integrator.chattering else "completed" if bad is None else "diverged",
-        diverged_at_s=bad,
-        steps=0,
-        step_s=float("nan"),
-        backend="pinocchio",
-        wall_s=time.perf_counter() - begin,
-        ended_at_s=integrator.t if integrator.ended else None,
-        happened=tuple(integrator.events),
-        state_names=engine.state_names,
+    simulation, (output_step_s, duration_s) = engine.scene.scenario.simulation, times_s
+    run = PinocchioRun(engine, *tolerances)
+    run.advance(
+        simulation.duration if duration_s is None else duration_s,
+        simulation.output_step if output_step_s is None else output_step_s,
+        progress,
     )
+    return run.trajectory
+
+
+class PinocchioRun:
+    """A rollout that is carried on from time to time; between two, parameters may be changed.
+
+    Parameters
+    ----------
+    engine
+        The engine at the start.
+    rtol, atol
+        As for :func:`simulate`.
+
+    Attributes
+    ----------
+    engine, integrator
+        Evaluate and integrate.
+    """
+
+    def __init__(self, engine: PinocchioLoop, rtol: float, atol: float) -> None:
+        self._begin, self.engine = time.perf_counter(), engine
+        self.integrator = Integrator(self.engine, rtol, atol)
+        self._times, self._states = [0.0], [self.integrator.x]
+        self._outputs = [self.engine.outputs(0.0, self.integrator.x)]
+        self._bad: float | None = None
+
+    def advance(self, until: float, output_step_s: float, progress: Progress | None = None) -> None:
+        """Carry on to a time [s], with samples on the way.
+
+        Parameters
+        ----------
+        until
+            The time.
+        output_step_s
+            Longest time between samples [s].
+        progress
+            As for :func:`simulate`.
+        """
+        now = self._times[-1]
+        samples = now + time_grid(until - now, output_step_s, output_step_s).time
+        samples[-1] = until
+        found = _samples(self.engine, self.integrator, samples, progress or (lambda _: None))
+        states, outputs, self._bad = found
+        self._times += samples[1 : 1 + len(states)].tolist()
+        self._states += states
+        self._outputs += outputs
+
+    @property
+    def last_outputs(self) -> dict[str, Array]:
+        """Outputs of the last sample, by name."""
+        return self._outputs[-1]
+
+    @property
+    def trajectory(self) -> PinocchioTrajectory:
+        """The rollout so far."""
+        integrator, outputs = self.integrator, self._outputs
+        return PinocchioTrajectory(
+            time=frozen(np.array(self._times)),
+            state=frozen(np.array(self._states)),
+            outputs={name: frozen(np.array([y[name] for y in outputs])) for name in outputs[0]},
+            measures={},
+            costs={},
+            status="chattering"
+            if integrator.chattering
+            else "completed"
+            if self._bad is None
+            else "diverged",
+            diverged_at_s=self._bad,
+            steps=0,
+            step_s=float("nan"),
+            backend="pinocchio",
+            wall_s=time.perf_counter() - self._begin,
+            ended_at_s=integrator.t if integrator.ended else None,
+            happened=tuple(integrator.events),
+            state_names=self.engine.state_names,
+        )
 
 
 def _samples(
     engine: PinocchioLoop, integrator: Integrator, samples: Array, progress: Progress
 ) -> tuple[list[Array], list[dict[str, Array]], float | None]:
-    """States and outputs at the samples, and the time [s] at which they end early, if they do."""
-    states, outputs = [integrator.x], [engine.outputs(0.0, integrator.x)]
+    """States and outputs at later samples, and the time [s] at which they end early, if they do."""
+    states, outputs = list[Array](), list[dict[str, Array]]()
     for until in samples[1:]:
         x, within = integrator.advance(until)
         if integrator.stopped:

@@ -12,11 +12,15 @@ import numpy as np
 from spacerobot.rollout.closed_loop_protocol import Array
 from spacerobot.rollout.trajectory import Trajectory
 
+SWITCHES = "switches"
+"""Output of a resumed loop: its switches."""
+
 
 def resumed(loop: Any) -> Any:
     """The loop with its start as parameters, behind its own: time, state, switches.
 
-    Its rollouts count time from their start; what depends on time sees that of the whole.
+    Its rollouts count time from their start; what depends on time sees that of the whole. Its switches are an
+    output in addition.
 
     Parameters
     ----------
@@ -43,7 +47,13 @@ def resumed(loop: Any) -> Any:
         parameter_values=np.concatenate([loop.parameter_values, start_of(loop)]),
         setup=ca.Function("setup", [ca.vertcat(p, own)], [x0, ca.vertcat(c, begin)], ["p"], ["x0", "c"]),
         dynamics=ca.Function("dynamics", given, [loop.dynamics(*at)], names, ["xdot"]),
-        outputs=ca.Function("outputs", given, _all(loop.outputs, at), names, loop.outputs.name_out()),
+        outputs=ca.Function(
+            "outputs",
+            given,
+            [*_all(loop.outputs, at), ca.vertcat(ca.SX(0, 1), *(held[place] for place in switches))],
+            names,
+            [*loop.outputs.name_out(), SWITCHES],
+        ),
         gaps=ca.Function("gaps", [ca.vertcat(p, own)], [ca.SX(loop.gaps(p))], ["p"], ["gap"]),
         guards=ca.Function(
             "guards", [*given, xdot], _all(loop.guards, (*at, xdot)), [*names, "xdot"], loop.guards.name_out()
@@ -59,10 +69,9 @@ def start_of(loop: Any) -> Array:
     return np.concatenate([[0.0], x0, c[list(loop.switches)]])
 
 
-def end_of(trajectory: Trajectory, start: Array, nx: int) -> Array:
+def end_of(trajectory: Trajectory, start: Array) -> Array:
     """Where a rollout of a resumed loop ended, as the next one's start."""
-    events = trajectory.events
-    switches = np.array(events[-1].switches) if events else start[1 + nx :]
+    switches = trajectory.outputs[SWITCHES][-1]
     return np.concatenate([[start[0] + trajectory.time[-1]], trajectory.state[-1], switches])
 
 

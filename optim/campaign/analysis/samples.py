@@ -12,10 +12,11 @@ import numpy as np
 
 from optim.campaign.rollouts.evaluator import CampaignEvaluator
 from optim.campaign.store.run_settings import Changes
+from optim.planning.mpc.simulation import simulate_mpc
 from spacerobot.arrays import Array
 from spacerobot.result import Result
 from spacerobot.scenario.load import to_document
-from spacerobot.scenario.paths import expand
+from spacerobot.scenario.paths import expand, get
 from spacerobot.scene import build_scene
 from spacerobot.simulation import simulate
 
@@ -51,6 +52,7 @@ def command_of(
     wanted = {path: float(value) for path, value in zip(space.paths, values, strict=True)}
     changes += [(path, value) for path, value in wanted.items() if left[path] != value]
     changes.append(("simulation.step", evaluator.campaign.step))
+    changes += _assumed(evaluator, gains).items()
     last = {path: i for i, (path, _) in enumerate(changes)}
     changes = [change for i, change in enumerate(changes) if last[change[0]] == i]
     parts = [f"--set {shlex.quote(f'{path}={json.dumps(value)}')}" for path, value in changes]
@@ -69,5 +71,17 @@ def simulate_sample(evaluator: CampaignEvaluator, draw: Sequence[float], gains: 
     values = member.space.values(np.asarray(draw, dtype=float))[0]
     changes: dict[str, Any] = dict(zip(member.space.paths, map(float, values), strict=True))
     changes["simulation.step"] = evaluator.campaign.step
+    changes |= _assumed(evaluator, gains)
     scenario = member.scene.scenario.model_copy(update={"name": gains})
-    return simulate(build_scene(scenario, changes, source=member.scene.source))
+    scene = build_scene(scenario, changes, source=member.scene.source)
+    return simulate_mpc(scene) if evaluator.solves_plans else simulate(scene)
+
+
+def _assumed(evaluator: CampaignEvaluator, gains: str) -> dict[str, Any]:
+    """Change by which plans in flight are made with the scenario's masses, not the drawn ones."""
+    member = evaluator.member(gains)
+    scenario, document = member.scene.scenario, to_document(member.scene.scenario)
+    drawn = {path: get(document, path) for path in member.space.paths if ".links." in path}
+    if not drawn or not evaluator.solves_plans or scenario.plan is None:
+        return {}
+    return {"plan.model": drawn | dict(scenario.plan.model)}

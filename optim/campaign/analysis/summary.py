@@ -16,6 +16,7 @@ from optim.campaign.analysis.samples import command_of
 from optim.campaign.analysis.sensitivity import correlated, noise_of, what_matters
 from optim.campaign.analysis.statistics import Estimate, percentile, share
 from optim.campaign.rollouts.evaluator import CampaignEvaluator
+from optim.campaign.rollouts.metrics import PLANS, SOLVE_TIMES
 from optim.campaign.rollouts.trust import doubts, untrusted
 from optim.campaign.sampling.parameter_space import sensor_offsets, units_of
 from optim.campaign.store.folder import load_campaign, load_head
@@ -195,6 +196,7 @@ def summary_data(
             name: {
                 "failure": _failures(sampled, campaign),
                 "captured": _captured(sampled, campaign),
+                "plans": _plans(data.sel(gains=name)),
                 "metrics": _percentiles(sampled, campaign),
                 "matters": _matters(sampled, draws, campaign),
                 "map": _map(sampled, draws, campaign),
@@ -224,6 +226,21 @@ def _captured(sampled: SampleStatistics, campaign: Campaign) -> dict[str, Any] |
         return None
     count = int((~sampled.missed).sum())
     return {"count": count} | _interval(share(count, len(sampled.missed), campaign.confidence), campaign)
+
+
+def _plans(chosen: xr.Dataset) -> dict[str, Any] | None:
+    """Plans that were solved in flight by model predictive control, those missed, and what they took."""
+    if "mpc_plans" not in chosen:
+        return None
+    values = {name: chosen[name].values[:, 0] for name in (*PLANS, *SOLVE_TIMES)}
+    values = {name: column[np.isfinite(column)] for name, column in values.items()}
+    total = {name.removeprefix("mpc_"): int(values[name].sum()) for name in PLANS}
+    median, longest = (values[name] for name in SOLVE_TIMES)
+    return total | {
+        "median_solve_s": _plain(np.median(median)) if median.size else None,
+        "longest_solve_s": _plain(longest.max(initial=0.0)),
+        "without_plan": int((~np.isfinite(chosen["mpc_plans"].values)).sum()),
+    }
 
 
 def _matters(sampled: SampleStatistics, draws: Array, campaign: Campaign) -> dict[str, Any]:

@@ -11,7 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from optim.campaign.rollouts.metrics import CampaignMetrics, MetricColumn, build_campaign_metrics
+from optim.campaign.rollouts.metrics import (
+    MPC_COLUMNS,
+    CampaignMetrics,
+    MetricColumn,
+    build_campaign_metrics,
+)
 from optim.campaign.rollouts.series import SignalRecording, build_recording, check_size, series_step
 from optim.campaign.sampling.parameter_space import (
     ParameterSpace,
@@ -21,6 +26,8 @@ from optim.campaign.sampling.parameter_space import (
     resolve_space,
 )
 from optim.campaign.sampling.samplers import draw
+from optim.planning.mpc.batch import MpcRollout, build_mpc_rollout
+from optim.planning.mpc.flown_scene import FlownScene, mpc_controllers
 from optim.problem.quantity_measures import with_added_states
 from optim.problem.scene_recipe import SceneRecipe
 from spacerobot.arrays import Array
@@ -28,6 +35,7 @@ from spacerobot.errors import ScenarioError
 from spacerobot.loop_cache import cached_closed_loop
 from spacerobot.quantities import find_quantity
 from spacerobot.rollout import Rollout, build_rollout, time_grid
+from spacerobot.rollout.build import Options
 from spacerobot.scenario import Campaign
 from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene
@@ -96,7 +104,12 @@ class GainSet:
     space: ParameterSpace
     kept: CampaignMetrics
     recording: SignalRecording
-    rollout: Rollout
+    rollout: Rollout | MpcRollout
+
+    @property
+    def continuous(self) -> Rollout:
+        """The rollout, or what carries the states from one plan to the next where plans are solved in it."""
+        return self.rollout.rollout if isinstance(self.rollout, MpcRollout) else self.rollout
 
 
 @dataclass(frozen=True)
@@ -165,6 +178,11 @@ class CampaignEvaluator:
     def max_gaps(self) -> Mapping[str, float]:
         """Grasps that may begin open, and the greatest gaps allowed [m]."""
         return self.members[0].rollout.kernel.closure.largest
+
+    @property
+    def solves_plans(self) -> bool:
+        """Whether plans are solved in each rollout, which takes seconds."""
+        return any(isinstance(member.rollout, MpcRollout) for member in self.members)
 
     @property
     def bytes_per_sample(self) -> int:
@@ -303,8 +321,12 @@ def all_draws(evaluator: CampaignEvaluator) -> Array:
 
 
 def _member(scene: Scene, campaign: Campaign, sets: int, compiled: bool) -> GainSet:
-    space = resolve_space(scene, campaign)
-    loop = cached_closed_loop(scene, vary=space.paths)
+    space, flown = resolve_space(scene, campaign), None
+    if mpc_controllers(scene):
+        flown = FlownScene.of(scene, space.paths)
+        loop = cached_closed_loop(flown.scene, vary=space.paths)
+    else:
+        loop = cached_closed_loop(scene, vary=space.paths)
     wanted = [find_quantity(name) for name in campaign.metrics]
     rolled = with_added_states(loop, scene, wanted, campaign.jitter_frequency)
     kept = build_campaign_metrics(loop, scene, campaign.metrics, rolled)
@@ -315,19 +337,22 @@ def _member(scene: Scene, campaign: Campaign, sets: int, compiled: bool) -> Gain
         if name not in kinds:
             quantity = find_quantity(name)
             raise ScenarioError(quantity.absent, where=f"campaign.limits.{quantity.limit}")
-    duration = scene.scenario.simulation.duration
+    duration = scene.scenario.simulation.duration if flown is None else flown.duration_s
     sample_s = series_step(campaign, duration)
     time = time_grid(duration, campaign.step, sample_s).time if sample_s else np.empty(0)
     recording = build_recording(loop, scene, campaign.series, time)
     check_size(recording, campaign.count, sets)
-    rollout = build_rollout(
-        rolled,
-        duration_s=duration,
-        step_s=campaign.step,
-        output_step_s=sample_s,
-        method=scene.scenario.simulation.method,
-        measures=kept.measures,
-        backend="auto" if compiled else "interpreted",
-        many=True,
-    )
+    options: Options = {
+        "step_s": campaign.step,
+        "output_step_s": sample_s,
+        "method": scene.scenario.simulation.method,
+        "backend": "auto" if compiled else "interpreted",
+        "many": True,
+    }
+    rollout: Rollout | MpcRollout
+    if flown is None:
+        rollout = build_rollout(rolled, duration_s=duration, measures=kept.measures, **options)
+    else:
+        rollout = build_mpc_rollout(scene, flown, loop, rolled, kept.measures, duration_s=duration, **options)
+        kept = dataclasses.replace(kept, columns=(*kept.columns, *MPC_COLUMNS))
     return GainSet(scene, space, kept, recording, rollout)

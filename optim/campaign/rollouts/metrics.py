@@ -32,6 +32,10 @@ LEDGER: Mapping[str, Callable[[Array], Array]] = {
 }
 """What is made of the measures that say whether a rollout can be trusted."""
 
+PLANS = {"mpc_plans": "1", "mpc_missed": "1", "mpc_unfinished": "1", "mpc_iterations": "1"}
+SOLVE_TIMES = {"mpc_median_solve_s": "s", "mpc_longest_solve_s": "s"}
+"""Statistics of plans made in flight, and their units; times alone depend on the machine."""
+
 
 @dataclass(frozen=True)
 class MetricColumn:
@@ -55,6 +59,9 @@ class MetricColumn:
     def name(self) -> str:
         """Both, for tables."""
         return f"{self.metric} {self.where}"
+
+
+MPC_COLUMNS = tuple(MetricColumn(name, "total", unit) for name, unit in (PLANS | SOLVE_TIMES).items())
 
 
 @dataclass(frozen=True)
@@ -87,6 +94,9 @@ class CampaignMetrics:
             values = np.asarray(measured[name])
             if name in LEDGER:
                 parts.append(LEDGER[name](values))
+                continue
+            if name in PLANS | SOLVE_TIMES:
+                parts.append(values)
                 continue
             values = known[name].reduced(values, self.duration_s)
             labels = np.array(self.labels[name])

@@ -3,6 +3,9 @@
 Intervals keep their length, as far as the times of the plans allow, so that what is left of one plan lies on
 the mesh of the next: unknowns and multipliers are carried over as they are, and a few iterations are enough.
 Behind the end of the first plan each one keeps the goal for a short while from where it begins.
+
+Of a plan with several phases the first one shrinks so, and the others follow it whole in every solve: what is
+flown of the first one suits them. It is not planned again behind its end.
 """
 
 from __future__ import annotations
@@ -20,10 +23,12 @@ from optim.planning.search.make_plan import failure_message
 from optim.planning.search.plan_solver import PlanSolver
 from optim.planning.search.solve_request import solve_request
 from optim.planning.solver.ipopt import PATIENCE, Solution, solve
+from optim.planning.solver.nonlinear_program import NonlinearProgram
 from optim.planning.transcription.collocation_program import CollocationProgram
 from optim.planning.transcription.initial_guess import initial_guess
 from optim.planning.transcription.mesh_transfer import transfer_constrained, transfer_remaining
 from optim.planning.transcription.motion import Motion, PhasedMotion
+from optim.planning.transcription.phase_chain import PhaseChain, phase_programs
 from optim.planning.verification.clearance import course_collisions
 from optim.planning.verification.replay import joint_angle
 from spacerobot.arrays import Array
@@ -64,7 +69,7 @@ class Horizon:
     solver: PlanSolver
     motion: Motion
     solution: Solution
-    program: CollocationProgram
+    program: NonlinearProgram
     first_duration_s: float
     min_horizon: float
     begin_s: float = 0.0
@@ -97,25 +102,16 @@ class Horizon:
         if found.solution is None:
             raise NoPlanError(str(failure_message(found)), source=solver.scene.source, where="plan")
         motion, solver = own.motion(request, found), solver.keeping_apart(found.apart)
+        program: NonlinearProgram = own.keeping_apart(found.apart).program(request, found.meshes)
         return cls(
             solver,
             motion,
             found.solution,
-            CollocationProgram(motion.problem, solver.instants, solver.lobatto, motion.mesh),
+            program,
             motion.duration_s,
             min_horizon,
             iterations=[one.iterations for one in found.runs],
             seconds=[one.seconds for one in found.runs],
-        )
-
-    def replans_at(self, begin: float) -> bool:
-        """Whether a plan is to begin at a time [s]: the last one before the end is kept until there.
-
-        None where the shortest time to look ahead is longer than the first plan.
-        """
-        left, rounding = self.first_duration_s - begin, ROUNDING * self.first_duration_s
-        return self.min_horizon <= self.first_duration_s and (
-            left > self.min_horizon - rounding or left < rounding
         )
 
     def replan(self, begin: float, measured: Array, iterations: int) -> None:
@@ -135,17 +131,20 @@ class Horizon:
         clock, solver, scale = time.perf_counter(), self.solver, self.solution.scale
         problem = self._problem(solver, begin, measured)
         intervals = self._intervals(problem.duration[0])
-        program = CollocationProgram(problem, solver.instants, solver.lobatto, intervals)
-        warm = transfer_remaining(self.solution, self.program, program, self._gone(begin))
-        found = solve(program, self._ahead(program, begin), warm, iterations=min(iterations, PATIENCE))
+        program = self._program(solver, problem, intervals)
+        later = self._later()
+        warm, ahead = self._carried(program, self._gone(begin)), self._ahead(program, begin)
+        found = solve(program, np.concatenate([ahead, *later]), warm, iterations=min(iterations, PATIENCE))
         spent = found.iterations
         if not is_usable(program, found) and spent < iterations:
             fresh = initial_guess(problem, solver.lobatto, intervals).unknowns
+            fresh = np.concatenate([fresh, *later])
             found = solve(program, fresh, scale=scale, iterations=iterations - spent)
             spent += found.iterations
         while is_usable(program, found):
-            z, duration = program.split(found.w)
-            motion = Motion(problem, solver.lobatto, program.mesh, duration, z)
+            own = phase_programs(program)[0]
+            z, duration = own.split(found.w[: own.size])
+            motion = Motion(problem, solver.lobatto, own.mesh, duration, z)
             wider = solver.keeping_apart(course_collisions(PhasedMotion((motion,)), solver.pairs))
             if wider is solver:
                 self.solver, self.motion = solver, motion
@@ -154,7 +153,7 @@ class Horizon:
                 break
             # links collide: once more from here, with the keep-out zones that this plan needs
             problem, before, solver = self._problem(wider, begin, measured), program, wider
-            program = CollocationProgram(problem, solver.instants, solver.lobatto, intervals)
+            program = self._program(solver, problem, intervals)
             warm = transfer_constrained(found, before, program)
             left = max(iterations - spent, 1)
             found = solve(program, found.w, warm, scale=scale, iterations=min(left, PATIENCE))
@@ -163,6 +162,35 @@ class Horizon:
             self.missed += 1
         self.iterations.append(spent)
         self.seconds.append(time.perf_counter() - clock)
+
+    def _program(self, solver: PlanSolver, problem: PlanningProblem, intervals: int) -> NonlinearProgram:
+        """Program of what is left of the first phase, and of those that follow."""
+        first = CollocationProgram(problem, solver.instants, solver.lobatto, intervals)
+        if not solver.following_phases:
+            return first
+        known = phase_programs(self.program)[1:]
+        rest = [
+            CollocationProgram(one.problem, one.instants, solver.lobatto, old.mesh)
+            for one, old in zip(solver.following_phases, known, strict=True)
+        ]
+        return PhaseChain([first, *rest], [one.link for one in solver.following_phases])
+
+    def _later(self) -> list[Array]:
+        """Unknowns of the phases that follow, and of the links into them."""
+        return self.program.parts(self.solution.w)[1:] if isinstance(self.program, PhaseChain) else []
+
+    def _carried(self, program: NonlinearProgram, gone: float) -> Solution:
+        """Multipliers of the present solution for a program whose first phase begins later."""
+        old, new = phase_programs(self.program)[0], phase_programs(program)[0]
+        if not isinstance(self.program, PhaseChain):
+            return transfer_remaining(self.solution, old, new, gone)
+        parts = self.program.parted(self.solution)
+        parts[0] = transfer_remaining(parts[0], old, new, gone)
+        return dataclasses.replace(
+            self.solution,
+            multipliers=np.concatenate([part.multipliers for part in parts]),
+            bound_multipliers=np.concatenate([part.bound_multipliers for part in parts]),
+        )
 
     def _problem(self, solver: PlanSolver, begin: float, measured: Array) -> PlanningProblem:
         """The problem from a time on.
@@ -202,8 +230,9 @@ class Horizon:
             else 0.0
         )
 
-    def _ahead(self, program: CollocationProgram, begin: float) -> Array:
+    def _ahead(self, chain: NonlinearProgram, begin: float) -> Array:
         """Unknowns of what is left of the present plan, and on as everything moves at its end."""
+        program = phase_programs(chain)[0]
         duration, model = program.problem.duration[0], program.problem.stage.scene.model
         end = self.begin_s + self.motion.duration_s
         times = begin + program.lobatto.times(program.mesh, duration)
@@ -214,6 +243,12 @@ class Horizon:
         z = np.hstack([q, v, a, u, w])
         z[0, : program.nx] = program.problem.fixed
         return np.append(z.ravel(), duration)
+
+    @property
+    def statistics(self) -> dict[str, Any]:
+        """Numbers of plans, of those missed and unfinished, iterations and times [s] of each solve."""
+        keys = ("missed", "unfinished", "iterations", "seconds")
+        return {"plans": len(self.seconds)} | {key: getattr(self, key) for key in keys}
 
     def at(self, times: Array) -> list[Array]:
         """Configuration, velocity, acceleration, drive and wrenches of the present plan at times (n,) [s].
@@ -243,7 +278,7 @@ class Horizon:
         }
 
 
-def is_usable(program: CollocationProgram, found: Solution) -> bool:
+def is_usable(program: NonlinearProgram, found: Solution) -> bool:
     """Whether a plan may be flown: a solution, or feasible so far."""
     g, (least, greatest) = program.constraints(found.w), program.limits()
     return found.converged or bool(np.maximum(least - g, g - greatest).max() <= GOOD)

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from spacerobot.arrays import Array
+from spacerobot.closedloop import OutputVariable
+from spacerobot.elements.controller import MEASURED
 from spacerobot.elements.goal import TipGoal
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scenario.sensors import Sensors
 from spacerobot.scene import Scene
 from spacerobot.scene.scene import SceneBody, SceneTip
+
+Readings = Mapping[tuple[str, str], Array]
+"""Values by signal and what it is of: ``rpr1/joint_1``, ``rpr1`` or ``rpr1/tip``; none of an ideal sensor."""
 
 
 def sensors_of(scene: Scene) -> dict[str, Sensors]:
@@ -23,20 +28,41 @@ def sensors_of(scene: Scene) -> dict[str, Sensors]:
     return {name: robot.sensors or Sensors() for name, robot in first.robots.items()}
 
 
-def measured_state(scene: Scene, plan: PlanSection, sensors: Mapping[str, Sensors], state: Array) -> Array:
-    """State of a scene with the errors of the robots' sensors.
+def readings_of(variables: Iterable[OutputVariable], outputs: Mapping[str, Array]) -> Readings:
+    """Readings among the outputs of a closed loop at one instant.
+
+    Parameters
+    ----------
+    variables
+        Of the closed loop, whose controllers of kind ``mpc`` name the signals that they read.
+    outputs
+        Values by the output's name, each (n,).
+    """
+    found: dict[tuple[str, str], Array] = {}
+    for one in variables:
+        if one.name.startswith(MEASURED) and one.name in outputs:
+            rows = np.reshape(outputs[one.name], (len(one.labels), -1))
+            signal = one.name.removeprefix(MEASURED)
+            found |= {(signal, label): row for label, row in zip(one.labels, rows, strict=True)}
+    return {key: value for key, value in found.items() if np.isfinite(value).all()}
+
+
+def measured_state(scene: Scene, plan: PlanSection, readings: Readings, state: Array, first: Array) -> Array:
+    """State of a scene as the robots' sensors and filters show it.
 
     Joints and floating bases are read by their robots' sensors. Of the target, the mating frames of the goals
-    are seen relative to where the tips seem to be; where several see it, it is taken to be in the middle.
+    are seen from where the tips seem to be; where several see it, it is taken to be in the middle.
 
     Parameters
     ----------
     scene, plan
         The scene, and its section.
-    sensors
-        Of each robot.
+    readings
+        What is measured; signals that are not among them are known as they are.
     state
         Begins with the true configuration and velocity (nq + nv, or more).
+    first
+        Configuration at the start (nq,), from whose attitudes the measured ones are counted.
 
     Returns
     -------
@@ -45,13 +71,13 @@ def measured_state(scene: Scene, plan: PlanSection, sensors: Mapping[str, Sensor
     """
     model, nq = scene.model, scene.model.nq
     q, v = np.array(state[:nq]), np.array(state[nq : nq + model.nv])
-    truth = _moved(model, q, v)
+    start, truth = _moved(model, first, np.zeros(model.nv)), _moved(model, q, v)
     for body in scene.robots:
-        _read_joints(scene, body, sensors[body.name], q, v)
-        _read_base(scene, body, sensors[body.name], q, v)
+        _read_joints(scene, body, readings, q, v)
+        _read_base(scene, body, readings, start, (q, v))
     own, tips = _moved(model, q, v), {tip.label: tip for tip in scene.tips}
     seen = [
-        _seen(scene, (tips[goal.tip], goal.follows), sensors[tips[goal.tip].body.name], truth, own)
+        _seen(scene, (tips[goal.tip], goal.follows), readings, (start, truth, own))
         for goal in plan.goals.values()
         if isinstance(goal, TipGoal) and goal.follows
     ]
@@ -73,19 +99,39 @@ def _place(scene: Scene, body: SceneBody, q: Array, v: Array, pose: tuple[Array,
     v[joint.idx_v : joint.idx_v + joint.nv] = np.concatenate([velocity[axes], turns])
 
 
-def _read_base(scene: Scene, body: SceneBody, sensors: Sensors, q: Array, v: Array) -> None:
-    """Pose and motion of a floating base as they are read, in place."""
+def _read_joints(scene: Scene, body: SceneBody, readings: Readings, q: Array, v: Array) -> None:
+    """Joint positions and rates as they are read, in place."""
+    for joint in body.driven_joints:
+        own, label = scene.model.joints[joint], f"{body.name}/{body.joint_name(scene.model, joint)}"
+        if ("joint_position", label) in readings:
+            (angle,) = readings["joint_position", label]
+            value = [np.cos(angle), np.sin(angle)] if own.nq == 2 else angle
+            q[own.idx_q : own.idx_q + own.nq] = value
+        v[own.idx_v] = readings.get(("joint_rate", label), v[[own.idx_v]])[0]
+
+
+def _read_base(
+    scene: Scene, body: SceneBody, readings: Readings, start: Any, motion: tuple[Array, Array]
+) -> None:
+    """Pose and motion (q, v) of a floating base as they are read, in place."""
     signals = ("base_position", "base_orientation", "base_velocity", "base_spin")
-    if not body.root_joint or all(sensors[signal].is_ideal for signal in signals):
+    if not body.root_joint or not any((signal, body.name) in readings for signal in signals):
         return
-    place, turn, linear, angular = (sensors[signal] for signal in signals)
     along, about = scene.translation_axes, scene.rotation_axes
-    data = _moved(scene.model, q, v)
-    root, motion = data.oMi[body.root_joint], data.v[body.root_joint]
-    rotation = pin.exp3(_shown(turn, pin.log3(root.rotation), about))
-    velocity = rotation.T @ _shown(linear, root.rotation @ motion.linear, along)
-    spin = rotation.T @ _shown(angular, root.rotation @ motion.angular, about)
-    _place(scene, body, q, v, (_shown(place, root.translation, along), rotation, velocity, spin))
+    data, joint = _moved(scene.model, *motion), body.root_joint
+    root, twist, first = data.oMi[joint], data.v[joint], start.oMi[joint].rotation
+    truth = (
+        root.translation,
+        pin.log3(root.rotation @ first.T),
+        root.rotation @ twist.linear,
+        root.rotation @ twist.angular,
+    )
+    place, turn, linear, angular = (
+        _along(readings.get((signal, body.name)), value, axes)
+        for signal, value, axes in zip(signals, truth, (along, about, along, about), strict=True)
+    )
+    rotation = pin.exp3(turn) @ first
+    _place(scene, body, *motion, (place, rotation, rotation.T @ linear, rotation.T @ angular))
 
 
 def _moved(model: Any, q: Array, v: Array) -> Any:
@@ -96,43 +142,36 @@ def _moved(model: Any, q: Array, v: Array) -> Any:
     return data
 
 
-def _seen(scene: Scene, who: tuple[SceneTip, str], sensors: Sensors, truth: Any, own: Any) -> Array:
+def _seen(scene: Scene, who: tuple[SceneTip, str], readings: Readings, known: tuple[Any, Any, Any]) -> Array:
     """Where the target's root seems to be, by what a tip sees of a mating frame (4, 3).
 
-    Shift [m] and turn [rad] in world axes, velocity [m/s] and spin [rad/s] in the root's; ``truth`` is how
-    all is, ``own`` how it is by the robots' knowledge of themselves.
+    Shift [m] and turn [rad] in world axes, velocity [m/s] and spin [rad/s] in the root's. ``known`` is how
+    all is at the start, how it is, and how it is by the robots' knowledge of themselves.
     """
     model, (tip, frame), along, about = scene.model, who, scene.translation_axes, scene.rotation_axes
+    start, truth, own = known
     mate = model.getFrameId(f"target/{frame}", pin.FrameType.BODY)
     motion = pin.getFrameVelocity(model, truth, mate, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-    there, here, known = truth.oMf[mate], truth.oMf[tip.frame], own.oMf[tip.frame]
+    there, here, first = truth.oMf[mate], truth.oMf[tip.frame], start.oMf[mate].rotation
     assert scene.target is not None
     root = truth.oMi[scene.target.root_joint]
-    turn = _shown(sensors.target_orientation, pin.log3(there.rotation @ here.rotation.T), about)
-    error = pin.exp3(turn) @ known.rotation @ there.rotation.T
-    away = _shown(sensors.target_position, there.translation - here.translation, along)
-    velocity = _shown(sensors.target_velocity, motion.linear, along)
-    spin = _shown(sensors.target_spin, motion.angular, about)
+
+    def read(signal: str, value: Array, axes: tuple[int, ...]) -> Array:
+        return _along(readings.get((signal, tip.label)), value, axes)
+
+    # what is seen from a tip is turned and shifted with the tip's own error
+    error = own.oMf[tip.frame].rotation @ here.rotation.T
+    turn = read("target_orientation", pin.log3(there.rotation @ first.T), about)
+    error = error @ pin.exp3(turn) @ first @ there.rotation.T
+    place = read("target_position", there.translation, along)
+    place = place + own.oMf[tip.frame].translation - here.translation
+    velocity, spin = read("target_velocity", motion.linear, along), read("target_spin", motion.angular, about)
     lever = error @ (there.translation - root.translation)
     back = (error @ root.rotation).T
-    shift = known.translation + away - lever - root.translation
+    shift = place - lever - root.translation
     return np.array([shift, pin.log3(error), back @ (velocity - np.cross(spin, lever)), back @ spin])
 
 
-def _read_joints(scene: Scene, body: SceneBody, sensors: Sensors, q: Array, v: Array) -> None:
-    """Joint positions and rates as they are read, in place."""
-    for joint in body.driven_joints:
-        own = scene.model.joints[joint]
-        at = own.idx_q
-        if own.nq == 2:
-            angle = _shown(sensors.joint_position, np.arctan2(q[at + 1], q[at]))
-            q[at : at + 2] = np.cos(angle), np.sin(angle)
-        else:
-            q[at] = _shown(sensors.joint_position, q[at])
-        v[own.idx_v] = _shown(sensors.joint_rate, v[own.idx_v])
-
-
-def _shown(sensor: Any, value: Any, axes: tuple[int, ...] | None = None) -> Any:
-    """Reading of a sensor, with errors along some axes alone."""
-    error = sensor.offset + (sensor.scale - 1) * value
-    return value + (error if axes is None else error * np.isin(np.arange(3), axes))
+def _along(reading: Array | None, value: Array, axes: tuple[int, ...]) -> Array:
+    """Reading of a vector (3,) along some axes, its true value along the others."""
+    return value if reading is None else np.where(np.isin(np.arange(3), axes), reading, value)

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import dataclasses
+from collections.abc import Iterable, Iterator
 from typing import Literal
 
+import casadi as ca
 import numpy as np
+import pinocchio as pin
 from pydantic import Field, model_validator
 
 from spacerobot.elements.context import RobotContext
-from spacerobot.elements.contribution import Contribution
-from spacerobot.elements.controller import Replanning
+from spacerobot.elements.contribution import Contribution, Output
+from spacerobot.elements.controller import MEASURED, Replanning
 from spacerobot.elements.joint_plan import JointPlanController
+from spacerobot.elements.joint_position import joint_position
 from spacerobot.elements.knot_motion import Knots
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import RobotProperties
 from spacerobot.errors import ScenarioError
 from spacerobot.section import quantity
+
+UNITS = {"position": "m", "velocity": "m/s", "orientation": "rad", "spin": "rad/s"}
 
 
 @register
@@ -35,6 +41,8 @@ class Mpc(JointPlanController):
     )
     iterations: int = Field(default=60, ge=1, description="of the solver, at most, for a plan in flight")
     begin: float = quantity("s", "when the plan in `knots` begins", default=0.0, ge=0)
+    signals: tuple[str, ...] = Field(default=(), description="none: filled in by the simulation")
+    frames: dict[str, str] = Field(default={}, description="none: filled in by the simulation")
 
     @model_validator(mode="after")
     def _check(self) -> Mpc:
@@ -58,11 +66,52 @@ class Mpc(JointPlanController):
         """
         if self.knots is None:
             raise ScenarioError(
-                "kind mpc replans between the periods of one rollout, as `spacerobot run` does; "
-                "campaigns, searches and other engines do not: there, follow a plan by joint_tracking",
+                "kind mpc solves a plan in each period, which has no gradient: simulations, batches and "
+                "campaigns do it, gradients and searches do not; there, follow a plan by joint_tracking",
                 where=robot.context.path,
             )
-        return super().build(robot)
+        return dataclasses.replace(super().build(robot), outputs=tuple(self._measured(robot)))
+
+    def _measured(self, robot: RobotContext) -> Iterator[Output]:
+        """Measurements from which plans begin, of the sensors named in ``signals``.
+
+        Attitudes are rotation vectors from those of the start. What a tip sees of a mating frame is known in
+        world axes from the instant of the measurement on.
+        """
+        plant, start, once = robot.plant, robot.start, robot.context.once
+        rotation, origin = plant.placement(robot.base_frame)
+        velocity, spin = plant.velocity(robot.base_frame)
+        first = once("attitude", start.placement(robot.base_frame)[0])
+        joints = [joint_position(plant.model, joint, plant.q) for joint in robot.joints]
+        values = {
+            "joint_position": ca.vertcat(*joints),
+            "joint_rate": plant.v[list(robot.columns)],
+            "base_position": origin,
+            "base_orientation": plant.orientation_error(rotation, first),
+            "base_velocity": velocity,
+            "base_spin": spin,
+        }
+        for signal in (each for each in self.signals if each in values):
+            found = robot.read(signal, values[signal])
+            if not signal.startswith("joint"):
+                yield _output(signal, found, "body", robot.name)
+                continue
+            for name, value in zip(robot.joint_names, ca.vertsplit(found), strict=True):
+                yield _output(signal, value, "driven_joint", f"{robot.name}/{name}")
+        for tip in (tip for tip in robot.tips if tip.label in self.frames):
+            frame = plant.model.getFrameId(f"target/{self.frames[tip.label]}", pin.FrameType.BODY)
+            rotation, origin = plant.placement(frame)
+            velocity, spin = plant.velocity(frame)
+            first = once(f"attitude.{tip.label}", start.placement(frame)[0])
+            turned = plant.orientation_error(rotation, first)
+            seen = {
+                "target_position": (origin - tip.position, origin),
+                "target_orientation": (plant.orientation_error(rotation, tip.rotation), turned),
+                "target_velocity": (velocity, None),
+                "target_spin": (spin, None),
+            }
+            for signal in (each for each in self.signals if each in seen):
+                yield _output(signal, tip.read(signal, *seen[signal]), "tip", tip.label)
 
     def among(self, robot: RobotContext) -> Knots:
         """The present instant among the points of the plan."""
@@ -91,3 +140,11 @@ class Mpc(JointPlanController):
     def words(self) -> str:
         """Its gains and its period."""
         return f"{self.kp:g} / {self.kd:g} along plans recomputed every {self.period:g} s"
+
+
+def _output(signal: str, value: ca.SX, dimension: str, label: str) -> Output:
+    """Measurement as an output."""
+    unit = {"joint_position": "rad or m", "joint_rate": "rad/s or m/s"}.get(signal)
+    text = f"{signal.replace('_', ' ')} as mpc reads it"
+    unit = unit or UNITS[signal.rpartition("_")[2]]
+    return Output(f"{MEASURED}{signal}", ca.densify(value), unit, text, dimension, label)

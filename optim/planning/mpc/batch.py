@@ -1,0 +1,277 @@
+"""Many simulations under model predictive control: carried in lanes, each with its own plans."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Sequence
+from typing import Any, Unpack
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from optim.planning.mpc.flight import Computer, Ends, Rows, fly
+from optim.planning.mpc.flown_scene import FlownScene
+from optim.planning.mpc.horizon import ROUNDING
+from optim.planning.mpc.measured_state import Readings, readings_of
+from optim.planning.mpc.planners import ParallelPlanners, Planners
+from optim.planning.mpc.simulation import statistics
+from spacerobot.arrays import Array
+from spacerobot.closedloop import ClosedLoop
+from spacerobot.compiled import usable_cores
+from spacerobot.elements.controller import MEASURED
+from spacerobot.errors import ScenarioError
+from spacerobot.rollout import Batch, Measures, Rollout, build_rollout, final, time_grid
+from spacerobot.rollout.batch import Controls
+from spacerobot.rollout.resumable_loop import SWITCHES, resumed
+from spacerobot.scene import Scene
+
+BEGIN = "start.0"
+"""Parameter of a resumed loop: the time at which it is taken up."""
+STATE = "end.state"
+STATISTICS = ("plans", "missed", "unfinished", "iterations", "median_solve_s", "longest_solve_s")
+"""Measures of the plans of a simulation, each with ``mpc_`` in front."""
+
+
+class MpcRollout:
+    """A closed loop under model predictive control, ready to run many times.
+
+    It stands where a :class:`spacerobot.rollout.Rollout` does in batches and campaigns.
+
+    Parameters
+    ----------
+    scene
+        The scene, as plans are made for it.
+    flown
+        The one with places for plans.
+    loop
+        Closed loop of that, for its variables.
+    rollout
+        That rolls out ``extended`` from anywhere.
+    measures
+        To which rollouts are reduced, without those of the plans.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        flown: FlownScene,
+        loop: ClosedLoop,
+        extended: Any,
+        rollout: Rollout,
+        measures: Measures,
+    ) -> None:
+        self.scene, self.flown, self.variables = scene, flown, loop.variables
+        self.loop, self.rollout, self.measures = extended, rollout, measures
+        self._planners: ParallelPlanners | Planners | None = None
+        self._count = 0
+
+    @property
+    def kernel(self) -> Any:
+        """Functions that are evaluated between plans."""
+        return self.rollout.kernel
+
+    @property
+    def summary(self) -> str:
+        """One line that says what runs."""
+        return f"{self.rollout.summary}; plans every {self.flown.settings.period:g} s"
+
+    def values(self) -> Array:
+        """Nominal parameters (np,)."""
+        return np.array(self.loop.parameter_values, dtype=float)
+
+    def planners(self, count: int) -> ParallelPlanners | Planners:
+        """Makers of plans, by so many processes; kept for the next batch."""
+        if self._planners is None or count != self._count:
+            self._planners = Planners(self.scene) if count == 1 else ParallelPlanners(self.scene, count)
+            self._count = count
+        return self._planners
+
+    def batch(
+        self,
+        paths: Sequence[str],
+        values: npt.ArrayLike,
+        *,
+        outputs: Sequence[str] = (),
+        **control: Unpack[Controls],
+    ) -> Batch:
+        """Many rollouts; arguments and errors as for :meth:`spacerobot.rollout.Rollout.batch`.
+
+        The measures are joined by those of the plans, :data:`STATISTICS`.
+        """
+        began = time.perf_counter()
+        rows = np.asarray(values, dtype=float).reshape(-1, len(paths))
+        plant = LanePlant(self, self.rollout.rows(paths, rows)[:, : len(self.values())], outputs, control)
+        count = max(1, min(control.get("threads") or usable_cores(), len(rows)))
+        planners = self.planners(count)
+        faults = fly(Computer.of(self.scene, self.flown, plant), planners)
+        told = [statistics(self.flown.settings, one) if one else {} for one in planners.end(range(len(rows)))]
+        plans = {f"mpc_{key}": np.array([[_total(one.get(key))] for one in told]) for key in STATISTICS}
+        plant.diverged_at[[bool(fault) for fault in faults]] = 0.0
+        for array in (*plant.measures.values(), *plant.outputs.values()):
+            array[np.isfinite(plant.diverged_at)] = np.nan
+        batch = self.rollout.engines.batch
+        return Batch(
+            costs={},
+            measures=plant.measures | plans,
+            diverged_at_s=plant.diverged_at,
+            unclosed=plant.unclosed,
+            gaps=plant.gaps,
+            done=plant.done,
+            time=plant.time,
+            outputs=plant.outputs,
+            state=None,
+            backend=batch.backend,
+            lanes=batch.lanes,
+            threads=count,
+            wall_s=time.perf_counter() - began,
+        )
+
+
+class LanePlant:
+    """N simulations rolled out piece by piece; see :class:`optim.planning.mpc.flight.ControlledPlant`.
+
+    Parameters
+    ----------
+    own
+        What rolls out.
+    parameters
+        Of the closed loop (N, np).
+    outputs
+        Names of outputs to sample.
+    control
+        How it runs.
+
+    Raises
+    ------
+    ScenarioError
+        If samples of outputs are not at the instants of plans.
+    """
+
+    def __init__(self, own: MpcRollout, parameters: Array, outputs: Sequence[str], control: Controls) -> None:
+        self.loop, self.parameters, self._own, self._names = own.loop, parameters, own, tuple(outputs)
+        self._control, count, whole = control, len(parameters), own.rollout.grid
+        self.time = whole.time if outputs else np.empty(0)
+        self._sample_s = whole.step_s * whole.every
+        for name, length in (("period", own.flown.settings.period), ("delay", own.flown.settings.delay)):
+            if outputs and abs(length / self._sample_s - round(length / self._sample_s)) > ROUNDING * length:
+                told = (
+                    f"found {self._sample_s:g} s, allowed with kind mpc: a part of its {name}, {length:g} s"
+                )
+                raise ScenarioError(told, source=own.scene.source, where="campaign.series_step")
+        x0, c = (value.full().T for value in own.loop.setup(parameters.T))
+        self.start = np.hstack([np.zeros((count, 1)), x0, c[:, list(own.loop.switches)]])
+        self.readings: list[Readings] = [{} for _ in range(count)]
+        self.over, self.ended = np.zeros(count, bool), np.zeros(count, bool)
+        self.diverged_at, self.done = np.full(count, np.nan), np.ones(count, bool)
+        self.unclosed, self.gaps = ("",) * count, dict[str, Array]()
+        sizes = {name: one.expression.numel() for name, one in own.measures.named.items()}
+        self.measures = {name: np.zeros((count, size)) for name, size in sizes.items()}
+        numel = own.loop.outputs.numel_out
+        self.outputs = {name: np.full((count, len(self.time), numel(name)), np.nan) for name in outputs}
+
+    def roll(self, p: Array, start: Array, length: float) -> Ends:
+        """See :class:`optim.planning.mpc.flight.ControlledPlant`."""
+        return self._ends(self._rolled(p, start, length, ()), start, length)
+
+    def advance(self, rows: Rows, until: float) -> None:
+        """See :class:`optim.planning.mpc.flight.ControlledPlant`."""
+        now = float(self.start[rows[0], 0]) if len(rows) else until
+        if until - now <= ROUNDING * until:
+            return
+        begins = now == 0
+        found = self._rolled(self.parameters[rows], self.start[rows], until - now, self._names)
+        if begins:
+            self.gaps = dict(found.gaps)
+            self.unclosed = found.unclosed
+        self.done[rows] &= found.done
+        lost = np.isfinite(found.diverged_at_s)
+        self.diverged_at[rows[lost]] = now + found.diverged_at_s[lost]
+        self.ended[rows] = lost | ~found.done
+        if found.events is not None:
+            self.ended[rows] |= np.isfinite(found.events.ended_at_s)
+            kinds = np.array([rule.kind == "phase" for rule in self.loop.events] + [False])
+            self.over[rows] |= kinds[found.events.event].any(axis=1)
+        for name, one in self._own.measures.named.items():
+            values, known = found.measures[name], self.measures[name]
+            if one.kind == "integral":
+                known[rows] += values
+            elif one.kind == "peak" and not begins:
+                known[rows] = np.maximum(known[rows], values)
+            else:
+                known[rows] = values
+        for name in self._names:
+            first = round(now / self._sample_s)
+            part = found.outputs[name]
+            self.outputs[name][rows, first : first + part.shape[1]] = part
+        ends = self._ends(found, self.start[rows], until - now)
+        self.start[rows] = ends.start
+        self.start[rows, 0] = until
+        for row, known_there in zip(rows, ends.readings, strict=True):
+            self.readings[row] = known_there
+
+    def _rolled(self, p: Array, start: Array, length: float, outputs: Sequence[str]) -> Batch:
+        rollout = self._own.rollout
+        sample_s = self._sample_s if outputs else length
+        grid = time_grid(length, rollout.grid.step_s * (1 + ROUNDING), sample_s)
+        return dataclasses.replace(rollout, grid=grid).batch(
+            rollout.loop.parameter_paths, np.hstack([p, start]), outputs=outputs, **self._control
+        )
+
+    def _ends(self, found: Batch, start: Array, length: float) -> Ends:
+        ends = np.hstack([start[:, :1] + length, found.measures[STATE]])
+        variables = [one for one in self._own.variables if one.name in found.measures]
+        read = {one.name: found.measures[one.name] for one in variables}
+        return Ends(
+            ends,
+            [
+                readings_of(variables, {name: values[i] for name, values in read.items()})
+                for i in range(len(ends))
+            ],
+        )
+
+
+def build_mpc_rollout(
+    scene: Scene,
+    flown: FlownScene,
+    loop: ClosedLoop,
+    extended: Any,
+    measures: Measures,
+    **options: Any,
+) -> MpcRollout:
+    """Make a scene under model predictive control ready to run many times.
+
+    Parameters
+    ----------
+    scene, flown, loop
+        The scene, the one with places for plans, and its closed loop.
+    extended
+        The same with states that are added for what is measured.
+    measures
+        Over the signals of ``extended``.
+    **options
+        As of :func:`spacerobot.rollout.build_rollout`.
+    """
+    whole, signals = resumed(extended), measures.signals
+    begin, names = ca.SX.sym(BEGIN), [one.name for one in loop.variables if one.name.startswith(MEASURED)]
+    switches = ca.SX.sym(SWITCHES, len(extended.switches))
+    known = dataclasses.replace(
+        signals,
+        outputs={**signals.outputs, SWITCHES: switches},
+        parameters={**signals.parameters, BEGIN: begin},
+    )
+    # a resumed loop counts time from where it is taken up
+    named = {
+        name: dataclasses.replace(one, expression=ca.substitute(one.expression, signals.t, signals.t + begin))
+        for name, one in measures.named.items()
+    }
+    named |= {name: final(signals[name]) for name in names}
+    named[STATE] = final(ca.vertcat(signals.x, switches))
+    rollout = build_rollout(whole, measures=Measures(known, named, costs=lambda _r, _p: {}), **options)
+    return MpcRollout(scene, flown, loop, extended, rollout, measures)
+
+
+def _total(value: Any) -> float:
+    """Number of a statistic; NaN where there was no plan."""
+    return float("nan") if value is None else float(np.sum(value))

@@ -1,0 +1,236 @@
+"""Simulations under model predictive control: rolled out from one instant to the next, planned in between.
+
+At t_k = k T each simulation is measured; its plan begins after the delay d at the state that the controllers'
+own model predicts there, and is flown from t_k + d on. Whatever carries the states (one rollout, many in
+lanes, the independent engine) is behind :class:`ControlledPlant`.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optim.planning.formulation.formulate import scene_with_plan_model
+from optim.planning.mpc.flown_scene import FlownScene, first_plan
+from optim.planning.mpc.horizon import ROUNDING
+from optim.planning.mpc.measured_state import Readings, measured_state
+from spacerobot.arrays import Array
+from spacerobot.scenario.load import to_document
+from spacerobot.scene import Scene
+from spacerobot.section import numbers
+
+Rows = NDArray[np.int64]
+SHORT = 1e-11
+"""Length of a rollout after which what is measured at its start is known [s]."""
+
+SILENT = {"offset": 0.0, "scale": 1.0, "noise": 0.0, "bias": 0.0, "bias_walk": 0.0}
+"""Numbers of a sensor without errors."""
+
+
+class LoopParameters(Protocol):
+    """Names and numbers of a closed loop."""
+
+    @property
+    def parameter_paths(self) -> tuple[str, ...]:
+        """Dotted paths of the parameters."""
+
+    @property
+    def parameter_values(self) -> Array:
+        """Their nominal values (np,)."""
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the states."""
+
+
+@dataclass
+class Ends:
+    """Ends of rollouts of some length.
+
+    Attributes
+    ----------
+    start
+        Time, state and switches there (n, 1 + nx + ns), where the next rollouts begin.
+    readings
+        What sensors show there, of each.
+    """
+
+    start: Array
+    readings: Sequence[Readings]
+
+
+class ControlledPlant(Protocol):
+    """Carrier of N simulations.
+
+    Attributes
+    ----------
+    parameters
+        Of the closed loop (N, np).
+    start
+        Where each has come to (N, 1 + nx + ns): time, state, switches.
+    readings
+        What its sensors show there.
+    over, ended
+        Whether the phase that is controlled by plans is over, and whether the simulation is (N,).
+    """
+
+    parameters: Array
+    start: Array
+    readings: list[Readings]
+    over: NDArray[np.bool_]
+    ended: NDArray[np.bool_]
+
+    @property
+    def loop(self) -> LoopParameters:
+        """The closed loop."""
+
+    def roll(self, p: Array, start: Array, length: float) -> Ends:
+        """Roll out from anywhere, with parameters (n, np), and keep nothing of it."""
+
+    def advance(self, rows: Rows, until: float) -> None:
+        """Carry some simulations on to a time [s]."""
+
+
+class PlanMakers(Protocol):
+    """Makers of plans; see :class:`optim.planning.mpc.planners.Planners`."""
+
+    def first(self, numbers: Sequence[int], measured: Array) -> list[str]:
+        """Plan from the start."""
+
+    def replan(self, numbers: Sequence[int], begin: float, measured: Array) -> None:
+        """Plan again."""
+
+    def points(self, numbers: Sequence[int], now: float) -> list[Array]:
+        """Points of the present plans."""
+
+
+@dataclass(frozen=True)
+class Computer:
+    """Source of what plans begin with: measurements, and the controllers' own model.
+
+    Attributes
+    ----------
+    scene, flown
+        The scene, and the one with places for plans.
+    plant
+        The simulations.
+    model
+        Parameters of the controllers' own model (np,): those of ``plan.model``, and sensors without errors.
+    places
+        Places of the plans' points among the parameters.
+    biases
+        Places of biases among time, state and switches.
+    first
+        Configuration of each simulation at its start (N, nq).
+    """
+
+    scene: Scene
+    flown: FlownScene
+    plant: ControlledPlant
+    model: Array
+    places: Rows
+    biases: Rows
+    first: Array
+
+    @classmethod
+    def of(cls, scene: Scene, flown: FlownScene, plant: ControlledPlant) -> Computer:
+        """Of simulations."""
+        loop = plant.loop
+        model, own = np.array(loop.parameter_values, dtype=float), scene_with_plan_model(scene)
+        known: dict[str, float] = {}
+        if own is not scene:
+            before, after = (dict(numbers(to_document(one.scenario))) for one in (scene, own))
+            known = {path: value for path, value in after.items() if value != before.get(path)}
+        for place, path in enumerate(loop.parameter_paths):
+            model[place] = known.get(path, model[place])
+            if ".sensors." in path:
+                model[place] = SILENT.get(path.rpartition(".")[2], model[place])
+        biases = [1 + i for i, name in enumerate(loop.state_names) if ".bias[" in name]
+        first = plant.start[:, 1 : 1 + scene.model.nq].copy()
+        return cls(
+            scene,
+            flown,
+            plant,
+            model,
+            flown.places(loop.parameter_paths),
+            np.array(biases, dtype=np.int64),
+            first,
+        )
+
+    def measured(self, rows: Rows, readings: Sequence[Readings]) -> Array:
+        """Where some simulations seem to be (n, nq + nv)."""
+        plan, plant = first_plan(self.scene), self.plant
+        found = [
+            measured_state(self.scene, plan, known, plant.start[row, 1:], self.first[row])
+            for row, known in zip(rows, readings, strict=True)
+        ]
+        return np.array(found)
+
+    def predicted(self, rows: Rows, measured: Array, delay: float) -> Array:
+        """Where they seem to come to a time [s] later, by the present plans (n, nq + nv)."""
+        p, start = np.tile(self.model, (len(rows), 1)), self.plant.start[rows].copy()
+        p[:, self.places] = self.plant.parameters[np.ix_(rows, self.places)]
+        start[:, 1 : 1 + measured.shape[1]] = measured
+        start[:, self.biases] = 0.0
+        return self.plant.roll(p, start, delay).start[:, 1 : 1 + measured.shape[1]]
+
+
+def fly(computer: Computer, pilots: PlanMakers, notify: Callable[[str], None] = lambda _: None) -> list[str]:
+    """Simulate to the end.
+
+    Parameters
+    ----------
+    computer
+        What plans are made from, with the simulations.
+    pilots
+        What makes the plans.
+    notify
+        Told how far it is.
+
+    Returns
+    -------
+    list
+        Why each simulation has no first plan, in words; empty where it has one.
+    """
+    plant, flown, places = computer.plant, computer.flown, computer.places
+    period, delay, end = flown.settings.period, flown.settings.delay, flown.duration_s
+    everyone = np.arange(len(plant.start))
+
+    def show(rows: Rows, now: float) -> None:
+        """Hand the points of the present plans to the controllers."""
+        if len(rows):
+            plant.parameters[np.ix_(rows, places)] = pilots.points(rows.tolist(), now)
+
+    seen = plant.roll(plant.parameters, plant.start, SHORT).readings
+    faults = pilots.first(everyone.tolist(), computer.measured(everyone, seen))
+    plant.ended |= np.array([bool(fault) for fault in faults])
+    for k in itertools.count():
+        now = k * period
+        rows = everyone[~plant.over & ~plant.ended]
+        if not len(rows) or now >= end * (1 - ROUNDING):
+            break
+        notify(f"flying: {now:.3g} of {end:.3g} s, {len(rows)} under predictive control")
+        show(rows, now)
+        if k and flown.replans_at(now + delay):
+            measured = computer.measured(rows, [plant.readings[row] for row in rows])
+            if delay:
+                measured = computer.predicted(rows, measured, delay)
+            pilots.replan(rows.tolist(), now + delay, measured)
+            if delay:
+                plant.advance(rows, min(now + delay, end))
+            rows = rows[~plant.ended[rows]]
+            show(rows, now + delay)
+        plant.advance(rows, min(now + period, end))
+    notify("flying: all that follows the plans")
+    last = plant.start[:, 0]
+    for now in np.unique(last[~plant.ended]):
+        rows = everyone[~plant.ended & (last == now)]
+        if now < end * (1 - ROUNDING):
+            show(rows, now)
+            plant.advance(rows, end)
+    return faults

@@ -1,0 +1,228 @@
+"""Plans of many simulations, one horizon for each, solved here or by processes of this machine.
+
+Python's lock lets one thread solve at a time, so that solving in parallel takes processes. Each simulation
+belongs to one of them for good, and what is solved for it depends on nothing else: the plans are the same
+whatever their number.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import weakref
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from optim.planning.mpc.flown_scene import FlownScene
+from optim.planning.mpc.horizon import Horizon
+from optim.planning.search.plan_solver import PlanSolver
+from optim.problem.scene_recipe import SceneRecipe
+from spacerobot.arrays import Array
+from spacerobot.errors import NoPlanError, ScenarioError, SpaceRobotError
+from spacerobot.scene import Scene
+
+OFTEN = 1000
+"""Motions that are made in flight, as far as it counts whether compiling pays: time presses there."""
+Notify = Callable[[str], None]
+
+
+class Planners:
+    """Horizons of simulations by their number, in this process.
+
+    Parameters
+    ----------
+    scene
+        Whose motion is planned.
+    backend
+        ``auto``, ``compiled`` or ``interpreted``.
+    notify
+        Told in a few words what begins.
+
+    Raises
+    ------
+    ScenarioError
+        If the plan does not suit model predictive control.
+    """
+
+    def __init__(self, scene: Scene, backend: str = "auto", notify: Notify = lambda _: None) -> None:
+        self._flown = FlownScene.of(scene)
+        self._solver = PlanSolver.of(scene, backend, notify, motions=OFTEN)
+        self._horizons: dict[int, Horizon] = {}
+        driven = self._solver.problem.stage.driven
+        if len(driven.names) > len(driven.joints):
+            told = "found an actuator on a base, allowed with kind mpc: only joints are controlled"
+            raise ScenarioError(told, source=scene.source, where="plan.limits")
+
+    def first(self, numbers: Sequence[int], measured: Array) -> list[str]:
+        """Plan simulations from their start, each from a first guess.
+
+        Parameters
+        ----------
+        numbers
+            Of the simulations.
+        measured
+            Configuration and velocity of each at its start (n, nq + nv), as they seem to be.
+
+        Returns
+        -------
+        list
+            Why there is no plan, in words; empty where there is one.
+        """
+        found = []
+        for number, state in zip(numbers, measured, strict=True):
+            try:
+                horizon = Horizon.of(self._solver, state, self._flown.settings.min_horizon)
+            except NoPlanError as fault:
+                found.append(fault.message)
+                continue
+            self._horizons[number] = horizon
+            found.append("")
+        return found
+
+    def replan(self, numbers: Sequence[int], begin: float, measured: Array) -> None:
+        """Plan simulations again, each from its last plan.
+
+        Parameters
+        ----------
+        numbers
+            Of the simulations.
+        begin
+            When the plans begin [s].
+        measured
+            Configuration and velocity of each then (n, nq + nv), as they seem to be.
+        """
+        for number, state in zip(numbers, measured, strict=True):
+            self._horizons[number].replan(begin, state, self._flown.settings.iterations)
+
+    def points(self, numbers: Sequence[int], now: float) -> list[Array]:
+        """Points of each plan in the period that begins now [s], as in :meth:`FlownScene.numbers`."""
+        return [self._flown.numbers(self._horizons[number], now) for number in numbers]
+
+    def end(self, numbers: Sequence[int]) -> list[dict[str, Any]]:
+        """Statistics of each simulation's plans, which are then forgotten."""
+        return [self._horizons.pop(n).statistics if n in self._horizons else {} for n in numbers]
+
+
+class ParallelPlanners:
+    """The same by several processes; see :class:`Planners`.
+
+    Parameters
+    ----------
+    scene
+        Whose motion is planned.
+    count
+        How many processes.
+    """
+
+    def __init__(self, scene: Scene, count: int) -> None:
+        path = os.pathsep.join(filter(None, [*sys.path, os.environ.get("PYTHONPATH", "")]))
+        command = [sys.executable, "-c", f"from {__name__} import serve; serve()"]
+        self._processes = [
+            subprocess.Popen(
+                command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                env=os.environ | {"PYTHONPATH": path},
+            )
+            for _ in range(count)
+        ]
+        weakref.finalize(self, _end, self._processes)
+        for process in self._processes:
+            _send(process, SceneRecipe.of(scene))
+
+    def first(self, numbers: Sequence[int], measured: Array) -> list[str]:
+        """See :meth:`Planners.first`."""
+        return self._spread("first", numbers, lambda rows: (measured[rows],))
+
+    def replan(self, numbers: Sequence[int], begin: float, measured: Array) -> None:
+        """See :meth:`Planners.replan`."""
+        self._spread("replan", numbers, lambda rows: (begin, measured[rows]))
+
+    def points(self, numbers: Sequence[int], now: float) -> list[Array]:
+        """See :meth:`Planners.points`."""
+        return self._spread("points", numbers, lambda _: (now,))
+
+    def end(self, numbers: Sequence[int]) -> list[dict[str, Any]]:
+        """See :meth:`Planners.end`."""
+        return self._spread("end", numbers, lambda _: ())
+
+    def _spread(
+        self, what: str, numbers: Sequence[int], given: Callable[[list[int]], tuple[Any, ...]]
+    ) -> list[Any]:
+        """One method of all processes, each for its own simulations; results in the order of these."""
+        shares: dict[int, list[int]] = {}
+        for row, number in enumerate(numbers):
+            shares.setdefault(number % len(self._processes), []).append(row)
+        for place, rows in shares.items():
+            own = [int(numbers[row]) for row in rows]
+            _send(self._processes[place], (what, (own, *given(rows))))
+        found: list[Any] = [None] * len(numbers)
+        answers = {place: _receive(self._processes[place]) for place in shares}
+        for place, rows in shares.items():
+            if isinstance(answers[place], SpaceRobotError):
+                raise answers[place]
+            for row, answer in zip(rows, answers[place] or [None] * len(rows), strict=True):
+                found[row] = answer
+        return found
+
+
+def serve() -> None:
+    """Solve what is asked for on the standard input until that ends; answers go to the standard output."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to all; who asks ends this process
+    given, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    planners: Planners | SpaceRobotError
+    try:
+        planners = Planners(pickle.load(given).build())  # noqa: S301 (of the process that began this one)
+    except SpaceRobotError as fault:
+        planners = fault
+    while True:
+        try:
+            what, arguments = pickle.load(given)  # noqa: S301 (likewise)
+        except EOFError:
+            return
+        try:
+            answer = (
+                planners if isinstance(planners, SpaceRobotError) else getattr(planners, what)(*arguments)
+            )
+        except SpaceRobotError as fault:
+            answer = fault
+        pickle.dump(answer, answers)
+        answers.flush()
+
+
+def _send(process: subprocess.Popen[bytes], what: Any) -> None:
+    assert process.stdin is not None, "opened as a pipe"
+    with contextlib.suppress(BrokenPipeError):  # reported where its answer is missing
+        pickle.dump(what, process.stdin)
+        process.stdin.flush()
+
+
+def _receive(process: subprocess.Popen[bytes]) -> Any:
+    """Answer of a process.
+
+    Raises
+    ------
+    SpaceRobotError
+        If the process has ended.
+    """
+    assert process.stdout is not None, "opened as a pipe"
+    try:
+        return pickle.load(process.stdout)  # noqa: S301 (of a process that this one began)
+    except EOFError:
+        told = f"a process that solves plans has ended with code {process.wait()}; its memory may not suffice"
+        raise SpaceRobotError(told) from None
+
+
+def _end(processes: Sequence[subprocess.Popen[bytes]]) -> None:
+    for process in processes:
+        process.kill()
+        process.wait()
+        for pipe in (process.stdin, process.stdout):
+            if pipe is not None:
+                with contextlib.suppress(BrokenPipeError):
+                    pipe.close()
