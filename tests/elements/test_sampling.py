@@ -312,3 +312,33 @@ def test_a_phase_that_resets_leaves_clocks_and_outputs_alone():
     integral = run.state[:, names.index("one/tip/pid.integral[0]")]
     assert abs(integral[9]) > 0 == abs(integral[11])
     assert run.state[11, names.index("one/tip/pid.held[0]")] != 0
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.2])
+@pytest.mark.parametrize(("part", "grows"), [(0.97, False), (1.03, True)])
+def test_sampled_damping_of_light_joints_is_stable_up_to_the_limit(part, grows, delay):
+    """T K_d lambda < 2 / (1 - 2 f), lambda the largest eigenvalue of the joints' block of M^-1."""
+    alone = {
+        "grasps": {},
+        "target.base": {"joint": "planar", "position": [20, 0, 0]},
+        "robots.two.base": {"joint": "planar", "position": [40, 0, 0]},
+        "robots.*.tips.tip.pid": None,
+        "robots.one.tips.tip.amnesia": None,
+        "robots.two.joints.*.locked": True,
+        "robots.one.base": {"joint": "planar"},
+        "robots.one.joints.joint_1.rate_deg": 1e-6,
+    }
+    scene = small_scene(PLANAR, alone)
+    inertia = pin.crba(scene.model, scene.model.createData(), scene.q)
+    inertia = np.triu(inertia) + np.triu(inertia, 1).T
+    columns = [scene.model.idx_vs[joint] for joint in scene.robots[0].driven_joints]
+    largest = np.linalg.eigvalsh(np.linalg.inv(inertia)[np.ix_(columns, columns)]).max()
+    period = 0.01
+    kd = part * 2 / (1 - 2 * delay) / (period * largest)
+    damped = {
+        "robots.one.joint_pd": {"kp": 0, "kd": kd, "sampled": {"period": period, "delay": delay * period}}
+    }
+    _, rollout = rolled(alone | damped, duration_s=0.6, output_step_s=0.1)
+    rates = np.abs(rollout.run().state[:, scene.model.nq :][:, columns]).max(axis=1)
+    assert bool(rates[-1] > 3 * rates[1]) is grows
+    assert bool(rates[-1] < rates[1] / 3) is not grows

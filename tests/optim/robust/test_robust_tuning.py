@@ -11,6 +11,7 @@ from optim.problem.objectives import OBJECTIVE
 from optim.robust.problem import Statistic, build_robust, tune_robust
 from optim.search.session import SearchSession
 from spacerobot.errors import ScenarioError, SpaceRobotError
+from spacerobot.scene import load_scene
 
 TUNING = {
     "variables": {
@@ -146,3 +147,17 @@ def test_constraints_hold_at_every_sample(small, limited, kind):
     assert problem.reduce(problem.objectives(found.u)) > free.reduce(free.objectives(loose.u))
     searched = run_method(problem, "ga", effort_of(small(tuning=TUNING).scenario.tuning, budget=200)).best
     assert found.objective <= searched.objective * 1.001
+
+
+def test_gains_are_tuned_over_draws_of_the_noise():
+    """Sampled and delayed control by noisy sensors: gradients, and a better result on fresh draws."""
+    scene = load_scene("examples/as-flown.yaml", {"simulation.duration": 1.5})
+    problem, h = build_robust(scene, Statistic("mean", samples=8)), 1e-4
+    u = problem.start
+    found = problem.linearise(u)
+    for i, step in enumerate(h * np.eye(len(u))):
+        up, down = problem.evaluate(np.array([u + step, u - step])).objective
+        assert found.gradient[i] == pytest.approx((up - down) / (2 * h), rel=1e-4)
+    tuned = tune_robust(problem, "nlp", effort=effort_of(scene.scenario.tuning, starts=1), fresh=32)
+    assert np.ptp(tuned.fresh["start"]) > 0
+    assert np.mean(tuned.fresh["robust"]) < 0.9 * np.mean(tuned.fresh["start"])
