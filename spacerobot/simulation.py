@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -33,6 +33,9 @@ from spacerobot.rollout import (
 from spacerobot.rollout.step_choice import NoStepError
 from spacerobot.scene import Scene, build_scene
 from spacerobot.scene.memory import check_size
+
+if TYPE_CHECKING:
+    from spacerobot.pinocchio_engine import PinocchioTrajectory
 
 Progress = Callable[[str], None]
 LOCAL_TOLERANCE = 1e-3
