@@ -43,7 +43,7 @@ from spacerobot.simulation import Backend, Progress, prepare_simulation
 if TYPE_CHECKING:
     import control
 
-RIGID = 1e-3
+RIGID = 3e-3
 """Poles below it [1/s] count as zero: a Jordan block of four zeros splits by the fourth root of rounding."""
 
 RANK = 1e-9

@@ -225,7 +225,8 @@ def _frequencies(poles: Array, most: float) -> Array:
     sizes = np.abs(poles)
     sizes = sizes[sizes > RIGID]
     low, high = (sizes.min(), sizes.max()) if sizes.size else (1.0, 1.0)
-    low, high = min(low / BEYOND, most / 10), min(high * BEYOND, most)
+    # below, poles at zero that rounding has split would count as resonances
+    low, high = max(min(low / BEYOND, most / 10), RIGID), min(high * BEYOND, most)
     found = [np.geomspace(low, high, int(PER_DECADE * np.log10(high / low)) + 2)]
     around = np.concatenate([-np.geomspace(8, 1e-2, 40), [0.0], np.geomspace(1e-2, 8, 40)])
     for pole in poles:

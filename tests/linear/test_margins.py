@@ -7,6 +7,8 @@ from scipy.optimize import brentq
 
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.linear import linearise, margins
+from spacerobot.linear.linearisation import RIGID
+from spacerobot.linear.loop_margins import _frequencies
 from spacerobot.rollout import build_rollout
 from tests.linear.scenes import KD, KP, arm_scene
 
@@ -141,3 +143,9 @@ def test_along_the_whole_time():
     values = table.phase.sel(loop="torque/arm/joint_1").values
     np.testing.assert_allclose(values, values[0], rtol=0.05)
     assert found.events == ()
+
+
+def test_poles_at_zero_that_rounding_splits_are_no_resonances():
+    """As of a floating base: four zeros of one Jordan block split by the fourth root of rounding."""
+    poles = np.array([1.7e-3j, -1.7e-3j, -5e-3, -0.75 + 0.83j, -0.75 - 0.83j])
+    assert _frequencies(poles, np.inf).min() >= RIGID
