@@ -104,8 +104,9 @@ def evaluate(
         for constraint, (force, torque) in zip(acting.constraints, solution.wrenches, strict=True)
     )
     acting = concatenate([acting, solution.driven])
-    # at one instant sensors measure before controllers read
-    first = sorted(acting.events, key=lambda event: event.kind != "measured")
+    # at one instant sensors measure before filters estimate, and these before controllers read
+    order = {"measured": 0, "estimated": 1}
+    first = sorted(acting.events, key=lambda event: order.get(event.kind, 2))
     acting = replace(acting, events=tuple(first))
     events = tuple(_evaluated(event, acting.sampled, solution.sampled) for event in acting.events)
     events = (*events, *answers.events)

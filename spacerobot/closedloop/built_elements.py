@@ -32,14 +32,17 @@ from spacerobot.elements import (
 )
 from spacerobot.elements.capture_release import living
 from spacerobot.elements.context import Affine, ContactSurface, Held, unbroken
-from spacerobot.elements.contribution import gated
-from spacerobot.elements.measurement import Measurement, changing, filled
+from spacerobot.elements.contribution import concatenate, gated
+from spacerobot.elements.estimator import EstimatorContext
+from spacerobot.elements.measurement import Measurement, Observation, changing, filled
 from spacerobot.elements.reference import DEGREE
 from spacerobot.elements.sampling import periodic
 from spacerobot.elements.sensor import ideal, measured
 from spacerobot.scenario import Robot
+from spacerobot.scenario.sensors import Sensors
 from spacerobot.scene import Scene, SceneBody, SceneGrasp, SceneTip
 from spacerobot.scene.scene import SceneContact, SceneShape
+from spacerobot.scene.target_model import target_model
 from spacerobot.shapes import Shape
 from spacerobot.symbolic import InitialState, Plant
 
@@ -82,8 +85,9 @@ class LoopBuilder:
                 self.plant,
                 self.start,
                 self.scene.target,
-                self._sensors(tip.body),
+                functools.partial(self._shown, tip.body, tip.frame),
                 self._measure(tip.body),
+                self.estimators.get(tip.body.name, Contribution()),
             )
             for tip in self.scene.tips
         }
@@ -113,7 +117,7 @@ class LoopBuilder:
 
     def contributions(self) -> list[Contribution]:
         """Of controllers, grasps, contacts, actuators and environments, in the scene's order."""
-        found = [*self.controllers]
+        found = [*self.controllers, *self.estimators.values()]
         found += [Contribution(states=one.states, events=one.events) for one in self.measurements.values()]
         found += [living(grasp.config, self._grasp(grasp)) for grasp in self.scene.grasps]
         found += [contact.config.build(self.contact(contact)) for contact in self.scene.contacts]
@@ -166,45 +170,118 @@ class LoopBuilder:
             return ideal
         return lambda signal: sensors[signal].affine(self.context.at(f"{body.path}.sensors.{signal}"))
 
-    def _measure(self, body: SceneBody) -> Callable[[str, str, ca.SX, ca.SX | None], Measurement | None]:
+    def _measure(self, body: SceneBody) -> Callable[[str, str, Observation], Measurement | None]:
         sensors = body.config.sensors if isinstance(body.config, Robot) else None
 
-        def measure(signal: str, name: str, shown: ca.SX, distance: ca.SX | None) -> Measurement | None:
+        def measure(signal: str, name: str, observed: Observation) -> Measurement | None:
             if sensors is None:
                 return None
             context = self.context.at(f"{body.path}.sensors.{signal}")
-            return sensors[signal].measurement(name, context, shown, distance)
+            return sensors[signal].measurement(name, context, observed)
 
         return measure
 
+    def _shown(self, body: SceneBody, frame: int, signal: str, value: ca.SX) -> ca.SX | None:
+        """Vector in world axes (3x1) as shown by a sensor that a frame carries; None without sensors."""
+        sensors = body.config.sensors if isinstance(body.config, Robot) else None
+        if sensors is None:
+            return None
+        context, axes = self.context.at(f"{body.path}.sensors.{signal}"), self.plant.placement(frame)[0]
+        if not signal.startswith("joint_"):
+            value = sensors[signal].aligned(context, value, axes)
+        return measured(sensors[signal].affine(context), value)
+
     def _held(self, body: SceneBody, owner: str, frame: int) -> Held:
         """Reader of signals that are measured at instants; all that read one see the same."""
-        measure, sensors = self._measure(body), self._sensors(body)
+        measure, estimates = self._measure(body), self.estimates(body)
 
         def held(signal: str, value: ca.SX, world: ca.SX | None = None) -> ca.SX | None:
-            """Held value of a signal; None where it is not sampled."""
+            """Estimate, or held value, of a signal; None where it is neither estimated nor sampled."""
             own = signal.startswith(("tip_", "target_"))
-            whose = f"{owner if own else body.name}.{signal}"
-            name, shown, away = f"{whose}.{value.size1()}", measured(sensors(signal), value), None
-            if world is not None:
+            whose, away = f"{owner if own else body.name}.{signal}", None
+            name, found = f"{whose}.{value.size1()}", None
+            shown = self._shown(body, frame, signal, value)
+            if world is not None and shown is not None:
                 shown = world + shown - value
             if signal.startswith("target_") and self.scene.target is not None:
                 places = (self.plant.placement(each)[1] for each in (self.scene.target.root_frame, frame))
                 away = ca.norm_2(ca.densify(next(places) - next(places)))
-            if name not in self.measurements:
-                found = measure(signal, name, changing(shown), away)
-                if found is not None:
-                    self.measurements[name] = found
-            known = self.measurements.get(name)
-            if known is not None:
-                shown = filled(shown, known.value.symbol)
+            if signal in estimates and signal != "target_velocity":
+                origin = self.plant.placement(frame)[1] if signal == "target_position" else ca.SX(0)
+                found = estimates[signal](value + origin) - origin
+                found = found if world is None else world + found - value
+            elif shown is not None:
+                if name not in self.measurements:
+                    sampled = measure(signal, name, Observation(changing(shown), away))
+                    if sampled is not None:
+                        self.measurements[name] = sampled
+                if name in self.measurements:
+                    found = filled(shown, self.measurements[name].value.symbol)
             if self.break_point is None:
-                return None if known is None else shown
-            entries = changing(shown)
+                return found
+            known = value if shown is None else shown
+            known = known if found is None else found
+            entries = changing(known)
             names = [f"{whose}[{i}]" for i in range(entries.size1())]
-            return filled(shown, self.break_point("measurement", names, entries))
+            return filled(known, self.break_point("measurement", names, entries))
 
         return held
+
+    @functools.cached_property
+    def estimators(self) -> Mapping[str, Contribution]:
+        """Of the estimators of each robot, by its name."""
+        return {
+            body.name: concatenate(
+                estimator.build(self._estimator(body, key))
+                for key, estimator in body.config.estimators.items()
+            )
+            for body in self.scene.robots
+            if isinstance(body.config, Robot) and body.config.estimators
+        }
+
+    def estimates(self, body: SceneBody) -> Mapping[str, Callable[[ca.SX], ca.SX]]:
+        """From true values to those that filters of a body estimate, by signal."""
+        return dict(self.estimators[body.name].estimates) if body.name in self.estimators else {}
+
+    def _estimator(self, body: SceneBody, key: str) -> EstimatorContext:
+        """Context of an estimator, which has samples of its own of what it reads."""
+        assert isinstance(body.config, Robot)
+        path, sensors = body.path, body.config.sensors or Sensors()
+
+        def sample(
+            signal: str,
+            value: ca.SX,
+            axes: tuple[int, ...],
+            carrier: ca.SX | None = None,
+            away: tuple[ca.SX, ca.SX] | None = None,
+        ) -> Measurement:
+            context = self.context.at(f"{path}.sensors.{signal}")
+            own, attitude = sensors[signal], None
+            value = own.aligned(context, value, carrier)
+            if value.size2() == 3:
+                value, attitude = ca.SX(3, 1), value
+            shown = measured(own.affine(context), value)
+            if away is not None and attitude is None:
+                shown = shown + away[0]
+            shown = ca.densify(shown[list(axes)])
+            observed = Observation(shown, away[1] if away else None, attitude, stamped=True)
+            name = f"{body.name}/{key}.{signal}"
+            found = own.measurement(name, context, observed)
+            assert found is not None, "scenes are refused whose filters lack a measurement"
+            self.measurements[name] = found
+            return found
+
+        return EstimatorContext(
+            self.context.at(f"{path}.estimators.{key}"),
+            self.plant,
+            f"{body.name}/{key}",
+            body.name,
+            body.root_frame,
+            lambda signal: self.context.at(f"{path}.sensors.{signal}.errors"),
+            sample,
+            {tip.label.rpartition("/")[2]: tip.frame for tip in self.scene.tips if tip.body is body},
+            target_model(self.scene),
+        )
 
     def _tip(self, tip: SceneTip, key: str) -> TipContext:
         return TipContext(

@@ -12,6 +12,7 @@ import pinocchio as pin
 from spacerobot.dynamics import forward_kinematics, frame_velocity
 from spacerobot.dynamics.rotations import rotation_exp
 from spacerobot.elements import (
+    Contribution,
     DesiredMotion,
     Event,
     InitialMotion,
@@ -21,8 +22,8 @@ from spacerobot.elements import (
     either,
     memory,
 )
-from spacerobot.elements.context import Affine, ReferenceContext
-from spacerobot.elements.measurement import Measurement, changing, filled
+from spacerobot.elements.context import ReferenceContext
+from spacerobot.elements.measurement import Measurement, Observation, changing, filled
 from spacerobot.scene import SceneBody, SceneReference, SceneTip
 from spacerobot.symbolic import InitialState, Plant
 
@@ -39,11 +40,13 @@ class TipGuidance:
         Time and the scenario's numbers, mechanics now, and where everything begins.
     target
         The target, None if there is none.
-    sensors
-        Of the tip's robot.
+    shown
+        From signal and value (3x1) to what the sensor of the tip's robot shows of it, None without sensors.
     measure
-        From signal, name, what the sensor sees and the distance to the measurement at instants; None for
-        one that is continuous.
+        From signal, name and what the sensor sees to the measurement at instants; None for one that is
+        continuous.
+    estimators
+        Of the tip's robot.
     kept
         What is remembered of the instant at which the present reference began, by a short name.
     seen
@@ -57,8 +60,9 @@ class TipGuidance:
     plant: Plant
     start: InitialState
     target: SceneBody | None
-    sensors: Callable[[str], Affine]
-    measure: Callable[[str, str, ca.SX, ca.SX | None], Measurement | None]
+    shown: Callable[[str, ca.SX], ca.SX | None]
+    measure: Callable[[str, str, Observation], Measurement | None]
+    estimators: Contribution = field(default_factory=Contribution)
     kept: dict[str, State] = field(default_factory=dict)
     seen: dict[str, tuple[State, ca.SX]] = field(default_factory=dict)
     held: dict[str, Measurement] = field(default_factory=dict)
@@ -118,7 +122,8 @@ class TipGuidance:
             tip=self.tip.frame,
             links=frames,
             target=() if target is None or not target.root_joint else target.subtree,
-            sensors=self.sensors,
+            shown=self.shown,
+            estimates=dict(self.estimators.estimates),
             held=functools.partial(self._measured_last, context.path),
         )
 
@@ -130,7 +135,7 @@ class TipGuidance:
             away = None
             if self.root is not None:
                 away = ca.norm_2(ca.densify(self.plant.placement(self.root)[1] - frame))
-            found = self.measure(signal, name, changing(shown), away)
+            found = self.measure(signal, name, Observation(changing(shown), away))
             if found is None:
                 return shown
             self.held[name] = found
@@ -141,6 +146,8 @@ class TipGuidance:
         del name
         for held in self.held.values():
             value = ca.substitute(value, held.value.symbol, held.shown)
+        for state in self.estimators.states:
+            value = ca.substitute(value, state.symbol, state.initial)
         return self.plant.at_start(value, self.start, self.context.constants)
 
     def _remembered(self, path: str, name: str, value: ca.SX) -> ca.SX:

@@ -27,6 +27,7 @@ from spacerobot.elements.controller import RobotController, TipController
 from spacerobot.elements.desired_motion import DesiredMotion, InitialMotion, TimeProfile, cubic_blend
 from spacerobot.elements.element import Element
 from spacerobot.elements.environment import Environment, EnvironmentContext
+from spacerobot.elements.estimator import Estimator, EstimatorContext
 from spacerobot.elements.event import Event, both, either, negated
 from spacerobot.elements.goal import Goal, TipGoal
 from spacerobot.elements.grasp import Grasp
@@ -63,6 +64,8 @@ __all__ = [
     "Element",
     "Environment",
     "EnvironmentContext",
+    "Estimator",
+    "EstimatorContext",
     "Event",
     "Family",
     "Goal",

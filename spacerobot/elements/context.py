@@ -441,19 +441,22 @@ class ReferenceContext(SectionContext):
         Frames of the target's links, by name.
     target
         Joints of the target, its root first; none where its base is fixed.
-    sensors
-        From a signal's name to the offset and scale of the robot's sensor.
+    shown
+        From a signal's name and its value (3x1) to what the robot's sensor shows of it; None without sensors.
     held
         From a signal's name and what its sensor shows of something now (n x 1) to what is known of it: the
         same, or what was shown when the sensor measured last.
+    estimates
+        What filters of the robot estimate, by signal, as of a contribution.
     """
 
     plant: Plant
     tip: int
     links: Mapping[str, int]
     target: tuple[int, ...]
-    sensors: Callable[[str], Affine]
+    shown: Callable[[str, ca.SX], ca.SX | None]
     held: Callable[[str, ca.SX], ca.SX]
+    estimates: Mapping[str, Callable[[ca.SX], ca.SX]]
 
 
 @dataclass(frozen=True)

@@ -312,6 +312,10 @@ class Contribution:
         Booked in the ledger, and observed.
     events
         At which it changes.
+    estimates
+        Signals that the controllers of its robot read of it instead of a sensor, each with a function from
+        the true value to the estimated one; of ``target_position`` and ``target_velocity`` from the true
+        place of a point of the target (3x1), world axes.
     fine
         Switches (1x1), each with the longest step [s] while it is 1, infinite for that of the rollout, and
         over how many of these steps grow at the beginning of that time and shrink at its end.
@@ -331,6 +335,7 @@ class Contribution:
     powers: tuple[PowerTerm, ...] = ()
     outputs: tuple[Output, ...] = ()
     events: tuple[Event, ...] = ()
+    estimates: tuple[tuple[str, Callable[[ca.SX], ca.SX]], ...] = ()
     fine: tuple[tuple[ca.SX, float, float], ...] = ()
 
 

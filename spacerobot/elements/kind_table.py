@@ -18,6 +18,7 @@ PLACES = {
     "actuator": "`robots.*.actuators.*`; `robots.*.torque_limits: true` is a `torque_limit` of all joints "
     "but those that are wheels",
     "sensor": "`robots.*.sensors.*`",
+    "estimator": "`robots.*.estimators.*`",
     "environment": "`environment.*`",
     "shape": "`pads.*`",
     "goal": "`plan.goals.*`; the kind follows from `attitude`, `frame`, `position`, `joints` or `still`",

@@ -21,11 +21,17 @@ from statistics import NormalDist
 import casadi as ca
 from pydantic import model_validator
 
+from spacerobot.dynamics.rotations import (
+    quaternion_from_rotation,
+    rotation_exp,
+    rotation_from_quaternion,
+    turn,
+)
 from spacerobot.elements.clock import MAX_DELAY, Clock, DelayLine
 from spacerobot.elements.contribution import State, memory
 from spacerobot.elements.event import Event
 from spacerobot.elements.section_context import SectionContext
-from spacerobot.section import SIGNALS_UNIT, Section, quantity
+from spacerobot.section import SIGNALS_UNIT, Section, Vector, quantity
 
 
 class SensorErrors(Section):
@@ -48,6 +54,11 @@ class SensorErrors(Section):
     resolution: float = quantity(SIGNALS_UNIT, "quantisation; 0: none", default=0.0, ge=0)
     dropout: float = quantity("1", "probability that a sample is lost", default=0.0, ge=0, lt=1)
     range: float | None = quantity(SIGNALS_UNIT, "largest magnitude it shows", default=None, gt=0)
+    misalignment_deg: Vector = quantity(
+        "deg",
+        "rotation vector of the sensor's axes about those of the base or the tip that carries it",
+        default=(0.0, 0.0, 0.0),
+    )
 
     @model_validator(mode="after")
     def _check(self) -> SensorErrors:
@@ -58,10 +69,65 @@ class SensorErrors(Section):
             )
         return self
 
-    @property
-    def is_random(self) -> bool:
-        """Whether it has noise."""
-        return any((self.noise, self.bias, self.bias_walk, self.dropout))
+
+@dataclass(frozen=True)
+class Observation:
+    """A signal as its sensor sees it.
+
+    Attributes
+    ----------
+    shown
+        What it shows now, offset and scale in it (n x 1); of an attitude, its error about the axes that turn.
+    distance
+        To the target (1x1) [m], for what sees it.
+    attitude
+        True attitude (3x3) of what is measured as an attitude; None for a vector.
+    stamped
+        Whether a sample ends with its time, -1 for none; one that drops out keeps that of the last one.
+    """
+
+    shown: ca.SX
+    distance: ca.SX | None = None
+    attitude: ca.SX | None = None
+    stamped: bool = False
+
+    def sample(self, found: ca.SX, time: ca.SX) -> ca.SX:
+        """Sample (m x 1) that shows ``found`` (n x 1), at a time (1x1) [s]."""
+        if self.attitude is not None:
+            error = turned_by(found)
+            found = attitude_numbers(ca.mtimes(error, self.attitude), planar=found.size1() == 1)
+        return ca.vertcat(found, time) if self.stamped else found
+
+
+def misalignment(context: SectionContext) -> ca.SX | None:
+    """Rotation (3x3) of the section ``errors`` from a sensor's axes to its carrier's; None for none."""
+    vector = context.parameters.sparse_vector(f"{context.path}.misalignment_deg")
+    return context.once("misalignment", rotation_exp(vector * math.pi / 180)) if vector.nnz() else None
+
+
+def turned_by(vector: ca.SX) -> ca.SX:
+    """Rotation (3x3) of a rotation vector, or of its component along z alone (3x1 or 1x1)."""
+    if vector.size1() == 3:
+        return rotation_exp(vector)
+    found = ca.SX(3, 1)
+    found[2] = vector
+    return rotation_exp(found)
+
+
+def attitude_numbers(rotation: ca.SX, *, planar: bool) -> ca.SX:
+    """Rotation (3x3) as a unit quaternion (4x1), in a plane as cosine and sine (2x1): neither jumps."""
+    if not planar:
+        return quaternion_from_rotation(rotation)
+    return ca.densify(rotation[:2, 0] / ca.norm_2(rotation[:2, 0]))
+
+
+def attitude_of(numbers: ca.SX) -> ca.SX:
+    """Rotation (3x3) of a unit quaternion (4x1), or about z of cosine and sine (2x1)."""
+    if numbers.size1() == 4:
+        return rotation_from_quaternion(numbers)
+    axis = ca.SX(3, 1)
+    axis[2] = 1
+    return turn(axis, numbers[0], numbers[1])
 
 
 @dataclass(frozen=True)
@@ -76,12 +142,18 @@ class Measurement:
         What is known of it.
     states, events
         What it remembers, and its instants.
+    samples
+        How many samples were taken.
+    bias
+        Its bias at the last sample (n x 1); none without noise.
     """
 
     shown: ca.SX
     value: State
     states: tuple[State, ...]
     events: tuple[Event, ...]
+    samples: State
+    bias: ca.SX | None = None
 
     @classmethod
     def held(cls, name: str, context: SectionContext, shown: ca.SX) -> Measurement:
@@ -89,7 +161,7 @@ class Measurement:
         period = context.steady("period")
         value, clock = memory(f"{name}.measured", shown), Clock.of(name, context.time, period, begin=period)
         due = clock.event(f"{name}.measured", "measured", name, {value.name: shown}, routine=True)
-        return cls(shown, value, (value, clock.count), (due,))
+        return cls(shown, value, (value, clock.count), (due,), clock.count)
 
     @classmethod
     def of(
@@ -97,8 +169,7 @@ class Measurement:
         name: str,
         context: SectionContext,
         errors: SensorErrors,
-        shown: ca.SX,
-        distance: ca.SX | None = None,
+        observed: Observation,
     ) -> Measurement:
         """With errors.
 
@@ -110,15 +181,13 @@ class Measurement:
             Of the section ``errors``.
         errors
             That section.
-        shown
-            What the sensor sees now, offset and scale in it (n x 1).
-        distance
-            To the target (1x1) [m], for what sees it.
+        observed
+            What the sensor sees.
         """
         period = context.steady("period")
         clock = Clock.of(f"{name}.samples", context.time, period)
-        value = memory(f"{name}.measured", shown)
-        sample, kept = _sample(name, context, errors, clock, (shown, distance))
+        value = memory(f"{name}.measured", observed.sample(observed.shown, ca.SX(-1)))
+        sample, kept, bias = _sample(name, context, errors, clock, observed)
         states, updates = [*(state for state, _ in kept), value], {state.name: new for state, new in kept}
         later: list[Event] = []
         if context.is_zero("delay"):
@@ -130,7 +199,7 @@ class Measurement:
             later.append(line.event("measured"))
         steps = not context.is_zero("resolution")
         due = clock.event(f"{name}.sampled", "measured", name, updates, silent=True, quantised=steps)
-        return cls(shown, value, (*states, clock.count), (due, *later))
+        return cls(observed.shown, value, (*states, clock.count), (due, *later), clock.count, bias)
 
 
 def _sample(
@@ -138,38 +207,46 @@ def _sample(
     context: SectionContext,
     errors: SensorErrors,
     clock: Clock,
-    seen: tuple[ca.SX, ca.SX | None],
-) -> tuple[ca.SX, list[tuple[State, ca.SX]]]:
-    """A sample (n x 1), and what is remembered for the next one, with its new values."""
-    (shown, distance), kept = seen, list[tuple[State, ca.SX]]()
-    size, root = shown.size1(), ca.sqrt(context.steady("period"))
-    found = shown
-    if errors.is_random:
-        rows = math.ceil(context.parameters.value("simulation.duration") / errors.period) + 2
-        numbers = context.random(name, rows, 2 * size + 1, clock.count.symbol)
-        white, walk, lost = numbers[:size], numbers[size : 2 * size], numbers[2 * size]
+    observed: Observation,
+) -> tuple[ca.SX, list[tuple[State, ca.SX]], ca.SX | None]:
+    """A sample (m x 1), what is remembered for the next one with its new values, and the bias (n x 1).
+
+    Each error has a stream of numbers of its own, and only those that are used are drawn: what one sensor
+    sees of the white noise does not depend on whether its bias walks.
+    """
+    found, kept = observed.shown, list[tuple[State, ca.SX]]()
+    size, root, number = found.size1(), ca.sqrt(context.steady("period")), clock.count.symbol
+    rows = math.ceil(context.parameters.value("simulation.duration") / errors.period) + 2
+    begins, walks = (not context.is_zero(key) for key in ("bias", "bias_walk"))
+    bias = None
+    if begins or walks:
         drift = memory(f"{name}.bias", ca.SX.zeros(size))
-        first = clock.count.symbol < 0.5
-        bias = ca.if_else(
-            first, context.number("bias") * walk, drift.symbol + context.number("bias_walk") * root * walk
-        )
+        first, moved = ca.SX.zeros(size), drift.symbol
+        if begins:
+            first = context.number("bias") * context.random(f"{name}.bias", 1, size, ca.SX(0))
+        if walks:
+            step = context.random(f"{name}.walk", rows, size, number)
+            moved = moved + context.number("bias_walk") * root * step
+        kept.append((drift, ca.if_else(number < 0.5, first, moved)))
+        found, bias = found + kept[0][1], drift.symbol
+    if not context.is_zero("noise"):
         density = context.number("noise")
-        if distance is not None and not context.is_zero("noise_growth"):
-            density = density * (1 + context.number("noise_growth") * distance)
-        found = found + bias + density / root * white
-        kept.append((drift, bias))
+        if observed.distance is not None and not context.is_zero("noise_growth"):
+            density = density * (1 + context.number("noise_growth") * observed.distance)
+        found = found + density / root * context.random(name, rows, size, number)
     if errors.range is not None:
         limit = context.number("range")
         found = ca.fmin(ca.fmax(found, -limit), limit)
     if not context.is_zero("resolution"):
         step = context.number("resolution")
         found = step * ca.floor(found / step + 0.5)
+    found = observed.sample(found, clock.instant)
     if errors.dropout:
-        last = memory(f"{name}.last", shown)
-        threshold = NormalDist().inv_cdf(errors.dropout)
-        found = ca.if_else(lost < threshold, last.symbol, found)
+        last = memory(f"{name}.last", observed.sample(observed.shown, ca.SX(-1)))
+        lost = context.random(f"{name}.dropout", rows, 1, number) < NormalDist().inv_cdf(errors.dropout)
+        found = ca.if_else(lost, last.symbol, found)
         kept.append((last, found))
-    return found, kept
+    return found, kept, bias
 
 
 def places_of(value: ca.SX) -> list[tuple[int, int]]:

@@ -36,6 +36,7 @@ FAMILIES = {
     "robot_controller": "spacerobot.elements.controllers",
     "actuator": "spacerobot.elements.actuators",
     "sensor": "spacerobot.elements.sensors",
+    "estimator": "spacerobot.elements.estimators",
     "environment": "spacerobot.elements.environments",
     "shape": "spacerobot.elements.collision_shapes",
 }

@@ -11,6 +11,7 @@ import numpy as np
 
 from spacerobot.arrays import Array
 from spacerobot.elements.element import Element
+from spacerobot.elements.sensor import Sensor
 
 Part = Literal["force", "torque"]
 """Part of a wrench on a base."""
@@ -41,6 +42,8 @@ class RobotProperties:
         other joint; also of those that actuators own.
     owned
         Names of the joints that actuators own, as wheels.
+    sensors
+        Its sensors, by signal; none where they are ideal.
     """
 
     name: str
@@ -52,6 +55,7 @@ class RobotProperties:
     base: str = "free_flyer"
     spinning: Mapping[str, Array] = field(default_factory=dict)
     owned: tuple[str, ...] = ()
+    sensors: Mapping[str, Sensor] = field(default_factory=dict)
 
     @functools.cached_property
     def moved(self) -> Array:

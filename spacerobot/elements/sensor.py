@@ -9,7 +9,7 @@ from pydantic import Field
 
 from spacerobot.elements.context import Affine
 from spacerobot.elements.element import Element
-from spacerobot.elements.measurement import Measurement, SensorErrors
+from spacerobot.elements.measurement import Measurement, Observation, SensorErrors, misalignment
 from spacerobot.elements.section_context import SectionContext
 
 
@@ -27,12 +27,11 @@ class Sensor(Element):
     errors: SensorErrors | None = Field(
         default=None,
         description="sampling, latency and noise: `period`, `delay`, `noise`, `noise_growth`, `bias`, "
-        "`bias_walk`, `resolution`, `dropout`, `range`; continuous and without noise if not given",
+        "`bias_walk`, `resolution`, `dropout`, `range`, `misalignment_deg`; continuous and without noise if "
+        "not given",
     )
 
-    def measurement(
-        self, name: str, context: SectionContext, shown: ca.SX, distance: ca.SX | None = None
-    ) -> Measurement | None:
+    def measurement(self, name: str, context: SectionContext, observed: Observation) -> Measurement | None:
         """Sampled measurement of a signal (n x 1); None if it is continuous.
 
         Parameters
@@ -41,15 +40,34 @@ class Sensor(Element):
             Unique in the closed loop.
         context
             Of the sensor's section.
-        shown
-            What it sees now, by :meth:`affine`.
-        distance
-            To the target (1x1) [m], where it sees that.
+        observed
+            What it sees now, by :meth:`aligned` and :meth:`affine`.
         """
         if self.errors is not None:
             own = context.at(f"{context.path}.errors")
-            return Measurement.of(name, own, self.errors, shown, distance)
-        return Measurement.held(name, context, shown) if self.holds else None
+            return Measurement.of(name, own, self.errors, observed)
+        return Measurement.held(name, context, observed.shown) if self.holds else None
+
+    def aligned(self, context: SectionContext, value: ca.SX, axes: ca.SX | None) -> ca.SX:
+        """Signal by a sensor whose axes are turned.
+
+        Parameters
+        ----------
+        context
+            Of the sensor's section.
+        value
+            Vector (3x1), or attitude (3x3).
+        axes
+            Axes of what carries the sensor, in those of the signal (3x3); None if they are the value.
+        """
+        turn = None if self.errors is None else misalignment(context.at(f"{context.path}.errors"))
+        if turn is None:
+            return value
+        if axes is None:
+            return ca.mtimes(
+                value, turn
+            )  # the attitude of the sensor's axes is taken for that of the carrier
+        return ca.mtimes(axes, ca.mtimes(turn.T, ca.mtimes(axes.T, value)))
 
     def affine(self, context: SectionContext) -> Affine:
         """Offset a and scale b of the reading a + b s."""

@@ -7,7 +7,16 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from spacerobot.elements import Actuator, Family, Reference, RobotController, TipController, create
+from spacerobot.elements import (
+    Actuator,
+    Estimator,
+    Family,
+    Reference,
+    RobotController,
+    RobotElement,
+    TipController,
+    create,
+)
 from spacerobot.elements.controllers.amnesia import Amnesia
 from spacerobot.scenario.sensors import Sensors
 from spacerobot.section import Name, Section, Vector, quantity
@@ -221,6 +230,10 @@ class Robot(Body):
         default={}, description="further controllers of all joints, of any kind, by name"
     )
     sensors: Sensors | None = Field(default=None, description="sensor errors; ideal sensors if not given")
+    estimators: dict[Name, Annotated[Estimator, Family("estimator")]] = Field(
+        default={},
+        description="filters whose estimates its controllers read instead of sensors, of any kind, by name",
+    )
     torque_limits: bool = Field(
         default=False,
         description="clip joint torques at `torque_limit`, the URDF's effort limits; an actuator of kind "
@@ -245,6 +258,13 @@ class Robot(Body):
             yield "torque_limits", create("actuator", "torque_limit")
         for name, actuator in self.actuators.items():
             yield f"actuators.{name}", actuator
+
+    def parts(self) -> Iterator[tuple[str, RobotElement]]:
+        """Its controllers, actuators and estimators with their places in the section."""
+        yield from self.elements()
+        yield from self.driven_by()
+        for name, estimator in self.estimators.items():
+            yield f"estimators.{name}", estimator
 
 
 class Target(Body):

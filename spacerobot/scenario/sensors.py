@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
+from pydantic import model_validator
+
 from spacerobot.elements import Family, Sensor, create
 from spacerobot.section import Section, quantity
 
@@ -51,6 +53,13 @@ class Sensors(Section):
     base_spin: AnySensor = quantity(
         "rad/s", "angular velocity of the root link, used by `mpc` and `base_attitude`", default=IDEAL
     )
+
+    @model_validator(mode="after")
+    def _check(self) -> Sensors:
+        for signal, sensor in self:
+            if signal.startswith("joint_") and sensor.errors and any(sensor.errors.misalignment_deg):
+                raise ValueError(f"{signal}.errors.misalignment_deg: found one, allowed for joints: none")
+        return self
 
     def __getitem__(self, signal: str) -> Sensor:
         """Sensor of a signal."""

@@ -123,6 +123,7 @@ def _unread_sensors(scene: Scene, body: SceneBody) -> list[str]:
     if not isinstance(config, Robot) or config.sensors is None:
         return []
     read = {signal for _, controller in config.elements() for signal in controller.reads()}
+    read |= {signal for estimator in config.estimators.values() for signal in estimator.reads()}
     for tip in scene.tips:
         if tip.body is body:
             for key, controller in tip.config.elements():

@@ -16,7 +16,7 @@ from spacerobot.description.bodies import RigidBody, check_bodies, welded_bodies
 from spacerobot.description.parts import UrdfLink
 from spacerobot.description.read import Description
 from spacerobot.elements import Actuator, RobotElement, RobotProperties, kinds
-from spacerobot.errors import DescriptionError, ScenarioError
+from spacerobot.errors import DescriptionError, ScenarioError, near_names
 from spacerobot.scenario import Robot, Scenario, Target
 from spacerobot.scene.configure import relative_jacobian
 from spacerobot.scene.grasp_closing import begun, find_closings, is_rigid
@@ -256,6 +256,7 @@ def check_elements(scene: Scene) -> None:
                 source=scene.source,
                 where=path,
             )
+        _check_estimates(scene, body)
     for tip in scene.tips:
         carriers = [joint for joint in tip.body.owned if joint in scene.model.supports[tip.joint]]
         if carriers:
@@ -265,6 +266,31 @@ def check_elements(scene: Scene) -> None:
                 source=scene.source,
                 where=f"{tip.body.path}.actuators",
             )
+
+
+def _check_estimates(scene: Scene, body: SceneBody) -> None:
+    """Refuse two estimators of one signal, and one that sees nothing."""
+    made: dict[str, str] = {}
+    estimators = body.config.estimators if isinstance(body.config, Robot) else {}
+    for key, estimator in estimators.items():
+        where = f"{body.path}.estimators.{key}"
+        for signal in estimator.makes:
+            if signal in made:
+                told = f"estimates {signal}, which estimator {made[signal]!r} does too; leave one of them out"
+                raise ScenarioError(told, source=scene.source, where=where)
+            made[signal] = key
+        seen = estimator.frames()
+        if seen is None:
+            continue
+        if scene.target is None or not scene.target.root_joint:
+            told = "found no target that moves, which it is to see; give `target`, with a base that is free"
+            raise ScenarioError(told, source=scene.source, where=where)
+        tips = [tip.label.rpartition("/")[2] for tip in scene.tips if tip.body is body]
+        links = [link.name for link in scene.target.description.links]
+        for name, field, known in zip(seen, ("tip", "frame"), (tips, links), strict=True):
+            if name not in known:
+                told = f"found {name!r}, {near_names(name, known)}"
+                raise ScenarioError(told, source=scene.source, where=f"{where}.{field}")
 
 
 def check_environment(scene: Scene) -> None:
@@ -299,7 +325,7 @@ def robot_elements(scene: Scene) -> Iterator[tuple[SceneBody, str, RobotElement]
     """Controllers and actuators of whole robots, with their dotted paths."""
     for body in scene.robots:
         if isinstance(body.config, Robot):
-            for key, element in (*body.config.elements(), *body.config.driven_by()):
+            for key, element in body.config.parts():
                 yield body, f"{body.path}.{key}", element
 
 
@@ -321,6 +347,7 @@ def robot_facts(scene: Scene, body: SceneBody) -> RobotProperties:
             if (axis := _spinning(scene.model, body, joint)) is not None
         },
         tuple(free[joint] for joint in body.owned),
+        dict(body.config.sensors or ()) if isinstance(body.config, Robot) else {},
     )
 
 

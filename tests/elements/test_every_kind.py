@@ -160,7 +160,10 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
     ("sensor", "linear"): {"offset": 0.01, "scale": 1.1},
     # what errors do at instants is held to closed forms in test_sensor_errors
     ("sensor", "gyro"): {"offset": 0.01, "scale": 1.1, "errors": None},
-    ("sensor", "star_tracker"): {"offset": 0.01, "scale": 1.1, "errors": None},
+    **{
+        ("sensor", kind): {"offset": 0.01, "scale": 1.1, "errors": None}
+        for kind in ("star_tracker", "joint_encoder", "camera_position", "camera_orientation")
+    },
     ("environment", "orbit"): {
         "semi_major_axis": 8.0,
         "planet_radius": 0.5,
@@ -172,8 +175,9 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
 """Values without which a section is not valid or does nothing."""
 
 SECTIONS = [(family, kind) for family in elements.FAMILIES for kind in elements.kinds(family)]
-KINDS = [(family, kind) for family, kind in SECTIONS if family != "shape"]
-"""Kinds with a law; shapes have tests of their own, ``tests/shapes`` and ``tests/contacts``."""
+KINDS = [(family, kind) for family, kind in SECTIONS if family not in ("shape", "estimator")]
+"""Kinds with a law in continuous time; shapes have tests of their own in ``tests/shapes`` and
+``tests/contacts``, estimators one file each."""
 SPATIAL = re.sub(r"  two:.*?(?=target:)|  right:.*?\n", "", WITH_TWO, flags=re.DOTALL)
 """One arm and its target; in the plane there are two arms."""
 SCENES = {"planar": PLANAR, "spatial": SPATIAL}
@@ -204,6 +208,8 @@ def changes(family, kind):
     if family == "sensor":
         held = elements.kinds("sensor")[kind].holds
         return {f"robots.one.sensors.{'target_position' if held else 'joint_rate'}": section}
+    if family == "estimator":
+        return {"robots.one.estimators": {"own": section}}
     if family == "robot_controller":
         ideal = {"robots.one.actuators": {"ideal": {"kind": "base_wrench"}}}
         return {"robots.one.controllers": {"own": section}} | (ideal if kind.startswith("base_") else {})

@@ -1,6 +1,7 @@
 """Sensors with errors: their statistics, the same noise everywhere, both engines, gradients."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
@@ -140,12 +141,64 @@ def test_lanes_see_the_noise_of_single_rollouts():
     assert len(np.unique(found[0])) == 9
 
 
-@pytest.mark.parametrize("kind", ["gyro", "star_tracker"])
-def test_presets_have_their_errors(kind):
-    signal = "base_spin" if kind == "gyro" else "base_orientation"
-    changes = plate(kp=40, kd=20) | {"robots.one.sensors": {signal: {"kind": kind}}}
+@pytest.mark.parametrize(
+    ("kind", "signal", "streams"),
+    [
+        ("gyro", "base_spin", ["", ".bias", ".walk"]),
+        ("star_tracker", "base_orientation", [""]),
+        ("joint_encoder", "joint_position", []),
+        ("camera_position", "target_position", [""]),
+    ],
+)
+def test_presets_have_their_errors(kind, signal, streams):
+    changes = plate(kp=40, kd=20) if signal.startswith("base_") else {"robots.one.joint_pd": {"kp": 5.0}}
+    changes |= SEEN if signal.startswith("target_") else {}
+    changes |= {"robots.one.sensors": {signal: {"kind": kind}}}
     loop = build_closed_loop(small_scene(PLANAR, changes))
-    assert [table.sensor for table in loop.noise] == [f"one.{signal}.3"]
+    assert sorted(table.sensor.partition(signal)[2].removeprefix(".3") for table in loop.noise) == streams
+    assert any(signal in name and ".measured" in name for name in loop.state_names)
+
+
+def test_only_the_numbers_that_are_used_are_drawn():
+    """Of three components for 100 samples: white noise alone, and with a bias and lost samples."""
+    for errors, count in (({"noise": 1e-4}, 3 * 102), ({"noise": 1e-4, "bias": 1e-4, "dropout": 0.1}, 411)):
+        changes = plate(kd=1) | {"simulation.duration": 1.0}
+        changes["robots.one.sensors"] = {"base_spin": {"errors": {"period": 0.01} | errors}}
+        loop = build_closed_loop(small_scene(PLANAR, changes))
+        assert sum(table.rows * table.width for table in loop.noise) == count
+
+
+def test_white_noise_is_the_same_whether_or_not_the_bias_walks():
+    alone, _ = seen(noise=DENSITY)
+    drifting, _ = seen(noise=DENSITY, bias_walk=1e-15)
+    np.testing.assert_allclose(alone, drifting, atol=1e-12)
+
+
+@pytest.mark.parametrize("text", [PLANAR, SPATIAL], ids=["planar", "spatial"])
+def test_a_misaligned_gyro_shows_the_spin_in_its_own_axes(text):
+    """What is read in axes turned by exp(m) is taken for what is in the base's: R exp(m)^T R^T w."""
+    turn = [3.0, -2.0, 5.0]
+    changes = {
+        "robots.one.controllers": {"turn": {"kind": "base_attitude", "kd": 1e-9, "feed_forward": 0.0}},
+        "robots.one.actuators": {"ideal": {"kind": "base_wrench"}},
+        "robots.one.sensors": {"base_spin": {"errors": {"period": 0.05, "misalignment_deg": turn}}},
+    }
+    scene = small_scene(text, changes)
+    rollout = build_rollout(
+        build_closed_loop(scene), duration_s=0.1, step_s=0.01, output_step_s=0.05, backend="interpreted"
+    )
+    run, names = rollout.run(), rollout.loop.state_names
+    places = [i for i, name in enumerate(names) if name.startswith("one.base_spin.3.measured")]
+    root = next(body for body in scene.robots if body.name == "one").root_frame
+    model, x = scene.model, run.state[-1]
+    data = model.createData()
+    pin.forwardKinematics(model, data, x[: model.nq], x[model.nq : model.nq + model.nv])
+    pin.updateFramePlacements(model, data)
+    true = pin.getFrameVelocity(model, data, root, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED).angular
+    axes = data.oMf[root].rotation
+    wanted = axes @ pin.exp3(np.radians(turn)).T @ axes.T @ true
+    np.testing.assert_allclose(x[places], wanted, atol=1e-12)
+    assert np.abs(wanted - true).max() > 1e-4
 
 
 @pytest.mark.parametrize(
@@ -154,6 +207,7 @@ def test_presets_have_their_errors(kind):
         ({"period": 0.0}, r"errors\.period: found 0\.0, allowed: above 0"),
         ({"period": 0.01, "delay": 0.2}, r"delay: found 0\.2 s, allowed: at most 16 periods, 0\.16 s"),
         ({"period": 0.01, "dropout": 1.0}, r"dropout: found 1\.0, allowed: below 1"),
+        ({"period": 0.01, "misalignment_deg": [0, 0, 1]}, r"joint_rate\.errors\.misalignment_deg: found one"),
     ],
 )
 def test_errors_that_cannot_be_are_refused(section, told):

@@ -124,7 +124,7 @@ def _add_body(root: Tree, scene: Scene, body: SceneBody) -> None:
         text = f"{name}: {by_name[name].kind}, {state}, resistance {joint.damping or 0:g} {per_rate}"
         chain.add(escape(text + limit + carries))
     if isinstance(body.config, Robot):
-        for key, element in (*body.config.elements(), *body.config.driven_by()):
+        for key, element in body.config.parts():
             branch.add(escape(f"{key.replace('.', ' ')}: {element.words()}"))
     for tip in scene.tips:
         if tip.body.name == body.name:

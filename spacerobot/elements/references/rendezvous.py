@@ -18,7 +18,6 @@ from spacerobot.elements.desired_motion import DesiredMotion, InitialMotion, Tim
 from spacerobot.elements.grasp import only
 from spacerobot.elements.reference import DEGREE, Reference
 from spacerobot.elements.registry import register
-from spacerobot.elements.sensor import measured
 from spacerobot.section import Vector, quantity
 
 PEAK = 1.875
@@ -187,13 +186,15 @@ class _Seen:
         """Now: its position relative to the tip, and its velocity and spin, by sensors."""
         plant = context.plant
         (rotation, place), (velocity, spin) = plant.placement(frame), plant.velocity(frame)
-        tip = plant.placement(context.tip)[1]
+        tip, estimates = plant.placement(context.tip)[1], context.estimates
+        if "target_position" in estimates:
+            turned = rotation_exp(estimates["target_orientation"](ca.SX(3, 1)))
+            found = (estimates[f"target_{key}"](place) for key in ("position", "velocity", "spin"))
+            return cls(ca.mtimes(turned, rotation), *found)
 
         def read(signal: str, known: ca.SX, value: ca.SX, axes: tuple[int, ...]) -> ca.SX:
-            sensor = context.sensors(signal)
-            if sensor[0] is None:
-                return known
-            return context.held(signal, known + only(measured(sensor, value) - value, axes))
+            shown = context.shown(signal, value)
+            return known if shown is None else context.held(signal, known + only(shown - value, axes))
 
         along = plant.translation_axes
         return cls(

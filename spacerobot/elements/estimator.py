@@ -1,0 +1,141 @@
+"""Estimators: filters that make one estimate of several measurements, at instants."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import casadi as ca
+
+from spacerobot.arrays import Array
+from spacerobot.elements.contribution import Contribution
+from spacerobot.elements.measurement import Measurement
+from spacerobot.elements.robot_element import RobotElement, RobotProperties
+from spacerobot.elements.section_context import SectionContext
+from spacerobot.symbolic import Plant
+
+
+class SensorSampler(Protocol):
+    """Samples of signals by the sensors of a robot."""
+
+    def __call__(
+        self,
+        signal: str,
+        value: ca.SX,
+        axes: tuple[int, ...],
+        carrier: ca.SX | None = None,
+        away: tuple[ca.SX, ca.SX] | None = None,
+    ) -> Measurement:
+        """Samples with their times.
+
+        Parameters
+        ----------
+        signal
+            Name of the signal.
+        value
+            Vector (3x1), or attitude (3x3), whose errors are small rotations about world axes.
+        axes
+            Components that are measured.
+        carrier
+            Axes of what carries the sensor, in those of the signal (3x3); None if they are what is measured.
+        away
+            Place (3x1) [m] from which a vector is seen and which is added to it, and distance (1x1) [m].
+        """
+
+
+@dataclass(frozen=True)
+class TargetModel:
+    """The target as it is at the start by the scenario's numbers, one rigid body.
+
+    Attributes
+    ----------
+    root, links
+        Frames of its root link, and of all links by name, in the model.
+    centre, axes, ratios
+        Centre of mass (3,) [m] and principal axes (3, 3), both in the root link's axes, and the logarithms of
+        the first two principal moments over the third (2,).
+    poses
+        Rotation (3, 3) and origin (3,) [m] of the links in the root link's axes, by name.
+    """
+
+    root: int
+    links: Mapping[str, int]
+    centre: Array
+    axes: Array
+    ratios: Array
+    poses: Mapping[str, tuple[Array, Array]]
+
+
+@dataclass(frozen=True)
+class EstimatorContext:
+    """A robot as its estimators see it; everything in world axes.
+
+    Attributes
+    ----------
+    context
+        Time and the numbers of the estimator's section.
+    plant
+        Mechanics now.
+    label, robot
+        Name of the estimator, unique in the closed loop, and of the robot.
+    base_frame
+        Of the robot's root link in the model.
+    errors
+        From a signal's name to the section ``errors`` of its sensor.
+    sample
+        Samples of signals, of this estimator alone.
+    tips
+        Frames of its tips in the model, by name.
+    target
+        The target; None if there is none.
+    """
+
+    context: SectionContext
+    plant: Plant
+    label: str
+    robot: str
+    base_frame: int
+    errors: Callable[[str], SectionContext]
+    sample: SensorSampler
+    tips: Mapping[str, int]
+    target: TargetModel | None
+
+
+class Estimator(RobotElement):
+    """An estimator of signals that the controllers of a robot read.
+
+    Attributes
+    ----------
+    needs
+        Signals that it must have measurements of, whose sensors have ``errors``.
+    makes
+        Signals that it estimates.
+    """
+
+    family: ClassVar[str] = "estimator"
+    needs: ClassVar[tuple[str, ...]] = ()
+    makes: ClassVar[tuple[str, ...]] = ()
+
+    def frames(self) -> tuple[str, str] | None:
+        """Tip that carries its camera, and link of the target that it sees; None for one without."""
+        return None
+
+    def build(self, robot: EstimatorContext) -> Contribution:
+        """Contribution to the closed loop, with its estimates."""
+        raise NotImplementedError
+
+    def reads(self) -> set[str]:
+        """Signals that it reads from sensors."""
+        return set(self.needs)
+
+    def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
+        """Measurements that it lacks."""
+        for signal in self.needs:
+            sensor = robot.sensors.get(signal)
+            if sensor is None or sensor.errors is None:
+                yield (
+                    "",
+                    f"needs samples of {signal}, found none; give robots.{robot.name}.sensors.{signal} a "
+                    "sensor with `errors`, as the presets have",
+                )

@@ -1,0 +1,1 @@
+"""Kinds of estimators that ship, one file each."""

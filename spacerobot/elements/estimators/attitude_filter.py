@@ -1,0 +1,265 @@
+"""Multiplicative extended Kalman filter of a base's attitude and its gyro's bias.
+
+The attitude is propagated by the gyro, R+ = R exp(T (w_m - b)), with the mean of two samples w_m in the
+base's axes; the bias b is a random walk (Lefferts, Markley and Shuster 1982). The errors are a small rotation
+d about world axes, R_true = exp(d) R, and b_true - b:
+
+    d' = -R (b_true - b) - R n_v,    (b_true - b)' = n_u
+
+About world axes the transition of d is the identity: with A = R exp(T w / 2) T, the midpoint rule for the
+integral of R, and the densities s_v of the gyro's noise and s_u of its walk, over a period
+
+    Phi = [1  -A]    Q = [(s_v^2 T + s_u^2 T^3 / 3) 1    -s_u^2 T A / 2]
+          [0   1]        [ symmetric                      s_u^2 T 1    ]
+
+(Farrenkopf 1978; Markley and Crassidis 2014, Eq. 6.93, there about the base's axes). A star tracker gives
+R_m = exp(n) R_true: its innovation is log(R_m R^T) = d + n. One that is late gives that of its own instant,
+at which the attitude and its error are copied: the copy's error is a further part of the state, which stays
+as it is, correlated with the others (stochastic cloning, Roumeliotis and Burdick 2002). After an update d is
+moved into R, and reset to zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import ClassVar, Literal
+
+import casadi as ca
+
+from spacerobot.dynamics.algebra import SymmetricFactors
+from spacerobot.dynamics.rotations import rotation_exp, rotation_log
+from spacerobot.elements.clock import Clock
+from spacerobot.elements.contribution import Contribution, Output, State, memory
+from spacerobot.elements.estimator import Estimator, EstimatorContext
+from spacerobot.elements.kalman import symmetric, triangle, updated
+from spacerobot.elements.measurement import attitude_numbers, attitude_of, turned_by
+from spacerobot.elements.registry import register
+from spacerobot.elements.robot_element import RobotProperties
+from spacerobot.section import quantity
+
+GYRO, TRACKER = "base_spin", "base_orientation"
+DEGREE = ca.pi / 180
+
+
+@register
+class AttitudeFilter(Estimator):
+    """Attitude, spin and gyro bias of the base from a gyro and a star tracker (multiplicative Kalman filter).
+
+    It runs at the gyro's samples. Its densities and deviations are those of the sensors, if not given.
+    """
+
+    kind: Literal["attitude_filter"] = "attitude_filter"
+    needs: ClassVar[tuple[str, ...]] = (GYRO, TRACKER)
+    makes: ClassVar[tuple[str, ...]] = (TRACKER, GYRO)
+
+    attitude_deg: float = quantity(
+        "deg",
+        "standard deviation of the initial attitude's error, which is drawn",
+        default=0.1,
+        gt=0,
+    )
+    bias: float | None = quantity(
+        "rad/s", "standard deviation of the initial bias; the gyro's if not given", default=None, gt=0
+    )
+    rate_noise: float | None = quantity(
+        "rad/s^0.5", "density of the gyro's white noise; the gyro's if not given", default=None, ge=0
+    )
+    bias_walk: float | None = quantity(
+        "rad/s^1.5", "density of the bias' random walk; the gyro's if not given", default=None, ge=0
+    )
+    attitude_noise: float | None = quantity(
+        "rad",
+        "standard deviation of a star tracker's sample; its own if not given",
+        default=None,
+        gt=0,
+    )
+
+    def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
+        """Measurements that it lacks, or whose times it cannot use."""
+        lacks = [*super().faults(robot)]
+        yield from lacks
+        gyro, tracker = (robot.sensors[signal].errors for signal in self.needs) if not lacks else (None, None)
+        if gyro is None or tracker is None:
+            return
+        if gyro.delay:
+            yield "", f"found a gyro that is {gyro.delay:g} s late, allowed: {GYRO} without `delay`"
+        for key in ("period", "delay"):
+            ratio = getattr(tracker, key) / gyro.period
+            if abs(ratio - round(ratio)) > 1e-9 * max(ratio, 1):
+                yield (
+                    "",
+                    f"found {getattr(tracker, key):g} s as {key} of {TRACKER}, allowed: whole multiples of "
+                    f"the gyro's period, {gyro.period:g} s",
+                )
+        if tracker.delay > tracker.period * (1 + 1e-9):
+            yield (
+                "",
+                f"found {TRACKER} {tracker.delay:g} s late, allowed: at most its period, {tracker.period:g}",
+            )
+        if self.attitude_noise is None and not tracker.noise:
+            yield "attitude_noise", f"missing, and {TRACKER} has no `noise`; give one of them"
+        if self.bias is None and not gyro.bias:
+            yield "bias", f"missing, and {GYRO} has no `bias`; give one of them"
+
+    def build(self, robot: EstimatorContext) -> Contribution:
+        """Estimates, and the event that makes them."""
+        return _AttitudeFilterLaw(self, robot).contribution()
+
+    def assumptions(self) -> list[str]:
+        """Of what it knows."""
+        return ["begins with an attitude whose error is drawn, and with the gyro's bias unknown"]
+
+    def words(self) -> str:
+        """Its initial uncertainty."""
+        return f"attitude_filter from {self.attitude_deg:g} deg"
+
+
+class _AttitudeFilterLaw:
+    """States, numbers and expressions of one filter; see above."""
+
+    def __init__(self, config: AttitudeFilter, robot: EstimatorContext) -> None:
+        self.robot, self.config, plant = robot, config, robot.plant
+        self.axes = plant.rotation_axes
+        self.size = size = len(self.axes)
+        self.true = plant.placement(robot.base_frame)[0]
+        spin = plant.velocity(robot.base_frame)[1]
+        self.gyro = robot.sample(GYRO, ca.mtimes(self.true.T, spin), self.axes, ca.SX.eye(3))
+        self.tracker = robot.sample(TRACKER, self.true, self.axes)
+        self.late = not robot.errors(TRACKER).is_zero("delay")
+        self.attitude = self._state("attitude", self._numbers(self.true))
+        self.bias = self._state("bias", ca.SX.zeros(size))
+        self.spin = self._state("spin", ca.densify(spin[list(self.axes)]))
+        self.rate = self._state("rate", ca.SX.zeros(size))  # as measured last
+        self.used = self._state("used", ca.SX(-0.5))  # time of the star tracker's last sample that was used
+        self.nis = self._state("nis", ca.SX.zeros(1))
+        count = (3 if self.late else 2) * size
+        self.covariance = self._state("covariance", triangle(self._initial(count)))
+        self.copied = self._state("copied", ca.SX.zeros(1))  # samples of the star tracker, late ones alone
+        self.copy = self._state("copy", self.attitude.initial)
+
+    def _state(self, name: str, initial: ca.SX) -> State:
+        return memory(f"{self.robot.label}.{name}", initial)
+
+    def _numbers(self, rotation: ca.SX) -> ca.SX:
+        return attitude_numbers(rotation, planar=self.robot.plant.planar)
+
+    def _number(self, key: str, signal: str, own: str) -> ca.SX:
+        """A number of the section, or that of a sensor (1x1)."""
+        if getattr(self.config, key) is not None:
+            return self.robot.context.number(key)
+        return self.robot.errors(signal).number(own)
+
+    def _initial(self, count: int) -> ca.SX:
+        """Covariance at the start."""
+        begin = self.robot.context.number("attitude_deg") * DEGREE
+        deviation = ca.SX.zeros(count)
+        deviation[: self.size] = begin
+        deviation[self.size : 2 * self.size] = self._number("bias", GYRO, "bias")
+        return ca.diag(deviation**2)
+
+    def _predicted(self) -> tuple[ca.SX, ca.SX]:
+        """Attitude and covariance at this instant, before its measurements."""
+        period, n = self.robot.errors(GYRO).steady("period"), self.size
+        attitude, measured = attitude_of(self.attitude.symbol), self.gyro.value.symbol[:n]
+        turn = period * ((self.rate.symbol + measured) / 2 - self.bias.symbol)
+        axes = list(self.axes)
+        lever = period * ca.mtimes(attitude, turned_by(turn / 2))[axes, axes]
+        white = self._number("rate_noise", GYRO, "noise") ** 2 * period
+        walk = self._number("bias_walk", GYRO, "bias_walk") ** 2 * period
+        covariance = symmetric(self.covariance.symbol, self._count)
+        transition, noise = ca.SX.eye(self._count), ca.SX(self._count, self._count)
+        transition[:n, n : 2 * n] = -lever
+        noise[:n, :n] = (white + walk * period**2 / 3) * ca.SX.eye(n)
+        noise[:n, n : 2 * n], noise[n : 2 * n, :n] = -walk / 2 * lever, -walk / 2 * lever.T
+        noise[n : 2 * n, n : 2 * n] = walk * ca.SX.eye(n)
+        spread = ca.mtimes(transition, ca.mtimes(covariance, transition.T)) + noise
+        return ca.mtimes(attitude, turned_by(turn)), spread
+
+    @property
+    def _count(self) -> int:
+        return (3 if self.late else 2) * self.size
+
+    def contribution(self) -> Contribution:
+        """States, the event at the gyro's instants, estimates and outputs."""
+        robot, n = self.robot, self.size
+        clock = Clock.of(f"{robot.label}.instants", robot.context.time, robot.errors(GYRO).steady("period"))
+        first = clock.count.symbol < 0.5
+        begin = robot.context.number("attitude_deg") * DEGREE
+        drawn = begin * robot.context.random(f"{robot.label}.begin", 1, n, ca.SX(0))
+        predicted, spread = self._predicted()
+        predicted = ca.if_else(first, ca.mtimes(turned_by(drawn), self.true), predicted)
+        spread = ca.if_else(first, self._initial(self._count), spread)
+        shown = self.tracker.value.symbol
+        fresh = shown[-1] > self.used.symbol
+        place = 2 * n if self.late else 0
+        rows = ca.SX(n, self._count)
+        rows[:, place : place + n] = ca.SX.eye(n)
+        compared = attitude_of(self.copy.symbol) if self.late else predicted
+        innovation = rotation_log(ca.mtimes(attitude_of(shown[:-1]), compared.T))[list(self.axes)]
+        if self.config.attitude_noise is None:
+            errors = robot.errors(TRACKER)
+            variance = errors.number("noise") ** 2 / errors.steady("period")
+        else:
+            variance = robot.context.number("attitude_noise") ** 2
+        correction, after, nis = updated(spread, rows, innovation, [variance] * n)
+        correction, after = ca.if_else(fresh, correction, 0), ca.if_else(fresh, after, spread)
+        attitude = ca.mtimes(turned_by(correction[:n]), predicted)
+        bias = self.bias.symbol + correction[n : 2 * n]
+        measured = self.gyro.value.symbol[:n]
+        axes = list(self.axes)
+        numbers = self._numbers(attitude)
+        updates = [
+            (self.attitude, numbers),
+            (self.bias, bias),
+            (self.spin, ca.mtimes(attitude[axes, axes], measured - bias)),
+            (self.rate, measured),
+            (self.used, ca.if_else(fresh, shown[-1], self.used.symbol)),
+            (self.nis, ca.if_else(fresh, nis, self.nis.symbol)),
+        ]
+        if self.late:
+            taken = self.tracker.samples.symbol
+            new = taken > self.copied.symbol + 0.5
+            again = ca.SX.eye(self._count)
+            again[2 * n :, :n], again[2 * n :, 2 * n :] = ca.SX.eye(n), ca.SX(n, n)
+            after = ca.if_else(new, ca.mtimes(again, ca.mtimes(after, again.T)), after)
+            updates += [(self.copy, ca.if_else(new, numbers, self.copy.symbol)), (self.copied, taken)]
+        updates.append((self.covariance, triangle(after)))
+        named = {state.name: ca.densify(value) for state, value in updates}
+        tick = clock.event(f"{robot.label}.estimated", "estimated", robot.label, named, silent=True)
+        found, spin = attitude_of(self.attitude.symbol), ca.SX(3, 1)
+        spin[axes] = self.spin.symbol
+        error = ca.mtimes(found, self.true.T)
+
+        def turned(vector: ca.SX) -> ca.SX:
+            """Rotation vector from any attitude to the estimated one, from that to the true one."""
+            return rotation_log(ca.mtimes(error, rotation_exp(vector)))
+
+        return Contribution(
+            states=(*(state for state, _ in updates), clock.count),
+            events=(tick,),
+            outputs=tuple(self._outputs(found)),
+            estimates=((TRACKER, turned), (GYRO, lambda _: spin)),
+        )
+
+    def _outputs(self, found: ca.SX) -> Iterable[Output]:
+        """Errors, standard deviations, and how the ones agree with the others."""
+        n, name = self.size, self.robot.robot
+        error = rotation_log(ca.mtimes(self.true, found.T))[list(self.axes)]
+        true = ca.SX.zeros(n) if self.gyro.bias is None else self.gyro.bias
+        covariance = symmetric(self.covariance.symbol, self._count)[: 2 * n, : 2 * n]
+        deviation = ca.sqrt(ca.diag(covariance))
+        errors = ca.vertcat(error, true - self.bias.symbol)
+        nees = ca.dot(errors, SymmetricFactors(covariance).solve(errors))
+        vectors = {
+            "attitude_estimate_error": (error, "rad", "rotation vector from estimated to true attitudes"),
+            "attitude_estimate_deviation": (deviation[:n], "rad", "standard deviation of attitude estimates"),
+            "bias_estimate": (self.bias.symbol, "rad/s", "estimated biases of gyros, axes of the base"),
+            "bias_estimate_deviation": (deviation[n:], "rad/s", "standard deviation of these biases"),
+        }
+        for key, (value, unit, text) in vectors.items():
+            whole = ca.SX(3, 1)
+            whole[list(self.axes)] = value
+            yield Output(key, whole, unit, text, "body", name)
+        yield Output("attitude_nees", nees, "1", "normalised error squared of attitude filters", "body", name)
+        text = "normalised innovation squared of attitude filters"
+        yield Output("attitude_nis", self.nis.symbol, "1", text, "body", name)

@@ -1,0 +1,440 @@
+"""Extended Kalman filter of the target's motion and inertia ratios from camera poses alone.
+
+The target drifts freely as one body: with its centre of mass r, velocity v, attitude R and spin w in its
+principal axes, whose moments are in the ratios e^k1 : e^k2 : 1,
+
+    r'' = g,    R' = R [w x],    w' = -I^-1 (w x I w),    k' = 0
+
+plus white accelerations of given densities (Aghili and Parsa 2009; the logarithms keep ratios positive). A
+pose alone shows the moments up to a factor. The errors are those of r and v, a small rotation d about world
+axes, R_true = exp(d) R, and those of w and k:
+
+    d' = R dw,    dw' = F_w dw + F_k dk
+
+with the derivatives F of w'. Their transition is integrated with the mean by Runge and Kutta's rule of order
+4. In a plane the spin is constant, and there are no ratios.
+
+A camera shows place and attitude of a frame of the target at t_k and is late by tau. The filter is an
+ordinary one at the instants t_k, evaluated at t_k + tau; what it knows at t_k is then propagated by tau, and
+from there on with the closed loop. Controllers read that.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from typing import ClassVar, Literal
+
+import casadi as ca
+from pydantic import Field
+
+from spacerobot.dynamics.algebra import SymmetricFactors, cross, skew
+from spacerobot.dynamics.rotations import rotation_exp, rotation_log
+from spacerobot.elements.clock import Clock
+from spacerobot.elements.contribution import Contribution, Output, State, memory
+from spacerobot.elements.estimator import Estimator, EstimatorContext
+from spacerobot.elements.event import Event
+from spacerobot.elements.kalman import symmetric, triangle, updated
+from spacerobot.elements.measurement import attitude_numbers, attitude_of, turned_by
+from spacerobot.elements.registry import register
+from spacerobot.elements.robot_element import RobotProperties
+from spacerobot.section import Name, quantity
+
+PLACE, ATTITUDE = "target_position", "target_orientation"
+DEGREE = math.pi / 180
+LONGEST = 0.25  # s; step of the propagation: at 1 rad/s its error is 1e-5 of the turn
+
+
+@register
+class TargetFilter(Estimator):
+    """Pose, velocity, spin and inertia ratios of a free target from camera poses (extended Kalman filter).
+
+    It runs at the camera's samples. The noise it assumes is that of the sensors, if no other is given.
+    """
+
+    kind: Literal["target_filter"] = "target_filter"
+    needs: ClassVar[tuple[str, ...]] = (PLACE, ATTITUDE)
+    makes: ClassVar[tuple[str, ...]] = (PLACE, ATTITUDE, "target_velocity", "target_spin")
+
+    tip: Name = Field(description="tip of the robot that carries the camera")
+    frame: str = Field(description="link of the target whose pose the camera shows")
+    position: float = quantity("m", "standard deviation of the initial position", default=0.1, gt=0)
+    velocity: float = quantity("m/s", "standard deviation of the initial velocity", default=0.02, gt=0)
+    attitude_deg: float = quantity("deg", "standard deviation of the initial attitude", default=5.0, gt=0)
+    spin_deg: float = quantity("deg/s", "standard deviation of the initial spin", default=1.0, gt=0)
+    inertia: float = quantity(
+        "1", "standard deviation of the logarithms of the inertia ratios", default=0.1, gt=0
+    )
+    acceleration: float = quantity(
+        "m/s^1.5", "density of accelerations that the model leaves out", default=0.0, ge=0
+    )
+    spin_acceleration: float = quantity(
+        "rad/s^1.5", "density of angular accelerations that the model leaves out", default=0.0, ge=0
+    )
+    position_noise: float | None = quantity(
+        "m", "standard deviation of a sample of the position; the camera's if not given", default=None, gt=0
+    )
+    attitude_noise: float | None = quantity(
+        "rad", "standard deviation of a sample of the attitude; the camera's if not given", default=None, gt=0
+    )
+
+    def frames(self) -> tuple[str, str]:
+        """The tip that it looks from, and the link of the target that it looks at."""
+        return self.tip, self.frame
+
+    def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
+        """Measurements that it lacks, or that are not of one camera."""
+        lacks = [*super().faults(robot)]
+        yield from lacks
+        if lacks:
+            return
+        place, attitude = (robot.sensors[signal].errors for signal in self.needs)
+        assert place is not None
+        assert attitude is not None
+        for key in ("period", "delay"):
+            if getattr(place, key) != getattr(attitude, key):
+                yield (
+                    "",
+                    f"found {key} {getattr(place, key):g} s of {PLACE} and {getattr(attitude, key):g} s of "
+                    f"{ATTITUDE}, allowed: the same, since one camera shows both",
+                )
+        for signal, errors, own in (
+            (PLACE, place, self.position_noise),
+            (ATTITUDE, attitude, self.attitude_noise),
+        ):
+            if own is None and not errors.noise:
+                key = "position_noise" if signal == PLACE else "attitude_noise"
+                yield key, f"missing, and {signal} has no `noise`; give one of them"
+
+    def build(self, robot: EstimatorContext) -> Contribution:
+        """Estimates, and the events that make them."""
+        return _TargetFilterLaw(self, robot).contribution()
+
+    def assumptions(self) -> list[str]:
+        """Of what it knows."""
+        return [
+            "knows where the camera is, and the target's centre of mass and principal axes",
+            "the target drifts freely as one body; the first estimate has a drawn error",
+        ]
+
+    def words(self) -> str:
+        """Frame that it sees, and the tip that it sees it from."""
+        return f"target_filter of {self.frame} as seen from {self.tip}"
+
+
+class _TargetFilterLaw:
+    """States, numbers and expressions of one filter; see above.
+
+    A motion is (r, v, attitude numbers, spin, ratios), of the axes that there are.
+    """
+
+    def __init__(self, config: TargetFilter, robot: EstimatorContext) -> None:
+        self.config, self.robot, plant = config, robot, robot.plant
+        self.along, self.about = list(plant.translation_axes), list(plant.rotation_axes)
+        self.planar, self.ratios = plant.planar, 0 if plant.planar else 2
+        m, n = len(self.along), len(self.about)
+        self.errors = [m, m, n, n, self.ratios]  # components of the error
+        self.numbers = [m, m, 2 if plant.planar else 4, n, self.ratios]
+        body = robot.target
+        assert body is not None, "scenes without a target are refused"
+        self.body = body
+        self.camera = plant.placement(robot.tips[config.tip])[1]
+        rotation, origin = plant.placement(body.root)
+        velocity, spin = plant.velocity(body.root)
+        lever = ca.mtimes(rotation, ca.SX(ca.DM(body.centre)))
+        self.axes = ca.sparsify(ca.SX(ca.DM(body.axes)))  # principal ones, in those of the root link
+        self.true = self._motion(
+            origin + lever,
+            velocity + cross(spin, lever),
+            ca.mtimes(rotation, self.axes),
+            ca.mtimes(self.axes.T, ca.mtimes(rotation.T, spin)),
+            ca.SX(ca.DM(body.ratios[: self.ratios])),
+        )
+        seen_rotation, seen_place = body.poses[config.frame]
+        # the frame that is seen, in principal axes about the centre of mass
+        self.arm = ca.mtimes(self.axes.T, ca.SX(ca.DM(seen_place - body.centre)))
+        self.turn = ca.mtimes(self.axes.T, ca.SX(ca.DM(seen_rotation)))
+        how, where = plant.placement(body.links[config.frame])
+        away = ca.norm_2(ca.densify(where - self.camera))
+        carrier = plant.placement(robot.tips[config.tip])[0]
+        self.place = robot.sample(
+            PLACE, where - self.camera, plant.translation_axes, carrier, (self.camera, away)
+        )
+        self.attitude = robot.sample(ATTITUDE, how, plant.rotation_axes, carrier, (self.camera, away))
+        label, whole = robot.label, self.true
+        self.mean = memory(f"{label}.mean", whole)
+        self.covariance = memory(f"{label}.covariance", triangle(self._initial()))
+        self.used = memory(f"{label}.used", ca.SX([-0.5, -0.5]))
+        self.nis = memory(f"{label}.nis", ca.SX.zeros(1))
+        symbol = ca.SX.sym(f"{label}.now", whole.size1())
+        self.now = State(f"{label}.now", symbol, whole, self._rate(symbol))
+
+    def _motion(self, place: ca.SX, velocity: ca.SX, attitude: ca.SX, spin: ca.SX, ratios: ca.SX) -> ca.SX:
+        """Numbers of a motion, from vectors (3x1) and a rotation (3x3)."""
+        turned = attitude_numbers(attitude, planar=self.planar)
+        parts = (place[self.along], velocity[self.along], turned, spin[self.about], ratios)
+        return ca.densify(ca.vertcat(*parts))
+
+    def _parts(self, motion: ca.SX) -> list[ca.SX]:
+        """r, v, attitude numbers, spin and ratios of a motion."""
+        return [ca.SX(part) for part in ca.vertsplit(motion, [0, *_summed(self.numbers)])]
+
+    def _gravity(self) -> ca.SX:
+        return ca.SX(ca.DM(self.robot.plant.model.gravity.linear))[self.along]
+
+    def _spin_rate(self, spin: ca.SX, ratios: ca.SX) -> ca.SX:
+        """Euler's equations with the moments e^k1, e^k2, 1; none in a plane."""
+        if self.planar:
+            return ca.SX.zeros(1)
+        inertia = ca.vertcat(ca.exp(ratios), 1)
+        return -cross(spin, inertia * spin) / inertia
+
+    def _rate(self, motion: ca.SX) -> ca.SX:
+        """Rate of a motion that drifts freely."""
+        _, velocity, attitude, spin, ratios = self._parts(motion)
+        if self.planar:
+            turning = spin * ca.vertcat(-attitude[1], attitude[0])
+        else:
+            vector, scalar = attitude[:3], attitude[3]
+            turning = ca.vertcat(scalar * spin + cross(vector, spin), -ca.dot(vector, spin)) / 2
+        gravity = self._gravity()
+        return ca.densify(
+            ca.vertcat(velocity, gravity, turning, self._spin_rate(spin, ratios), ca.SX.zeros(self.ratios))
+        )
+
+    def _advanced(self, motion: ca.SX, time: ca.SX, steps: int) -> tuple[ca.SX, ca.SX]:
+        """Motion after a time, and the transition of its errors."""
+        n, count = len(self.about), len(self.about) + self.ratios
+        own, driven = ca.SX.sym("w", n), ca.SX.sym("k", self.ratios)
+        slope = ca.jacobian(self._spin_rate(own, driven), ca.vertcat(own, driven))
+        slopes = ca.Function("slopes", [own, driven], [slope])
+
+        def rate(motion: ca.SX, spread: ca.SX, _: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+            """Rates of a motion, of its spin and of its turn by the first spin and the ratios."""
+            _, _, attitude, spin, ratios = self._parts(motion)
+            found = slopes(spin, ratios)
+            driven = ca.mtimes(found[:, :n], spread)
+            driven[:, n:] += found[:, n:]
+            axes = attitude_of(attitude)[self.about, self.about]
+            return self._rate(motion), driven, ca.mtimes(axes, spread)
+
+        begun = self._parts(motion)
+        spread, turned, h = ca.SX.eye(n), ca.SX.zeros(n, count), time / steps
+        spread = ca.horzcat(spread, ca.SX.zeros(n, self.ratios))
+        for _ in range(steps):
+            value = (motion, spread, turned)
+            first = rate(*value)
+            second = rate(*(x + h / 2 * k for x, k in zip(value, first, strict=True)))
+            third = rate(*(x + h / 2 * k for x, k in zip(value, second, strict=True)))
+            fourth = rate(*(x + h * k for x, k in zip(value, third, strict=True)))
+            slopes_of = zip(value, first, second, third, fourth, strict=True)
+            motion, spread, turned = (x + h / 6 * (a + 2 * b + 2 * c + d) for x, a, b, c, d in slopes_of)
+        place, velocity, attitude, spin, ratios = self._parts(motion)
+        if self.planar:  # exactly
+            attitude = self._turned(begun[2], time * begun[3])
+        attitude = attitude / ca.norm_2(attitude)
+        m, size = len(self.along), sum(self.errors)
+        transition = ca.SX.eye(size)
+        transition[:m, m : 2 * m] = time * ca.SX.eye(m)
+        transition[2 * m : 2 * m + n, 2 * m + n :] = turned
+        transition[2 * m + n : 2 * m + 2 * n, 2 * m + n :] = spread
+        return ca.vertcat(place, velocity, attitude, spin, ratios), transition
+
+    def _noise(self, attitude: ca.SX, time: ca.SX) -> ca.SX:
+        """Covariance of what white accelerations do in a time."""
+        number, m, n = self.robot.context.number, len(self.along), len(self.about)
+        found = ca.SX(sum(self.errors), sum(self.errors))
+        axes = attitude_of(attitude)[self.about, self.about]
+        for key, first, size, turn in (
+            ("acceleration", 0, m, ca.SX.eye(m)),
+            ("spin_acceleration", 2 * m, n, axes),
+        ):
+            density, next_ = number(key) ** 2, first + size
+            found[first:next_, first:next_] = density * time**3 / 3 * ca.SX.eye(size)
+            found[first:next_, next_ : next_ + size] = density * time**2 / 2 * turn
+            found[next_ : next_ + size, first:next_] = density * time**2 / 2 * turn.T
+            found[next_ : next_ + size, next_ : next_ + size] = density * time * ca.SX.eye(size)
+        return found
+
+    def _deviations(self) -> ca.SX:
+        """Standard deviations at the start."""
+        number = self.robot.context.number
+        own = (
+            number("position"),
+            number("velocity"),
+            number("attitude_deg") * DEGREE,
+            number("spin_deg") * DEGREE,
+            number("inertia"),
+        )
+        return ca.vertcat(*(ca.repmat(x, size, 1) for x, size in zip(own, self.errors, strict=True)))
+
+    def _initial(self) -> ca.SX:
+        return ca.diag(self._deviations() ** 2)
+
+    def _corrected(self, motion: ca.SX, correction: ca.SX) -> ca.SX:
+        """A motion moved by errors."""
+        place, velocity, attitude, spin, ratios = self._parts(motion)
+        parts = ca.vertsplit(correction, [0, *_summed(self.errors)])
+        numbers = self._turned(attitude, ca.SX(parts[2]))
+        return ca.densify(
+            ca.vertcat(place + parts[0], velocity + parts[1], numbers, spin + parts[3], ratios + parts[4])
+        )
+
+    def _turned(self, attitude: ca.SX, vector: ca.SX) -> ca.SX:
+        """Attitude numbers after a small rotation about world axes."""
+        return attitude_numbers(ca.mtimes(turned_by(vector), attitude_of(attitude)), planar=self.planar)
+
+    def _difference(self, motion: ca.SX, other: ca.SX) -> ca.SX:
+        """Errors that lead from one motion to another."""
+        own, others = self._parts(motion), self._parts(other)
+        turn = rotation_log(ca.mtimes(attitude_of(others[2]), attitude_of(own[2]).T))[self.about]
+        return ca.vertcat(
+            *(b - a for a, b in zip(own[:2], others[:2], strict=True)),
+            turn,
+            *(b - a for a, b in zip(own[3:], others[3:], strict=True)),
+        )
+
+    def _variance(self, key: str, signal: str, away: ca.SX) -> ca.SX:
+        """Of a component of a sample, taken at a distance (1x1)."""
+        if getattr(self.config, key) is not None:
+            return self.robot.context.number(key) ** 2
+        errors = self.robot.errors(signal)
+        grown = errors.number("noise") * (1 + errors.number("noise_growth") * away)
+        return grown**2 / errors.steady("period")
+
+    def _updates(self, first: ca.SX) -> list[tuple[State, ca.SX]]:
+        """New values of the filter's states when a sample arrives, the first one or not (1x1)."""
+        period = self.robot.errors(PLACE).steady("period")
+        nominal = self.robot.context.parameters.value(f"{self.robot.errors(PLACE).path}.period")
+        mean, transition = self._advanced(self.mean.symbol, period, math.ceil(nominal / LONGEST))
+        size, m, n = sum(self.errors), len(self.along), len(self.about)
+        spread = symmetric(self.covariance.symbol, size)
+        moved = ca.mtimes(transition, ca.mtimes(spread, transition.T))
+        moved = moved + self._noise(self._parts(mean)[2], period)
+        mean, spread = ca.if_else(first, self.mean.symbol, mean), ca.if_else(first, spread, moved)
+        place, _, attitude, _, _ = self._parts(mean)
+        rotation = attitude_of(attitude)
+        lever = ca.mtimes(rotation, self.arm)
+        shown, turned = self.place.value.symbol, self.attitude.value.symbol
+        away = ca.norm_2(shown[:m] - self.camera[self.along])
+        rows = ca.SX(m + n, size)
+        rows[:m, :m] = ca.SX.eye(m)
+        rows[:m, 2 * m : 2 * m + n] = -skew(lever)[self.along, self.about]
+        rows[m:, 2 * m : 2 * m + n] = ca.SX.eye(n)
+        seen = rotation_log(ca.mtimes(attitude_of(turned[:-1]), ca.mtimes(rotation, self.turn).T))[self.about]
+        innovation = ca.vertcat(shown[:m] - place - lever[self.along], seen)
+        total, correction, used = ca.SX(0), ca.SX.zeros(size), []
+        samples = (
+            (slice(0, m), shown, "position_noise", PLACE),
+            (slice(m, m + n), turned, "attitude_noise", ATTITUDE),
+        )
+        for i, (part, value, key, signal) in enumerate(samples):
+            variance = self._variance(key, signal, away)
+            left = innovation[part] - ca.mtimes(rows[part, :], correction)
+            step, after, nis = updated(spread, rows[part, :], left, [variance] * left.size1())
+            fresh = value[-1] > self.used.symbol[i]
+            correction = correction + ca.if_else(fresh, step, 0)
+            spread, total = ca.if_else(fresh, after, spread), total + ca.if_else(fresh, nis, 0)
+            used.append(ca.if_else(fresh, value[-1], self.used.symbol[i]))
+        mean = self._corrected(mean, correction)
+        now = mean
+        if not self.robot.errors(PLACE).is_zero("delay"):
+            late = self.robot.errors(PLACE).steady("delay")
+            nominal = self.robot.context.parameters.value(f"{self.robot.errors(PLACE).path}.delay")
+            now = self._advanced(mean, late, math.ceil(nominal / LONGEST))[0]
+        return [
+            (self.mean, mean),
+            (self.covariance, triangle(spread)),
+            (self.used, ca.vertcat(*used)),
+            (self.nis, total),
+            (self.now, now),
+        ]
+
+    def contribution(self) -> Contribution:
+        """States, events, estimates and outputs."""
+        robot, label = self.robot, self.robot.label
+        errors = robot.errors(PLACE)
+        begins = Clock.of(f"{label}.begin", robot.context.time, ca.SX(1e9))  # once
+        drawn = self._deviations() * robot.context.random(f"{label}.begin", 1, sum(self.errors), ca.SX(0))
+        begun = self._corrected(self.mean.symbol, drawn)
+        first = {self.mean.name: begun, self.now.name: begun}
+        delay = errors.steady("delay")
+        clock = Clock.of(f"{label}.arrivals", robot.context.time, errors.steady("period"), delay)
+        self.arrived = clock.count.symbol
+        updates = self._updates(clock.count.symbol < 0.5)
+        named = {state.name: ca.densify(value) for state, value in updates}
+        events: tuple[Event, ...] = (
+            begins.event(f"{label}.begun", "estimated", label, first, silent=True),
+            clock.event(f"{label}.estimated", "estimated", label, named, silent=True),
+        )
+        return Contribution(
+            states=(*(state for state, _ in updates), begins.count, clock.count),
+            events=events,
+            outputs=tuple(self._outputs()),
+            estimates=tuple(self._estimates().items()),
+        )
+
+    def _estimates(self) -> dict[str, Callable[[ca.SX], ca.SX]]:
+        """Place and velocity of points (3x1) of the target, its rotation vectors and spin, world axes."""
+        plant = self.robot.plant
+        place, velocity, attitude, spin, _ = self._parts(self.now.symbol)
+        centre, moving, turning = ca.SX(3, 1), ca.SX(3, 1), ca.SX(3, 1)
+        centre[self.along], moving[self.along], turning[self.about] = place, velocity, spin
+        principal = attitude_of(attitude / ca.norm_2(attitude))
+        turning = ca.mtimes(principal, turning)
+        rotation, origin = plant.placement(self.body.root)
+        error = ca.mtimes(ca.mtimes(principal, self.axes.T), rotation.T)
+        true = origin + ca.mtimes(rotation, ca.SX(ca.DM(self.body.centre)))
+        if self.planar:
+            centre[2] = true[2]
+
+        def lever(point: ca.SX) -> ca.SX:
+            return ca.mtimes(error, point - true)
+
+        return {
+            PLACE: lambda point: centre + lever(point),
+            ATTITUDE: lambda vector: rotation_log(ca.mtimes(error, rotation_exp(vector))),
+            "target_velocity": lambda point: moving + cross(turning, lever(point)),
+            "target_spin": lambda _: turning,
+        }
+
+    def _outputs(self) -> Iterable[Output]:
+        """Errors and deviations at present, and how the ones agree with the others."""
+        name, size, m, n = self.robot.robot, sum(self.errors), len(self.along), len(self.about)
+        since = self.robot.context.time
+        errors, parameters = self.robot.errors(PLACE), self.robot.context.parameters
+        since = since - ca.fmax(self.arrived - 1, 0) * errors.steady("period")
+        longest = sum(parameters.value(f"{errors.path}.{key}") for key in ("period", "delay"))
+        mean, transition = self._advanced(self.mean.symbol, since, math.ceil(longest / LONGEST))
+        covariance = symmetric(self.covariance.symbol, size)
+        covariance = ca.mtimes(transition, ca.mtimes(covariance, transition.T))
+        covariance = covariance + self._noise(self._parts(mean)[2], since)
+        deviation = ca.sqrt(ca.diag(covariance))
+        error = self._difference(self.now.symbol, self.true)
+        texts = (
+            ("position", "m", "of the target's centre of mass", self.along),
+            ("velocity", "m/s", "of its velocity", self.along),
+            ("attitude", "rad", "of the target's attitude", self.about),
+            ("spin", "rad/s", "of its spin, principal axes", self.about),
+        )
+        for (key, unit, text, axes), first in zip(texts, (0, m, 2 * m, 2 * m + n), strict=True):
+            for kind, values, what in (
+                ("error", error, "true less estimated, "),
+                ("deviation", deviation, "standard deviation "),
+            ):
+                whole = ca.SX(3, 1)
+                whole[axes] = values[first : first + len(axes)]
+                yield Output(f"target_{key}_{kind}", whole, unit, what + text, "body", name)
+        ratios = self._parts(self.now.symbol)[4]
+        for i in range(self.ratios):
+            text = f"estimated logarithm of the target's inertia ratio {i + 1} : 3"
+            yield Output(f"target_inertia_{i + 1}", ratios[i], "1", text, "body", name)
+        nees = ca.dot(error, SymmetricFactors(covariance).solve(error))
+        text = "normalised error squared of target filters"
+        yield Output("target_nees", nees, "1", text, "body", name)
+        text = "normalised innovation squared of target filters"
+        yield Output("target_nis", self.nis.symbol, "1", text, "body", name)
+
+
+def _summed(sizes: list[int]) -> list[int]:
+    return [sum(sizes[: i + 1]) for i in range(len(sizes))]

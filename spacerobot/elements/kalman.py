@@ -1,0 +1,67 @@
+"""Kalman filters whose measurements are taken one component after the other.
+
+Covariances are kept as their upper triangles, so that they stay symmetric. A scalar measurement z = h x + n
+with the variance r has the gain k = g / s with g = P h^T and s = h g + r, and Joseph's form
+
+    (1 - k h) P (1 - k h)^T + k r k^T = P - k g^T - g k^T + s k k^T
+
+stays symmetric and positive whatever the gain (Bucy and Joseph 1968; Markley and Crassidis 2014, 5.5).
+Components with independent errors that are taken one by one give what all at once give, without a matrix to
+be inverted, and the normalised innovations squared (NIS) add up: sum nu^2 / s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+
+
+def triangle(matrix: ca.SX) -> ca.SX:
+    """Upper triangle of a symmetric matrix (n x n), row by row (n (n + 1) / 2 x 1)."""
+    size = matrix.size1()
+    return ca.vertcat(ca.SX(0, 1), *(matrix[i, j] for i in range(size) for j in range(i, size)))
+
+
+def symmetric(entries: ca.SX, size: int) -> ca.SX:
+    """Symmetric matrix (n x n) of its upper triangle; see :func:`triangle`."""
+    found, rest = ca.SX(size, size), iter(ca.vertsplit(entries))
+    for i in range(size):
+        for j in range(i, size):
+            found[i, j] = found[j, i] = next(rest)
+    return found
+
+
+def updated(
+    covariance: ca.SX, rows: ca.SX, innovation: ca.SX, variances: Sequence[ca.SX]
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Measurement update.
+
+    Parameters
+    ----------
+    covariance
+        Of the errors before it (n x n).
+    rows
+        Derivatives of the measurement with respect to the errors (m x n).
+    innovation
+        Measured less predicted (m x 1).
+    variances
+        Of the measurement's errors, which are independent (m of 1x1).
+
+    Returns
+    -------
+    tuple
+        Correction (n x 1), covariance (n x n) and normalised innovation squared (1x1).
+    """
+    correction, nis = ca.SX.zeros(covariance.size1()), ca.SX(0)
+    for i, variance in enumerate(variances):
+        row = rows[i, :]
+        spread = ca.mtimes(covariance, row.T)
+        scale = ca.mtimes(row, spread) + variance
+        gain = spread / scale
+        left = innovation[i] - ca.mtimes(row, correction)
+        correction = correction + gain * left
+        nis = nis + left * left / scale
+        outer = ca.mtimes(gain, spread.T)
+        covariance = covariance - outer - outer.T + scale * ca.mtimes(gain, gain.T)
+    return correction, covariance, nis

@@ -1,0 +1,87 @@
+"""Errors of filters, and how they agree with the covariances that the filters state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+
+from spacerobot.quantities.quantity import Components, Context, Quantity, sizes
+
+SMALLEST = 1e-15  # rad, m; keeps sizes smooth where they are zero
+NO_ATTITUDE = "no robot of this scene has an estimator of kind attitude_filter"
+NO_TARGET = "no robot of this scene has an estimator of kind target_filter"
+
+
+def length(output: str, factor: float = 1.0) -> Callable[[Context], Components]:
+    """Size of a vector of each robot that has it, times a factor."""
+
+    def components(context: Context) -> Components:
+        names, vectors = context.bodies(output)
+        return Components(names, ca.vertcat(ca.SX(0, 1), *(factor * e for e in sizes(vectors, SMALLEST))))
+
+    return components
+
+
+def number(output: str) -> Callable[[Context], Components]:
+    """Number of each robot that has it."""
+
+    def components(context: Context) -> Components:
+        names, values = context.bodies(output)
+        return Components(names, ca.vertcat(ca.SX(0, 1), *values))
+
+    return components
+
+
+def _final(
+    name: str, texts: tuple[str, str], unit: str, found: Callable[[Context], Components], absent: str
+) -> Quantity:
+    """Quantity at the end of a rollout, kept where it is named."""
+    return Quantity(name, *texts, unit, "final", found, is_default=False, absent=absent)
+
+
+QUANTITIES = (
+    _final(
+        "attitude_estimate_error",
+        ("attitude estimate error", "angle from the estimated to the true attitude of a base at the end"),
+        "deg",
+        length("attitude_estimate_error", 180 / np.pi),
+        NO_ATTITUDE,
+    ),
+    _final(
+        "attitude_nees",
+        ("NEES of the attitude filter", "normalised error squared of attitude and gyro bias at the end"),
+        "1",
+        number("attitude_nees"),
+        NO_ATTITUDE,
+    ),
+    _final(
+        "attitude_nis",
+        ("NIS of the attitude filter", "normalised innovation squared of the last star tracker sample"),
+        "1",
+        number("attitude_nis"),
+        NO_ATTITUDE,
+    ),
+    _final(
+        "target_estimate_error",
+        ("target estimate error", "distance from the estimated to the true centre of mass at the end"),
+        "m",
+        length("target_position_error"),
+        NO_TARGET,
+    ),
+    _final(
+        "target_nees",
+        ("NEES of the target filter", "normalised error squared of all that it estimates at the end"),
+        "1",
+        number("target_nees"),
+        NO_TARGET,
+    ),
+    _final(
+        "target_nis",
+        ("NIS of the target filter", "normalised innovation squared of the last pose"),
+        "1",
+        number("target_nis"),
+        NO_TARGET,
+    ),
+)
