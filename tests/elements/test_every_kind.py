@@ -164,6 +164,7 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
         ("sensor", kind): {"offset": 0.01, "scale": 1.1, "errors": None}
         for kind in ("star_tracker", "joint_encoder", "camera_position", "camera_orientation")
     },
+    ("estimator", "target_filter"): {"tip": "tip", "frame": "mate_2"},
     ("environment", "orbit"): {
         "semi_major_axis": 8.0,
         "planet_radius": 0.5,

@@ -182,7 +182,7 @@ def test_both_engines_estimate_the_same(text, changes):
     ("path", "step"),
     [
         ("robots.one.tips.tip.pid.kp", 0.3),
-        ("robots.one.estimators.seen.position_noise", 1e-4),
+        ("robots.one.estimators.seen.position_noise", 4e-5),
         ("robots.one.estimators.seen.spin_deg", 0.02),
         ("robots.one.sensors.target_orientation.errors.noise", 5e-5),
     ],
