@@ -140,10 +140,10 @@ def _extended_events(loop: ClosedLoopFunctions, at: Mapping[str, ca.SX]) -> tupl
     t, x, c = at.values()
     nx, nc = len(loop.state_names), loop.setup.numel_out(1)
     xdot, e = ca.SX.sym("xdot", x.numel()), ca.SX.sym("e")
-    g, rate = loop.guards(t, x[:nx], c[:nc], xdot[:nx])
+    guards = zip(loop.guards.name_out(), loop.guards(t, x[:nx], c[:nc], xdot[:nx]), strict=True)
     after = ca.vertcat(loop.update(t, x[:nx], c[:nc], e), x[nx:])
     return (
-        _function("guards", {**at, "xdot": xdot}, {"g": g, "rate": rate}),
+        _function("guards", {**at, "xdot": xdot}, dict(guards)),
         _function("update", {**at, "e": e}, {"x_after": after}),
     )
 

@@ -46,6 +46,9 @@ if TYPE_CHECKING:
 RIGID = 3e-3
 """Poles below it [1/s] count as zero: a Jordan block of four zeros splits by the fourth root of rounding."""
 
+NEUTRAL = 1e-6
+"""Damping ratio within which a mode counts as undamped."""
+
 RANK = 1e-9
 """Singular values of constraints below this part of the greatest count as zero."""
 
@@ -136,9 +139,14 @@ class LinearSystem:
         return int(np.sum(np.abs(self.poles) <= RIGID))
 
     @property
+    def growing(self) -> tuple[Mode, ...]:
+        """Modes that grow; those of a body that spins freely neither grow nor decay, but for rounding."""
+        return tuple(mode for mode in self.modes if mode.damping < -NEUTRAL)
+
+    @property
     def is_stable(self) -> bool:
-        """Whether all poles but those at zero decay."""
-        return all(mode.pole.real < 0 for mode in self.modes)
+        """Whether no mode grows."""
+        return not self.growing
 
     def to_xarray(self) -> xr.Dataset:
         """Matrices with named rows and columns."""

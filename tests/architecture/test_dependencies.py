@@ -162,6 +162,8 @@ BUILT_ON = {
         "optim.methods",
         "optim.campaign.sampling",
         "optim.campaign.rollouts",
+        "optim.planning.output",
+        "optim.planning.search",
     },
     "viz.report": {"viz.page", "viz.figures", "optim.comparison"},
 }

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from optim.planning.output.plan_folder import FOLLOWED, check_plan_folder, write
+from optim.planning.output.plan_folder import FOLLOWED, SUMMARY, write
 from optim.planning.search.make_plan import make_plan
 from spacerobot.description.find import shipped_names, shipped_urdf_folder
 from spacerobot.description.read import read_description
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.files import write_text
+from spacerobot.result.store import check_folder
 from spacerobot.scenario.load import parse_yaml, validate
 from spacerobot.scene import Scene, build_scene
 from spacerobot.scene.draft import DraftRequest, draft_capture, surface_point
@@ -211,7 +212,7 @@ def plan(scene: Scene, folder: Path, job: Job) -> Path | None:
             raise KeyboardInterrupt  # as Ctrl-C does
         job.tell(always=True, progress=0.5, message=words)
 
-    check_plan_folder(folder)
+    check_folder(folder, SUMMARY)
     try:
         planned = make_plan(scene, progress=tell)
     except KeyboardInterrupt:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from spacerobot.cli.command import Command
@@ -42,6 +41,8 @@ Examples:
     spacerobot margins docking --along 40 --out out/margins
 """
 HEADINGS = ("loop", "gain [dB]", "phase [deg]", "delay [s]", "disk", "crossover [Hz]")
+MOST_LOOPS = 12
+"""Loops with the least disk margins that are printed."""
 MOST_MODES = 6
 """Least damped modes that are printed."""
 
@@ -63,19 +64,24 @@ def command(
             write_margins(found, scene.scenario.name, out)
             data = found.to_xarray()
             data.to_netcdf(out / "margins.nc")
+    loops = found.loops[0]
     if along:
         least = found.to_xarray()
         rows = []
-        for k, disk in enumerate(least.disk.values.T):
-            worst = int(np.nanargmin(disk)) if np.isfinite(disk).any() else 0
+        lowest = least.disk.fillna(math.inf).min("instant")
+        for k in lowest.argsort().values[:MOST_LOOPS]:
+            worst = int(least.disk[:, k].fillna(math.inf).argmin())
             rows.append([least.instant.values[worst], *row_of(found.loops[worst][k])])
-        console().print(table(f"least disk margin of {along} instants", ("at", *HEADINGS), rows, keys=2))
+        console().print(table(f"least disk margins of {along} instants", ("at", *HEADINGS), rows, keys=2))
     else:
-        for linear, loops in zip(found.linearisations, found.loops, strict=True):
-            console().print(
-                table(f"{linear.label}: {about(linear)}", HEADINGS, [row_of(one) for one in loops])
-            )
+        for linear, own in zip(found.linearisations, found.loops, strict=True):
+            ranked = sorted(own, key=lambda one: math.inf if math.isnan(one.disk) else one.disk)
+            shown = [row_of(one) for one in ranked[:MOST_LOOPS]]
+            console().print(table(f"{linear.label}: {about(linear)}", HEADINGS, shown))
             console().print(table(None, ("mode", "frequency [Hz]", "damping ratio"), modes_of(linear)))
+    if len(loops) > MOST_LOOPS:
+        more = "all in margins.nc" if out is not None else "--out DIR writes all"
+        console().print(f"the {MOST_LOOPS} of {len(loops)} loops with the least disk margins; {more}")
     if out is not None:
         console().print(f"margins.nc and figures in {out}", markup=False, soft_wrap=True)
 
@@ -92,11 +98,10 @@ def row_of(one: LoopMargins) -> list[str]:
 def about(linear: LinearSystem) -> str:
     """Stability of a linearised closed loop, and its size, in words."""
     kind = f"sampled, period {linear.period_s:g} s" if linear.period_s else "continuous"
-    growing = [mode for mode in linear.modes if mode.pole.real >= 0]
-    stable = "stable"
-    if growing:
-        fastest = max(mode.pole.real for mode in growing)
-        stable = f"{len(growing)} growing modes, the fastest {fastest:.3g} 1/s"
+    stable = "no growing mode"
+    if linear.growing:
+        fastest = max(mode.pole.real for mode in linear.growing)
+        stable = f"{len(linear.growing)} growing modes, the fastest {fastest:.3g} 1/s"
     return f"{kind}, {len(linear.states)} states, {linear.zero_poles} poles at zero, {stable}"
 
 
