@@ -22,9 +22,8 @@ def reaction_wheel_data(result: Result, motion: BodyMotion) -> dict[str, Any]:
     ``slowed`` for all wheels alike.
     """
     data = result.data
-    if "wheel_speed" not in data:
+    if "wheel" not in data.dims:  # an element of one's own may give speeds of other dimensions
         return no_reaction_wheels()
-    labels = [str(label) for label in data.wheel.values]
     axes = {
         f"{robot}/{name}.{k}": axis
         for robot, section in result.scenario.robots.items()
@@ -32,8 +31,10 @@ def reaction_wheel_data(result: Result, motion: BodyMotion) -> dict[str, Any]:
         if (storage := actuator.momentum_storage()) is not None
         for k, axis in enumerate(storage.axes.T)
     }
+    known = [k for k, label in enumerate(data.wheel.values) if str(label) in axes]
+    labels = [str(data.wheel.values[k]) for k in known]
     bases = {node.body: k for k, node in enumerate(motion.nodes) if node.is_base}
-    speed = result.array("wheel_speed")
+    speed = result.array("wheel_speed")[:, known]
     slowed = max(1.0, float(np.abs(speed).max(initial=0.0)) / FASTEST)
     angles = cumulative_trapezoid(speed, result.array("time"), axis=0, initial=0)[motion.rows]
     return {
