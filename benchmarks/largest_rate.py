@@ -1,0 +1,161 @@
+"""Envisat's largest rate: ``python -m benchmarks.largest_rate [FOLDER]``.
+
+The tumbling of ``envisat`` about the intermediate axis is raised from 5 deg/s, each rate planned from the
+plan of the rate below it on the same meshes, with steps that are halved where no plan is found, until
+feasible and infeasible rates are ``PRECISE`` apart. At an infeasible rate the elastic program gives the
+least violation of goals and limits; it is a local minimum, so that it is evidence and no proof. The greatest
+feasible rate is refined and verified, and kept in the folder, ``out/largest_rate`` if none is named. Data are
+written to ``docs/data``, the figure to ``docs/images``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import spacerobot as sr
+from benchmarks import history
+from optim.planning.output.plan_folder import write
+from optim.planning.search.failure_messages import soft_rows
+from optim.planning.search.make_plan import PLAN, failure_message, plan_result
+from optim.planning.search.plan_solver import PlanSolver, SolveResult
+from optim.planning.search.solve_request import solve_request
+from optim.planning.search.warm_start import FILE as PLAN_FILE
+from optim.planning.search.warm_start import stored_motion
+from optim.planning.solver.elastic import ElasticProgram
+from optim.planning.solver.ipopt import Solution, solve
+from optim.planning.solver.nonlinear_program import NonlinearProgram
+from optim.planning.transcription.phase_chain import PhaseChain
+from spacerobot.files import write_bytes, write_text
+from spacerobot.scene import Scene
+from viz.figures.feasible_range import feasible_range
+from viz.figures.style import to_bytes
+
+AXIS, PLACE = np.array([0.00522422, 0.99701949, -0.07697305]), np.array([7.2, 0.0, 0.4])
+"""Intermediate axis of Envisat, and where the servicer begins [m], both in Envisat's axes."""
+FIRST, STEP, PRECISE = 5.0, 1.0, 0.01
+"""First rate and first step [deg/s], and the step, relative to the rate, at which the search ends."""
+ITERATIONS, RELAXED = 80, 100
+FEASIBLE = 1e-7
+SCENARIO, DATA, FIGURE = "envisat", "docs/data/envisat_rates.json", "docs/images/envisat_rates.png"
+
+
+def directions() -> dict[str, float]:
+    """Change of each number of the scenario with the rate, per deg/s: both bodies turn together."""
+    found = dict[str, float]()
+    for path, vector in (
+        ("target.base.spin_deg", AXIS),
+        ("robots.servicer.base.spin_deg", AXIS),
+        ("robots.servicer.base.velocity", np.cross(np.radians(AXIS), PLACE)),
+    ):
+        found |= {f"{path}.{k}": float(value) for k, value in enumerate(vector)}
+    return found
+
+
+def scene_at(rate: float) -> Scene:
+    """The scenario at a rate [deg/s]."""
+    return sr.load_scene(SCENARIO, {path: rate * each for path, each in directions().items()})
+
+
+def at(solver: PlanSolver, rate: float) -> PlanSolver:
+    """The solver of a scene that differs from the scenario by its rate, by which only the start differs."""
+    start = np.concatenate([solver.scene.q, scene_at(rate).v])
+    return dataclasses.replace(solver, problem=dataclasses.replace(solver.problem, fixed=start))
+
+
+def solved(solver: PlanSolver, near: SolveResult) -> tuple[SolveResult | None, dict[str, Any]]:
+    """Plan of a rate on the meshes of another, if there is one, and what is known of it."""
+    program = solver.program(solver.request(), near.meshes)
+    assert near.solution is not None
+    found = solve(program, near.solution.w, near.solution, scale=near.cost, iterations=ITERATIONS)
+    row: dict[str, Any] = {"feasible": found.converged, "iterations": found.iterations}
+    if not found.converged:
+        elastic = ElasticProgram(program, soft_rows(program), near.cost)
+        relaxed = solve(elastic, elastic.started(near.solution.w), iterations=RELAXED)
+        violation, own = elastic.violation(relaxed.w), relaxed.w[: program.size]
+        row |= {"least_violation": violation, "is_minimum": relaxed.converged, "status": found.status}
+        if violation > FEASIBLE:
+            return None, row
+        found = solve(program, own, scale=near.cost, iterations=ITERATIONS)
+        row["feasible"] = found.converged
+        if not found.converged:
+            return None, row
+    result = SolveResult((), found, near.meshes, program.objective(found.w), None, "")
+    return result, row | {"cost": result.cost} | described(solver, program, found)
+
+
+def described(solver: PlanSolver, program: NonlinearProgram, solution: Solution) -> dict[str, Any]:
+    """Slope of the cost, how near each drive comes to its limit, and what one percent of a limit saves.
+
+    The optimal cost changes with an unknown that is fixed, as the start is, by the derivative of the
+    Lagrangian, and with a limit by its multiplier.
+    """
+    assert isinstance(program, PhaseChain)
+    jacobian = program.jacobian_pattern.copy()
+    jacobian.data = program.jacobian(solution.w)
+    by_start = program.gradient(solution.w) + jacobian.T @ solution.multipliers
+    nq, nv = program.programs[0].nq, program.programs[0].nv
+    driven, first = solver.problem.stage.driven, nq + 2 * nv
+    count = len(driven.names)
+    used, of_limits = np.zeros(count), np.zeros(count)
+    for own, part in zip(program.programs, program.parted(solution), strict=False):
+        drives, held = (
+            own.split(values)[0][:, first : first + count] for values in (part.w, part.bound_multipliers)
+        )
+        used = np.maximum(used, np.abs(drives).max(axis=0) / driven.limits)
+        of_limits += np.abs(held).sum(axis=0) * driven.limits
+    return {
+        "slope": float(by_start[nq : nq + nv] @ (scene_at(1.0).v - scene_at(0.0).v)),
+        "saved_by_percent": dict(zip(driven.names, (0.01 * of_limits).tolist(), strict=True)),
+        "used": dict(zip(driven.names, used.tolist(), strict=True)),
+    }
+
+
+def verified(rate: float, near: SolveResult, folder: Path) -> dict[str, Any]:
+    """Plan of the rate, refined and verified by replay, in a folder; why there is none."""
+    solver = PlanSolver.of(scene_at(rate), "interpreted")
+    request = solver.request(near=near, is_solved=True)
+    result = solve_request(solver, request)
+    if (fault := failure_message(result)) is not None:
+        return {"verified": False, "failure": fault}
+    plan = plan_result(solver, request, {PLAN: result})
+    write(plan, folder)
+    return {"verified": True, "cost": plan.cost}
+
+
+def main() -> None:
+    """Search, verify, and write data and figure."""
+    folder, rows = Path(sys.argv[1] if sys.argv[1:] else "out/largest_rate"), []
+    if not (folder / "first" / PLAN_FILE).exists():
+        sr.plan(scene_at(FIRST), folder / "first")
+    solver = PlanSolver.of(scene_at(FIRST), "interpreted")
+    near = stored_motion(solver, folder / "first")
+    assert near.solution is not None
+    cost = solver.program(solver.request(), near.meshes).objective(near.solution.w)
+    near = dataclasses.replace(near, cost=cost)
+    rate, step, best = FIRST, STEP, 0.0
+    while step > PRECISE * rate:
+        begun = time.process_time()
+        found, row = solved(at(solver, rate), near)
+        if found is not None:
+            best, near = rate, found
+        else:
+            step /= 2
+        rows.append({"value": rate} | row | {"processor_s": time.process_time() - begun})
+        print(json.dumps(rows[-1]), flush=True)
+        rate = (best or FIRST) + step
+    data = {"scenario": SCENARIO, "axis": "rate [deg/s]", "rows": rows, "largest": best}
+    data |= verified(best, near, folder / "largest")
+    data |= {"machine": history.machine(), "commit": history.commit()}
+    write_text(Path(DATA), json.dumps(data, indent=1) + "\n")
+    write_bytes(Path(FIGURE), to_bytes(feasible_range(data), "png"))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,53 @@
+"""How far one number of a scenario can be raised: optimal cost, use of limits, and least violations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from viz.figures.style import COLOURS, DASHES, Drawing, legend_over, panels, styled
+
+SHOWN = 5
+"""Drives that are drawn: those that come nearest to their limits."""
+REFUSED = "#B00020"
+
+
+@styled
+def feasible_range(data: Mapping[str, Any]) -> Drawing:
+    """Optimal cost with its slopes, and the share of limits that drives use; infeasible values as lines.
+
+    Parameters
+    ----------
+    data
+        ``scenario``, ``axis`` (label of the number) and ``rows``: for each ``value`` whether it is
+        ``feasible``; then ``cost``, ``slope`` and ``used`` (share of its limit by drive).
+    """
+    figure, axes = panels(1, 2, height_in=2.8)
+    rows = sorted(data["rows"], key=lambda row: float(row["value"]))
+    good = [row for row in rows if row["feasible"]]
+    values = np.array([row["value"] for row in good])
+    cost, use = axes[0]
+    cost.plot(values, [row["cost"] for row in good], "o", markersize=3.5, color=COLOURS[0], label="feasible")
+    half = 0.25 * np.diff(values).max(initial=0.1)
+    for row in good:
+        ends = np.array([-half, half])
+        label = "slope" if row is good[0] else None
+        cost.plot(row["value"] + ends, row["cost"] + row["slope"] * ends, color=COLOURS[2], label=label)
+    largest = {name: max(row["used"][name] for row in good) for name in good[0]["used"]}
+    for k, name in enumerate(sorted(largest, key=lambda name: -largest[name])[:SHOWN]):
+        look: dict[str, Any] = {"color": COLOURS[k], "linestyle": DASHES[k % len(DASHES)]}
+        use.plot(values, [row["used"][name] for row in good], label=name.rpartition("/")[2], **look)
+    for panel in (cost, use):
+        for k, row in enumerate(row for row in rows if not row["feasible"]):
+            label = "infeasible" if k == 0 and panel is cost else None
+            panel.axvline(row["value"], color=REFUSED, linewidth=0.9, linestyle=":", label=label)
+        panel.set(xlabel=data["axis"])
+    cost.set(ylabel="optimal cost")
+    use.set(ylabel="largest force or torque / its limit")
+    cost.set_title(f"{data['scenario']}: optimal cost")
+    use.set_title("Use of limits")
+    legend_over(cost, columns=3)
+    legend_over(use, columns=3)
+    return figure
