@@ -41,8 +41,8 @@ AXIS, PLACE = np.array([0.00522422, 0.99701949, -0.07697305]), np.array([7.2, 0.
 """Intermediate axis of Envisat, and where the servicer begins [m], both in Envisat's axes."""
 FIRST, STEP, PRECISE = 5.0, 1.0, 0.01
 """First rate and first step [deg/s], and the step, relative to the rate, at which the search ends."""
-ITERATIONS, RELAXED = 80, 100
-FEASIBLE = 1e-7
+ITERATIONS, RELAXED = 300, 150
+FEASIBLE = 1e-6
 SCENARIO, DATA, FIGURE = "envisat", "docs/data/envisat_rates.json", "docs/images/envisat_rates.png"
 
 

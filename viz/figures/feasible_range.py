@@ -30,8 +30,8 @@ def feasible_range(data: Mapping[str, Any]) -> Drawing:
     values = np.array([row["value"] for row in good])
     cost, use = axes[0]
     cost.plot(values, [row["cost"] for row in good], "o", markersize=3.5, color=COLOURS[0], label="feasible")
-    half = 0.25 * np.diff(values).max(initial=0.1)
-    for row in good:
+    gaps = np.diff(values, prepend=2 * values[0] - values[1], append=2 * values[-1] - values[-2])
+    for row, half in zip(good, 0.25 * np.minimum(gaps[:-1], gaps[1:]), strict=True):
         ends = np.array([-half, half])
         label = "slope" if row is good[0] else None
         cost.plot(row["value"] + ends, row["cost"] + row["slope"] * ends, color=COLOURS[2], label=label)
@@ -44,7 +44,8 @@ def feasible_range(data: Mapping[str, Any]) -> Drawing:
             label = "infeasible" if k == 0 and panel is cost else None
             panel.axvline(row["value"], color=REFUSED, linewidth=0.9, linestyle=":", label=label)
         panel.set(xlabel=data["axis"])
-    cost.set(ylabel="optimal cost")
+    cost.set(ylabel="optimal cost", yscale="log")
+    cost.yaxis.set_major_formatter("{x:g}")
     use.set(ylabel="largest force or torque / its limit")
     cost.set_title(f"{data['scenario']}: optimal cost")
     use.set_title("Use of limits")
