@@ -45,7 +45,7 @@ def test_tables_and_diagrams_at_instants(margins, tmp_path):
 def test_margins_over_time(margins, tmp_path):
     code, out, _ = margins("--along", 10, "--out", tmp_path)
     assert code == 0
-    assert "least disk margin of 10 instants" in out
+    assert "least disk margins of 10 instants" in out
     assert (tmp_path / "figures" / "margins_along.png").exists()
 
 

@@ -70,7 +70,7 @@ def command(
         rows = []
         lowest = least.disk.fillna(math.inf).min("instant")
         for k in lowest.argsort().values[:MOST_LOOPS]:
-            worst = int(least.disk[:, k].fillna(math.inf).argmin())
+            worst = int(least.disk[:, k].fillna(math.inf).values.argmin())
             rows.append([least.instant.values[worst], *row_of(found.loops[worst][k])])
         console().print(table(f"least disk margins of {along} instants", ("at", *HEADINGS), rows, keys=2))
     else:
