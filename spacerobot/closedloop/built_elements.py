@@ -255,6 +255,7 @@ class LoopBuilder:
             carrier: ca.SX | None = None,
             away: tuple[ca.SX, ca.SX] | None = None,
         ) -> Measurement:
+            """Samples of one signal, with the errors of its sensor."""
             context = self.context.at(f"{path}.sensors.{signal}")
             own, attitude = sensors[signal], None
             value = own.aligned(context, value, carrier)

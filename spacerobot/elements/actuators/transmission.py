@@ -103,6 +103,7 @@ class Transmission(Actuator):
             return ca.fmin(ca.fmax(wanted, -limit), limit)
 
         def answer(asked: ca.SX) -> Contribution:
+            """States of motors and gears, and their reaction on the links that carry the motors."""
             given = motor(asked)
             net = given - torque / ratio - friction
             labels = [f"{actuator.robot}/{joint}" for joint in names]
