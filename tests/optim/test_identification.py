@@ -26,13 +26,24 @@ AXES = {
 HEAVIER = {"target.links.body.mass": 140, "target.links.body.com": [0.03, -0.01, 0.02]}
 
 
+HELD = {
+    "robots.servicer.controllers": {"turn": {"kind": "base_attitude", "kp": 40, "kd": 200}},
+    "robots.servicer.actuators": {"ideal": {"kind": "base_wrench"}},
+}
+"""A base that an outside torque holds, whose impulse counts."""
+
+
 @functools.cache
-def moved(name="servicer"):
-    changes = HEAVIER | {
-        "simulation.duration": 13.5,
-        "simulation.output_step": 0.1,
-        "phases": AXES,
-    }
+def moved(name="servicer", *, held=False):
+    changes = (
+        HEAVIER
+        | (HELD if held else {})
+        | {
+            "simulation.duration": 13.5,
+            "simulation.output_step": 0.1,
+            "phases": AXES,
+        }
+    )
     return sr.simulate(sr.load_scene(name, changes), backend="interpreted")
 
 
@@ -45,9 +56,13 @@ def test_the_regressor_is_the_momentum_of_a_body(seed):
     np.testing.assert_allclose(found, (inertia * motion).vector, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["servicer", "servicer-wheels"])
-def test_without_noise_it_is_exact(name):
-    found = sr.identify(moved(name))
+@pytest.mark.parametrize(
+    ("name", "held"), [("servicer", False), ("servicer-wheels", False), ("servicer", True)]
+)
+def test_without_noise_it_is_exact(name, held):
+    result = moved(name, held=held)
+    assert ("impulse_angular" in result.data) == held
+    found = sr.identify(result)
     np.testing.assert_allclose(found.values, found.truth, atol=2e-5)
     np.testing.assert_allclose(found.values[1:4], [0.03, -0.01, 0.02], atol=1e-6)
 
