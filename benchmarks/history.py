@@ -34,6 +34,17 @@ def machine() -> dict[str, Any]:
     }
 
 
+def load_average() -> float | None:
+    """Load average of the last quarter of an hour; None where there is none, as on Windows."""
+    return os.getloadavg()[2] if hasattr(os, "getloadavg") else None
+
+
+def load_words() -> str:
+    """The same at the end of a line about the machine."""
+    load = load_average()
+    return "" if load is None else f", load {load:.1f}"
+
+
 def commit() -> str:
     """The commit that is measured, marked where files differ from it."""
     command = ["git", "describe", "--always", "--dirty"]
@@ -74,8 +85,7 @@ def keep(rows: Sequence[Row], measured_on: Mapping[str, Any], path: Path = HISTO
     ratios = {f"{row.what} / {row.against}": row.ratio for row in rows if row.ratio is not None}
     date = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
     entry: dict[str, Any] = {"date": date, "commit": commit(), "machine": dict(measured_on), "ratios": ratios}
-    if hasattr(os, "getloadavg"):  # Unix alone has it
-        load = os.getloadavg()[2]
+    if (load := load_average()) is not None:
         entry |= {"load_average": round(load, 1), "shared": load > (os.cpu_count() or 1)}
     with path.open("a", encoding="utf-8") as file:
         file.write(json.dumps(entry) + "\n")

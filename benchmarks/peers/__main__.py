@@ -19,7 +19,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from benchmarks.history import commit, machine
+from benchmarks.history import commit, load_words, machine
 from benchmarks.peers import scenes
 from benchmarks.peers.compare import PeerScene
 from spacerobot.files import write_text
@@ -40,10 +40,12 @@ def found_scenes() -> dict[str, PeerScene]:
 def measured(scene: PeerScene) -> dict[str, Any]:
     """Outcome of a scene as plain values, or why there is none."""
     try:
+        # the package first: parts of one that was removed can still be imported
+        version = importlib.metadata.version(scene.package)
         outcome = scene.measure()
     except ImportError as error:
         return {"missing": f"{scene.peer} is not installed (pip install {scene.package}): {error}"}
-    return dataclasses.asdict(outcome) | {"version": importlib.metadata.version(scene.package)}
+    return dataclasses.asdict(outcome) | {"version": version}
 
 
 def in_a_process(name: str) -> dict[str, Any]:
@@ -98,7 +100,7 @@ def main() -> None:
     here = machine()
     day = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
     where = f"{day}, commit {commit()}, {here['processor']}, {here['cores']} cores, Python {here['python']}, "
-    where += f"{here['toolchain']}."
+    where += f"{here['toolchain']}{load_words()}."
     report = {"machine": here, "date": day, "commit": commit(), "scenes": results}
     write_text(Path("out/peers.json"), json.dumps(report, indent=2) + "\n")
     if not given:

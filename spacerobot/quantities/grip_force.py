@@ -48,8 +48,10 @@ QUANTITIES = (
         "N m",
         "peak",
         torque_per_grasp,
+        limit="grip_torque",
         is_default=False,
         absent="this scene has no grasp",
+        symbol="M",
     ),
     Quantity(
         "contact_force_peak",
@@ -58,7 +60,9 @@ QUANTITIES = (
         "N",
         "peak",
         per_contact,
+        limit="contact_force",
         is_default=False,
         absent="this scene has no contact",
+        symbol="F",
     ),
 )

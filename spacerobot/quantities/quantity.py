@@ -263,6 +263,11 @@ def metrics() -> Mapping[str, Quantity]:
     return MappingProxyType({name: each for name, each in quantities().items() if each.is_metric})
 
 
+def default_metrics() -> tuple[str, ...]:
+    """Names of the metrics that are kept where none are named, those that do not fit the scene left out."""
+    return tuple(name for name, each in metrics().items() if each.is_default)
+
+
 def limited() -> dict[str, Quantity]:
     """Quantities that can be bounded, by the key of their limit."""
     return {each.limit: each for each in quantities().values() if each.limit is not None}

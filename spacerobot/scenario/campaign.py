@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from spacerobot.errors import near_names
-from spacerobot.quantities import find_quantity, metrics
+from spacerobot.quantities import default_metrics, find_quantity, metrics
 from spacerobot.registry import SAMPLERS
 from spacerobot.samplers import Sampler
 from spacerobot.scenario.quantity_numbers import QuantityLimits
@@ -115,10 +115,10 @@ class Campaign(Section):
         "the scenario's own gains alone if not given",
     )
     metrics: tuple[str, ...] = Field(
-        default_factory=lambda: tuple(name for name, each in metrics().items() if each.is_default),
+        default_factory=default_metrics,
         min_length=1,
-        description="which numbers are kept of each rollout; all but jitter, which takes states of its own, "
-        "if not given",
+        description="which numbers are kept of each rollout; if not given, those that fit the scene without "
+        "jitter, which takes states of its own, contact forces, grip torques and statistics of estimates",
     )
     jitter_frequency: float = quantity(
         "Hz", "corner frequency of the high pass whose output is the tips' jitter", default=1.0, gt=0

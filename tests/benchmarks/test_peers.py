@@ -44,6 +44,11 @@ def test_a_missing_peer_is_one_line(scene):
     assert columns(line) == columns(peers.HEAD)
 
 
+def test_a_peer_of_which_parts_are_left_is_missing(scene):
+    found = peers.measured(dataclasses.replace(scene, package="no-such-peer", measure=lambda: 1 / 0))
+    assert "not installed (pip install no-such-peer)" in found["missing"]
+
+
 def test_a_scene_that_fails_is_one_line():
     found = peers.in_a_process("no_such_scene")
     assert found["missing"].startswith("ended with code 1: KeyError")

@@ -12,7 +12,7 @@ from optim.campaign.rollouts.metrics import CampaignMetrics, build_campaign_metr
 from optim.problem.objectives import ReducedObjective
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.errors import SpaceRobotError, near_names
-from spacerobot.quantities import find_quantity, metrics
+from spacerobot.quantities import default_metrics, find_quantity
 from spacerobot.rollout import Measure, Measures, Signals
 from spacerobot.scene import Scene
 
@@ -109,7 +109,7 @@ class Metrics:
 
 def build_metrics(loop: ClosedLoop, scene: Scene) -> Metrics:
     """Metrics of a scene's closed loop: totals first, then what they are made of."""
-    kept = build_campaign_metrics(loop, scene, [name for name, each in metrics().items() if each.is_default])
+    kept = build_campaign_metrics(loop, scene, default_metrics())
     found = (*_totals(kept), *_singles(kept))
 
     def costs(r: Mapping[str, ca.SX], _: Mapping[str, ca.SX]) -> dict[str, ca.SX]:

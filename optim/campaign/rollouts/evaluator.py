@@ -33,7 +33,7 @@ from optim.problem.scene_recipe import SceneRecipe
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
 from spacerobot.loop_cache import cached_closed_loop
-from spacerobot.quantities import find_quantity
+from spacerobot.quantities import default_metrics, find_quantity
 from spacerobot.rollout import Rollout, build_rollout, time_grid
 from spacerobot.rollout.build import Options
 from spacerobot.scenario import Campaign
@@ -330,9 +330,15 @@ def _member(scene: Scene, campaign: Campaign, sets: int, compiled: bool) -> Gain
     wanted = [find_quantity(name) for name in campaign.metrics]
     rolled = with_added_states(loop, scene, wanted, campaign.jitter_frequency)
     kept = build_campaign_metrics(loop, scene, campaign.metrics, rolled)
+    kinds = {column.metric for column in kept.columns}
+    # the default list has more than any scene; a stored scenario spells it out
+    absent = [each for each in wanted if each.name not in kinds]
+    if absent and set(campaign.metrics) != set(default_metrics()):
+        reasons = "; ".join(f"{each.name}: {each.absent}" for each in absent)
+        remedy = "remove it from the list" if len(absent) == 1 else "remove them from the list"
+        raise ScenarioError(f"{reasons}; {remedy}", where="campaign.metrics")
     if not kept.columns:
         raise ScenarioError("none of the metrics fits this scene", where="campaign.metrics")
-    kinds = {column.metric for column in kept.columns}
     for name in campaign.limits.given:
         if name not in kinds:
             quantity = find_quantity(name)

@@ -14,6 +14,7 @@ from optim.campaign.rollouts.evaluator import all_draws, build_evaluator
 from optim.campaign.run import ChunkQueue, LocalExecutor, run_campaign, sized
 from optim.campaign.store.folder import CampaignStore, load_campaign
 from spacerobot.errors import ResultError, ScenarioError
+from spacerobot.quantities import default_metrics
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 
@@ -183,6 +184,21 @@ def test_a_number_the_closed_loop_does_not_know(small):
     odd = {"mass": {"paths": "simulation.duration", "lower": 1, "upper": 2}}
     with pytest.raises(ScenarioError, match="does not depend on it"):
         build_evaluator(small(**{"campaign.parameters": odd, "campaign.gains": {}}))
+
+
+def test_a_named_metric_that_the_scene_lacks_is_refused(small):
+    def keeping(*names):
+        changed = small(campaign__limits={"grip_force": None}, campaign__metrics=list(names))
+        return build_evaluator(changed, compiled=False)
+
+    one = ("tip_error_peak", "contact_force_peak")
+    with pytest.raises(ScenarioError, match=r"contact_force_peak: this scene has no contact; remove it"):
+        keeping(*one)
+    with pytest.raises(ScenarioError, match=r"contact_force_peak: .*; impulse: .*; remove them"):
+        keeping(*one, "impulse")
+    # the default list, also spelled out as in a stored scenario, is what fits the scene
+    assert "impulse" in default_metrics()
+    assert keeping(*default_metrics()).columns
 
 
 def test_chunks_cover_what_is_missing_once():
