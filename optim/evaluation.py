@@ -181,7 +181,7 @@ def gradient(
         If no step keeps to the tolerance.
     """
     chosen = [find_quantity(name) for name in ([quantities] if isinstance(quantities, str) else quantities)]
-    rollout, _ = _rollout(scene, chosen, parameters, backend, many=False)
+    rollout, _ = build_quantity_rollout(scene, chosen, parameters, backend, many=False)
     found = rollout.value_and_gradient(wrt=parameters)
     places = rollout.indices(parameters)
     names = [each.name for each in chosen]
@@ -240,7 +240,7 @@ def batch(
     lengths = {len(column) for column in columns.values()}
     if len(lengths) != 1:
         raise ScenarioError(f"values: one list of numbers for each parameter, all as long; found {lengths}")
-    rollout, labels = _rollout(scene, chosen, list(columns), backend, many=True)
+    rollout, labels = build_quantity_rollout(scene, chosen, list(columns), backend)
     rows = np.column_stack(list(columns.values()))
     done = rollout.batch(list(columns), rows, threads=threads)
     duration = scene.scenario.simulation.duration
@@ -261,10 +261,37 @@ def batch(
     return BatchResult(xr.Dataset(data, coordinates))
 
 
-def _rollout(
-    scene: Scene, chosen: Sequence[Quantity], vary: Sequence[str], backend: Backend, *, many: bool
+def build_quantity_rollout(
+    scene: Scene,
+    chosen: Sequence[Quantity],
+    vary: Sequence[str],
+    backend: Backend = "auto",
+    *,
+    many: bool = True,
+    step: float | None = None,
 ) -> tuple[Any, dict[str, tuple[str, ...]]]:
-    """Rollout whose measures and costs are the quantities, and the labels of each one's components."""
+    """Rollout whose measures and costs are quantities, and the labels of each one's components.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    chosen
+        The quantities.
+    vary
+        Dotted paths of numbers that vary.
+    backend
+        ``auto``, ``compiled`` or ``interpreted``.
+    many
+        Whether it shall roll out many samples, also where plans are solved in each.
+    step
+        Of the rollout [s]; the simulation's step and tolerance if None.
+
+    Raises
+    ------
+    ScenarioError
+        If the scene has nothing that a quantity describes.
+    """
     flown = FlownScene.of(scene, vary) if many and mpc_controllers(scene) else None
     loop = cached_closed_loop(scene if flown is None else flown.scene, vary=vary)
     extended = with_added_states(loop, scene, chosen, JITTER_FREQUENCY_HZ)
@@ -282,8 +309,8 @@ def _rollout(
 
     measures = Measures(context.signals, named, costs)
     options: Options = {
-        "step_s": simulation.step,
-        "output_step_s": simulation.output_step,
+        "step_s": simulation.step if step is None else step,
+        "output_step_s": simulation.output_step if step is None else None,
         "tolerance": simulation.tolerance,
         "method": simulation.method,
         "backend": backend,

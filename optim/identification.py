@@ -16,21 +16,19 @@ nearest one that a body can, in the log-Cholesky parameters of Rucker and Wensin
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from optim.json_result import JsonResult
 from spacerobot.arrays import Array
-from spacerobot.errors import ResultError, SpaceRobotError
-from spacerobot.files import StrPath, write_text
+from spacerobot.errors import SpaceRobotError
 from spacerobot.notebook import html_table
 from spacerobot.result import Result
 from spacerobot.scene import Scene
@@ -73,7 +71,7 @@ class SensorNoise:
 
 
 @dataclass(frozen=True)
-class IdentificationResult:
+class IdentificationResult(JsonResult):
     """Inertial parameters of a body. Every array is read-only.
 
     Attributes
@@ -89,6 +87,8 @@ class IdentificationResult:
     is_projected
         Whether the estimate was moved to the nearest one that a body can have.
     """
+
+    key: ClassVar[str] = "identification"
 
     body: str
     link: str
@@ -119,33 +119,10 @@ class IdentificationResult:
             found.append((f"{name} [{unit}]", *numbers))
         return found
 
-    def save(self, path: StrPath) -> None:
-        """Write it to a JSON file.
-
-        Raises
-        ------
-        ResultError
-            If the file cannot be written.
-        """
-        arrays = {key: getattr(self, key).tolist() for key in ("values", "deviations", "truth")}
-        write_text(Path(path), json.dumps({"identification": vars(self) | arrays}, indent=2) + "\n")
-
     @classmethod
-    def load(cls, path: StrPath) -> IdentificationResult:
-        """Read what :meth:`save` wrote.
-
-        Raises
-        ------
-        ResultError
-            If it cannot be read.
-        """
-        try:
-            found = json.loads(Path(path).read_text(encoding="utf-8"))["identification"]
-            return cls(**found | {key: np.array(found[key]) for key in ("values", "deviations", "truth")})
-        except (OSError, ValueError, KeyError, TypeError) as fault:
-            raise ResultError(
-                f"holds no identification that can be read: {fault}", source=Path(path)
-            ) from None
+    def of_fields(cls, found: dict[str, Any]) -> IdentificationResult:
+        """The result with the fields of a file."""
+        return cls(**found | {key: np.array(found[key]) for key in ("values", "deviations", "truth")})
 
     def __repr__(self) -> str:
         """Body, and its mass with the standard deviation, in one line."""

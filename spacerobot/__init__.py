@@ -25,6 +25,11 @@ if TYPE_CHECKING:
     from optim.identification import identify as identify
     from optim.methods.settings import Effort as Effort
     from optim.problem.tuning_problem import build_problem as build_problem
+    from optim.reliability.estimator import SamplingEffort as SamplingEffort
+    from optim.reliability.falsification import Falsification as Falsification
+    from optim.reliability.falsification import falsify as falsify
+    from optim.reliability.probability import FailureProbability as FailureProbability
+    from optim.reliability.probability import failure_probability as failure_probability
     from optim.tuning import TuningResult as TuningResult
     from optim.tuning import tune as tune
     from spacerobot.api.functions import animate as animate
@@ -64,6 +69,8 @@ _HOME = {
     "ClosedLoop": "spacerobot.closedloop",
     "ComparisonResult": "spacerobot.api.results",
     "Effort": "optim.methods.settings",
+    "FailureProbability": "optim.reliability.probability",
+    "Falsification": "optim.reliability.falsification",
     "GradientResult": "optim.evaluation",
     "IdentificationResult": "optim.identification",
     "LinearSystem": "spacerobot.linear",
@@ -72,6 +79,7 @@ _HOME = {
     "Quantity": "spacerobot.quantities",
     "Result": "spacerobot.result",
     "Rollout": "spacerobot.rollout",
+    "SamplingEffort": "optim.reliability.estimator",
     "Scene": "spacerobot.scene",
     "TuningResult": "optim.tuning",
     "SensorNoise": "optim.identification",
@@ -83,6 +91,8 @@ _HOME = {
     "build_rollout": "spacerobot.rollout",
     "campaign": "spacerobot.api.functions",
     "compare": "spacerobot.api.functions",
+    "failure_probability": "optim.reliability.probability",
+    "falsify": "optim.reliability.falsification",
     "figures": "spacerobot.api.functions",
     "gradient": "optim.evaluation",
     "identify": "optim.identification",

@@ -145,5 +145,8 @@ TUNING_METHODS = Registry("method", "optim.methods.kinds")
 FIGURES = Registry("figure", "viz.figures", named_by_file=False)
 """Figures of results: :class:`viz.figures.FigureKind`."""
 
+ESTIMATORS = Registry("estimator", "optim.reliability.kinds")
+"""Estimators of failure probabilities: :class:`optim.reliability.estimator.ProbabilityEstimator`."""
+
 COMMANDS = Registry("command", "spacerobot.cli.commands")
 """Commands of the command line: :class:`spacerobot.cli.command.Command`."""

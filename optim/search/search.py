@@ -59,6 +59,8 @@ class SearchRun:
         Residual of the first-order conditions at the best point (NLP only); see :mod:`optim.methods.kkt`.
     log
         Steps of a method that records them.
+    diverged, diverged_at
+        Number of points whose rollout diverged, and the first of them in the unit cube (k,), else None.
     """
 
     method: str
@@ -74,6 +76,8 @@ class SearchRun:
     history: tuple[HistoryPoint, ...] = ()
     kkt: float | None = None
     log: tuple[Mapping[str, object], ...] = field(default=())
+    diverged: int = 0
+    diverged_at: Array | None = None
 
     def __repr__(self) -> str:
         """Objective and how it ended, in one line."""
@@ -154,6 +158,8 @@ class Search:
         self.objective, self.violation = np.nan, np.inf
         self.history: list[HistoryPoint] = []
         self.share = 0.0
+        self.diverged: int = 0
+        self.diverged_at: Array | None = None
         self._journal = Journal(None) if journal is None else journal
         self._progress = progress
         self._seconds, self._since = 0.0, time.perf_counter()
@@ -260,6 +266,8 @@ class Search:
             status,
             message,
             tuple(self.history),
+            diverged=self.diverged,
+            diverged_at=self.diverged_at,
             **more,  # type: ignore[arg-type]
         )
 
@@ -269,6 +277,9 @@ class Search:
         for i in range(len(u)):
             value, excess = float(found.objective[i]), float(violation[i])
             self.cost = before + each.times(i + 1)
+            if np.isnan(value):
+                self.diverged += 1
+                self.diverged_at = np.array(u[i]) if self.diverged_at is None else self.diverged_at
             improved = np.isfinite(excess) and better(value, excess, self.objective, self.violation)
             if improved:
                 self.u, self.objective, self.violation = np.array(u[i]), value, excess

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from optim.evaluation import BatchResult, GradientResult
     from optim.identification import IdentificationResult
     from optim.planning.search.make_plan import PlanSolution
+    from optim.reliability.falsification import Falsification
+    from optim.reliability.probability import FailureProbability
     from optim.tuning import TuningResult
 
 
@@ -296,14 +298,16 @@ def load(
     | GradientResult
     | BatchResult
     | IdentificationResult
+    | FailureProbability
+    | Falsification
 ):
     """Read what a result's ``save`` wrote, or a command with ``--out``.
 
     Parameters
     ----------
     path
-        Folder of a result, campaign, plan, comparison or tuning, or file of a gradient, batch or
-        identification.
+        Folder of a result, campaign, plan, comparison or tuning, or file of a gradient, batch,
+        identification, failure probability or falsification.
 
     Returns
     -------
@@ -318,9 +322,7 @@ def load(
     """
     path = Path(path)
     if path.is_file() and path.suffix == ".json":
-        from optim.identification import IdentificationResult
-
-        return IdentificationResult.load(path)
+        return _load_json(path)
     if path.is_file():
         from optim.evaluation import load_evaluation
 
@@ -337,6 +339,21 @@ def load(
 
         return TuningResult.load(path)
     return PlanResult.load(path) if "plan.json" in names else Result.load(path)
+
+
+def _load_json(path: Path) -> IdentificationResult | FailureProbability | Falsification:
+    from optim.identification import IdentificationResult
+    from optim.reliability.falsification import Falsification
+    from optim.reliability.probability import FailureProbability
+
+    try:
+        key = next(iter(json.loads(path.read_text(encoding="utf-8"))))
+    except (OSError, ValueError, TypeError, StopIteration) as fault:
+        raise ResultError(f"cannot be read: {fault}", source=path) from None
+    kinds = {kind.key: kind for kind in (IdentificationResult, FailureProbability, Falsification)}
+    if key not in kinds:
+        raise ResultError(f"holds {key!r}, allowed: {', '.join(kinds)}", source=path)
+    return kinds[key].load(path)
 
 
 def _copied(folder: Path, path: StrPath) -> Path:

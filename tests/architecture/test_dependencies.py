@@ -63,6 +63,7 @@ KNOWS = {
 
 BUILT_ON = {
     "optim.json_values": set(),
+    "optim.json_result": {"optim.json_values"},
     "optim.workers": set(),
     "optim.problem": {"optim.workers"},
     "optim.evaluation": {"optim.problem", "optim.planning.mpc"},
@@ -110,7 +111,16 @@ BUILT_ON = {
         "optim.planning.search",
         "optim.problem",
     },
-    "optim.identification": set(),
+    "optim.identification": {"optim.json_result"},
+    "optim.reliability": {
+        "optim.json_result",
+        "optim.problem",
+        "optim.search",
+        "optim.methods",
+        "optim.evaluation",
+        "optim.planning.mpc",
+        "optim.campaign.sampling",
+    },
     "optim.tuning": {"optim.json_values", "optim.problem", "optim.search", "optim.methods", "optim.workers"},
     "optim.campaign.sampling": {"optim.problem"},
     "optim.campaign.rollouts": {"optim.problem", "optim.planning.mpc", "optim.campaign.sampling"},

@@ -63,3 +63,35 @@ def quantiles(parameter: UncertainParameter, u: Array) -> Array:
         return np.asarray((parameter.median or 1.0) * np.exp((parameter.sigma or 0.0) * ndtri(u)))
     cut = stats.truncnorm.ppf(u, (low - mean) / std, (high - mean) / std, loc=mean, scale=std)
     return np.asarray(np.clip(cut, low, high))
+
+
+def score_values(parameter: UncertainParameter, z: Array) -> tuple[Array, Array]:
+    """Values (N,) of a distribution at standard normal scores z (N,), and their slopes by the scores (N,)."""
+    low, high = parameter.lower or 0.0, parameter.upper or 0.0
+    mean, std = parameter.mean or 0.0, parameter.std or 1.0
+    if parameter.kind == "uniform":
+        return low + (high - low) * ndtr(z), (high - low) * stats.norm.pdf(z)
+    if parameter.kind == "normal":
+        return mean + std * z, np.full(len(z), std)
+    if parameter.kind == "lognormal":
+        value = (parameter.median or 1.0) * np.exp((parameter.sigma or 0.0) * z)
+        return value, (parameter.sigma or 0.0) * value
+    cut = stats.truncnorm((low - mean) / std, (high - mean) / std, loc=mean, scale=std)
+    # the tail that is small is the one that is accurate
+    value = np.where(z < 0, cut.ppf(ndtr(z)), cut.isf(ndtr(-z)))
+    return value, stats.norm.pdf(z) / cut.pdf(value)
+
+
+def probabilities(parameter: UncertainParameter, values: Array) -> Array:
+    """Probability (N,) that a distribution is below values (N,); the inverse of :func:`quantiles`."""
+    low, high = parameter.lower or 0.0, parameter.upper or 0.0
+    mean, std = parameter.mean or 0.0, parameter.std or 1.0
+    if parameter.kind == "uniform":
+        return np.clip((values - low) / (high - low), 0.0, 1.0)
+    if parameter.kind == "normal":
+        return np.asarray(ndtr((values - mean) / std))
+    if parameter.kind == "lognormal":
+        return np.asarray(ndtr(np.log(values / (parameter.median or 1.0)) / (parameter.sigma or 1.0)))
+    return np.asarray(
+        stats.truncnorm.cdf(values, (low - mean) / std, (high - mean) / std, loc=mean, scale=std)
+    )

@@ -1,0 +1,1 @@
+"""Reliability: the worst case of uncertain parameters, and the probability of rare failures."""

@@ -1,0 +1,89 @@
+"""Base class of estimators of failure probabilities, and what they return."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from optim.reliability.design_points import DesignPoint
+from optim.reliability.limit_state import LimitState
+from spacerobot.registry import ESTIMATORS, Registry
+
+
+@dataclass(frozen=True)
+class SamplingEffort:
+    """How accurate an estimate shall be, and what may be spent.
+
+    Attributes
+    ----------
+    variation
+        Coefficient of variation (standard deviation over value) at which it ends.
+    budget
+        Rollouts at most.
+    seed
+        Seed of everything random.
+    """
+
+    variation: float = 0.1
+    budget: int = 20_000
+    seed: int = 0
+
+    @property
+    def rng(self) -> np.random.Generator:
+        """A generator of random numbers from the seed."""
+        return np.random.default_rng(self.seed)
+
+
+@dataclass(frozen=True)
+class ProbabilityEstimate:
+    """A probability and its coefficient of variation, infinite where no failure was found."""
+
+    probability: float
+    variation: float
+
+
+class ProbabilityEstimator:
+    """An estimator of failure probabilities.
+
+    One derives from this class, states its name, and is decorated with ``spacerobot.register``.
+
+    Attributes
+    ----------
+    name, title, place
+        In options and files, for people, and its place in lists.
+    needs_design_points
+        Whether it starts from the most probable failures, which takes gradients.
+    """
+
+    registry: ClassVar[Registry] = ESTIMATORS
+    name: ClassVar[str]
+    title: ClassVar[str] = ""
+    place: ClassVar[float] = 100.0
+    needs_design_points: ClassVar[bool] = True
+
+    def estimate(
+        self, state: LimitState, points: Sequence[DesignPoint], effort: SamplingEffort
+    ) -> ProbabilityEstimate:
+        """Probability that a limit state is negative under the standard normal distribution.
+
+        Parameters
+        ----------
+        state
+            The limit state.
+        points
+            Its design points; none unless the estimator needs them.
+        effort
+            How accurate, and what it may spend.
+        """
+        raise NotImplementedError
+
+
+def mean_of(values: np.typing.NDArray[np.float64]) -> ProbabilityEstimate:
+    """Mean of independent samples (n,), with its coefficient of variation."""
+    mean = float(values.mean())
+    if mean == 0:
+        return ProbabilityEstimate(0.0, np.inf)
+    return ProbabilityEstimate(mean, float(values.std(ddof=1)) / np.sqrt(len(values)) / mean)

@@ -1,0 +1,284 @@
+"""Falsification: the worst outcome that uncertain parameters allow, searched for by exact gradients.
+
+The search is that of tuning: descents from several starts side by side, here of the negative quantity over
+the box of the parameters. It is compared with random search at equal cost.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy.special import ndtr
+
+from optim.campaign.sampling.samplers import probabilities, quantiles
+from optim.json_result import JsonResult
+from optim.methods.nlp import GRADIENT
+from optim.methods.run_method import run_method
+from optim.methods.settings import Effort, EvolutionSettings
+from optim.problem.problem import Evaluation, EvaluationCost, Form, Linearisation
+from optim.reliability.limit_state import RolloutLimitState, build_limit_state
+from optim.search.session import SearchSession
+from spacerobot.arrays import Array
+from spacerobot.notebook import html_table
+from spacerobot.scene import Scene, build_scene
+
+STARTS = 16
+SCORE = 3.0
+"""Ends of the box of a parameter without bounds: so many standard deviations to either side."""
+
+
+@dataclass(frozen=True)
+class WorstCaseProblem:
+    """The negative quantity over the box of the uncertain parameters, as an optimisation problem.
+
+    Attributes
+    ----------
+    state
+        Gives the quantity.
+    lower, upper
+        Ends of the box (k,), in the parameters' units.
+    """
+
+    state: RolloutLimitState
+    lower: Array
+    upper: Array
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the uncertain parameters."""
+        return self.state.names
+
+    @property
+    def constraint_names(self) -> tuple[str, ...]:
+        """None."""
+        return ()
+
+    @property
+    def start(self) -> Array:
+        """The medians in the unit cube (k,)."""
+        parameters = self.state.campaign.parameters.values()
+        median = np.array([quantiles(one, np.array([0.5]))[0] for one in parameters])
+        return (median - self.lower) / (self.upper - self.lower)
+
+    @property
+    def form(self) -> Form:
+        """Smooth."""
+        return "smooth"
+
+    @property
+    def linear_cost(self) -> EvaluationCost:
+        """A gradient."""
+        return EvaluationCost(gradients=1)
+
+    @property
+    def sample_cost(self) -> EvaluationCost:
+        """A rollout."""
+        return EvaluationCost(rollouts=1)
+
+    @property
+    def fingerprint(self) -> str:
+        """Hash of everything that decides what the numbers are."""
+        kernel = self.state.rollout.kernel
+        digest = hashlib.sha256(repr((self.lower, self.upper, self.state.rollout.grid)).encode())
+        for name in ("setup", "dynamics", "objective"):
+            digest.update(kernel.functions[name].serialize().encode())
+        digest.update(np.ascontiguousarray(self.state.rollout.values()).tobytes())
+        return digest.hexdigest()
+
+    def draws(self, u: Array) -> Array:
+        """Values of the parameters at points of the unit cube, both (..., k)."""
+        return self.lower + (self.upper - self.lower) * u
+
+    def evaluate(self, u: Array) -> Evaluation:
+        """Values at points u (N, k)."""
+        return Evaluation(-self.state.quantities(self.draws(np.atleast_2d(u))), np.empty((len(u), 0)))
+
+    def sample(self, u: Array) -> Evaluation:
+        """The same, with no rows."""
+        found = self.evaluate(u)
+        return Evaluation(found.objective, found.constraints, np.empty((len(found.objective), 0)))
+
+    def linearise(self, u: Array) -> Linearisation:
+        """Values and exact derivatives at one point u (k,)."""
+        return self.linearise_all(u[None])[0]
+
+    def linearise_all(self, u: Array) -> list[Linearisation]:
+        """Values and exact derivatives at points u (N, k), in lanes."""
+        values, slopes = self.state.quantity_gradients(self.draws(u))
+        none, empty = np.empty(0), np.empty((0, len(self.names)))
+        return [
+            Linearisation(-value, -slope, none, empty, none, empty, -value, -slope)
+            for value, slope in zip(values, slopes * (self.upper - self.lower), strict=True)
+        ]
+
+
+@dataclass(frozen=True)
+class WorstCase:
+    """A local maximum of the quantity, or the best of a search.
+
+    Attributes
+    ----------
+    value
+        Of the quantity there.
+    parameters
+        Values of the uncertain parameters by name.
+    percentiles
+        Where each value lies in its distribution, by name: 0 at the lower bound, 100 at the upper.
+    """
+
+    value: float
+    parameters: Mapping[str, float]
+    percentiles: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Falsification(JsonResult):
+    """Worst outcome that was found.
+
+    Attributes
+    ----------
+    quantity, unit, limit
+        What must not exceed how much.
+    nominal
+        Value of the quantity at the medians of the parameters.
+    worst, random
+        By gradients, and by random search at equal cost.
+    changes
+        Changes of the scenario that give the worst outcome, by dotted path.
+    cost
+        What the search by gradients spent, and in plain rollouts what random search had.
+    diverged, diverged_at
+        Simulations of both searches that diverged, and the parameters of the first; None without any.
+    """
+
+    key: ClassVar[str] = "falsification"
+
+    quantity: str
+    unit: str
+    limit: float
+    nominal: float
+    worst: WorstCase
+    random: WorstCase
+    changes: Mapping[str, float]
+    cost: str
+    diverged: int = 0
+    diverged_at: Mapping[str, float] | None = None
+
+    @property
+    def is_falsified(self) -> bool:
+        """Whether the limit can be exceeded, or a simulation diverges."""
+        return self.worst.value > self.limit or self.diverged > 0
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Outcome and parameters, as text."""
+        verdict = "exceeded" if self.is_falsified else "kept, as far as was found"
+        return [
+            (f"limit of {self.quantity}", f"{self.limit:g} {self.unit}: {verdict}"),
+            ("at the medians", f"{self.nominal:.6g} {self.unit}"),
+            ("worst, by gradients", f"{self.worst.value:.6g} {self.unit}"),
+            ("worst, by random search at equal cost", f"{self.random.value:.6g} {self.unit}"),
+            ("cost", self.cost),
+            *(
+                (name, f"{value:.6g}, percentile {self.worst.percentiles[name]:.3g}")
+                for name, value in self.worst.parameters.items()
+            ),
+            *([("diverged", self._told_diverged())] if self.diverged_at is not None else []),
+        ]
+
+    @classmethod
+    def of_fields(cls, found: dict[str, Any]) -> Falsification:
+        """The result with the fields of a file."""
+        return cls(**found | {key: WorstCase(**found[key]) for key in ("worst", "random")})
+
+    def _told_diverged(self) -> str:
+        at = ", ".join(f"{name} {value:.6g}" for name, value in (self.diverged_at or {}).items())
+        return f"{self.diverged} simulations, the first at {at}"
+
+    def scene(self, scene: Scene) -> Scene:
+        """The scene with the worst parameters."""
+        return build_scene(scene.scenario, dict(self.changes), source=scene.source)
+
+    def __repr__(self) -> str:
+        """The worst value and the limit, in one line."""
+        return f"<Falsification {self.quantity}: at worst {self.worst.value:.4g}, limit {self.limit:g}>"
+
+    def _repr_html_(self) -> str:
+        """Table for notebooks."""
+        return html_table("Falsification", self.rows())
+
+
+def falsify(
+    scene: Scene,
+    quantity: str | None = None,
+    limit: float | None = None,
+    *,
+    effort: Effort | None = None,
+    session: SearchSession | None = None,
+    threads: int | None = None,
+) -> Falsification:
+    """Search the uncertain parameters of a scene's campaign for the worst value of a quantity.
+
+    A parameter varies between its bounds, without bounds within three standard deviations. A failure
+    (``joint_failure`` and the like) takes part if its time is one of the parameters.
+
+    Parameters
+    ----------
+    scene
+        A scene whose scenario has a ``campaign`` section.
+    quantity, limit
+        What must not exceed how much, in its unit; those of ``campaign.limits`` if None.
+    effort
+        Starts, seed, and in ``nlp`` the budget; 16 starts without limit if None.
+    session
+        Journals, so that an interrupted search continues, and who is told of progress; none if None.
+    threads
+        One for each usable core if None; the numbers do not depend on it.
+
+    Raises
+    ------
+    ScenarioError
+        If the section is missing or does not fit; see :func:`.build_limit_state`.
+    """
+    state = build_limit_state(scene, quantity, limit, threads=threads)
+    parameters = state.campaign.parameters.values()
+    ends = [
+        [one.lower, one.upper] if one.lower is not None else quantiles(one, ndtr(np.array([-SCORE, SCORE])))
+        for one in parameters
+    ]
+    lower, upper = np.array(ends, dtype=float).T
+    problem = WorstCaseProblem(state, lower, upper)
+    session, effort = session or SearchSession(), effort or Effort(starts=STARTS)
+    found = run_method(problem, "nlp", effort, session=session).best
+    spent = int(np.ceil(found.cost.equivalent(GRADIENT)))
+    protocol = EvolutionSettings(budget=spent)
+    blind = Effort(protocol, protocol, runs=1, seed=effort.seed)
+    other = run_method(problem, "random", blind, session=session).best
+    lost = other.diverged_at if found.diverged_at is None else found.diverged_at
+    worst, random = (_case(problem, run.u, -run.objective) for run in (found, other))
+    values = state.space.values(np.array(list(worst.parameters.values())))[0]
+    return Falsification(
+        state.quantity.name,
+        state.unit,
+        state.limit,
+        float(-problem.evaluate(problem.start[None]).objective[0]),
+        worst,
+        random,
+        {path: float(value) for path, value in zip(state.space.paths, values, strict=True)},
+        f"{found.cost}; {spent} rollouts of random search",
+        found.diverged + other.diverged,
+        None if lost is None else dict(zip(problem.names, problem.draws(lost).tolist(), strict=True)),
+    )
+
+
+def _case(problem: WorstCaseProblem, u: Array, value: float) -> WorstCase:
+    draws, parameters = problem.draws(u), problem.state.campaign.parameters.values()
+    places = [100 * float(probabilities(one, x)) for one, x in zip(parameters, draws, strict=True)]
+    return WorstCase(
+        float(value),
+        {name: float(x) for name, x in zip(problem.names, draws, strict=True)},
+        dict(zip(problem.names, places, strict=True)),
+    )

@@ -1,0 +1,1 @@
+"""Estimators of failure probabilities, a file each."""

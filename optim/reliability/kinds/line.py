@@ -1,0 +1,75 @@
+"""Line sampling along the direction of the most probable failure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+from scipy import stats
+from scipy.optimize import elementwise
+
+from optim.reliability.design_points import DesignPoint
+from optim.reliability.estimator import ProbabilityEstimate, ProbabilityEstimator, SamplingEffort, mean_of
+from optim.reliability.limit_state import MOST_SCORE, LimitState
+from spacerobot.arrays import Array
+from spacerobot.registry import registered
+
+BLOCK = 32  # lines that are searched at once
+LEAST = 64
+ROLLOUTS = 16  # of a line at most, about
+
+
+@registered
+class LineSampling(ProbabilityEstimator):
+    """Distance to failure along parallel lines (Koutsourelakis, Pradlwarter and Schueller, Probabilistic
+    Engineering Mechanics 19, 2004).
+
+    Each line is taken to cross the surface of failure once: of several regions of failure it sees one.
+    """
+
+    name: ClassVar[str] = "line"
+    title: ClassVar[str] = "line sampling"
+    place: ClassVar[float] = 2
+
+    def estimate(
+        self, state: LimitState, points: Sequence[DesignPoint], effort: SamplingEffort
+    ) -> ProbabilityEstimate:
+        """Mean of the probabilities of the lines; see :meth:`ProbabilityEstimator.estimate`."""
+        if not points:
+            return ProbabilityEstimate(0.0, np.inf)
+        rng, along = effort.rng, points[0].direction
+        found = np.empty(0)
+        while (len(found) + BLOCK) * ROLLOUTS <= effort.budget:
+            z = rng.standard_normal((BLOCK, len(along)))
+            z -= np.outer(z @ along, along)
+            found = np.append(found, stats.norm.sf(_distances(state, z, along, points[0].beta)))
+            if len(found) >= LEAST and mean_of(found).variation <= effort.variation:
+                break
+        return mean_of(found) if len(found) else ProbabilityEstimate(0.0, np.inf)
+
+
+def _distances(state: LimitState, z: Array, along: Array, beta: float) -> Array:
+    """Distances (n,) along the lines at which they fail; infinite where a line never does."""
+
+    def value(distance: Array, index: Array) -> Array:
+        found = state.values(z[index.astype(int)] + np.multiply.outer(distance, along))
+        return np.maximum(found, -np.finfo(float).max)
+
+    lines = np.arange(float(len(z)))
+    ends = np.full(len(z), MOST_SCORE)
+    failing = value(ends, lines) < 0
+    begins = np.full(len(z), -MOST_SCORE)
+    for begin in (0.0, min(beta, MOST_SCORE - 1)):
+        begins = np.where(value(np.full(len(z), begin), lines) >= 0, begin, begins)
+    distance = np.full(len(z), np.inf)
+    if failing.any():
+        solved = elementwise.find_root(
+            value,
+            (begins[failing], ends[failing]),
+            args=(lines[failing],),
+            tolerances={"xatol": 1e-3, "fatol": 0},
+        )
+        # a line that fails at both ends fails throughout
+        distance[failing] = np.where(solved.success, solved.x, -MOST_SCORE)
+    return distance

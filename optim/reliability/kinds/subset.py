@@ -1,0 +1,94 @@
+"""Subset simulation: a rare failure as a sequence of failures that are not rare."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from optim.reliability.design_points import DesignPoint
+from optim.reliability.estimator import ProbabilityEstimate, ProbabilityEstimator, SamplingEffort
+from optim.reliability.limit_state import MOST_SCORE, LimitState
+from spacerobot.arrays import Array
+from spacerobot.registry import registered
+
+SHARE = 0.1  # of the samples that enter the next level
+LEVELS = 12
+SIZE = 2000  # samples of a level
+CORRELATION = 0.8  # of a state of the Markov chains with the next one
+
+
+@registered
+class SubsetSimulation(ProbabilityEstimator):
+    """Levels of failure by Markov chains (Au and Beck, Probabilistic Engineering Mechanics 16, 2001).
+
+    With the conditional sampling of Papaioannou and others (the same journal, 41, 2015); uses no gradients.
+    """
+
+    name: ClassVar[str] = "subset"
+    title: ClassVar[str] = "subset simulation"
+    place: ClassVar[float] = 3
+    needs_design_points: ClassVar[bool] = False
+
+    def estimate(
+        self,
+        state: LimitState,
+        points: Sequence[DesignPoint],  # noqa: ARG002
+        effort: SamplingEffort,
+    ) -> ProbabilityEstimate:
+        """Product of the levels' probabilities; see :meth:`ProbabilityEstimator.estimate`."""
+        rng = effort.rng
+        size = min(SIZE, effort.budget)
+        kept = int(SHARE * size)
+        steps = int(1 / SHARE)
+        z = rng.standard_normal((1, size, len(state.names)))  # (steps of a chain, chains, k)
+        values = state.values(z[0])[None]
+        probability, variance, spent = 1.0, 0.0, size
+        for _ in range(LEVELS):
+            flat = np.sort(values.ravel())
+            level = 0.5 * (flat[kept - 1] + flat[kept]) if np.isfinite(flat[kept - 1]) else flat[kept - 1]
+            level = max(0.0, level)
+            inside = values < level if level > 0 else values < 0
+            share = float(inside.mean())
+            if share == 0:
+                return ProbabilityEstimate(0.0, np.inf)
+            probability *= share
+            variance += _relative_variance(inside, share)
+            if level <= 0 or spent + kept * (steps - 1) > effort.budget:
+                break
+            seeds, at = z[inside], values[inside]
+            z, values = _chains(state, seeds, at, level, steps, rng)
+            spent += len(seeds) * (steps - 1)
+        if level > 0:
+            return ProbabilityEstimate(0.0, np.inf)
+        return ProbabilityEstimate(probability, float(np.sqrt(variance)))
+
+
+def _chains(
+    state: LimitState, z: Array, values: Array, level: float, steps: int, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """States (steps, chains, k) of Markov chains below a level, and their values (steps, chains)."""
+    path, found = [z], [values]
+    for _ in range(steps - 1):
+        trial = CORRELATION * path[-1] + np.sqrt(1 - CORRELATION**2) * rng.standard_normal(z.shape)
+        trial = np.clip(trial, -MOST_SCORE, MOST_SCORE)
+        value = state.values(trial)
+        accepted = value < level
+        path.append(np.where(accepted[:, None], trial, path[-1]))
+        found.append(np.where(accepted, value, found[-1]))
+    return np.array(path), np.array(found)
+
+
+def _relative_variance(inside: np.typing.NDArray[np.bool_], share: float) -> float:
+    """Squared coefficient of variation of the share of correlated samples (steps, chains); Au and Beck's
+    Eq. 28 and 29.
+    """
+    steps = len(inside)
+    centred = inside - share
+    start = float(np.mean(centred**2))
+    gamma = 0.0
+    for lag in range(1, steps):
+        correlation = float(np.mean(centred[lag:] * centred[:-lag])) / start if start > 0 else 0.0
+        gamma += 2 * (1 - lag / steps) * correlation
+    return (1 - share) / (share * inside.size) * max(1.0, 1 + gamma)

@@ -1,0 +1,80 @@
+"""``spacerobot falsify``: the worst outcome that uncertain parameters allow."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from spacerobot.cli.command import Command
+from spacerobot.cli.options import Changes, Out, ScenarioName, Threads, parse_changes
+from spacerobot.cli.output import console, pairs
+from spacerobot.cli.tuning_options import Seed, journals, shown
+from spacerobot.registry import COMMANDS
+
+Metric = Annotated[
+    str | None,
+    typer.Option(
+        "--metric", metavar="NAME", help="Quantity; the one that `campaign.limits` bounds if not given."
+    ),
+]
+Limit = Annotated[
+    float | None,
+    typer.Option("--limit", help="Largest value that is no failure; that of `campaign.limits` if not given."),
+]
+HELP = """Search the uncertain parameters of the campaign section for the worst value of a metric.
+
+Descents from many starts by exact gradients, compared with random search at equal cost. With --out, the
+worst case is simulated and saved as a result.
+
+Examples:
+
+    spacerobot falsify paper --metric tip_error_peak --out out/worst
+
+    spacerobot falsify paper --metric grip_force_peak --limit 25 --starts 32
+"""
+
+
+def command(
+    scenario: ScenarioName,
+    out: Out = None,
+    changes: Changes = None,
+    metric: Metric = None,
+    limit: Limit = None,
+    starts: Annotated[int, typer.Option("--starts", min=1, metavar="N", help="Descents at most.")] = 16,
+    budget: Annotated[
+        int | None,
+        typer.Option("--budget", min=1, metavar="N", help="Rollouts at most; a gradient counts as four."),
+    ] = None,
+    seed: Seed = None,
+    threads: Threads = None,
+) -> None:
+    """Print the worst case, and save its simulation."""
+    from optim.methods.settings import Effort, NlpSettings
+    from optim.reliability.falsification import falsify
+    from optim.search.session import SearchSession
+    from spacerobot.scene import load_scene
+    from spacerobot.simulation import simulate
+
+    scene = load_scene(scenario, parse_changes(changes))
+    folder = journals(out, "falsify.json")
+    with shown() as (tell, report):
+        tell("building and compiling")
+        found = falsify(
+            scene,
+            metric,
+            limit,
+            effort=Effort(nlp=NlpSettings(budget=budget), starts=starts, seed=seed or 0),
+            session=SearchSession(folder, progress=report),
+            threads=threads,
+        )
+        if out is not None:
+            tell("simulating and saving the worst case")
+            simulate(found.scene(scene)).save(out)
+            found.save(out / "falsify.json")
+    console().print(pairs(scene.scenario.name, found.rows()))
+    if out is not None:
+        console().print(f"worst case in {out}", markup=False, soft_wrap=True)
+
+
+COMMANDS.add(Command.of("falsify", command, HELP, place=13), __name__)

@@ -1,0 +1,81 @@
+"""``spacerobot reliability``: the probability of a rare failure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from spacerobot.cli.command import Command
+from spacerobot.cli.commands.falsify import Limit, Metric
+from spacerobot.cli.options import Changes, ScenarioName, Threads, parse_changes
+from spacerobot.cli.output import console, pairs, progress, prose, table
+from spacerobot.cli.tuning_options import Seed
+from spacerobot.registry import COMMANDS, ESTIMATORS
+
+HELP = """Probability that a metric exceeds its limit, however rare, over the campaign's uncertain parameters.
+
+Finds the most probable failures by exact gradients and samples about them. Methods: importance (samples about
+all of them), line (lines along the most probable), subset (simulation by levels, without gradients).
+
+Examples:
+
+    spacerobot reliability paper --metric tip_error_peak --limit 0.008
+
+    spacerobot reliability paper --metric grip_force_peak --limit 30 --method line --out out/rare.json
+"""
+
+
+def command(
+    scenario: ScenarioName,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="JSON file for the result.")
+    ] = None,
+    changes: Changes = None,
+    metric: Metric = None,
+    limit: Limit = None,
+    method: Annotated[
+        str, typer.Option("--method", metavar="NAME", help="importance, line or subset.")
+    ] = "importance",
+    variation: Annotated[
+        float,
+        typer.Option("--variation", min=1e-3, max=1, help="Coefficient of variation at which it ends."),
+    ] = 0.1,
+    budget: Annotated[
+        int, typer.Option("--budget", min=1000, metavar="N", help="Rollouts at most.")
+    ] = 20_000,
+    seed: Seed = None,
+    threads: Threads = None,
+) -> None:
+    """Print the probability, and the most probable failures."""
+    from optim.reliability.estimator import SamplingEffort
+    from optim.reliability.probability import failure_probability
+    from spacerobot.scene import load_scene
+
+    ESTIMATORS.find(method)
+    scene = load_scene(scenario, parse_changes(changes))
+    with progress("building and simulating"):
+        found = failure_probability(
+            scene,
+            metric,
+            limit,
+            method=method,
+            effort=SamplingEffort(variation, budget, seed or 0),
+            threads=threads,
+        )
+    console().print(pairs(scene.scenario.name, found.rows()))
+    for failure in found.failures[:3]:
+        rows = [
+            (name, f"{value:.6g}", f"{100 * failure['importance'][name]:.2g} %")
+            for name, value in failure["parameters"].items()
+        ]
+        console().print()
+        prose(f"A most probable failure, {failure['beta']:.3g} standard deviations from the medians:")
+        console().print(table(None, ("parameter", "there", "importance"), rows))
+    if out is not None:
+        found.save(out)
+        console().print(f"result in {out}", markup=False, soft_wrap=True)
+
+
+COMMANDS.add(Command.of("reliability", command, HELP, place=14), __name__)
