@@ -19,6 +19,7 @@ from spacerobot.elements import (
     Contribution,
     DesiredMotion,
     EnvironmentContext,
+    FlexibleContext,
     GraspContext,
     RobotContext,
     RobotController,
@@ -124,6 +125,10 @@ class LoopBuilder:
         for body in self.scene.robots:
             if isinstance(body.config, Robot):
                 found += self._actuators(body, dict(body.config.driven_by()))
+        for body in self.scene.bodies:
+            for name, flexible in body.config.flexible.items():
+                seen = FlexibleContext(self.plant, body.description, body.name, name)
+                found.append(flexible.build(seen))
         roots = {body.name: body.root_frame for body in self.scene.bodies}
         for name, element in self.scene.scenario.environment.items():
             context = self.context.at(f"environment.{name}")
@@ -335,6 +340,7 @@ class LoopBuilder:
         columns = {body.joint_name(model, joint): int(model.idx_vs[joint]) for joint in body.free_joints}
         own = actuator.owns(tuple(columns))
         others = {body.joint_name(model, joint) for joint in body.owned}.difference(own)
+        others |= {body.joint_name(model, joint) for joint in body.passive}
         first = int(model.idx_vs[body.root_joint])
         return ActuatorContext(
             self.context.at(f"{body.path}.{key}"),

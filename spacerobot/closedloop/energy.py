@@ -75,6 +75,8 @@ def stored_energies(scene: Scene, plant: Plant, acting: Contribution) -> tuple[O
     kinetic = kinetic_energy(plant.model, plant.kinematics, plant.inertias)
     kinetic = sum((stored.energy for stored in acting.stored), kinetic)
     springs = ca.SX(1, 1) if acting.energy is None else acting.energy
+    if plant.stiffness.nnz():
+        springs = springs + ca.dot(plant.stiffness * plant.deflection, plant.deflection) / 2
     return (
         Output("energy_kinetic", kinetic, "J", "kinetic energy"),
         Output("energy_spring", springs, "J", "energy held in springs"),

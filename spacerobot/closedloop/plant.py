@@ -11,6 +11,7 @@ import pinocchio as pin
 from spacerobot.dynamics import ArticulatedBody, Inertias, forward_kinematics
 from spacerobot.dynamics.joints import sparse
 from spacerobot.scene import Scene
+from spacerobot.scene.model import lent
 from spacerobot.symbolic import Constants, Parameters, Plant
 
 
@@ -33,6 +34,13 @@ def build_plant(scene: Scene, parameters: Parameters, constants: Constants) -> P
             mass[joint] += own[0]
             moment[joint] += own[1]
             rotational[joint] += own[2]
+        for name, lender, rest in lent(scene.model, body):
+            joint = int(lender.parentJoint)
+            if joint:
+                own = _link_moments(parameters, f"{body.path}.links.{name}", lender.placement * rest)
+                mass[joint] -= own[0]
+                moment[joint] -= own[1]
+                rotational[joint] -= own[2]
     names = [str(name) for name in scene.model.names]
     inertias = Inertias(
         tuple(constants.hoist(f"{n}.mass", x) for n, x in zip(names, mass, strict=True)),
@@ -40,25 +48,39 @@ def build_plant(scene: Scene, parameters: Parameters, constants: Constants) -> P
         tuple(_hoist_symmetric(constants, f"{n}.inertia", x) for n, x in zip(names, rotational, strict=True)),
     )
     articulated = ArticulatedBody.factorise(scene.model, kinematics, inertias)
-    damping = joint_damping(scene, parameters, constants)
+    stiffness, damping = joint_resistance(scene, parameters, constants)
     spread = sparse(scene.spread)
     relative = sparse(np.eye(scene.model.nv) - scene.spread)
     tied = [relative[scene.model.idx_vs[tie.joint], :].T for tie in scene.ties]
     ties = ca.horzcat(ca.SX(v.size1(), 0), *(articulated.reduced(torque) for torque in tied))
-    return Plant(scene.model, scene.planar, q, v, kinematics, inertias, articulated, damping, ties, spread)
+    return Plant(
+        scene.model, scene.planar, q, v, kinematics, inertias, articulated, stiffness, damping, ties, spread
+    )
 
 
-def joint_damping(scene: Scene, parameters: Parameters, constants: Constants) -> ca.SX:
-    """Viscous resistance of each velocity component (nv x 1), structurally zero where there is none."""
-    damping = ca.SX(scene.model.nv, 1)
+def joint_resistance(scene: Scene, parameters: Parameters, constants: Constants) -> tuple[ca.SX, ca.SX]:
+    """Stiffness of springs in flexible links, and viscous resistance, of each velocity component (nv x 1).
+
+    Structurally zero where there is none.
+    """
+    stiffness, damping = ca.SX(scene.model.nv, 1), ca.SX(scene.model.nv, 1)
     for body in scene.bodies:
+
+        def number(name: str, key: str, path: str = body.path) -> ca.SX:
+            return parameters(f"{path}.flexible.{name}.{key}")
+
+        springs = body.springs(number)
         for name in body.config.joints:
             column = scene.model.joints[scene.model.getJointId(f"{body.name}/{name}")].idx_v
             path = f"{body.path}.joints.{name}.damping"
-            resistance = constants.hoist(path, parameters.sparse(path))
+            resistance = parameters.sparse(path)
+            if name in springs:
+                stiffness[column] = constants.hoist(f"{body.path}.joints.{name}.stiffness", springs[name][0])
+                resistance = resistance + springs[name][1]
+            resistance = constants.hoist(path, resistance)
             if resistance.nnz():
                 damping[column] = resistance
-    return damping
+    return stiffness, damping
 
 
 def _hoist_symmetric(constants: Constants, name: str, matrix: ca.SX) -> ca.SX:

@@ -85,6 +85,9 @@ class UrdfLink:
         About the centre of mass, in the axes of the link frame (3, 3), kg m^2; zero where the file has none.
     visuals, collisions
         What is drawn, and what would collide.
+    borrowed
+        Link whose mass properties include these, and the resting pose of this link in its frame (4, 4) [m]:
+        there they are taken out. None for a link of its own.
     """
 
     name: str
@@ -93,6 +96,7 @@ class UrdfLink:
     inertia: Array
     visuals: tuple[LinkShape, ...] = ()
     collisions: tuple[LinkShape, ...] = ()
+    borrowed: tuple[str, Array] | None = None
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from spacerobot.elements.element import Element
 from spacerobot.elements.environment import Environment, EnvironmentContext
 from spacerobot.elements.estimator import Estimator, EstimatorContext
 from spacerobot.elements.event import Event, both, either, negated
+from spacerobot.elements.flexible_link import FlexibleContext, FlexibleLink
 from spacerobot.elements.goal import Goal, TipGoal
 from spacerobot.elements.grasp import Grasp
 from spacerobot.elements.plan_cost import AxesCost, JointCost, PlanCost
@@ -68,6 +69,8 @@ __all__ = [
     "EstimatorContext",
     "Event",
     "Family",
+    "FlexibleContext",
+    "FlexibleLink",
     "Goal",
     "Grasp",
     "GraspContext",

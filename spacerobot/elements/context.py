@@ -251,11 +251,18 @@ class TipContext:
         axes = [*self.plant.translation_axes, *(axis + 3 for axis in self.plant.rotation_axes)]
         return CommandedTorque(self.robot, ca.mtimes(self.arm_jacobian[axes, :].T, wrench[axes]))
 
+    @property
+    def bends(self) -> bool:
+        """Whether flexible links carry the tip: joints that the arm does not drive."""
+        model = self.plant.model
+        carrying = set(model.supports[self.joint]) - {0, self.base_joint}
+        return any(int(model.idx_vs[joint]) not in self.columns for joint in carrying)
+
     def reduced_loads(self, axes: list[int], *, rotation: bool) -> tuple[ca.SX, ca.SX]:
         """Unit loads on the tip, reduced: as produced by the arm's joints, and as external wrenches.
 
         An arm that pushes at its tip pushes back on its own base: ``J^T u`` with the manipulator Jacobian
-        is the wrench u on the tip and -u, at the same point, on the base.
+        is the wrench u on the tip and -u, at the same point, on the base, unless flexible links give way.
 
         Parameters
         ----------
@@ -273,13 +280,22 @@ class TipContext:
         for axis in axes:
             force, torque = unit_load(axis, rotation=rotation)
             on_tip = Wrench(self.joint, force, torque, point)
-            back = Wrench(self.base_joint, -force, -torque, point)
-            by_arm.append(self.plant.reduced(wrenches=[on_tip, back]))
+            if self.bends:
+                by_arm.append(self.plant.reduced(self.arm_jacobian[axis + 3 * rotation, :].T))
+            else:
+                back = Wrench(self.base_joint, -force, -torque, point)
+                by_arm.append(self.plant.reduced(wrenches=[on_tip, back]))
             by_wrench.append(self.plant.reduced(wrenches=[on_tip]))
         return ca.horzcat(*by_arm), ca.horzcat(*by_wrench)
 
     def relative_drift(self, *, rotation: bool) -> ca.SX:
-        """Rate (3x1), at zero joint acceleration, of the tip's velocity as seen from the base."""
+        """Rate (3x1), at zero joint acceleration, of the tip's velocity as seen from the base.
+
+        Where flexible links carry the tip, that by the motion of the arm's joints alone.
+        """
+        if self.bends:
+            rows = [axis + 3 * rotation for axis in range(3)]
+            return self.plant.rate(ca.mtimes(self.arm_jacobian[rows, :], self.plant.v))
         tip_drift = self.plant.drift(self.frame)
         if not self.base_joint:
             return tip_drift[rotation]

@@ -20,6 +20,7 @@ PLACES = {
     "sensor": "`robots.*.sensors.*`",
     "estimator": "`robots.*.estimators.*`",
     "environment": "`environment.*`",
+    "flexible_link": "`robots.*.flexible.*`, `target.flexible.*`",
     "shape": "`pads.*`",
     "goal": "`plan.goals.*`; the kind follows from `attitude`, `frame`, `position`, `joints` or `still`",
     "plan_cost": "`plan.costs.*`; the name is the kind if the section gives none, a number alone the weight",

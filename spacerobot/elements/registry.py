@@ -38,6 +38,7 @@ FAMILIES = {
     "sensor": "spacerobot.elements.sensors",
     "estimator": "spacerobot.elements.estimators",
     "environment": "spacerobot.elements.environments",
+    "flexible_link": "spacerobot.elements.flexible_links",
     "shape": "spacerobot.elements.collision_shapes",
 }
 """Families of a closed loop, and the package whose modules hold the kinds that ship."""

@@ -75,7 +75,7 @@ class DynamicsUnknowns:
         commanded = torque
         torque, early = deliver(torque, first, {column for drive in self.then for column in drive.columns})
         wrenches = [*acting.wrenches, *acting.outside, *early.wrenches, *early.outside]
-        pushed = plant.reduced(wrenches=wrenches) - plant.damping * plant.v
+        pushed = plant.reduced(wrenches=wrenches) - plant.passive_forces
         self.early = torque, pushed
         self.output = ca.SX.sym("output", sum(channel.size for channel in self.implicit))
         if self.implicit:
@@ -106,7 +106,7 @@ class DynamicsUnknowns:
         """Loads from which a law that is evaluated at instants is solved, with the continuous ones."""
         torque, answers = deliver(commanded - law.held, law.others(acting.drives))
         wrenches = [*acting.wrenches, *acting.outside, *answers.wrenches, *answers.outside]
-        effort = torque + plant.reduced(wrenches=wrenches) - plant.damping * plant.v
+        effort = torque + plant.reduced(wrenches=wrenches) - plant.passive_forces
         return {"effort": effort} | _loads(plant, [*law.channels, *self.implicit])
 
     @cached_property

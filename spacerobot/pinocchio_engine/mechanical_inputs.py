@@ -16,7 +16,7 @@ import numpy as np
 
 from spacerobot.arrays import Array
 from spacerobot.closedloop.built_elements import LoopBuilder
-from spacerobot.closedloop.plant import joint_damping
+from spacerobot.closedloop.plant import joint_resistance
 from spacerobot.dynamics import Inertias, Kinematics, Wrench, configuration_derivative, forward_kinematics
 from spacerobot.dynamics.algebra import IDENTITY3, cross
 from spacerobot.dynamics.joints import sparse
@@ -117,7 +117,7 @@ class InputPlant(Plant):
             kinematics,
             Inertias.from_model(model),
             none,
-            joint_damping(scene, parameters, constants),
+            *joint_resistance(scene, parameters, constants),
             ca.horzcat(ca.SX(model.nv, 0), *ties),
             sparse(scene.spread),
             inputs,

@@ -11,6 +11,7 @@ from spacerobot.elements import (
     Actuator,
     Estimator,
     Family,
+    FlexibleLink,
     Reference,
     RobotController,
     RobotElement,
@@ -154,6 +155,9 @@ class Body(Section):
     joints: dict[str, Joint] = Field(
         default={},
         description="initial state and resistance, by joint name; `*` in a name matches any letters",
+    )
+    flexible: dict[Name, Annotated[FlexibleLink, Family("flexible_link")]] = Field(
+        default={}, description="links that bend, of any kind, by name; their joints are called NAME_..."
     )
 
 

@@ -148,10 +148,11 @@ def resolve(
 
 
 def _names_files(pattern: str, value: Any) -> bool:
-    """Whether a change decides which files are read, or how URDFs are mounted; a whole body does."""
+    """Whether a change decides which files are read, or which links there are; a whole body does."""
     segments = pattern.split(".")
     whole = isinstance(value, Mapping) and (segments == ["target"] or segments[:-1] == ["robots"])
-    return whole or segments[-1] in ("urdf", "file") or "mounts" in segments[2:3]
+    added = "mounts" in segments[2:3] or "flexible" in segments[1:3]
+    return whole or added or segments[-1] in ("urdf", "file")
 
 
 def _change(document: Document, pattern: str, value: Any, source: Path | None) -> Document:

@@ -13,9 +13,10 @@ import pinocchio as pin
 
 from spacerobot.arrays import Array
 from spacerobot.description.bodies import RigidBody, check_bodies, welded_bodies
+from spacerobot.description.flexible import find_link
 from spacerobot.description.parts import UrdfLink
 from spacerobot.description.read import Description
-from spacerobot.elements import Actuator, RobotElement, RobotProperties, kinds
+from spacerobot.elements import Actuator, FlexibleLink, RobotElement, RobotProperties, kinds
 from spacerobot.errors import DescriptionError, ScenarioError, near_names
 from spacerobot.scenario import Robot, Scenario, Target
 from spacerobot.scene.configure import relative_jacobian
@@ -27,6 +28,7 @@ MOST_VELOCITIES = 300
 """Pinocchio's ``Data`` holds 32 bytes for the cube of their number, 0.9 GB for this one."""
 AXIS_TOLERANCE = 1e-9
 ALIGNED = 1e-6  # [rad] that the axes of an aligned grasp may differ
+SHARE_TOLERANCE = 1e-9  # of a flexible link's mass, by which more may move than it has
 PIVOT_TOLERANCE = 1e-10  # of a joint's inertia, left when everything behind it gives way
 
 
@@ -49,6 +51,37 @@ def check_masses(scenario: Scenario, descriptions: Mapping[str, Description], *,
         except DescriptionError as fault:
             message = f"{fault.where} {fault.message}"
             raise ScenarioError(message, source=source, where=f"{path}.links") from None
+        for name, flexible in config.flexible.items():
+            _check_share(config, description, flexible, name, f"{path}.flexible.{name}", source)
+
+
+def _check_share(
+    config: Robot | Target,
+    description: Description,
+    flexible: FlexibleLink,
+    name: str,
+    where: str,
+    source: Path | None,
+) -> None:
+    """Refuse a flexible link of which more moves than the link has; the rest must be semidefinite."""
+    carrier = flexible.carrier(name)
+    link = _with_masses(find_link(description, carrier), config.links.get(carrier))
+    whole = pin.Inertia(link.mass, link.com, np.zeros((3, 3))).matrix()
+    whole[3:, 3:] += link.inertia
+    moving = flexible.moving_inertia(description, name)
+    scale = np.sqrt(np.maximum(np.diag(whole), np.diag(moving)))
+    scale[scale == 0] = 1.0
+    values, vectors = np.linalg.eigh((whole - moving) / np.outer(scale, scale))
+    if values[0] < -SHARE_TOLERANCE:
+        part = int(np.argmax(np.abs(vectors[:, 0])))
+        motion, way = f"{('along', 'about')[part // 3]} {'xyz'[part % 3]}", vectors[:, 0] / scale
+        share = float(way @ moving @ way) / max(float(way @ whole @ way), np.finfo(float).tiny)
+        raise ScenarioError(
+            f"more moves than link {carrier!r} has, mostly {motion}: found {share:.4g} times its inertia, "
+            "allowed: once; lower what moves, or give the link more mass or inertia by `links`",
+            source=source,
+            where=where,
+        )
 
 
 def resolved_bodies(config: Robot | Target, description: Description) -> list[RigidBody]:

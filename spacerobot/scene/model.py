@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -59,9 +59,10 @@ def build_model(
     bodies = tuple(_body(model, path, config, descriptions[path]) for path, config in configs.items())
     for body in bodies:
         _set_inertias(model, body)
-        damping = np.array(model.damping)
+        damping, springs = np.array(model.damping), body.springs(body.flexible_number)
         for name, joint in body.config.joints.items():
-            damping[model.joints[model.getJointId(f"{body.name}/{name}")].idx_v] = joint.damping or 0.0
+            resistance = (joint.damping or 0.0) + springs.get(name, (0.0, 0.0))[1]
+            damping[model.joints[model.getJointId(f"{body.name}/{name}")].idx_v] = resistance
         model.damping = damping
     return model, bodies
 
@@ -91,10 +92,16 @@ def _body(model: Any, path: str, config: Robot | Target, description: Descriptio
         if joint.mimic is not None and joint.kind != "fixed"
     )
     tied = {tie.joint for tie in ties}
-    free = [name for name, joint in ids.items() if joint not in tied]
+    bends = {
+        joint
+        for key, flexible in config.flexible.items()
+        for joint in flexible.springs(description, key, lambda _: 0.0)
+    }
+    free = [name for name, joint in ids.items() if joint not in tied and name not in bends]
     actuators = config.driven_by() if isinstance(config, Robot) else ()
     owned = tuple(ids[joint] for _, actuator in actuators for joint in actuator.owns(free))
-    return SceneBody(name, path, config, description, root_frame, root_joint, joints, ties, owned)
+    passive = tuple(joint for name, joint in ids.items() if name in bends)
+    return SceneBody(name, path, config, description, root_frame, root_joint, joints, ties, owned, passive)
 
 
 def _set_inertias(model: Any, body: SceneBody) -> None:
@@ -102,11 +109,30 @@ def _set_inertias(model: Any, body: SceneBody) -> None:
     totals = {joint: pin.Inertia.Zero() for joint in body.subtree}
     for name, link in body.config.links.items():
         frame = model.frames[model.getFrameId(f"{body.name}/{name}", pin.FrameType.BODY)]
-        if frame.parentJoint not in totals:
-            continue  # welded to the world
-        totals[frame.parentJoint] += frame.placement.act(link_inertia(link))
+        if frame.parentJoint in totals:  # not welded to the world
+            totals[frame.parentJoint] += frame.placement.act(link_inertia(link))
+    for name, lender, rest in lent(model, body):
+        if lender.parentJoint in totals:
+            totals[lender.parentJoint] -= (lender.placement * rest).act(link_inertia(body.config.links[name]))
     for joint, inertia in totals.items():
         model.inertias[joint] = inertia
+
+
+def lent(model: Any, body: SceneBody) -> Iterator[tuple[str, Any, Any]]:
+    """Links whose mass properties another link includes: name, frame of that one, and resting pose in it.
+
+    Parameters
+    ----------
+    model
+        Pinocchio model of the scene.
+    body
+        Whose links.
+    """
+    for link in body.description.links:
+        if link.borrowed is not None and link.name in body.config.links:
+            lender, rest = link.borrowed
+            frame = model.frames[model.getFrameId(f"{body.name}/{lender}", pin.FrameType.BODY)]
+            yield link.name, frame, pin.SE3(np.array(rest))
 
 
 def link_inertia(link: Any) -> Any:

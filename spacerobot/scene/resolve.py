@@ -15,7 +15,7 @@ from spacerobot.description.mount import mounted
 from spacerobot.description.parts import UrdfJoint as UrdfJoint
 from spacerobot.description.read import Description, read_description
 from spacerobot.description.relocated_links import placed
-from spacerobot.elements import FAMILIES, Element, kinds
+from spacerobot.elements import FAMILIES, Element, create, kinds
 from spacerobot.errors import DescriptionError, ScenarioError, near_names
 from spacerobot.scenario import Joint, Scenario
 from spacerobot.scenario.paths import Document
@@ -133,7 +133,7 @@ def _inside(name: str, source: Path | None) -> Path:
 
 
 def read_descriptions(document: Document, *, source: Path | None) -> dict[str, Description]:
-    """URDF of each body, with what is mounted on it and links placed, by the body's dotted path.
+    """URDF of each body, with what is mounted on it, links placed and flexible ones expanded, by dotted path.
 
     Raises
     ------
@@ -156,7 +156,14 @@ def read_descriptions(document: Document, *, source: Path | None) -> dict[str, D
                 description = mounted(description, arm, name, mount["link"], placement)
             except DescriptionError as fault:
                 raise ScenarioError(fault.message, source=source, where=where) from None
-        descriptions[path] = _placed(description, body["placements"], path, source)
+        description = _placed(description, body["placements"], path, source)
+        for name, section in body.get("flexible", {}).items():
+            try:
+                description = create("flexible_link", **section).expanded(description, name)
+            except DescriptionError as fault:
+                where = f"{path}.flexible.{name}" + (f".{fault.where}" if fault.where else "")
+                raise ScenarioError(fault.message, source=source, where=where) from None
+        descriptions[path] = description
     return descriptions
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import functools
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 from spacerobot.arrays import Array
 from spacerobot.description.read import Description
 from spacerobot.elements import CollisionShape, Contact, Grasp, Reference
+from spacerobot.elements.flexible_link import Number
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.notebook import html_table
 from spacerobot.scenario import Base, Robot, Scenario, Target, Tip
@@ -54,6 +56,8 @@ class SceneBody:
         Those of them that mimic another one.
     owned
         Those of them that belong to an actuator, as a wheel's: the arm's controllers do not see them.
+    passive
+        Those of flexible links, which nothing drives and no controller sees.
     """
 
     name: str
@@ -65,6 +69,7 @@ class SceneBody:
     joints: tuple[int, ...]
     ties: tuple[MimicJoint, ...] = ()
     owned: tuple[int, ...] = ()
+    passive: tuple[int, ...] = ()
 
     def __repr__(self) -> str:
         """Name and size, in one line."""
@@ -72,13 +77,13 @@ class SceneBody:
 
     @property
     def arm_joints(self) -> tuple[int, ...]:
-        """Ids of its joints that no actuator owns."""
-        return tuple(joint for joint in self.joints if joint not in self.owned)
+        """Ids of its joints that no actuator owns, but those of flexible links."""
+        return tuple(joint for joint in self.joints if joint not in (*self.owned, *self.passive))
 
     @property
     def driven_joints(self) -> tuple[int, ...]:
-        """Ids of its free joints that no actuator owns: those that controllers of the robot drive."""
-        return tuple(joint for joint in self.free_joints if joint not in self.owned)
+        """Ids of its free joints that controllers drive: none that an actuator owns or that bends."""
+        return tuple(joint for joint in self.free_joints if joint not in (*self.owned, *self.passive))
 
     @property
     def free_joints(self) -> tuple[int, ...]:
@@ -97,6 +102,37 @@ class SceneBody:
             Id of the joint.
         """
         return str(model.names[joint]).removeprefix(f"{self.name}/")
+
+    def flexible_number(self, name: str, key: str) -> float:
+        """Number of a flexible link.
+
+        Parameters
+        ----------
+        name, key
+            Of the flexible link, and in its section, as ``frequencies.0``.
+        """
+        first, _, place = key.partition(".")
+        found = getattr(self.config.flexible[name], first)
+        return float(found[int(place)] if place else found)
+
+    def springs(self, number: Callable[[str, str], Number]) -> dict[str, tuple[Number, Number]]:
+        """Stiffness and damping of each joint of flexible links that is not locked, by its name in the URDF.
+
+        Parameters
+        ----------
+        number
+            From the name of a flexible link and a key of its section to the number.
+
+        Returns
+        -------
+        dict
+            Stiffness [N m/rad or N/m] and damping [N m s/rad or N s/m].
+        """
+        found = dict[str, tuple[Number, Number]]()
+        for name, flexible in self.config.flexible.items():
+            springs = flexible.springs(self.description, name, functools.partial(number, name))
+            found |= {joint: own for joint, own in springs.items() if joint in self.config.joints}
+        return found
 
     @property
     def base(self) -> Base:
@@ -296,6 +332,15 @@ class Scene:
             row, column = self.model.idx_vs[tie.joint], self.model.idx_vs[tie.leader]
             spread[row, row], spread[row, column] = 0.0, tie.multiplier
         return spread
+
+    @property
+    def stiffness(self) -> Array:
+        """Stiffness of the springs in flexible links, by the component of v (nv,) [N m/rad or N/m]."""
+        found = np.zeros(self.model.nv)
+        for body in self.bodies:
+            for name, (stiffness, _) in body.springs(body.flexible_number).items():
+                found[self.model.joints[self.model.getJointId(f"{body.name}/{name}")].idx_v] = stiffness
+        return found
 
     @property
     def translation_axes(self) -> tuple[int, ...]:

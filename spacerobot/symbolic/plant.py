@@ -38,6 +38,8 @@ class Plant:
         Whether nothing can leave the x-y plane.
     q, v
         Symbols of configuration (nq x 1) and velocity (nv x 1).
+    stiffness
+        Of the springs in flexible links (nv x 1), structurally zero where there is none.
     damping
         Viscous resistance R_j of each velocity component (nv x 1), structurally zero where there is none.
     ties
@@ -54,6 +56,7 @@ class Plant:
     kinematics: Kinematics
     inertias: Inertias
     articulated: ArticulatedBody
+    stiffness: ca.SX
     damping: ca.SX
     ties: ca.SX
     spread: ca.SX
@@ -90,7 +93,22 @@ class Plant:
 
     def reduced_moving(self, torque: ca.SX, wrenches: Sequence[Wrench] = ()) -> ca.SX:
         """The same together with joint resistance, gravity and inertia forces (nv x 1)."""
-        return self.articulated.reduced(torque - self.damping * self.v, wrenches, moving=True)
+        return self.articulated.reduced(torque - self.passive_forces, wrenches, moving=True)
+
+    @property
+    def deflection(self) -> ca.SX:
+        """Positions of the joints with springs, at the places of their velocities (nv x 1)."""
+        found = ca.SX(self.v.size1(), 1)
+        for joint in self.model.joints[1:] if self.stiffness.nnz() else ():
+            if self.stiffness[joint.idx_v].nnz():
+                found[joint.idx_v] = self.q[joint.idx_q]
+        return found
+
+    @property
+    def passive_forces(self) -> ca.SX:
+        """Generalized forces that joints' resistance and springs take (nv x 1)."""
+        resistance = self.damping * self.v
+        return resistance + self.stiffness * self.deflection if self.stiffness.nnz() else resistance
 
     def resistance(self, acceleration: ca.SX) -> ca.SX:
         """Loads that an acceleration from rest (nv x 1) takes, reduced (nv x 1)."""

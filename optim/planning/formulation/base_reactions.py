@@ -23,7 +23,11 @@ def base_reactions(stage: Stage) -> dict[str, ca.SX]:
     """
     found = {}
     for body in stage.scene.robots:
-        wrench = _taken(stage, (body.root_joint, *body.owned) if body.root_joint else body.arm_joints, body)
+        # panels of the base are part of it, flexible booms of the arm
+        own = set(body.driven_joints)
+        panels = [j for j in body.passive if own.isdisjoint(stage.scene.model.supports[j])]
+        floating = (body.root_joint, *body.owned, *panels)
+        wrench = _taken(stage, floating if body.root_joint else body.joints, body)
         rotation = stage.placement(body.root_frame)[0]
         for name, drive in zip(stage.driven.names, ca.vertsplit(stage.u), strict=True):
             base, _, axis = name.rpartition(".")

@@ -73,6 +73,23 @@ class DrivenCoordinates:
         return float(np.linalg.norm([self.limits[self.names.index(name)] for name in own]))
 
 
+def spring_forces(scene: Scene, q: ca.SX) -> ca.SX:
+    """Generalized forces (nv x 1) that the springs of flexible links take.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    q
+        Configuration (nq x 1).
+    """
+    found, stiffness = ca.SX(scene.model.nv, 1), scene.stiffness
+    for joint in scene.model.joints[1:]:
+        if stiffness[joint.idx_v]:
+            found[joint.idx_v] = stiffness[joint.idx_v] * q[joint.idx_q]
+    return found
+
+
 @dataclass(frozen=True, eq=False)
 class Stage:
     """A scene at one instant.
@@ -135,7 +152,7 @@ class Stage:
         """Residual of the equations of motion (nv x 1) [N, N m]."""
         model = self.scene.model
         force = inverse_dynamics(model, self.kinematics, Inertias.from_model(model), self.a)
-        force = force + sparse(np.asarray(model.damping)) * self.v
+        force = force + sparse(np.asarray(model.damping)) * self.v + spring_forces(self.scene, self.q)
         for k, column in enumerate(self.driven.columns):
             force[column] -= self.u[k]
         for spring in self.springs:

@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from optim.planning.formulation.grasps import spring_wrench, tip_slip
 from optim.planning.formulation.impact import state_after_impact
-from optim.planning.formulation.stage import Stage
+from optim.planning.formulation.stage import Stage, spring_forces
 from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.motion import Motion, PhasedMotion
 from optim.planning.verification.tracking_gains import tracking_gains
@@ -81,7 +81,7 @@ class ReplayLoop:
         torque = _summed(lobatto.basis, place, drive)
         wanted = first + length * _summed(lobatto.primitives, place, rates)
         rate = rates[:, 0] + length * _summed(lobatto.primitives, place, accelerations)
-        force = -sparse(np.asarray(model.damping)) * v
+        force = -sparse(np.asarray(model.damping)) * v - spring_forces(stage.scene, q)
         for k, column in enumerate(driven.columns):
             force[column] += torque[k]
         for k, joint in enumerate(driven.joints):

@@ -97,8 +97,10 @@ def _add_body(root: Tree, scene: Scene, body: SceneBody) -> None:
     from rich.markup import escape
 
     from spacerobot.scenario import Robot
+    from spacerobot.scene.model import lent
 
     mass = sum(link.mass or 0.0 for link in body.config.links.values())
+    mass -= sum(body.config.links[name].mass or 0.0 for name, _, _ in lent(scene.model, body))
     data = scene.model.createData()
     pin.framesForwardKinematics(scene.model, data, scene.q)
     x, y, z = data.oMf[body.root_frame].translation
@@ -111,7 +113,12 @@ def _add_body(root: Tree, scene: Scene, body: SceneBody) -> None:
         branch.add(escape(f"{name}_ mounted on {where}: {mount.urdf.rpartition('/')[2]}"))
     chain = branch.add(f"{len(body.joints)} joints") if body.joints else branch
     by_name = {joint.name: joint for joint in body.description.joints}
+    bends = {body.joint_name(scene.model, joint) for joint in body.passive}
+    for name, flexible in body.config.flexible.items():
+        branch.add(escape(f"flexible {name}: {flexible.words()}"))
     for name, joint in body.config.joints.items():
+        if name in bends:
+            continue
         mimic = by_name[name].mimic
         state = f"{joint.offset:g} m" if joint.offset is not None else f"{joint.angle_deg or 0:g} deg"
         child = body.config.links.get(by_name[name].child)

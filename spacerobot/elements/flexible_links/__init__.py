@@ -1,0 +1,1 @@
+"""Kinds of flexible links that ship, one file each."""
