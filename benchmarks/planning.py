@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -89,12 +90,17 @@ CAPTURE: Mapping[str, Any] = {
 
 @dataclass(frozen=True, eq=False)
 class MeasuredSolution:
-    """Where one of the two ended, after how many iterations, on each mesh."""
+    """Where one of the two ended, after how many iterations, on each mesh.
+
+    ``in_functions`` is the share of the time that the problem's functions and derivatives take; the rest is
+    the solver's, most of it the factorisation of its linear systems.
+    """
 
     motion: Motion
     cost: float
     converged: bool
     iterations: str
+    in_functions: float
 
     @property
     def error(self) -> float:
@@ -130,7 +136,11 @@ def rows() -> list[Row]:
         z, duration = program.split(solved.w)
         motion = Motion(moved, lobatto, program.mesh, duration, z)
         found["ours"] = MeasuredSolution(
-            motion, program.objective(solved.w), solved.converged, str(solved.iterations)
+            motion,
+            program.objective(solved.w),
+            solved.converged,
+            str(solved.iterations),
+            solved.evaluations_s / solved.seconds,
         )
 
     def theirs() -> None:
@@ -160,7 +170,9 @@ def _row(
         z, duration = program.split(runs[-1].w)
         motion = Motion(problem, lobatto, program.mesh, duration, z)
         many = " + ".join(str(one.iterations) for one in runs)
-        found["ours"] = MeasuredSolution(motion, program.objective(runs[-1].w), runs[-1].converged, many)
+        inside = sum(one.evaluations_s for one in runs) / sum(one.seconds for one in runs)
+        cost, converged = program.objective(runs[-1].w), runs[-1].converged
+        found["ours"] = MeasuredSolution(motion, cost, converged, many, inside)
 
     def theirs() -> None:
         found["theirs"] = shooting.solve()
@@ -187,7 +199,8 @@ def _compared(
         for spent, count in zip((times.first_s, times.second_s), steps, strict=True)
     ]
     note = (
-        f"{one.iterations} and {other.iterations} iterations of {each[0]:.3g} and {each[1]:.3g} ms; "
+        f"{one.iterations} and {other.iterations} iterations of {each[0]:.3g} and {each[1]:.3g} ms, "
+        f"{one.in_functions:.0%} and {other.in_functions:.0%} of them in the problem's functions; "
         f"costs {one.cost:.6f} and {other.cost:.6f}; "
         f"replayed {one.error:.1e} and {other.error:.1e} off"
     )
@@ -263,13 +276,16 @@ class Shooting:
             for bounds in sides.values():
                 bounds[: len(start)] = start
             given = given | sides | {"x0": near["x"], "lam_g0": near["lam_g"], "lam_x0": near["lam_x"]}
+        begin = time.perf_counter()
         with one_thread():
             self.found = solver(**given)
+        spent = time.perf_counter() - begin
         stats, z = solver.stats(), np.zeros_like(self._first.z)
+        inside = sum(value for key, value in stats.items() if key.startswith("t_wall_nlp_")) / spent
         z[:, self._own] = np.array(self.found["x"]).reshape(len(z), -1)
         motion = dataclasses.replace(self._first, z=z)
         return MeasuredSolution(
-            motion, float(self.found["f"]), bool(stats["success"]), str(stats["iter_count"])
+            motion, float(self.found["f"]), bool(stats["success"]), str(stats["iter_count"]), inside
         )
 
 
@@ -345,6 +361,7 @@ class _Blocks:
             ),
             "no_nlp_grad": True,
             "print_time": False,
+            "record_time": True,
         }
         return {"x": w, "p": p, "f": f, "g": g}, options
 

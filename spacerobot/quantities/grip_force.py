@@ -16,16 +16,16 @@ def per_grasp(context: Context) -> Components:
 
 
 def torque_per_grasp(context: Context) -> Components:
-    """Size of the torque in each grasp, at its tip [N m]."""
-    torques = sizes(context.vectors("grasp_torque"), SMALLEST)
+    """Size of the torque in each grasp, at its tip [N m]; exactly zero where there is none."""
+    torques = [size - SMALLEST for size in sizes(context.vectors("grasp_torque"), SMALLEST)]
     return Components(tuple(grasp.name for grasp in context.scene.grasps), ca.vertcat(ca.SX(0, 1), *torques))
 
 
 def per_contact(context: Context) -> Components:
-    """Size of the force of each contact [N]."""
+    """Size of the force of each contact [N], exactly zero where there is none."""
     if "contact_force" not in context.loop.outputs.name_out():
         return NOTHING
-    forces = sizes(context.vectors("contact_force"), SMALLEST)
+    forces = [size - SMALLEST for size in sizes(context.vectors("contact_force"), SMALLEST)]
     return Components(tuple(context.scene.scenario.contacts), ca.vertcat(ca.SX(0, 1), *forces))
 
 

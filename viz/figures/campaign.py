@@ -15,6 +15,7 @@ from spacerobot.arrays import Array
 from viz.figures.style import COLOURS, Drawing, legend_above, line, panels, styled
 
 DECADES = 1.5  # of values, from which on they stand on a logarithmic axis
+ZERO = 1e-8  # of the largest value; below it sizes are smoothed, as 1e-6 N where there is no force
 FAR = 2.5  # how many times the values' own reach a limit may lie outside it and still be drawn
 BAD, BEYOND = "#B00020", "#FBE9EA"
 
@@ -152,7 +153,7 @@ def _scale(panel: Axes, finite: Array, spread: SampleSpread) -> None:
     """Choose the axis, and draw the limit if it is within reach of the values."""
     limit = spread.limit
     reach = float(finite.min()), float(finite.max())
-    wide = reach[0] > 0 and np.log10(reach[1] / reach[0]) > DECADES
+    wide = reach[0] > ZERO * reach[1] and np.log10(reach[1] / reach[0]) > DECADES
     if wide:
         panel.set_xscale("log")
         panel.xaxis.set_major_formatter(lambda value, _: f"{value:g}")

@@ -115,15 +115,16 @@ def test_distributions_show_limits_and_what_diverged():
             SampleSpread({"a": values, "b": lost}, "far", "N", 90.0),
             SampleSpread({"a": lost * np.nan, "b": lost * np.nan}, "gone", "N", 3.0),
             SampleSpread({"a": values, "b": 1000 * values}, "wide", "N"),
+            SampleSpread({"a": values, "b": np.r_[1e-9, values]}, "none in one sample", "N"),
         ]
     )
-    near, far, gone, wide = figure.axes
+    near, far, gone, wide, none, _ = figure.axes
     assert any(same_color(line.get_color(), BAD) for line in near.get_lines())
     assert "limit 90 N, far to the right →" in texts(far)
     assert far.get_xlim()[1] < 3
     assert "20 diverged" in texts(far)
     assert texts(gone) == ["all of 202 diverged"]
-    assert [axes.get_xscale() for axes in (near, wide)] == ["linear", "log"]
+    assert [axes.get_xscale() for axes in (near, wide, none)] == ["linear", "log", "linear"]
 
 
 def test_marks_are_the_percentiles_of_all_runs():
