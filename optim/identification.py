@@ -11,6 +11,9 @@ tip that holds it. Y is measured with noise too, so plain least squares is biase
 the likelihood by the effective variance: each residual weighs by the covariance J(pi) S J(pi)^T that the
 sensors' noise S gives it, as the parameters vary. An estimate that no body can have is replaced by the
 nearest one that a body can, in the log-Cholesky parameters of Rucker and Wensing (IEEE RA-L 7(2), 2022).
+
+Of an object that moves in a plane, mass, two coordinates of the centre of mass and the moment of inertia
+about the plane's normal are all that its momentum depends on: four columns and three rows of Y are left.
 """
 
 from __future__ import annotations
@@ -42,6 +45,9 @@ NAMES = (
     *((f"inertia_{axes}", "kg m^2") for axes in ("xx", "yy", "zz", "xy", "xz", "yz")),
 )
 """Identified quantities and their units: link axes, inertia about the centre of mass."""
+SPATIAL = (tuple(range(10)), tuple(range(10)), tuple(range(6)))
+PLANAR = ((0, 1, 2, 9), (0, 1, 2, 6), (0, 1, 5))
+"""Places of what a motion depends on: among Pinocchio's parameters, in :data:`NAMES`, and in the momentum."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +88,10 @@ class IdentificationResult(JsonResult):
         Its root link, in whose axes the numbers are.
     values, deviations, truth
         Estimates, their standard deviations and the simulation's own values (10,), as named by :data:`NAMES`.
+        Of an object that moves in a plane, those that its motion does not depend on are the simulation's own,
+        without deviation; moments and products of inertia in proportion to the identified moment.
+    identified
+        Names of those that are identified.
     samples
         Number of samples that were used.
     is_projected
@@ -95,6 +105,7 @@ class IdentificationResult(JsonResult):
     values: Array
     deviations: Array
     truth: Array
+    identified: tuple[str, ...]
     samples: int
     is_projected: bool
 
@@ -114,6 +125,8 @@ class IdentificationResult(JsonResult):
         for (name, unit), value, deviation, true in zip(
             NAMES, self.values, self.deviations, self.truth, strict=True
         ):
+            if name not in self.identified:
+                continue
             places = max(0, 1 - math.floor(math.log10(max(deviation, 1e-12))))
             numbers = (f"{number:.{places}f}" for number in (value, deviation, true, value - true))
             found.append((f"{name} [{unit}]", *numbers))
@@ -122,7 +135,8 @@ class IdentificationResult(JsonResult):
     @classmethod
     def of_fields(cls, found: dict[str, Any]) -> IdentificationResult:
         """The result with the fields of a file."""
-        return cls(**found | {key: np.array(found[key]) for key in ("values", "deviations", "truth")})
+        arrays = {key: np.array(found[key]) for key in ("values", "deviations", "truth")}
+        return cls(**found | arrays | {"identified": tuple(found["identified"])})
 
     def __repr__(self) -> str:
         """Body, and its mass with the standard deviation, in one line."""
@@ -144,7 +158,7 @@ def identify(
     Parameters
     ----------
     result
-        Simulation with a target that floats, without joints, held by a weld.
+        Simulation with a target that floats, in space or in a plane, without joints, held by a weld.
     since
         Time from which samples are used [s]; that of the weld's last capture if None.
     noise
@@ -178,17 +192,26 @@ def identify(
         drawn = np.random.Generator(np.random.Philox(seed)).normal(size=(len(states), len(covariance)))
         states = [measured.moved(x, np.sqrt(covariance) * d) for x, d in zip(states, drawn, strict=True)]
     estimate, spread = _regression(measured, states, covariance)
-    if np.linalg.eigvalsh(spread[:10, :10]).min() <= 0:
-        raise _too_slow()
-    parameters, is_projected = consistent(estimate[:10], spread[:10, :10])
+    columns, names, _ = measured.places
+    count = len(columns)
+    spread = spread[:count, :count]
+    if np.linalg.eigvalsh(spread).min() <= 0:
+        raise measured.too_slow()
+    parameters, is_projected = consistent(estimate[:count], spread)
     slope = _slope(parameters)
-    deviations = np.sqrt(np.diag(slope @ spread[:10, :10] @ slope.T))
     truth = _named(scene.model.inertias[target.root_joint].toDynamicParameters())
-    values = _named(parameters)
+    values, deviations = truth.copy(), np.zeros(len(NAMES))
+    values[list(names)] = _named(parameters)
+    deviations[list(names)] = np.sqrt(np.diag(slope @ spread @ slope.T))
+    if measured.places is PLANAR:  # keeps the triangle inequalities of the moments of inertia
+        values[4:] *= values[6] / truth[6] if truth[6] > 0 else 1.0
+        values[6] = _named(parameters)[3]
     if deviations[0] > values[0] or deviations[4:7].max() > values[4:7].sum():
-        raise _too_slow()
+        raise measured.too_slow()
     link = scene.model.frames[target.root_frame].name.partition("/")[2]
-    return IdentificationResult(target.name, link, values, deviations, truth, len(states), is_projected)
+    identified = tuple(NAMES[place][0] for place in names)
+    arrays = values, deviations, truth
+    return IdentificationResult(target.name, link, *arrays, identified, len(states), is_projected)
 
 
 def _held(scene: Scene) -> tuple[SceneBody, SceneGrasp]:
@@ -231,6 +254,8 @@ class _Momentum:
         Momentum of wheels less the impulse from outside, about the world's origin (6,), one for each sample.
     data
         Room for results of Pinocchio.
+    places
+        :data:`SPATIAL` or :data:`PLANAR`.
     """
 
     scene: Scene
@@ -241,6 +266,7 @@ class _Momentum:
     states: list[tuple[Array, Array]]
     given: Array
     data: Any
+    places: tuple[tuple[int, ...], ...]
 
     @classmethod
     def of(
@@ -258,7 +284,8 @@ class _Momentum:
         if impulses:
             whole = whole - np.hstack([result.array(name)[chosen] for name in impulses])
         links = np.array([_momentum_of(model, data, q, v) for q, v in states])
-        return cls(scene, target, grasp, robots, grip, states, whole - links, robots.createData())
+        places = PLANAR if model.joints[target.root_joint].nv == 3 else SPATIAL
+        return cls(scene, target, grasp, robots, grip, states, whole - links, robots.createData(), places)
 
     @property
     def own(self) -> list[int]:
@@ -286,23 +313,44 @@ class _Momentum:
         return pin.integrate(self.robots, x[0], by[:nv]), x[1] + by[nv:]
 
     def balance(self, x: tuple[Array, Array], given: Array) -> tuple[Array, Array]:
-        """Regressor of the object's momentum (6, 10), and the momentum of everything else (6,)."""
+        """Regressor of the object's momentum (6, 10), and the momentum of everything else (6,).
+
+        Those rows and columns of them that the motion depends on: (3, 4) and (3,) in a plane.
+        """
         data, tip = self.data, self.grasp.tip.frame
         others = _momentum_of(self.robots, data, *x) + given
         pin.updateFramePlacement(self.robots, data, tip)
         twist = self.grip.actInv(pin.getFrameVelocity(self.robots, data, tip, pin.ReferenceFrame.LOCAL))
         pose = data.oMf[tip] * self.grip
-        return pose.toDualActionMatrix() @ momentum_regressor(twist.linear, twist.angular), others
+        regressor = pose.toDualActionMatrix() @ momentum_regressor(twist.linear, twist.angular)
+        columns, _, rows = self.places
+        return regressor[np.ix_(rows, columns)], others[list(rows)]
 
     def derivatives(self, x: tuple[Array, Array], given: Array) -> Array:
-        """Derivative (2 nv, 6, 11) by the measured state, of the regressor and, last, the other momentum."""
-        nv, found = self.scene.model.nv, np.zeros((2 * self.scene.model.nv, 6, 11))
+        """Derivative (2 nv, 6, 11) by the measured state, of the regressor and, last, the other momentum.
+
+        (2 nv, 3, 5) in a plane.
+        """
+        nv, (columns, _, rows) = self.scene.model.nv, self.places
+        found = np.zeros((2 * nv, len(rows), len(columns) + 1))
         for column in [*self.own, *(i + nv for i in self.own)]:
             step = np.zeros(2 * nv)
             step[column] = STEP
             up, down = (np.column_stack(self.balance(self.moved(x, sign * step), given)) for sign in (1, -1))
             found[column] = (up - down) / (2 * STEP)
         return found
+
+    @property
+    def advice(self) -> str:
+        """How to move the object so that the motion shows its parameters."""
+        return "to and fro in the plane" if self.places is PLANAR else "about several axes"
+
+    def too_slow(self) -> SpaceRobotError:
+        """Error where noise hides the parameters."""
+        return SpaceRobotError(
+            "identification: the motion is too slow for this noise to tell the parameters apart; turn the "
+            f"held object faster and {self.advice}"
+        )
 
 
 def _momentum_of(model: Any, data: Any, q: Array, v: Array) -> Array:
@@ -337,18 +385,19 @@ def momentum_regressor(velocity: Array, spin: Array) -> Array:
 def _regression(
     measured: _Momentum, states: list[tuple[Array, Array]], variance: Array
 ) -> tuple[Array, Array]:
-    """Parameters and total momentum (16,), and their covariance (16, 16)."""
+    """Parameters and total momentum (16,), and their covariance (16, 16); of 7 in a plane."""
     pairs = list(zip(states, measured.given, strict=True))
     parts = np.array([np.column_stack(measured.balance(x, given)) for x, given in pairs])
-    rows = np.concatenate([parts[:, :, :10], np.tile(-np.eye(6), (len(parts), 1, 1))], axis=2)
-    right = -parts[:, :, 10]
+    count = len(measured.places[0])
+    whole = np.tile(-np.eye(parts.shape[1]), (len(parts), 1, 1))
+    rows, right = np.concatenate([parts[:, :, :count], whole], axis=2), -parts[:, :, count]
     matrix = np.vstack(list(rows))
     scale = np.linalg.norm(matrix, axis=0)
     first, _, rank, _ = np.linalg.lstsq(matrix / np.where(scale > 0, scale, 1), right.ravel(), rcond=1e-10)
     if rank < matrix.shape[1]:
         raise SpaceRobotError(
             f"identification: the motion determines {rank} of {matrix.shape[1]} unknowns; turn the held "
-            "object about several axes, and use more of the motion (`since`)"
+            f"object {measured.advice}, and use more of the motion (`since`)"
         )
     if not variance.any():
         off = right.ravel() - matrix @ (first / scale)
@@ -358,7 +407,7 @@ def _regression(
 
     def residual(scaled: Array) -> Array:
         unknown = scaled / scale
-        spread = slopes @ np.append(unknown[:10], 1.0)
+        spread = slopes @ np.append(unknown[:count], 1.0)
         covariance = spread.transpose(0, 2, 1) @ spread
         off = (rows @ unknown - right)[..., None]
         return np.asarray(np.linalg.solve(np.linalg.cholesky(covariance), off).ravel())
@@ -367,22 +416,36 @@ def _regression(
     try:
         return found.x / scale, np.linalg.inv(found.jac.T @ found.jac) / np.outer(scale, scale)
     except np.linalg.LinAlgError:
-        raise _too_slow() from None
-
-
-def _too_slow() -> SpaceRobotError:
-    return SpaceRobotError(
-        "identification: the motion is too slow for this noise to tell the parameters apart; turn the held "
-        "object faster and about several axes"
-    )
+        raise measured.too_slow() from None
 
 
 def consistent(parameters: Array, spread: Array) -> tuple[Array, bool]:
-    """Nearest parameters (10,), by their covariance, that a body can have, and whether they were moved."""
+    """Nearest parameters, by their covariance, that a body can have, and whether they were moved.
+
+    Parameters
+    ----------
+    parameters
+        Mass, first moments and inertia about the origin in Pinocchio's order (10,); of a body that moves in a
+        plane mass, first moments along x and y, and moment of inertia about z (4,).
+    spread
+        Their covariance, (10, 10) or (4, 4).
+
+    Returns
+    -------
+    tuple
+        The parameters, and whether they were moved.
+    """
     if _is_realisable(parameters):
         return parameters, False
     root = np.linalg.inv(np.linalg.cholesky(spread))
     mass = max(abs(parameters[0]), 1e-6)
+    if parameters.size == len(PLANAR[0]):
+        about = max(float(parameters[3] - parameters[1:3] @ parameters[1:3] / mass), 1e-6)
+        flat = np.array([np.log(mass), *(parameters[1:3] / mass), np.log(about)])
+        found = least_squares(
+            lambda theta: root @ (_planar(theta) - parameters), flat, method="lm", xtol=1e-14, ftol=1e-14
+        )
+        return _planar(found.x), True
     guess = pin.Inertia(mass, parameters[1:4] / mass, np.eye(3) * max(np.abs(parameters[4:]).max(), 1e-6))
     start = pin.PseudoInertia.FromInertia(guess).toMatrix()
     flipped = np.linalg.cholesky(start[::-1, ::-1])[::-1, ::-1]
@@ -405,16 +468,33 @@ def consistent(parameters: Array, spread: Array) -> tuple[Array, bool]:
     return np.array(pin.LogCholeskyParameters(found.x).toDynamicParameters()), True
 
 
+def _planar(theta: Array) -> Array:
+    """Parameters of a planar body (4,) from log mass, centre of mass, and log inertia about that."""
+    mass, x, y, about = np.exp(theta[0]), theta[1], theta[2], np.exp(theta[3])
+    return np.array([mass, mass * x, mass * y, about + mass * (x**2 + y**2)])
+
+
 def _is_realisable(parameters: Array) -> bool:
-    """Whether the pseudo-inertia is positive definite, as that of every distribution of mass is."""
+    """Whether the pseudo-inertia is positive definite, as that of every distribution of mass is.
+
+    In a plane: whether mass and moment of inertia about the centre of mass are positive.
+    """
     if parameters[0] <= 0:
         return False
+    if parameters.size == len(PLANAR[0]):
+        return bool(_named(parameters)[3] > 0)
     matrix = pin.PseudoInertia.FromDynamicParameters(parameters).toMatrix()
     return bool(np.linalg.eigvalsh(matrix).min() > 0)
 
 
 def _named(parameters: Array) -> Array:
-    """Mass, centre of mass and inertia about it, as :data:`NAMES` has them, of Pinocchio's ten (10,)."""
+    """Mass, centre of mass and inertia about it, as :data:`NAMES` has them, of Pinocchio's ten (10,).
+
+    Of the four of a planar body, the four that :data:`PLANAR` names.
+    """
+    if parameters.size == len(PLANAR[0]):
+        mass, x, y, moment = parameters
+        return np.array([mass, x / mass, y / mass, moment - (x**2 + y**2) / mass])
     inertia = pin.Inertia.FromDynamicParameters(parameters)
     about = inertia.inertia
     products = [about[0, 1], about[0, 2], about[1, 2]]
@@ -422,7 +502,7 @@ def _named(parameters: Array) -> Array:
 
 
 def _slope(parameters: Array) -> Array:
-    """Derivative (10, 10) of the named quantities by Pinocchio's parameters."""
+    """Derivative (n, n) of the named quantities by Pinocchio's parameters (n,)."""
     steps = 1e-6 * np.diag(np.maximum(np.abs(parameters), 1e-3))
     ends = [(_named(parameters + step) - _named(parameters - step)) / (2 * step.max()) for step in steps]
     return np.array(ends).T

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 import spacerobot as sr
 from optim.identification import consistent, momentum_regressor
 from spacerobot.errors import SpaceRobotError
+from tests.oracles import one_arm
 
 
 def turn(vector, displacement):
@@ -89,6 +90,46 @@ def test_the_identified_object_is_saved_and_simulated_by_its_changes(tmp_path):
         moved().scene().model.inertias[scene.target.root_joint].toDynamicParameters(),
         atol=1e-4,
     )
+
+
+@pytest.fixture(scope="module")
+def planar(tmp_path_factory):
+    """An object carried on a circle in a plane, heavier than its URDF says and out of balance."""
+    file = one_arm.write(
+        tmp_path_factory.mktemp("planar"),
+        grasps={"left": {"tip": "arm/tip", "frame": "mate_1", "kind": "weld"}},
+    )
+    heavier = {"target.links.body.mass": 12, "target.links.body.com": [0.03, -0.02, 0]}
+    return file, sr.simulate(sr.load_scene(file, heavier), backend="interpreted")
+
+
+def test_of_a_planar_object_mass_centre_and_one_inertia_are_identified(planar, tmp_path):
+    file, result = planar
+    found, names = sr.identify(result), ("mass", "com_x", "com_y", "inertia_zz")
+    assert found.identified == names
+    assert [row[0].split()[0] for row in found.rows()] == list(names)
+    np.testing.assert_allclose(found.values, found.truth, atol=2e-5)
+    np.testing.assert_allclose(found.values[:3], [12, 0.03, -0.02], atol=1e-5)
+    noisy = [sr.identify(result, noise=sr.SensorNoise().scaled(0.1), seed=seed) for seed in range(8)]
+    own = [0, 1, 2, 6]
+    squares = np.array([((one.values - one.truth)[own] / one.deviations[own]) ** 2 for one in noisy])
+    assert 0.3 < squares.mean() < 2.3
+    noisy[0].save(tmp_path / "object.json")
+    again = sr.load(tmp_path / "object.json")
+    assert again.identified == names
+    changed = sr.load_scene(file, again.changes)
+    inertia = changed.model.inertias[changed.target.root_joint]
+    assert inertia.mass == again.values[0]
+    assert inertia.inertia[2, 2] == pytest.approx(again.values[6])
+
+
+def test_a_planar_body_that_cannot_be_is_moved_to_the_nearest():
+    possible = np.array([3.0, 0.3, 0.0, 0.1])
+    np.testing.assert_array_equal(consistent(possible, np.eye(4))[0], possible)
+    moved_to, moved_at_all = consistent(np.array([3.0, 0.6, 0.0, 0.0]), np.eye(4))  # less than m c^2
+    assert moved_at_all
+    assert moved_to[0] > 0
+    assert moved_to[3] * moved_to[0] >= moved_to[1] ** 2
 
 
 def test_what_no_body_can_have_is_moved_to_the_nearest():
