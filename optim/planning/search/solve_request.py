@@ -48,8 +48,9 @@ MOST_SEGMENTS = 40
 DRAWN = 2
 """Guesses that are drawn, at most, to leave a saddle point."""
 
-MANY, COARSER = 40, 4
-"""Intervals from which on a first mesh is solved from one that is coarser by a factor."""
+MANY, COARSER = 16, 4
+"""Intervals from which on a first mesh is solved from one that is coarser by a factor, where iterations cost
+less and links that collide are found."""
 STALL = "Stalled"
 STALLED_AT, STALLED = 20, 0.25
 """A search whose violation is above this share of its guess's after so many iterations is given up
@@ -119,11 +120,11 @@ class _SolverRuns:
         if self.kept is None:
             self.relaxed()
 
-    def clear(self) -> None:
+    def clear(self, *, only_warm: bool = False) -> None:
         """Solve again with keep-out zones for links that collide along what is kept, until none do.
 
         Most pairs never come near, so that a pair has a constraint only where a motion violates it. What was
-        found before is begun with, its multipliers too.
+        found before is begun with, its multipliers too. With ``only_warm`` nothing else is tried.
         """
         while self.kept is not None and self.kept[0] is not self.cleared:
             (solution, meshes), solver = self.kept, self.solver
@@ -141,7 +142,10 @@ class _SolverRuns:
                 near = dataclasses.replace(
                     found, solution=transfer_constrained(solution, *programs), apart=self.solver.apart
                 )
-            self.solve(near)
+            if only_warm and near is not None:
+                self.warm(near)
+            else:
+                self.solve(near)
 
     def cold(self) -> None:
         """Solve from a first guess, on the first mesh, and before on a coarser one where that is fine."""
@@ -155,10 +159,16 @@ class _SolverRuns:
                 if not found:
                     self.kept, self.cost = None, np.inf
                     self._guessed(wanted)
-        elif not self._guessed(self.solver.meshes(many // COARSER)) or not self._finer(wanted):
+        elif not self._coarsely(self.solver.meshes(many // COARSER)) or not self._finer(wanted):
             self.kept, self.cost = None, np.inf
             self._guessed(wanted)
         self._leave()
+
+    def _coarsely(self, meshes: Meshes) -> bool:
+        """Solve from a first guess on a coarse mesh, until no links collide there."""
+        if self._guessed(meshes):
+            self.clear(only_warm=True)
+        return self.kept is not None
 
     def _leave(self) -> None:
         """Solve from drawn guesses where the search ended at a saddle point, and keep what costs less.

@@ -135,11 +135,13 @@ def _instants(
     z: ca.SX, rows: Mapping[str, Parts], backend: str, *, derivatives: bool = True
 ) -> InstantFunctions:
     """Functions of rows of an instant (nz x 1)."""
-    functions, patterns = dict[str, ca.Function](), list[Pattern]()
+    # Sharing common parts of derivatives saves 5 % of their evaluation, and takes most of the time in which
+    # they are made: where a problem is interpreted, it is left to the values.
+    functions, patterns, share = dict[str, ca.Function](), list[Pattern](), backend != "interpreted"
     for prefix, (expression, found) in rows.items():
         symbols = symbols_of(found) if found else None
         if derivatives:
-            own, where = derived(z, expression, prefix, symbols)
+            own, where = derived(z, expression, prefix, symbols, share=share)
             functions |= own
             patterns += where
         else:
@@ -172,20 +174,21 @@ def _held(call: Callable[..., Array], rows: Mapping[str, Parts]) -> Callable[...
 
 
 def derived(
-    z: ca.SX, rows: ca.SX, prefix: str, held: ca.SX | None = None
+    z: ca.SX, rows: ca.SX, prefix: str, held: ca.SX | None = None, *, share: bool = True
 ) -> tuple[dict[str, ca.Function], list[Pattern]]:
     """Values and first and second derivatives of rows, and where the derivatives' entries stand.
 
     The functions are called with z, with the symbols that are held constant, if such are given, and the
-    second derivatives with weights of the rows.
+    second derivatives with weights of the rows. With ``share`` derivatives share their common parts, else
+    only those of the values.
     """
-    weights, given = ca.SX.sym("weights", rows.numel()), _inputs(z, held)
+    weights, given, rows = ca.SX.sym("weights", rows.numel()), _inputs(z, held), ca.cse(rows)
     jacobian = ca.jacobian(rows, z)
     hessian = ca.triu(ca.hessian(ca.dot(weights, rows), z)[0])
     functions = {
         f"{prefix}values": _function(f"{prefix}values", given, rows),
-        f"{prefix}jacobian": _function(f"{prefix}jacobian", given, _entries(jacobian)),
-        f"{prefix}hessian": _function(f"{prefix}hessian", [*given, weights], _entries(hessian)),
+        f"{prefix}jacobian": _function(f"{prefix}jacobian", given, _entries(jacobian), share=share),
+        f"{prefix}hessian": _function(f"{prefix}hessian", [*given, weights], _entries(hessian), share=share),
     }
     return functions, [_pattern(jacobian), _pattern(hessian)]
 
@@ -195,8 +198,8 @@ def _inputs(z: ca.SX, held: ca.SX | None) -> list[ca.SX]:
     return [z] if held is None else [z, held]
 
 
-def _function(name: str, inputs: list[ca.SX], output: ca.SX) -> ca.Function:
-    return ca.Function(name, inputs, [ca.densify(output)], {"cse": True})
+def _function(name: str, inputs: list[ca.SX], output: ca.SX, *, share: bool = True) -> ca.Function:
+    return ca.Function(name, inputs, [ca.densify(output)], {"cse": share})
 
 
 def _entries(matrix: ca.SX) -> ca.SX:

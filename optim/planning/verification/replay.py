@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -183,20 +184,12 @@ def steps_of(motion: Motion, backend: str = "auto") -> Callable[[int, Array, Arr
     backend
         ``auto``, ``compiled`` or ``interpreted``.
     """
-    loop = ReplayLoop.of(motion.problem.stage, motion.lobatto)
-    lengths, rollouts = motion.duration_s * motion.mesh.widths, dict[int, Rollout]()
+    lengths = motion.duration_s * motion.mesh.widths
 
     def step(n: int, state: Array, gains: Array) -> Array:
         """State at the end of an interval."""
         steps = max(4, math.ceil(lengths[n] / LONGEST_STEP))
-        if steps not in rollouts:
-            rollouts[steps] = build_rollout(
-                loop,
-                duration_s=1.0,
-                step_s=1 / steps,
-                output_step_s=1.0,
-                backend=backend,  # type: ignore[arg-type]
-            )
+        rollout = _rollout(motion.problem.stage, motion.lobatto, steps, backend)
         # joint positions where an interval begins; drive, joint rates and accelerations at its points
         driven, model = motion.problem.stage.driven, motion.problem.stage.scene.model
         own = slice(n * (motion.lobatto.points - 1), (n + 1) * (motion.lobatto.points - 1) + 1)
@@ -205,9 +198,24 @@ def steps_of(motion: Motion, backend: str = "auto") -> Callable[[int, Array, Arr
         first = [joint_angle(model.joints[joint], q[0]) for joint in driven.joints]
         interval = np.concatenate([first, u.ravel(), v[:, columns].ravel(), a[:, columns].ravel()])
         p = np.concatenate([state, [lengths[n]], gains, interval])
-        return np.array(rollouts[steps].run(p).state[-1])
+        return np.array(rollout.run(p).state[-1])
 
     return step
+
+
+_loop = functools.lru_cache(maxsize=4)(ReplayLoop.of)
+
+
+@functools.lru_cache(maxsize=8)
+def _rollout(stage: Stage, lobatto: Lobatto, steps: int, backend: str) -> Rollout:
+    """Rollout over an interval; all meshes and all segments of a plan share it."""
+    return build_rollout(
+        _loop(stage, lobatto),
+        duration_s=1.0,
+        step_s=1 / steps,
+        output_step_s=1.0,
+        backend=backend,  # type: ignore[arg-type]
+    )
 
 
 def joint_angle(joint: Any, q: Array) -> float:

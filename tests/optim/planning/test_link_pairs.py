@@ -52,6 +52,13 @@ def test_a_link_that_would_enter_the_target_stays_outside(reach):
     assert warm.iterations < 30
 
 
+def test_links_that_collide_on_a_coarse_mesh_are_kept_apart_before_a_finer_one_is_begun(reach):
+    planned = make_plan(reach(*CROSSED, ("plan.intervals", 16)), backend="interpreted")
+    assert [run.intervals for run in planned.runs] == [4, 4, 16]
+    assert planned.kept_apart == (("one/link_3", "target/body"),)
+    assert course_collisions(planned.phased_motion, link_pairs(planned.scene)) == []
+
+
 @pytest.mark.parametrize(
     ("changes", "there", "missing"),
     [

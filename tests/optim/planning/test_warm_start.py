@@ -170,7 +170,7 @@ def test_a_warm_start_from_a_file_takes_fewer_iterations_to_the_same_plan(reach,
     cold = make_plan(scene, backend="interpreted")
     warm = make_plan(scene, backend="interpreted", warm_start=folder / file)
     assert warm.cost == pytest.approx(cold.cost, rel=1e-6)
-    assert warm.runs[0].iterations <= most < cold.runs[0].iterations
+    assert warm.runs[0].iterations <= most < sum(run.iterations for run in cold.runs)
 
 
 @pytest.mark.parametrize(
