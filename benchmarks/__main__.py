@@ -28,6 +28,7 @@ from benchmarks import (
     plan_following,
     planning,
     process,
+    recording,
     rollouts,
     sampled,
     studio,
@@ -54,6 +55,7 @@ JOBS: dict[str, Callable[[], list[Row]]] = {
     "dockings": dockings.rows,
     "reach": lambda: [ddp.measured()],
     "page": page_frames.rows,
+    "recording": recording.rows,
     "studio": lambda: [*studio.rows(), *studio_page.rows()],
 }
 

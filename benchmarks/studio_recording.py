@@ -14,6 +14,7 @@ from PIL import Image
 from spacerobot.files import write_bytes
 from spacerobot.scene import load_scene
 from viz.browser import Browser, chromium
+from viz.record import palette_of
 from viz.studio.prepared_design import Origin
 from viz.studio.server import Studio
 
@@ -62,12 +63,6 @@ def _picture(browser: Browser) -> Image.Image:
     return picture.resize((WIDTH, WIDTH * SIZE[1] // SIZE[0]), Image.Resampling.LANCZOS)
 
 
-def _colours(picture: Image.Image, method: Image.Quantize, count: int) -> list[int]:
-    """Red, green and blue of a picture's colours, one after the other."""
-    found = picture.quantize(count, method=method).getpalette() or []
-    return (found + 3 * count * [0])[: 3 * count]
-
-
 def main() -> None:
     """Record, and write the file."""
     with tempfile.TemporaryDirectory() as folder, chromium() as browser:
@@ -75,9 +70,7 @@ def main() -> None:
             sys.exit("error: no Chromium on this computer")
         with Studio(Origin(load_scene("paper"), "paper"), Path(folder)) as studio:
             found = record(browser, studio.url)
-    palette = Image.new("P", (1, 1))
-    entries = [_colours(found[-1][0], method, count) for method, count in COLOURS.items()]
-    palette.putpalette([*entries[0], *entries[1]])
+    palette = palette_of(found[-1][0], COLOURS)
     frames = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture, _ in found]
     content = io.BytesIO()
     frames[0].save(

@@ -54,7 +54,7 @@ def page_pictures(
         file.write_text(page(payload), encoding="utf-8")
         browser.call("Page.enable")
         _resize(browser, width, height)
-        browser.call("Page.navigate", url=f"{file.as_uri()}#t=0&play=0&fine={int(level == FINE)}")
+        browser.call("Page.navigate", url=f"{file.as_uri()}#t=0&play=0&quality={level}")
         browser.wait_for(_READY)
         if browser.evaluate("document.body.classList.contains('blind')"):
             raise ResultError(

@@ -15,7 +15,7 @@ TARGET = Path(__file__).parents[1] / "docs" / "images" / "docking.gif"
 def main(target: Path = TARGET) -> None:
     """Write the picture."""
     result = simulate(load_scene("docking"))
-    write_recording(result, target, frames_per_s=8, speed=5, size_px=(720, 440))
+    write_recording(result, target, frames_per_s=5, speed=6, size_px=(480, 290))
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import io
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from numpy.typing import NDArray
 from PIL import Image
 
 from spacerobot.arrays import Array
@@ -50,7 +51,10 @@ WIDTH_IN = 6.4
 
 Progress = Callable[[str], None]
 T = TypeVar("T")
-_GIF_COLOURS = 128
+GIF_COLOURS = {Image.Quantize.MEDIANCUT: 48, Image.Quantize.MAXCOVERAGE: 32}
+"""Colours of a GIF by how they are chosen: frequent ones for surfaces, ones far apart for thin lines."""
+
+_UNSEEN = 12  # of 255, in each channel
 _LONGEST_S = 20
 _MP4_FILTERS = "pad=ceil(iw/2)*2:ceil(ih/2)*2,tpad=stop_mode=clone:stop_duration=1"
 _LONGEST_ARROW = 0.06  # as a share of the scene's size
@@ -240,8 +244,8 @@ class Frames:
 
 def _gif(pictures: Iterator[Image.Image], frames_per_s: float) -> bytes:
     """One palette for all frames, so that what stands still costs nothing."""
-    all_pictures = list(pictures)
-    palette = all_pictures[len(all_pictures) // 2].quantize(_GIF_COLOURS, method=Image.Quantize.MEDIANCUT)
+    all_pictures = list(_steady(pictures))
+    palette = palette_of(all_pictures[len(all_pictures) // 2], GIF_COLOURS)
     white = [255 if value >= 248 else value for value in palette.getpalette() or []]
     palette.putpalette(white)  # the background stays what the page around it is
     flat = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in all_pictures]
@@ -252,6 +256,28 @@ def _gif(pictures: Iterator[Image.Image], frames_per_s: float) -> bytes:
         buffer, "GIF", save_all=True, append_images=flat[1:], duration=durations, loop=0, optimize=True
     )
     return buffer.getvalue()
+
+
+def palette_of(picture: Image.Image, counts: Mapping[Image.Quantize, int]) -> Image.Image:
+    """Image with the palette of a picture's colours, so many chosen in each way."""
+    palette, found = Image.new("P", (1, 1)), list[int]()
+    for method, count in counts.items():
+        entries = picture.quantize(count, method=method).getpalette() or []
+        found += (entries + 3 * count * [0])[: 3 * count]
+    palette.putpalette(found)
+    return palette
+
+
+def _steady(pictures: Iterable[Image.Image]) -> Iterator[Image.Image]:
+    """Pictures in which what has hardly changed since it was last drawn, as by compression, stays."""
+    shown: NDArray[np.int16] | None = None
+    for picture in pictures:
+        now = np.asarray(picture).astype(np.int16)
+        if shown is not None:
+            same = (np.abs(now - shown) <= _UNSEEN).all(axis=2)
+            now[same] = shown[same]
+        shown = now
+        yield Image.fromarray(now.astype(np.uint8))
 
 
 def _ffmpeg(path: Path) -> str:

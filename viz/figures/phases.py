@@ -9,6 +9,7 @@ from typing import Any
 from matplotlib.axes import Axes
 
 from spacerobot.result import Result
+from spacerobot.result.events import WORDS
 
 _SHADE, _TEXT = "#F1F3F6", "#7A8794"
 _MARKS = {"captured": "#4F8F77", "released": "#8C96A0", "slipped": "#B05A4A"}
@@ -31,7 +32,7 @@ def mark_phases(axes: Axes, result: Result, *, named: bool = False) -> None:
     for kind, colour in _MARKS.items():
         times = {e["time_s"] for e in result.summary.get("events", ()) if e["kind"] == kind}
         for k, time in enumerate(sorted(times)):
-            label = ("broke away" if kind == "slipped" else kind) if named and k == 0 else None
+            label = WORDS.get(kind, kind) if named and k == 0 else None
             axes.axvline(time, color=colour, linewidth=0.9, linestyle=(0, (1, 1.5)), zorder=1, label=label)
 
 

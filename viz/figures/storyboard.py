@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from spacerobot.result import Result
+from spacerobot.result.events import what_happened
 from viz.figures.docking import strip
 from viz.figures.kind import figure
 from viz.figures.phases import phases_of
@@ -27,9 +28,7 @@ def chosen(result: Result, instants: int) -> tuple[list[float], list[str]]:
     """Times [s], ascending, and what happens at each; events first, then the middles of the longest gaps."""
     end = float(result.data.time.values[-1])
     events = [
-        (e["time_s"], f"{e['who']} {e['kind']}")
-        for e in result.summary.get("events", ())
-        if e["kind"] in _KINDS
+        (e["time_s"], what_happened(e)) for e in result.summary.get("events", ()) if e["kind"] in _KINDS
     ]
     events += [(begin, name) for name, begin, _ in phases_of(result)]
     found: dict[float, str] = {0.0: "", end: ""}

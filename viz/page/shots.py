@@ -17,7 +17,7 @@ from viz.page.meshcat_scene import rounded
 
 _LEAD, _TAIL = 0.14, 0.06  # of the whole duration: a close-up before and after a capture
 _TOGETHER = 0.02  # of it: captures that share a close-up
-_NEAR = 0.6  # half of a close-up, as a share of the smaller one's size of target and robot
+_NEAR = 0.4  # half of a close-up, as a share of the smaller one's size of target and robot
 _MOST = 0.2  # at most, as a share of the size of all that is shown then
 _LEAST = 0.07  # at least, as a share of the scene's over the whole motion
 

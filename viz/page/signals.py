@@ -64,12 +64,14 @@ class PlottedQuantity:
 def quantities(result: Result) -> list[PlottedQuantity]:
     """All signals of a result at all its times, by quantity; what it is about comes first.
 
-    That is the tip error; where nothing leads a tip the errors of bases, the orbit, and the momentum.
+    That is the tip error; where nothing leads a tip the errors of bases, the orbit, and the momentum. A
+    body that is alone exchanges no momentum and may be the orbit's origin: its rotation precedes them.
     """
-    momenta, errors, orbit = _momenta(result), _base_errors(result), _orbit(result)
-    first = _tip_errors(result) or [*errors, *orbit, *momenta]
+    momenta, errors, orbit, bodies = (of(result) for of in (_momenta, _base_errors, _orbit, _bodies))
+    alone = bodies if result.data.sizes["body"] == 1 else []
+    first = _tip_errors(result) or [*errors, *alone, *orbit, *momenta]
     found = [*first, *_tips(result), *_grasps(result), *_contacts(result), *_joints(result)]
-    found += [*_bodies(result), *momenta, *_wheels(result), *errors, *_thrusters(result), *orbit]
+    found += [*bodies, *momenta, *_wheels(result), *errors, *_thrusters(result), *orbit]
     found += [*_energies(result), *_declared(result)]
     by_title = {quantity.title: quantity for quantity in found if quantity.signals}
     return list(by_title.values())

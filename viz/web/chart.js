@@ -3,7 +3,7 @@ import { EVENT_COLOURS, PHASE_COLOURS } from "./events.js";
 import { amount, button, digits, element, floats, mark } from "./format.js";
 import { divider } from "./divider.js";
 import { plotIn, stroked } from "./uplot_plot.js";
-import { inked, strokeOf } from "./theme.js";
+import { inked, isLight, strokeOf } from "./theme.js";
 
 const DECADES = 6; // that a logarithmic panel shows at most
 const SIGNAL = "application/x-spacerobot-signal";
@@ -279,7 +279,7 @@ export class Chart {
   ground({ ctx: pen, bbox: { left, top, width, height }, valToPos }) {
     const at = (time) => Math.min(left + width, Math.max(left, valToPos(time, "x", true)));
     this.marked.phases.forEach(([, begin, end], k) => {
-      pen.fillStyle = `${PHASE_COLOURS[k % 2]}4d`;
+      pen.fillStyle = `${PHASE_COLOURS[k % 2]}${isLight() ? "1f" : "4d"}`;
       pen.fillRect(at(begin), top, at(end) - at(begin), height);
     });
   }

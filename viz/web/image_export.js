@@ -13,16 +13,16 @@ export class Camera {
     this.labels = labels;
     this.seek = seek;
     this.words = words;
+    this.canvas = element("canvas");
   }
 
-  // What the pane shows now, as a canvas ``width`` wide.
+  // What the pane shows now, as a canvas ``width`` wide; the next picture is drawn on the same one.
   take(width) {
-    const drawn = this.scene.render(), { clientWidth, clientHeight } = this.scene.pane;
-    const canvas = element("canvas"), ratio = width / clientWidth;
-    canvas.width = Math.round(width);
-    canvas.height = Math.round(clientHeight * ratio);
+    const drawn = this.scene.render(), { clientWidth, clientHeight } = this.scene.pane, { canvas } = this;
+    const ratio = width / clientWidth, size = [Math.round(width), Math.round(clientHeight * ratio)];
+    if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
     const pen = canvas.getContext("2d", { willReadFrequently: true });
-    pen.scale(ratio, ratio);
+    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     pen.drawImage(drawn, 0, 0, clientWidth, clientHeight);
     const letters = 12 / Math.min(1, ratio); // px of the pane: never smaller in the picture than on the page
     this.labels.draw(pen, letters);

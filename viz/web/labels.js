@@ -1,6 +1,7 @@
 // Names of bodies in the scene, and of runs below them.
 import { Eye } from "./camera.js";
 import { element } from "./format.js";
+import { boxesOf } from "./shapes.js";
 import { THREE } from "./three.js";
 
 export function called(body) {
@@ -23,18 +24,10 @@ export class Labels {
   load(runs) {
     runs = runs.filter(({ data }) => !data.pale);
     this.bodies = runs.flatMap((run) => run.data.nodes.flatMap((node, k) => (
-      node.base ? [{ object: run.nodes[k], span: element("span", called(node.body), "name"), above: this.radius(node) }] : []
+      node.base ? [{ object: run.nodes[k], span: element("span", called(node.body), "name"), ...boxesOf(run.nodes[k]), above: node.body === "target" }] : []
     )));
     this.feet = runs.length > 1 ? runs.map((run) => element("span", run.data.label)) : [];
     this.root.replaceChildren(...this.bodies.map(({ span }) => span), ...this.feet);
-  }
-
-  // An object's name stands above it and hides nothing; a robot's stands on its base.
-  radius(node) {
-    if (node.body !== "target" || !node.solids.length) return 0;
-    return Math.max(...node.solids.map(({ kind, size }) => (
-      kind === "box" ? Math.hypot(...size) / 2 : kind === "mesh" ? 0 : Math.max(...size)
-    )));
   }
 
   // Names as the page shows them, onto a picture of the pane, in letters so many px high.
@@ -54,18 +47,23 @@ export class Labels {
   }
 
   place(camera, pane, boxes, planar, { names, beside }) {
-    const wide = pane.clientWidth, tall = pane.clientHeight, at = new THREE.Vector3();
+    const wide = pane.clientWidth, tall = pane.clientHeight, at = new THREE.Vector3(), corner = new THREE.Vector3();
     const put = (span, x, y, visible) => {
+      const half = 4 * span.textContent.length + 8; // px, about
       span.hidden = !visible || x < 0 || x > wide;
-      span.style.left = `${x}px`;
+      span.style.left = `${Math.max(half, Math.min(wide - half, x))}px`;
       span.style.top = `${Math.max(4, Math.min(tall - 24, y))}px`;
     };
-    for (const { object, span, above } of this.bodies) {
-      object.getWorldPosition(at);
-      const perMetre = tall / (2 * at.distanceTo(camera.position) * Math.tan((camera.fov * Math.PI) / 360));
-      at.project(camera);
-      const lift = above ? above * perMetre + 20 : 10;
-      put(span, ((at.x + 1) / 2) * wide, ((1 - at.y) / 2) * tall - lift, names && at.z < 1 && Math.abs(at.y) < 1);
+    // a robot's name stands on the largest part of its base, an object's above it, and hides nothing
+    for (const { object, span, main, box: { min, max }, above } of this.bodies) {
+      object.updateWorldMatrix(true, false);
+      object.localToWorld(main.getCenter(at)).project(camera);
+      let top = at.y;
+      for (let k = 0; above && k < 8; k++) {
+        corner.set(k & 1 ? max.x : min.x, k & 2 ? max.y : min.y, k & 4 ? max.z : min.z);
+        top = Math.max(top, object.localToWorld(corner).project(camera).y);
+      }
+      put(span, ((at.x + 1) / 2) * wide, ((1 - top) / 2) * tall - (above ? 24 : 10), names && at.z < 1 && Math.abs(at.y) < 1);
     }
     this.feet.forEach((span, k) => {
       const [low, high] = boxes[k], foot = planar ? [low[1], 0] : [(low[1] + high[1]) / 2, low[2]];

@@ -15,6 +15,7 @@ if (payload.live) follow();
 Object.assign(window, { spacerobotFilm: {
   begin: (level) => player.stage(level),
   level: (level) => { player.scene.quality.fixed = level; player.scene.quality.tick(0, false); },
+  shown: () => player.scene.quality.applied,
   draw: (time) => {
     player.timeline.seek(time);
     const view = player.scene.render().getContext("webgl2");

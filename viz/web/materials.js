@@ -7,6 +7,7 @@ const LOOKS = {
   paint: { roughness: 0.5, metalness: 0 }, metal: { roughness: 0.4, metalness: 0.8 },
   foil: { roughness: 0.34, metalness: 0.75 }, solar: { roughness: 0.3, metalness: 0.45 },
 };
+const PLAIN = { foil: () => crinkles(true), solar: cells }; // textures without gloss, cheap for a processor to look up
 const drawn = {};
 
 // The renderer writes sRGB and works in linear light: colours as they are meant on the screen, for it.
@@ -41,8 +42,8 @@ export function shadeSurface(mesh, glossy) {
   if (material.userData.metalness === undefined || Boolean(material.isMeshStandardMaterial) === glossy) return;
   const { color, map, vertexColors, opacity, transparent, side, polygonOffset, polygonOffsetFactor, polygonOffsetUnits, userData } = material, { finish } = userData;
   const own = { color, vertexColors, opacity, transparent, side, polygonOffset, polygonOffsetFactor, polygonOffsetUnits };
-  if (glossy) mesh.material = new THREE.MeshStandardMaterial({ ...own, ...LOOKS[finish], map: finish === "foil" ? null : map });
-  else mesh.material = new THREE.MeshLambertMaterial({ ...own, map: finish === "foil" ? once("facets", () => crinkles(true)) : map });
+  if (glossy) mesh.material = new THREE.MeshStandardMaterial({ ...own, ...LOOKS[finish], map: finish === "solar" ? once("cells", cells) : finish === "foil" ? null : map });
+  else mesh.material = new THREE.MeshLambertMaterial({ ...own, map: PLAIN[finish] ? once(`plain ${finish}`, () => Object.assign(PLAIN[finish](), { anisotropy: 1, minFilter: THREE.LinearMipmapNearestFilter })) : map });
   mesh.material.userData = userData;
   material.dispose();
 }
@@ -116,18 +117,21 @@ export function scattered(seed) {
 
 // Normals of a foil that was folded flat again: plane facets around scattered points, each tilted its own way; or their brightness.
 function crinkles(bright = false) {
-  const next = scattered(7), facets = Array.from({ length: 260 }, () => [next(), next(), next() - 0.5, next() - 0.5]);
+  const next = scattered(7), facets = Float64Array.from({ length: 4 * 260 }, (_, k) => next() - (k % 4 < 2 ? 0 : 0.5)); // x, y, two tilts each
   return canvasTexture(PIXELS, PIXELS, (pen) => {
     const picture = pen.createImageData(PIXELS, PIXELS);
     for (let i = 0; i < PIXELS * PIXELS; i++) {
-      const [x, y] = [(i % PIXELS) / PIXELS, Math.floor(i / PIXELS) / PIXELS];
-      let least = 9, own = facets[0];
-      for (const facet of facets) {
-        const [dx, dy] = [Math.abs(x - facet[0]), Math.abs(y - facet[1])], off = Math.min(dx, 1 - dx) ** 2 + Math.min(dy, 1 - dy) ** 2;
-        if (off < least) [least, own] = [off, facet];
+      const x = (i % PIXELS) / PIXELS, y = Math.floor(i / PIXELS) / PIXELS;
+      let least = 9, own = 0;
+      for (let k = 0; k < facets.length; k += 4) {
+        let dx = Math.abs(x - facets[k]), dy = Math.abs(y - facets[k + 1]);
+        if (dx > 0.5) dx = 1 - dx; // the tile repeats
+        if (dy > 0.5) dy = 1 - dy;
+        const off = dx * dx + dy * dy;
+        if (off < least) { least = off; own = k; }
       }
-      const grey = 205 + 95 * own[2];
-      picture.data.set(bright ? [grey, grey, grey, 255] : [128 + 120 * own[2], 128 + 120 * own[3], 232, 255], 4 * i);
+      const grey = 205 + 95 * facets[own + 2];
+      picture.data.set(bright ? [grey, grey, grey, 255] : [128 + 120 * facets[own + 2], 128 + 120 * facets[own + 3], 232, 255], 4 * i);
     }
     pen.putImageData(picture, 0, 0);
   });

@@ -11,6 +11,7 @@ import { Magnifier } from "./error_magnifier.js";
 import { SignalPicker } from "./signal_picker.js";
 import { Camera, save, saveText } from "./image_export.js";
 import { Portrait } from "./phase_portrait.js";
+import { fixedLevel } from "./quality.js";
 import { Readout } from "./readout.js";
 import { Scene } from "./scene.js";
 import { cloudOf } from "./shapes.js";
@@ -215,6 +216,7 @@ export class Player {
   }
 
   tick(now) {
+    if (this.staged) return; // each picture is asked for
     requestAnimationFrame((next) => this.tick(next));
     const pane = $("pane"), size = `${pane.clientWidth} ${pane.clientHeight}`;
     if (size !== this.size) {
@@ -259,6 +261,7 @@ export class Player {
     document.body.classList.add("film");
     this.filming = this.staged = true;
     this.scene.viewer.renderer.domElement.remove(); // its pictures are taken, not shown
+    this.scene.viewer.animate = () => {};
     this.timeline.pause();
     this.scene.quality.fixed = level;
     this.scene.quality.tick(0, false);
@@ -324,7 +327,7 @@ export class Player {
   state() {
     const { scene, timeline } = this, pose = scene.eye.pose;
     return [
-      ["t", timeline.time.toFixed(3)], ["play", timeline.playing ? "1" : ""],
+      ["t", timeline.time.toFixed(3)], ["play", timeline.playing ? "1" : ""], ["quality", scene.quality.fixed < 0 ? "" : String(scene.quality.fixed)],
       ["speed", timeline.speed === 1 ? "" : String(timeline.speed)],
       ["arrange", scene.over ? "over" : ""], ["look", scene.near ? "near" : scene.auto || !this.payload?.shots?.length ? "" : "all"], ["follow", scene.followed],
       ["signals", this.signals.text], ["scheme", chosenScheme()], ["names", this.signals.full ? "full" : ""], ["phase", this.portrait.text], ["layers", this.legend.text],
@@ -344,6 +347,7 @@ export class Player {
       for (const [layer] of LAYERS) scene.show(layer);
       this.magnifier.show(this.legend.shown.magnifier);
     }
+    if (wanted.has("quality")) scene.quality.fixed = fixedLevel(`#${wanted}`);
     if (wanted.has("arrange")) scene.lay(wanted.get("arrange") === "over");
     if (wanted.has("look")) scene.look(wanted.get("look") || "auto");
     if (wanted.has("signals")) { this.signals.text = wanted.get("signals"); this.picked(); }

@@ -12,15 +12,21 @@ export const LEVELS = [
 ];
 const SLOW_MS = 45, WINDOW = 10, REST_MS = 500; // 45 ms: more than 20 pictures a second
 
+// The level that an address asks for by ``quality=``; -1 where it asks for none, and what is drawn adapts itself.
+export function fixedLevel(hash) {
+  const level = Number(new URLSearchParams(hash.slice(1)).get("quality") || NaN);
+  return level in LEVELS ? level : -1;
+}
+
 export class Quality {
   // ``apply`` hears the level; ``software``: whether a processor draws, which cannot keep up with the finest levels.
   constructor(apply, software) {
     this.apply = apply;
     this.level = software ? 2 : 0;
-    this.applied = 0;
+    this.fixed = fixedLevel(location.hash); // or the level of a recording, which waits for each of its pictures
+    this.applied = this.fixed >= 0 ? this.fixed : this.level;
     this.times = [];
-    this.moved = -REST_MS;
-    this.fixed = -1; // the level of a recording, which waits for each of its pictures
+    this.moved = performance.now(); // a page opens at the level at which it will move
   }
 
   // A frame begins, ``now`` [ms]; ``moving``: whether the next will differ.

@@ -1,7 +1,7 @@
 // One run in the scene: bodies, ghosts, paths, forces, at any time.
 import { floats, locate } from "./format.js";
 import { paint } from "./materials.js";
-import { COLOURS, arrow, ball, dye, flywheel, ghostOf, middleOf, overlay, plume, setPose, surfaces, tipColour, triad } from "./shapes.js";
+import { COLOURS, arrow, ball, boxesOf, dye, flywheel, ghostOf, overlay, plume, setPose, surfaces, tipColour, triad } from "./shapes.js";
 import { THREE } from "./three.js";
 import { grow, tube, tubeGeometry } from "./tubes.js";
 
@@ -153,7 +153,7 @@ export class Run {
     const { nodes, axes } = this.data.wheels, radius = 0.026 * this.scale, up = new THREE.Vector3(0, 0, 1);
     this.wheels = axes.map((axis, k) => {
       const base = this.nodes[nodes[k]], shown = flywheel(radius), along = new THREE.Vector3(...axis);
-      shown.position.copy(middleOf(base)).addScaledVector(along, 2.2 * radius);
+      boxesOf(base).box.getCenter(shown.position).addScaledVector(along, 2.2 * radius);
       shown.quaternion.setFromUnitVectors(up, along);
       this.layers.wheels.push(shown);
       base.add(shown);

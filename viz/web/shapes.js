@@ -212,15 +212,18 @@ export function flywheel(radius) {
   return group;
 }
 
-// Of what a body shows, in its own frame.
-export function middleOf(node) {
-  const box = new THREE.Box3();
+// Around what a body shows, in its own frame, and around its largest part.
+export function boxesOf(node) {
+  const box = new THREE.Box3(), none = new THREE.Box3(new THREE.Vector3(), new THREE.Vector3()), size = new THREE.Vector3();
+  let [main, most] = [none, -1];
   for (const { geometry, matrix, userData } of node.children) {
     if (!userData.colours) continue; // neither axes nor names
     geometry.computeBoundingBox();
-    box.union(geometry.boundingBox.clone().applyMatrix4(matrix));
+    const own = geometry.boundingBox.clone().applyMatrix4(matrix), volume = own.getSize(size).x * size.y * size.z;
+    if (volume > most) [main, most] = [own, volume];
+    box.union(own);
   }
-  return box.isEmpty() ? new THREE.Vector3() : box.getCenter(new THREE.Vector3());
+  return { box: box.isEmpty() ? none : box, main };
 }
 
 export function ball(radius, colour, order) {

@@ -5,6 +5,7 @@ import { THREE } from "./three.js";
 
 const STARS = 1600, PICTURE = 1024; // px of the planet's face
 const FAR = 0.5; // of the farthest that the camera sees: there the sky is
+const SEA = [10, 36, 84], GREEN = [52, 74, 38], DRY = [142, 112, 70]; // of the planet, sRGB
 const DARK = "#05070b", STUDIO = "#1d2733";
 
 export class Space {
@@ -134,20 +135,22 @@ function face(opening) {
   canvas.width = canvas.height = PICTURE;
   const picture = pen.createImageData(PICTURE, PICTURE);
   for (let i = 0; i < PICTURE * PICTURE; i++) {
-    const [u, v] = [(2 * (i % PICTURE)) / PICTURE - 1, (2 * Math.floor(i / PICTURE)) / PICTURE - 1], off = Math.hypot(u, v) * opening, s = Math.sin(off) / (Math.hypot(u, v) || 1);
-    const [x, y, z] = [s * u, Math.cos(off), s * v].map((c) => c * fine + 5);
-    const height = clouded(1.1 * x, 1.1 * y, 1.1 * z, 6), dry = clouded(2 * x + 9, 2 * y, 2 * z, 3), warp = 1.2 * clouded(1.3 * x, y + 4, 1.3 * z, 3);
-    const land = step(0.5, 0.53, height), cloud = step(0.5, 0.78, clouded(3.4 * x + warp, 3.4 * y + warp, 3.4 * z, 6));
-    const ground = [0, 1, 2].map((c) => [10, 36, 84][c] * (1 - land) + land * ([52, 74, 38][c] * (1 - dry) + [142, 112, 70][c] * dry));
-    picture.data.set([...ground.map((c) => c + cloud * (238 - c)), 255], 4 * i);
+    const u = (2 * (i % PICTURE)) / PICTURE - 1, v = (2 * Math.floor(i / PICTURE)) / PICTURE - 1, out = Math.hypot(u, v), s = (Math.sin(out * opening) / (out || 1)) * fine;
+    const x = s * u + 5, y = Math.cos(out * opening) * fine + 5, z = s * v + 5, warp = 1.2 * clouded(1.3 * x, y + 4, 1.3 * z, 3);
+    const land = step(0.5, 0.53, clouded(1.1 * x, 1.1 * y, 1.1 * z, 6)), cloud = step(0.5, 0.78, clouded(3.4 * x + warp, 3.4 * y + warp, 3.4 * z, 6));
+    const dry = land > 0 ? clouded(2 * x + 9, 2 * y, 2 * z, 3) : 0;
+    for (let c = 0; c < 3; c++) {
+      const ground = SEA[c] * (1 - land) + land * (GREEN[c] * (1 - dry) + DRY[c] * dry);
+      picture.data[4 * i + c] = ground + cloud * (238 - ground);
+    }
+    picture.data[4 * i + 3] = 255;
   }
   pen.putImageData(picture, 0, 0);
   return new THREE.CanvasTexture(canvas);
 }
 
 function step(low, high, v) {
-  const t = Math.min(1, Math.max(0, (v - low) / (high - low)));
-  return t * t * (3 - 2 * t);
+  return faded(Math.min(1, Math.max(0, (v - low) / (high - low))));
 }
 
 // Noise of several octaves, 0 to 1.
@@ -157,13 +160,24 @@ function clouded(x, y, z, octaves) {
   return sum / (1 - size * 2) || 0;
 }
 
-function noise(x, y, z) {
-  const [i, j, k] = [Math.floor(x), Math.floor(y), Math.floor(z)], fade = (t) => t * t * (3 - 2 * t), [a, b, c] = [fade(x - i), fade(y - j), fade(z - k)];
-  const at = (l, m, n) => {
-    let h = Math.imul(l, 374761393) + Math.imul(m, 668265263) + Math.imul(n, 1274126177);
-    h = Math.imul(h ^ (h >>> 13), 1274126177);
-    return ((h ^ (h >>> 16)) >>> 0) / 4294967296;
-  };
-  const line = (m, n) => at(i, m, n) + a * (at(i + 1, m, n) - at(i, m, n)), plane = (n) => line(j, n) + b * (line(j + 1, n) - line(j, n));
-  return plane(k) + c * (plane(k + 1) - plane(k));
+// At a corner of a grid.
+function corner(l, m, n) {
+  let h = Math.imul(l, 374761393) + Math.imul(m, 668265263) + Math.imul(n, 1274126177);
+  h = Math.imul(h ^ (h >>> 13), 1274126177);
+  return ((h ^ (h >>> 16)) >>> 0) / 4294967296;
 }
+
+// Between two corners along the first axis.
+function edge(i, j, k, a) {
+  const from = corner(i, j, k);
+  return from + a * (corner(i + 1, j, k) - from);
+}
+
+function noise(x, y, z) {
+  const i = Math.floor(x), j = Math.floor(y), k = Math.floor(z), a = faded(x - i), b = faded(y - j), c = faded(z - k);
+  const low = edge(i, j, k, a), high = edge(i, j, k + 1, a);
+  const near = low + b * (edge(i, j + 1, k, a) - low), far = high + b * (edge(i, j + 1, k + 1, a) - high);
+  return near + c * (far - near);
+}
+
+function faded(t) { return t * t * (3 - 2 * t); }

@@ -19,7 +19,7 @@ from tests.oracles import one_arm
 from tests.oracles.free_bodies import FLAT, free_bodies
 from viz.drawing.motion import pick_rows, scene_nodes
 from viz.figures import draw_all, figure_kinds
-from viz.page.animation import animation
+from viz.page.animation import FRAMES_PER_S, MOST_FRAMES, animation
 from viz.page.campaign_spread import CampaignSpread
 from viz.page.meshcat_scene import packed
 from viz.page.page import animation_page, json_text, meshcat_script, write_animation
@@ -204,6 +204,15 @@ def test_spatial_scene_and_scripts_in_names_are_harmless(browser, spatial, tmp_p
 def test_size_is_a_megabyte_and_a_half_for_ten_seconds(paper, tmp_path):
     write_animation(paper, tmp_path / "page.html")
     assert 0.9e6 < (tmp_path / "page.html").stat().st_size < 1.7e6
+
+
+def test_pages_without_meshes_stay_below_4_megabytes(paper):
+    """Of a rollout that is too long for every frame to be shown, of two arms with eight links each."""
+    rows = np.arange(2 * MOST_FRAMES) % paper.data.sizes["time"]
+    time = np.arange(len(rows)) / FRAMES_PER_S
+    data = paper.data.isel(time=rows).assign_coords(time=time)
+    text = animation_page(Result(paper.scenario, data, paper.summary))
+    assert 2e6 < len(text) < 4e6
 
 
 def test_poses_are_the_results(paper):

@@ -122,3 +122,10 @@ def test_a_storyboard_has_the_instants_of_events(docked):
     assert times == sorted(times)
     assert words[times.index(capture)].endswith("captured")
     assert (times[0], times[-1]) == (0, docked.array("time")[-1])
+
+
+def test_a_storyboard_says_that_a_grasp_broke_away(docked):
+    (captured,) = (event for event in docked.summary["events"] if event["kind"] == "captured")
+    lost = captured | {"time_s": docked.array("time")[-1] / 2, "kind": "slipped"}
+    _, words = chosen(Result(docked.scenario, docked.data, docked.summary | {"events": [captured, lost]}), 4)
+    assert words[1:3] == ["left captured", "left broke away"]

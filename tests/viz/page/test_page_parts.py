@@ -330,6 +330,17 @@ def test_a_result_without_events_has_no_strip(shown, paper):
     assert shown(paper).evaluate("document.getElementById('events').hidden")
 
 
+def test_how_finely_the_scene_is_drawn_is_fixed_by_the_address(shown, paper):
+    pixels = "document.querySelector('#pane canvas').width / document.getElementById('pane').clientWidth"
+    page = shown(paper, fragment="#t=1&play=0&quality=4")
+    page.drawn()
+    assert page.evaluate(f"[{pixels}, spacerobotFilm.shown()]") == [pytest.approx(0.75, abs=0.01), 4]
+    page.evaluate("location.hash = '#t=1&play=0&quality=3'")
+    page.wait_for(f"{pixels} === 1 && spacerobotFilm.shown() === 3")
+    page.evaluate("document.getElementById('scheme').click()")
+    page.wait_for("location.hash.includes('scheme=') && location.hash.includes('quality=3')")
+
+
 def test_a_link_is_followed_although_the_address_was_written_anew_since(shown, paper):
     page = shown(paper, fragment="#t=1&play=0")
     page.evaluate("location.hash = '#t=4&play=0'; history.replaceState(null, '', '#t=1&play=0')")

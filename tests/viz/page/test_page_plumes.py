@@ -10,6 +10,7 @@ from viz.figures.collect import draw_all
 from viz.page.animation import animation
 from viz.page.page import animation_page
 from viz.page.planet import planet_data
+from viz.page.signals import quantities
 from viz.record import frames
 
 NOZZLES = {
@@ -110,6 +111,19 @@ def test_where_nothing_leads_a_tip_bases_come_first_and_no_tip_error_is_shown(fi
         "tip reference",
     }
     assert not {"tip_paths", "tip_errors"} & {name for name, *_ in draw_all(unled)}
+
+
+def test_the_rotation_of_a_body_that_is_alone_comes_first(fired):
+    """It is its orbit's origin and exchanges momentum with nothing: those curves would be straight."""
+    alone = fired.data.isel(body=[0])
+    lone = Result(fired.scenario, alone, {**fired.summary, "unled_tips": ["one/tip", "two/tip"]})
+    titles = [quantity.title for quantity in quantities(lone)]
+    assert titles[:3] == [
+        "attitude error of bases by axis",
+        "rotation since the start",
+        "translation since the start",
+    ]
+    assert titles.index("position in Hill axes") > 2
 
 
 def test_the_planet_is_where_the_orbit_has_it(fired):
