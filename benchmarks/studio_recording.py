@@ -14,7 +14,7 @@ from PIL import Image
 from spacerobot.files import write_bytes
 from spacerobot.scene import load_scene
 from viz.browser import Browser, chromium
-from viz.record import palette_of
+from viz.record import palette_of, steady
 from viz.studio.prepared_design import Origin
 from viz.studio.server import Studio
 
@@ -71,7 +71,8 @@ def main() -> None:
         with Studio(Origin(load_scene("paper"), "paper"), Path(folder)) as studio:
             found = record(browser, studio.url)
     palette = palette_of(found[-1][0], COLOURS)
-    frames = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture, _ in found]
+    pictures = steady(picture for picture, _ in found)
+    frames = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     content = io.BytesIO()
     frames[0].save(
         content,

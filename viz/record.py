@@ -244,7 +244,7 @@ class Frames:
 
 def _gif(pictures: Iterator[Image.Image], frames_per_s: float) -> bytes:
     """One palette for all frames, so that what stands still costs nothing."""
-    all_pictures = list(_steady(pictures))
+    all_pictures = list(steady(pictures))
     palette = palette_of(all_pictures[len(all_pictures) // 2], GIF_COLOURS)
     white = [255 if value >= 248 else value for value in palette.getpalette() or []]
     palette.putpalette(white)  # the background stays what the page around it is
@@ -268,7 +268,7 @@ def palette_of(picture: Image.Image, counts: Mapping[Image.Quantize, int]) -> Im
     return palette
 
 
-def _steady(pictures: Iterable[Image.Image]) -> Iterator[Image.Image]:
+def steady(pictures: Iterable[Image.Image]) -> Iterator[Image.Image]:
     """Pictures in which what has hardly changed since it was last drawn, as by compression, stays."""
     shown: NDArray[np.int16] | None = None
     for picture in pictures:

@@ -24,7 +24,7 @@ export class Magnifier {
       }
     }
     this.greatest = greatest;
-    this.useful = greatest > 1e-9;
+    this.useful = greatest > 1e-6; // m
     this.ring = this.useful ? niceStep(greatest / 2.2) : 1;
   }
 
