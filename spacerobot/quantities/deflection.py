@@ -46,6 +46,6 @@ QUANTITIES = (
         of_modes,
         limit="modal_coordinate",
         absent="no flexible link of this scene is of kind modes",
-        symbol="M",
+        symbol="V",
     ),
 )

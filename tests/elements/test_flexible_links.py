@@ -346,6 +346,23 @@ def test_shapes_are_cut_at_the_hinges():
     np.testing.assert_allclose(centres, np.array([1 / 8, 1 / 2, 7 / 8]) * LENGTH)
 
 
+def test_shapes_of_an_appendage_move_with_its_first_mode():
+    rows = [[0, 0, 4.0, 9.0, 0, 0], [3.5, 0, 0, 0, 0, -8.0]]
+    own = {"mass": 30.0, "com": [0, 2, 0], "inertia": [12, 1, 12, 0, 0, 0], "size": [1, 4, 0.05]}
+    two = {"frequencies": [0.3, 0.5], "damping": [0, 0], "participation": rows}
+    description = scene_of(PANEL | own | two | {"link": "hub"}).bodies[0].description
+    links = {link.name: link for link in description.links}
+    assert [len(links[name].visuals) for name in ("own", "own_mode_1", "own_mode_2")] == [0, 1, 0]
+    joint = next(joint for joint in description.joints if joint.name == "own_mode_1")
+    placement = joint.origin @ links["own_mode_1"].visuals[0].placement
+    np.testing.assert_allclose(placement[:3, 3], [0, 2, 0], atol=1e-12)
+    whole = {
+        link.name: link
+        for link in scene_of(PANEL | {"participation": [[1.0, 0, 0, 0, 0, 0]]}).bodies[0].description.links
+    }
+    assert len(whole["beam"].visuals) == 1  # it carries a frame
+
+
 @pytest.mark.parametrize(
     ("flexible", "told"),
     [

@@ -111,7 +111,8 @@ def _add_body(root: Tree, scene: Scene, body: SceneBody) -> None:
     for name, mount in getattr(body.config, "mounts", {}).items():
         where = mount.link or body.description.root
         branch.add(escape(f"{name}_ mounted on {where}: {mount.urdf.rpartition('/')[2]}"))
-    chain = branch.add(f"{len(body.joints)} joints") if body.joints else branch
+    count = len(body.joints) - len(body.passive)
+    chain = branch.add(f"{count} joints") if count else branch
     by_name = {joint.name: joint for joint in body.description.joints}
     bends = {body.joint_name(scene.model, joint) for joint in body.passive}
     for name, flexible in body.config.flexible.items():

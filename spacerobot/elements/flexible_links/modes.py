@@ -169,7 +169,7 @@ class FlexibleModes(FlexibleLink):
         return {f"{name}_mode_{i}": (modal_body(row, radius), at) for i, row in rows}
 
     def expanded(self, description: Description, name: str) -> Description:
-        """A joint and a body for each mode; what is drawn of the appendage moves with the first one."""
+        """A joint and a body for each mode; shapes of a link that carries none move with the first one."""
         carrier = find_link(description, self.link)
         if self.mass is not None:
             xx, yy, zz, xy, xz, yz = self.inertia
@@ -181,7 +181,9 @@ class FlexibleModes(FlexibleLink):
             weld = UrdfJoint(f"{name}_mount", "fixed", carrier.name, name, at, x)
             description = extended(description, [], [own], [weld], name)
             carrier = own
-        links, joints, visuals = list[UrdfLink](), list[UrdfJoint](), carrier.visuals
+        links, joints = list[UrdfLink](), list[UrdfJoint]()
+        carries = any(joint.parent == carrier.name for joint in description.joints)
+        visuals = () if carries else carrier.visuals
         for joint, (body, at) in self._bodies(description, name).items():
             rest = frozen(at @ translation(body.origin))
             back = np.linalg.inv(rest)
@@ -194,7 +196,7 @@ class FlexibleModes(FlexibleLink):
             )
             links.append(UrdfLink(joint, body.mass, com, inertia, shapes, (), borrowed))
             joints.append(spring_joint(joint, body.kind, (carrier.name, joint), rest, body.axis))
-        still = replace(carrier, visuals=())
+        still = carrier if carries else replace(carrier, visuals=())
         return extended(description, [still], links, joints, self.model_dump_json())
 
     def springs(
