@@ -97,14 +97,8 @@ class NoiseRule(Protocol):
         """All numbers (n,)."""
 
 
-class ClosedLoopFunctions(Protocol):
-    """A closed loop as SX functions without free variables.
-
-    The state is x = (q, v, z): Pinocchio's configuration and velocity, and the states of controllers.
-
-    Where it has events, its motion is hybrid: smooth between them, by switches that are constant there. What
-    an event remembers (when it was, what was measured) is a state whose derivative is zero.
-    """
+class LoopParameters(Protocol):
+    """Names and numbers of a closed loop."""
 
     @property
     def parameter_paths(self) -> tuple[str, ...]:
@@ -117,6 +111,16 @@ class ClosedLoopFunctions(Protocol):
     @property
     def state_names(self) -> tuple[str, ...]:
         """One name for each entry of x."""
+
+
+class ClosedLoopFunctions(LoopParameters, Protocol):
+    """A closed loop as SX functions without free variables.
+
+    The state is x = (q, v, z): Pinocchio's configuration and velocity, and the states of controllers.
+
+    Where it has events, its motion is hybrid: smooth between them, by switches that are constant there. What
+    an event remembers (when it was, what was measured) is a state whose derivative is zero.
+    """
 
     @property
     def nq(self) -> int:

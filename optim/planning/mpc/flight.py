@@ -20,6 +20,7 @@ from optim.planning.mpc.flown_scene import FlownScene, first_plan
 from optim.planning.mpc.horizon import ROUNDING
 from optim.planning.mpc.measured_state import Readings, measured_state
 from spacerobot.arrays import Array
+from spacerobot.rollout.closed_loop_protocol import LoopParameters
 from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene
 from spacerobot.section import numbers
@@ -30,22 +31,6 @@ SHORT = 1e-11
 
 SILENT = {"offset": 0.0, "scale": 1.0, "noise": 0.0, "bias": 0.0, "bias_walk": 0.0}
 """Numbers of a sensor without errors."""
-
-
-class LoopParameters(Protocol):
-    """Names and numbers of a closed loop."""
-
-    @property
-    def parameter_paths(self) -> tuple[str, ...]:
-        """Dotted paths of the parameters."""
-
-    @property
-    def parameter_values(self) -> Array:
-        """Their nominal values (np,)."""
-
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """Names of the states."""
 
 
 @dataclass
