@@ -9,6 +9,7 @@ from scipy.optimize import lsq_linear
 import spacerobot as sr
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
+from spacerobot.pinocchio_engine import simulate as pinocchio_simulate
 from tests.oracles.engine import simulate as second
 from tests.oracles.hybrid import roll
 from tests.oracles.small_scenes import small_scene
@@ -277,3 +278,45 @@ def test_pulses_take_no_room_among_the_events_of_batches():
     told = [event for event in alone if not loop.events[event.event].routine]
     assert [event.event for event in told] == batch.events.event[0, : len(told)].tolist()
     assert 0 < len(told) == (batch.events.event[0] >= 0).sum()
+
+
+@pytest.mark.parametrize("mode", ["proportional", "pulsed"])
+@pytest.mark.parametrize("opening", [0.0, 0.25, 1.0])
+def test_a_stuck_valve_gives_the_same_thrust_whatever_is_asked(mode, opening):
+    failure = {f"{JETS}.nozzles.a.failure": {"at": 0.71, "opening": opening}, f"{JETS}.mode": mode}
+    loop, rollout = rolled(failure)
+    run, healthy = rollout.run(), rolled({f"{JETS}.mode": mode})[1].run()
+    sizes = np.linalg.norm(run.outputs["thruster_force"][:, :3], axis=-1)
+    after = run.time > 0.71 + 1e-9
+    np.testing.assert_allclose(sizes[after], 0.6 * opening, atol=1e-12)
+    np.testing.assert_allclose(
+        run.outputs["thruster_force"][~after], healthy.outputs["thruster_force"][~after], atol=1e-12
+    )
+    names = [loop.events[happened.event].name for happened in run.events]
+    assert names.count("one/jets.a.failed") == 1
+    # what pushes from outside is all that changes the momentum
+    impulse = run.outputs["impulse_linear"][-1] - run.outputs["impulse_linear"][0]
+    change = run.outputs["momentum_linear"][-1] - run.outputs["momentum_linear"][0]
+    np.testing.assert_allclose(change, impulse, atol=1e-9)
+
+
+@pytest.mark.parametrize("key", ["at", "opening"])
+def test_gradients_by_a_valves_failure_are_exact(key):
+    path = f"{JETS}.nozzles.a.failure.{key}"
+    changes = {f"{JETS}.nozzles.a.failure": {"at": 0.713, "opening": 0.3}}
+    values = {"at": 0.713, "opening": 0.3}[key] + 1e-3 * np.array([1, -1, 2, -2])
+    scene = small_scene(PLATE, changes)
+    found = sr.gradient(scene, "base_rotation_peak", [path], backend="interpreted")
+    assert found.status == "exact"
+    ends = sr.batch(scene, "base_rotation_peak", {path: values}, backend="interpreted")
+    p = ends.data.base_rotation_peak.values[:, 0]
+    expected = (8 * (p[0] - p[1]) - (p[2] - p[3])) / 12e-3
+    assert found.data.gradient.item() == pytest.approx(expected, rel=1e-5)
+    assert abs(expected) > 1e-4
+
+
+def test_a_stuck_valve_is_the_same_in_both_engines():
+    failure = {f"{JETS}.nozzles.a.failure": {"at": 0.31, "opening": 1.0}, f"{JETS}.mode": "pulsed"}
+    rollout = rolled(failure, 1.0)[1]
+    other = pinocchio_simulate(small_scene(PLATE, failure), duration_s=1.0, output_step_s=0.02)
+    np.testing.assert_allclose(rollout.run().state, other.state, atol=1e-8)

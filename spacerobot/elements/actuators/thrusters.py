@@ -25,7 +25,7 @@ from spacerobot.elements.allocation import ThrusterLayout, allocate, largest_box
 from spacerobot.elements.clock import Clock
 from spacerobot.elements.context import ActuatorContext
 from spacerobot.elements.contribution import ActuatorDrive, Contribution, Output, PowerTerm, State, memory
-from spacerobot.elements.event import Event
+from spacerobot.elements.event import Event, negated
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import Part, RobotProperties
 from spacerobot.elements.saturation import saturation_events
@@ -45,6 +45,15 @@ def _not_zero(value: Vector) -> Vector:
     return value
 
 
+class StuckValve(Section):
+    """A valve that stops obeying, unknown to the allocation of thrusters."""
+
+    at: float = quantity("s", "time of the failure", ge=0)
+    opening: float = quantity(
+        "1", "part of the thrust from then on; 0: shut, 1: open, between: it leaks", default=0.0, ge=0, le=1
+    )
+
+
 class Nozzle(Section):
     """One thruster; values that are not given are those of the whole set."""
 
@@ -56,6 +65,7 @@ class Nozzle(Section):
     minimum_on_time: float | None = quantity("s", "shortest pulse", default=None, ge=0)
     resolution: float | None = quantity("s", "step of on-times", default=None, ge=0)
     specific_impulse: float | None = quantity("s", "specific impulse", default=None, gt=0)
+    failure: StuckValve | None = Field(default=None, description="its valve sticks, `at` a time")
 
 
 class Unload(Section):
@@ -336,12 +346,25 @@ class _Jets:
             outside=acting.outside,
             powers=acting.powers,
             outputs=acting.outputs,
-            events=tuple(events),
+            events=(*acting.events, *events),
         )
 
+    def _stuck(self, parts: ca.SX) -> tuple[ca.SX, list[Event]]:
+        """Parts of their thrust that thrusters give although valves fail (n x 1), and when they do."""
+        context, given, events = self.actuator.context, ca.vertsplit(parts), list[Event]()
+        for i, (name, nozzle) in enumerate(self.config.nozzles.items()):
+            if nozzle.failure is None:
+                continue
+            valve, label = context.at(f"{context.path}.nozzles.{name}.failure"), f"{self.name}.{name}"
+            failed = context.switch(f"failed.{name}")
+            guard, sets = context.time - valve.number("at"), {failed.name(): True}
+            events.append(Event(f"{label}.failed", "failed", label, guard, negated(failed), sets, clock=True))
+            given[i] = (1 - failed) * given[i] + failed * valve.number("opening")
+        return ca.vertcat(*given), events
+
     def _acting(self, parts: ca.SX) -> Contribution:
-        """Wrench, power, propellant and what is seen of thrusters that give parts of their thrust (n x 1)."""
-        actuator = self.actuator
+        """Wrench, power, propellant and outputs of thrusters of which parts are asked (n x 1)."""
+        actuator, (parts, failures) = self.actuator, self._stuck(parts)
         rotation, origin = actuator.plant.placement(actuator.base_frame)
         velocity, spin = actuator.plant.velocity(actuator.base_frame)
         whole = ca.SX(6, 1)
@@ -366,4 +389,5 @@ class _Jets:
             outside=(actuator.on_base(force=force, torque=torque),),
             powers=(PowerTerm("thruster", power, "in"),),
             outputs=tuple(outputs),
+            events=tuple(failures),
         )
