@@ -183,6 +183,11 @@ def plugins() -> tuple[Path, ...]:
     return tuple(_PLUGINS)
 
 
+def plugin_options() -> list[str]:
+    """Words of a command line that load the same plugins."""
+    return [word for path in _PLUGINS for word in ("--plugin", str(path))]
+
+
 def plugin_records() -> list[dict[str, str]]:
     """The same as results keep them: ``file``, absolute, and ``sha256`` of what was run."""
     return [

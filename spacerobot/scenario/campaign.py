@@ -149,7 +149,7 @@ class Campaign(Section):
             _check_word(data.get("design", "sobol"), "design", SAMPLERS.names())
             named = data.get("metrics", ())
             for word in named if isinstance(named, list | tuple) else ():
-                _check_word(word, "metrics", metrics())
+                _check_word(word, "metrics", metrics(), "; your own come with --plugin FILE")
         return data
 
     @model_validator(mode="after")
@@ -203,6 +203,6 @@ def _check_correlation(rows: tuple[tuple[float, ...], ...], names: list[str]) ->
         raise ValueError("correlation: not positive definite, so no joint distribution has it")
 
 
-def _check_word(word: Any, key: str, allowed: Iterable[str]) -> None:
+def _check_word(word: Any, key: str, allowed: Iterable[str], hint: str = "") -> None:
     if isinstance(word, str) and word not in allowed:
-        raise ValueError(f"{key}: no {word!r}; {near_names(word, allowed)}")
+        raise ValueError(f"{key}: no {word!r}; {near_names(word, allowed)}{hint}")

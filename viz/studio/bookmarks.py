@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from spacerobot.elements.registry import plugin_options
 from spacerobot.errors import ResultError, ScenarioError, SpaceRobotError
 from spacerobot.files import write_text
 from spacerobot.result import Result
@@ -94,7 +95,7 @@ def command_line(origin: Origin, changes: Mapping[str, Any], step_s: float | Non
     pairs = [*origin.given, *changes.items()]
     if step_s is not None:
         pairs.append(("simulation.step", step_s))
-    words = ["spacerobot", "run", name]
+    words = ["spacerobot", "run", name, *plugin_options()]
     for path, value in pairs:
         words += ["--set", f"{path}={as_yaml(value)}"]
     return shlex.join(words)

@@ -14,6 +14,7 @@ from optim.campaign.rollouts.evaluator import CampaignEvaluator
 from optim.campaign.store.run_settings import Changes
 from optim.planning.mpc.simulation import simulate_mpc
 from spacerobot.arrays import Array
+from spacerobot.elements.registry import plugin_options
 from spacerobot.result import Result
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import expand, get
@@ -56,7 +57,8 @@ def command_of(
     last = {path: i for i, (path, _) in enumerate(changes)}
     changes = [change for i, change in enumerate(changes) if last[change[0]] == i]
     parts = [f"--set {shlex.quote(f'{path}={json.dumps(value)}')}" for path, value in changes]
-    return " ".join(["spacerobot run", shlex.quote(scenario), *parts])
+    words = ["spacerobot run", *map(shlex.quote, [scenario, *plugin_options()]), *parts]
+    return " ".join(words)
 
 
 def simulate_sample(evaluator: CampaignEvaluator, draw: Sequence[float], gains: str) -> Result:

@@ -2,6 +2,7 @@
 
 import json
 import shlex
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from optim.campaign.run import run_campaign
 from optim.campaign.store.folder import load_campaign
 from optim.campaign.store.run_settings import ScenarioSource
 from spacerobot.closedloop import build_closed_loop
+from spacerobot.elements import registry
+from spacerobot.errors import ScenarioError
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import get
 from spacerobot.scene import build_scene
@@ -96,6 +99,18 @@ def test_a_command_names_equal_numbers_once(told, small):
     assert words[2] == "my file.yaml"
     assert "robots.*.tips.tip.pid.kp=50" in words
     assert sum(word.startswith("grasps.*.stiffness=") for word in words) == 1
+
+
+def test_a_command_loads_the_plugins_that_the_campaign_had(told, monkeypatch):
+    monkeypatch.setitem(registry._PLUGINS, Path("/my plugins/one.py"), b"")
+    ran, _, data = told
+    words = shlex.split(command_of(ran.evaluator, data.draw.values[0], "soft", "my.yaml"))
+    assert words[:5] == ["spacerobot", "run", "my.yaml", "--plugin", "/my plugins/one.py"]
+
+
+def test_a_metric_that_is_not_known_may_be_a_plugins(small):
+    with pytest.raises(ScenarioError, match=r"no 'my_peak'.*; your own come with --plugin FILE"):
+        small(**{"campaign.metrics": ["my_peak"]})
 
 
 def test_a_command_sets_what_a_later_pattern_meets_again(small):
