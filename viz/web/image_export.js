@@ -24,7 +24,7 @@ export class Camera {
     const pen = canvas.getContext("2d", { willReadFrequently: true });
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     pen.drawImage(drawn, 0, 0, clientWidth, clientHeight);
-    const letters = 12 / Math.min(1, ratio); // px of the pane: never smaller in the picture than on the page
+    const letters = Math.max(12, clientWidth / 95) / Math.min(1, ratio); // px of the pane: never smaller in the picture than on the page
     this.labels.draw(pen, letters);
     pen.font = `${letters}px system-ui, 'DejaVu Sans', sans-serif`;
     pen.fillStyle = "#e8edf3";

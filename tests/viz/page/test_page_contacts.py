@@ -14,17 +14,20 @@ ORANGE = np.array([0xFF, 0x9D, 0x2E])
 READY = "document.body?.dataset.ready === 'true'"
 
 
-def _open(browser, path, result, time):
+def _pictures(browser, path, result, times):
+    """The scene, right of what is told, at each time."""
     path.write_text(animation_page(result), encoding="utf-8")
-    browser.open(f"{path.as_uri()}#t={time:.3f}&look=all&layers=names traces magnifier")
+    browser.open(f"{path.as_uri()}#t=0&look=all&layers=names traces magnifier")
     browser.wait_for(READY)
-    picture = browser.picture()
+    for time in times:
+        browser.evaluate(f"location.hash = '#t={time:.3f}'")
+        browser.wait_for(f"document.body.dataset.time === '{time:.3f}'")
+        yield browser.picture()[60:500, 250:]
     assert browser.errors == []
-    return picture[60:500, 250:]  # the scene, right of what is told
 
 
 def test_contact_forces_are_arrows_of_their_own(browser, bounce, tmp_path):
-    pictures = [_open(browser, tmp_path / "page.html", bounce, time) for time in (1.0, 2.17)]
+    pictures = _pictures(browser, tmp_path / "page.html", bounce, (1.0, 2.17))
     before, touching = ((np.abs(picture - VIOLET).max(axis=2) < 12).sum() for picture in pictures)
     assert before == 0
     assert touching > 60
@@ -62,10 +65,8 @@ def test_grasps_hold_from_capture_to_release(docked, paper):
 
 def test_the_moment_of_capture_flashes_and_then_the_tip_is_ringed(browser, docked, tmp_path):
     (capture,) = (event["time_s"] for event in docked.summary["events"] if event["kind"] == "captured")
-    shown = [
-        _open(browser, tmp_path / "page.html", docked, time)
-        for time in (capture - 0.05, capture + 0.05, capture + 0.55)
-    ]
+    times = capture - 0.05, capture + 0.05, capture + 0.55
+    shown = list(_pictures(browser, tmp_path / "page.html", docked, times))
     white = [(picture.min(axis=2) > 200).sum() for picture in shown]
     assert white[1] > white[0] + 20
     assert white[2] > white[0]

@@ -1,5 +1,6 @@
 """The studio in a real browser: numbers are changed by hand, and everything that is seen follows."""
 
+import itertools
 import json
 import re
 
@@ -209,16 +210,19 @@ def test_what_cannot_be_is_said_and_the_motion_stays(opened):
     page.wait_for(f"{METRIC} === {metric!r}")
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_it_fits_every_size_and_is_readable(opened, browser, scheme):
-    browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+def test_it_fits_every_size_and_is_readable_dark_and_light(opened, browser):
+    page = opened()
+    page.evaluate("for (const part of document.querySelectorAll('#panel > details')) part.open = true")
+    _slide(page, 30)
     try:
-        for size in ((390, 844), (910, 680)):
-            page = opened(size=size)
-            page.evaluate(
-                "for (const part of document.querySelectorAll('#panel > details')) part.open = true"
+        for scheme, size in itertools.product(("light", "dark"), ((390, 844), (910, 680))):
+            media = [{"name": "prefers-color-scheme", "value": scheme}]
+            browser.call("Emulation.setEmulatedMedia", features=media)
+            page.resize(*size)
+            page.wait_for(
+                f"window.innerWidth === {size[0]} && document.documentElement.dataset.scheme === '{scheme}'"
             )
-            _slide(page, 30)
+            page.drawn()
             assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth"), size
             for part in ("panel", "controls"):
                 assert page.evaluate(f"{part}.scrollWidth <= {part}.clientWidth"), (size, part)
