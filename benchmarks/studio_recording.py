@@ -18,8 +18,9 @@ from viz.record import palette_of, steady
 from viz.studio.prepared_design import Origin
 from viz.studio.server import Studio
 
-SIZE, WIDTH = (1180, 760), 860
-COLOURS = {Image.Quantize.MEDIANCUT: 176, Image.Quantize.MAXCOVERAGE: 80}
+SIZE, WIDTH = (1180, 760), 760
+MOST_OF_SEARCH = 10  # pictures
+COLOURS = {Image.Quantize.MEDIANCUT: 96, Image.Quantize.MAXCOVERAGE: 48}
 """Colours of the recording: frequent ones, for the sky, and ones far apart, for thin lines."""
 BAR = "document.querySelector('.slider input[type=range]')"
 WORDS = "document.querySelector('#jobs .words').textContent"
@@ -50,8 +51,10 @@ def record(browser: Browser, url: str) -> list[tuple[Image.Image, int]]:
     time.sleep(0.5)
     found.append((_picture(browser), 1500))
     browser.evaluate("document.querySelector('#jobs .improve').click()")
+    search = []
     while not browser.evaluate(f"{WORDS}.startsWith('done')"):
-        found.append((_picture(browser), 120))
+        search.append((_picture(browser), 160))
+    found += search[:: -(-len(search) // MOST_OF_SEARCH) or 1]
     time.sleep(0.5)
     found.append((_picture(browser), 2500))
     return found

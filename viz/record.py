@@ -20,8 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageChops
 
 from spacerobot.arrays import Array
 from spacerobot.errors import ResultError, near_names
@@ -270,14 +269,15 @@ def palette_of(picture: Image.Image, counts: Mapping[Image.Quantize, int]) -> Im
 
 def steady(pictures: Iterable[Image.Image]) -> Iterator[Image.Image]:
     """Pictures in which what has hardly changed since it was last drawn, as by compression, stays."""
-    shown: NDArray[np.int16] | None = None
+    shown: Image.Image | None = None
     for picture in pictures:
-        now = np.asarray(picture).astype(np.int16)
-        if shown is not None:
-            same = (np.abs(now - shown) <= _UNSEEN).all(axis=2)
-            now[same] = shown[same]
-        shown = now
-        yield Image.fromarray(now.astype(np.uint8))
+        if shown is None:
+            shown = picture
+        else:
+            red, green, blue = ImageChops.difference(picture, shown).split()
+            most = ImageChops.lighter(ImageChops.lighter(red, green), blue)
+            shown = Image.composite(picture, shown, most.point([255 * (v > _UNSEEN) for v in range(256)]))
+        yield shown
 
 
 def _ffmpeg(path: Path) -> str:

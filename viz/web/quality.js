@@ -11,6 +11,7 @@ export const LEVELS = [
   { ratio: 0.5, shadows: 0, soft: false, mirrors: false, creases: false, gloss: false, share: 0.2 },
 ];
 const SLOW_MS = 45, WINDOW = 10, REST_MS = 500; // 45 ms: more than 20 pictures a second
+const FAST_MS = SLOW_MS / 2, AGAIN_MS = 5000; // so fast, and so long after a finer level was too slow, it is tried again: as after the page has opened
 
 // The level that an address asks for by ``quality=``; -1 where it asks for none, and what is drawn adapts itself.
 export function fixedLevel(hash) {
@@ -22,7 +23,8 @@ export class Quality {
   // ``apply`` hears the level; ``software``: whether a processor draws, which cannot keep up with the finest levels.
   constructor(apply, software) {
     this.apply = apply;
-    this.level = software ? 2 : 0;
+    this.finest = this.level = software ? 2 : 0; // of what moves
+    this.slow = LEVELS.map(() => -AGAIN_MS); // when each was too slow, ms
     this.fixed = fixedLevel(location.hash); // or the level of a recording, which waits for each of its pictures
     this.applied = this.fixed >= 0 ? this.fixed : this.level;
     this.times = [];
@@ -42,9 +44,10 @@ export class Quality {
     this.times.push(now);
     if (this.times.length <= WINDOW) return;
     // the median bears a hitch
-    const gaps = this.times.slice(1).map((t, k) => t - this.times[k]).sort((a, b) => a - b), slow = gaps[gaps.length >> 1] > SLOW_MS;
+    const gaps = this.times.slice(1).map((t, k) => t - this.times[k]).sort((a, b) => a - b), gap = gaps[gaps.length >> 1];
     this.times = [];
-    if (slow && this.level < LEVELS.length - 1) this.level++;
+    if (gap > SLOW_MS && this.level < LEVELS.length - 1) this.slow[this.level++] = now;
+    else if (gap < FAST_MS && this.level > this.finest && now - this.slow[this.level - 1] > AGAIN_MS) this.level--;
   }
 
   // Something has moved once, and may do so again soon.

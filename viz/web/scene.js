@@ -58,8 +58,10 @@ export class Scene {
     sun.castShadow = shadows > 0;
     const edges = soft ? THREE.PCFShadowMap : THREE.BasicShadowMap, others = renderer.shadowMap && renderer.shadowMap.type !== edges;
     if (others) renderer.shadowMap.type = edges;
-    if (sun.castShadow && shadow.mapSize.x !== shadows) {
-      shadow.mapSize.set(shadows, shadows);
+    // hard shadows need no more points than the picture
+    const points = soft ? shadows : Math.min(shadows, 2 ** Math.floor(Math.log2(Math.max(1, this.pane.clientWidth))));
+    if (sun.castShadow && shadow.mapSize.x !== points) {
+      shadow.mapSize.set(points, points);
       /** @type {any} */ (map)?.dispose();
       shadow.map = null;
     }

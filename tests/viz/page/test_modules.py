@@ -39,6 +39,32 @@ def test_each_module_runs_once_in_a_scope_of_its_own(browser):
     assert joined("main.js", MODULES.__getitem__) == script
 
 
+PLAYED = """
+import { LEVELS, Quality } from "./quality.js";
+const found = new Quality(() => {}, true);
+let now = performance.now();
+window.play = (gap, count) => {
+  for (let k = 0; k < count; k++) found.tick((now += gap), true);
+  return [found.level, LEVELS.length];
+};
+window.rest = (ms) => { found.tick((now += ms), false); return found.applied; };
+"""
+
+
+def test_what_is_drawn_gets_coarser_where_pictures_are_slow_and_finer_again_where_they_are_fast(browser):
+    """Fast pictures are 16 ms apart, slow ones 60 ms; software begins at level 2 and ends at 5."""
+    browser.open("about:blank")
+    modules = {"quality.js": (WEB / "quality.js").read_text(), "test.js": PLAYED}
+    browser.evaluate(joined("test.js", modules.__getitem__))
+    assert browser.evaluate("play(16, 60)") == [2, 6]
+    assert browser.evaluate("play(60, 12)[0]") == 3
+    assert browser.evaluate("play(60, 60)[0]") == 5
+    assert browser.evaluate("play(16, 60)[0]") == 5  # the level above was too slow a second ago
+    assert browser.evaluate("play(30, 300)[0]") == 5  # a finer one would be too slow
+    assert browser.evaluate("play(16, 40)[0]") < 5
+    assert browser.evaluate("rest(600)") == 0  # what stands still is drawn in full
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
