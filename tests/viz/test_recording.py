@@ -5,6 +5,7 @@ import json
 import shutil
 import stat
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -80,6 +81,14 @@ def test_wrong_formats_and_a_missing_ffmpeg_are_told(paper, tmp_path, monkeypatc
     monkeypatch.setattr(record.shutil, "which", lambda _: None)
     with pytest.raises(ResultError, match="needs ffmpeg"):
         write_recording(paper, tmp_path / "a.mp4")
+
+
+def test_films_of_the_documentation_are_quick_to_load():
+    films = {
+        file.name: file.stat().st_size for file in (Path(__file__).parents[2] / "docs/images").glob("*.gif")
+    }
+    assert set(films) >= {"docking.gif", "studio.gif"}
+    assert max(films.values()) < 400e3, films
 
 
 @pytest.mark.skipif(

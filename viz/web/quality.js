@@ -11,7 +11,7 @@ export const LEVELS = [
   { ratio: 0.5, shadows: 0, soft: false, mirrors: false, creases: false, gloss: false, share: 0.2 },
 ];
 const SLOW_MS = 45, WINDOW = 10, REST_MS = 500; // 45 ms: more than 20 pictures a second
-const FAST_MS = SLOW_MS / 2, AGAIN_MS = 5000; // so fast, and so long after a finer level was too slow, it is tried again: as after the page has opened
+const FAST_MS = SLOW_MS / 2, AGAIN_MS = 1000; // so fast, a finer level is tried again, as after the page has opened; later each time that one was too slow
 
 // The level that an address asks for by ``quality=``; -1 where it asks for none, and what is drawn adapts itself.
 export function fixedLevel(hash) {
@@ -24,7 +24,8 @@ export class Quality {
   constructor(apply, software) {
     this.apply = apply;
     this.finest = this.level = software ? 2 : 0; // of what moves
-    this.slow = LEVELS.map(() => -AGAIN_MS); // when each was too slow, ms
+    this.again = AGAIN_MS;
+    this.changed = 0; // when the level did, ms
     this.fixed = fixedLevel(location.hash); // or the level of a recording, which waits for each of its pictures
     this.applied = this.fixed >= 0 ? this.fixed : this.level;
     this.times = [];
@@ -46,8 +47,11 @@ export class Quality {
     // the median bears a hitch
     const gaps = this.times.slice(1).map((t, k) => t - this.times[k]).sort((a, b) => a - b), gap = gaps[gaps.length >> 1];
     this.times = [];
-    if (gap > SLOW_MS && this.level < LEVELS.length - 1) this.slow[this.level++] = now;
-    else if (gap < FAST_MS && this.level > this.finest && now - this.slow[this.level - 1] > AGAIN_MS) this.level--;
+    const change = gap > SLOW_MS ? 1 : gap < FAST_MS && now - this.changed > this.again ? -1 : 0;
+    const level = Math.min(LEVELS.length - 1, Math.max(this.finest, this.level + change));
+    if (level === this.level) return;
+    if (level > this.level) this.again *= 2;
+    [this.level, this.changed] = [level, now];
   }
 
   // Something has moved once, and may do so again soon.
