@@ -15,6 +15,7 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 import spacerobot as sr
+from optim.planning.formulation.stage import DrivenCoordinates, Stage
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
 from spacerobot.linear import linearise
@@ -336,6 +337,22 @@ def test_sizes_of_deflections_are_quantities(kind):
     (value,) = ca.Function("value", [signals[kind]], [found.values])(seen).full().ravel()
     exact = 2 * LENGTH / 8 * np.sin(np.radians(1)) if kind == "deflection" else 4.0 * np.radians(2)
     np.testing.assert_allclose(value, exact, rtol=1e-9)
+
+
+def test_plans_have_the_springs_and_dampers_in_their_dynamics():
+    """The residual of a plan's instant vanishes at the closed loop's acceleration, nothing driven."""
+    scene = scene_of(PLANE | {"segments": 2, "damping_time": 0.1}, "planar", "hinged")
+    loop, model = build_closed_loop(scene), scene.model
+    stage = Stage.of(scene, DrivenCoordinates((), (), np.empty(0), ()))
+    x0, c = loop.setup(loop.parameter_values)
+    x = x0.full().ravel()
+    x[4 : model.nq] += np.random.default_rng(3).normal(size=model.nq - 4)
+    x[model.nq : model.nq + model.nv] = np.random.default_rng(4).normal(size=model.nv)
+    a = loop.dynamics(0, x, loop.at(0, x, c))[model.nq : model.nq + model.nv]
+    balance = ca.Function("balance", [stage.q, stage.v, stage.a], [stage.balance])
+    found = balance(x[: model.nq], x[model.nq : model.nq + model.nv], a).full()
+    assert np.abs(scene.stiffness).max() > 100
+    np.testing.assert_allclose(found, 0, atol=1e-9)
 
 
 def test_shapes_are_cut_at_the_hinges():
