@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from collections.abc import Iterator, Sequence
-from typing import Literal
 
 import numpy as np
 
@@ -38,23 +37,6 @@ def translation(offset: Array) -> Array:
     found = np.eye(4)
     found[:3, 3] = offset
     return found
-
-
-def spring_joint(
-    name: str, kind: Literal["revolute", "prismatic"], links: tuple[str, str], origin: Array, axis: Array
-) -> UrdfJoint:
-    """Joint without an actuator; URDF readers require limits, of which 0 stands for none.
-
-    Parameters
-    ----------
-    name, kind
-        Of the joint.
-    links
-        Names of the links that it connects, parent first.
-    origin, axis
-        Joint frame in the parent's (4, 4) [m], and unit vector in it (3,).
-    """
-    return UrdfJoint(name, kind, *links, frozen(origin), frozen(axis), effort=0.0, velocity=0.0)
 
 
 def extended(

@@ -40,9 +40,8 @@ class FlexibleContext:
     def position(self, joint: str) -> ca.SX | None:
         """Position (1x1) [rad or m] of one of the joints; None if it is locked."""
         model, full = self.plant.model, f"{self.body}/{joint}"
-        return (
-            self.plant.q[model.joints[model.getJointId(full)].idx_q] if model.existJointName(full) else None
-        )
+        known = model.existJointName(full)
+        return self.plant.q[model.joints[model.getJointId(full)].idx_q] if known else None
 
     def placement(self, link: str) -> tuple[ca.SX, ca.SX]:
         """Rotation (3x3) and origin (3x1) [m] of a link."""
@@ -117,8 +116,8 @@ class FlexibleLink(Element):
         return self.link
 
     def words(self) -> str:
-        """Kind and size, in a few words."""
-        return self.kind
+        """Kind and link, in a few words."""
+        return f"{self.kind} of {self.link}"
 
     def build(self, flexible: FlexibleContext) -> Contribution:
         """Outputs by which its deflection is observed."""

@@ -4,24 +4,21 @@ from __future__ import annotations
 
 import casadi as ca
 
-from spacerobot.quantities.quantity import NOTHING, Components, Context, Quantity, sizes
+from spacerobot.quantities.quantity import Components, Context, Quantity, sizes
 
 SMALLEST = 1e-12  # m; keeps the size smooth where it is zero
 
 
 def of_ends(context: Context) -> Components:
     """Deflection of the ends of beams [m]."""
-    if "deflection" not in context.loop.outputs.name_out():
-        return NOTHING
-    values = ca.vertcat(*sizes(context.vectors("deflection"), SMALLEST))
-    return Components(("total",) * values.numel(), values)
+    has_beams = "deflection" in context.signals.outputs
+    values = list(sizes(context.vectors("deflection"), SMALLEST)) if has_beams else []
+    return Components(("total",) * len(values), ca.vertcat(ca.SX(0, 1), *values))
 
 
 def of_modes(context: Context) -> Components:
     """Size of the coordinates of modes [kg^(1/2) m]."""
-    if "modal_coordinate" not in context.loop.outputs.name_out():
-        return NOTHING
-    values = ca.fabs(context.signals["modal_coordinate"])
+    values = ca.fabs(context.signals.outputs.get("modal_coordinate", ca.SX(0, 1)))
     return Components(("total",) * values.numel(), values)
 
 

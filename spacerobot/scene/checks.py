@@ -16,7 +16,7 @@ from spacerobot.description.bodies import RigidBody, check_bodies, welded_bodies
 from spacerobot.description.flexible import find_link
 from spacerobot.description.parts import UrdfLink
 from spacerobot.description.read import Description
-from spacerobot.elements import Actuator, FlexibleLink, RobotElement, RobotProperties, kinds
+from spacerobot.elements import Actuator, RobotElement, RobotProperties, kinds
 from spacerobot.errors import DescriptionError, ScenarioError, near_names
 from spacerobot.scenario import Robot, Scenario, Target
 from spacerobot.scene.configure import relative_jacobian
@@ -51,19 +51,15 @@ def check_masses(scenario: Scenario, descriptions: Mapping[str, Description], *,
         except DescriptionError as fault:
             message = f"{fault.where} {fault.message}"
             raise ScenarioError(message, source=source, where=f"{path}.links") from None
-        for name, flexible in config.flexible.items():
-            _check_share(config, description, flexible, name, f"{path}.flexible.{name}", source)
+        for name in config.flexible:
+            _check_share(config, description, name, f"{path}.flexible.{name}", source)
 
 
 def _check_share(
-    config: Robot | Target,
-    description: Description,
-    flexible: FlexibleLink,
-    name: str,
-    where: str,
-    source: Path | None,
+    config: Robot | Target, description: Description, name: str, where: str, source: Path | None
 ) -> None:
     """Refuse a flexible link of which more moves than the link has; the rest must be semidefinite."""
+    flexible = config.flexible[name]
     carrier = flexible.carrier(name)
     link = _with_masses(find_link(description, carrier), config.links.get(carrier))
     whole = pin.Inertia(link.mass, link.com, np.zeros((3, 3))).matrix()

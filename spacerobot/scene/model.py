@@ -59,7 +59,7 @@ def build_model(
     bodies = tuple(_body(model, path, config, descriptions[path]) for path, config in configs.items())
     for body in bodies:
         _set_inertias(model, body)
-        damping, springs = np.array(model.damping), body.springs(body.flexible_number)
+        damping, springs = np.array(model.damping), body.spring_constants
         for name, joint in body.config.joints.items():
             resistance = (joint.damping or 0.0) + springs.get(name, (0.0, 0.0))[1]
             damping[model.joints[model.getJointId(f"{body.name}/{name}")].idx_v] = resistance

@@ -103,17 +103,16 @@ class SceneBody:
         """
         return str(model.names[joint]).removeprefix(f"{self.name}/")
 
-    def flexible_number(self, name: str, key: str) -> float:
-        """Number of a flexible link.
+    @property
+    def spring_constants(self) -> dict[str, tuple[float, float]]:
+        """The same as :meth:`springs`, in numbers."""
 
-        Parameters
-        ----------
-        name, key
-            Of the flexible link, and in its section, as ``frequencies.0``.
-        """
-        first, _, place = key.partition(".")
-        found = getattr(self.config.flexible[name], first)
-        return float(found[int(place)] if place else found)
+        def number(name: str, key: str) -> float:
+            first, _, place = key.partition(".")
+            found = getattr(self.config.flexible[name], first)
+            return float(found[int(place)] if place else found)
+
+        return self.springs(number)
 
     def springs(self, number: Callable[[str, str], Number]) -> dict[str, tuple[Number, Number]]:
         """Stiffness and damping of each joint of flexible links that is not locked, by its name in the URDF.
@@ -338,7 +337,7 @@ class Scene:
         """Stiffness of the springs in flexible links, by the component of v (nv,) [N m/rad or N/m]."""
         found = np.zeros(self.model.nv)
         for body in self.bodies:
-            for name, (stiffness, _) in body.springs(body.flexible_number).items():
+            for name, (stiffness, _) in body.spring_constants.items():
                 found[self.model.joints[self.model.getJointId(f"{body.name}/{name}")].idx_v] = stiffness
         return found
 

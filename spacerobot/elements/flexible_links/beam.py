@@ -21,7 +21,7 @@ import pinocchio as pin
 from pydantic import Field, model_validator
 
 from spacerobot.arrays import Array
-from spacerobot.description.flexible import cut, extended, find_link, spring_joint, translation
+from spacerobot.description.flexible import cut, extended, find_link, translation
 from spacerobot.description.parts import UrdfJoint, UrdfLink, frozen
 from spacerobot.description.read import Description
 from spacerobot.elements.contribution import Contribution, Output
@@ -117,7 +117,11 @@ class FlexibleBeam(FlexibleLink):
             for letter, turn in self._turns.items():
                 joint = f"{name}_{i}{letter}"
                 links.append(UrdfLink(joint, 0.0, frozen(np.zeros(3)), frozen(np.zeros((3, 3)))))
-                joints.append(spring_joint(joint, "revolute", (parent, joint), origin, turn))
+                joints.append(
+                    UrdfJoint(
+                        joint, "revolute", parent, joint, origin, frozen(turn), effort=0.0, velocity=0.0
+                    )
+                )
                 parent, origin = joint, frozen(np.eye(4))
             # frames of the pieces rest in that of the link, so that what it carries keeps its place
             piece, back = f"{name}_{i}", frozen(translation(-hinge))
@@ -139,10 +143,9 @@ class FlexibleBeam(FlexibleLink):
     ) -> Mapping[str, tuple[Number, Number]]:
         """``E I / dx``, and T times that."""
         del description
-        if self.bending_stiffness is not None:
-            bending = number("bending_stiffness")
-        else:
-            bending = number("youngs_modulus") * number("second_moment")
+        given = self.bending_stiffness is not None
+        bending = number("bending_stiffness" if given else "youngs_modulus")
+        bending = bending if given else bending * number("second_moment")
         stiffness = bending * (self.segments / self._length)
         own = (stiffness, stiffness * number("damping_time"))
         return {f"{name}_{i + 1}{letter}": own for i in range(self.segments) for letter in self._turns}
@@ -154,10 +157,6 @@ class FlexibleBeam(FlexibleLink):
             piece = find_link(description, f"{name}_{i}")
             found += pin.Inertia(piece.mass, piece.com, piece.inertia).matrix()
         return found
-
-    def words(self) -> str:
-        """Link, length and segments."""
-        return f"{self.link} in {self.segments} segments over {self._length:g} m"
 
     def build(self, flexible: FlexibleContext) -> Contribution:
         """Displacement of the end, axes of the link."""

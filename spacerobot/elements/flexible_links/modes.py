@@ -37,7 +37,7 @@ import pinocchio as pin
 from pydantic import Field, model_validator
 
 from spacerobot.arrays import Array
-from spacerobot.description.flexible import extended, find_link, spring_joint, translation
+from spacerobot.description.flexible import extended, find_link, translation
 from spacerobot.description.parts import Geometry, LinkShape, UrdfJoint, UrdfLink, frozen
 from spacerobot.description.read import Description
 from spacerobot.elements.contribution import Contribution, Output
@@ -46,8 +46,6 @@ from spacerobot.elements.registry import register
 from spacerobot.section import Vector, quantity
 
 Participation = tuple[float, float, float, float, float, float]
-PANEL = frozen([0.07, 0.13, 0.40, 1.0])
-"""Colour of appendages that no URDF draws."""
 _SHORT = 0.1
 """Arms shorter than this part of the appendage's radius of gyration are sliders."""
 
@@ -175,7 +173,7 @@ class FlexibleModes(FlexibleLink):
             xx, yy, zz, xy, xz, yz = self.inertia
             inertia = frozen([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
             box = Geometry("box", frozen(self.size or (0.0, 0.0, 0.0)))
-            shown = (LinkShape(None, frozen(translation(np.array(self.com))), box, PANEL),)
+            shown = (LinkShape(None, frozen(translation(np.array(self.com))), box),)
             own = UrdfLink(name, self.mass, frozen(self.com), inertia, shown if self.size else ())
             at, x = frozen(self._attachment), frozen([1, 0, 0])
             weld = UrdfJoint(f"{name}_mount", "fixed", carrier.name, name, at, x)
@@ -195,7 +193,10 @@ class FlexibleModes(FlexibleLink):
                 (carrier.name, rest),
             )
             links.append(UrdfLink(joint, body.mass, com, inertia, shapes, (), borrowed))
-            joints.append(spring_joint(joint, body.kind, (carrier.name, joint), rest, body.axis))
+            axis = frozen(body.axis)
+            joints.append(
+                UrdfJoint(joint, body.kind, carrier.name, joint, rest, axis, effort=0.0, velocity=0.0)
+            )
         still = carrier if carries else replace(carrier, visuals=())
         return extended(description, [still], links, joints, self.model_dump_json())
 
@@ -217,11 +218,6 @@ class FlexibleModes(FlexibleLink):
         rows = np.array(self.participation) @ pin.SE3(at).toDualActionMatrix().T
         found: Array = rows.T @ rows
         return found
-
-    def words(self) -> str:
-        """Link and frequencies."""
-        listed = ", ".join(f"{frequency:g}" for frequency in self.frequencies)
-        return f"modes of {self.link} at {listed} Hz"
 
     def build(self, flexible: FlexibleContext) -> Contribution:
         """Mass-normalised coordinates of the modes."""
