@@ -165,7 +165,13 @@ def norm(values: Array) -> float:
 def envisat() -> list[str]:
     """Envisat captured and brought to rest, with its solar array rigid and flexible."""
     mass, length = 340.0, 14.0
-    head = ("array, Hz", "capture, s", "rest, s", "force at the grip, N", "torque at the grip, N m")
+    head: tuple[str, ...] = (
+        "array, Hz",
+        "capture, s",
+        "rest, s",
+        "force at the grip, N",
+        "torque at the grip, N m",
+    )
     head += ("servicer turns, deg", "end of the array moves, mm", "in the last 10 s, mm")
     rows = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
     for f in (None, 0.2, 0.1, 0.05):
@@ -189,7 +195,12 @@ def ets7() -> list[str]:
     source = find_scenario("ets7")
     document = read_document(source)
     chaser = document["robots"]["wheels"]
-    head = ("panels, Hz", "hand error, um", "base turns, mdeg", "turned 8 s after the motion, mdeg")
+    head: tuple[str, ...] = (
+        "panels, Hz",
+        "hand error, um",
+        "base turns, mdeg",
+        "turned 8 s after the motion, mdeg",
+    )
     head += ("modes with little damping, Hz", "disk margin about x", "delay margin, s")
     rows = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
     for f in (None, 1.0, 0.25, 0.1):
