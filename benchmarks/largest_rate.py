@@ -3,9 +3,10 @@
 The tumbling of ``envisat`` about the intermediate axis is raised from 5 deg/s, each rate planned from the
 plan of the rate below it on the same meshes, with steps that are halved where no plan is found, until
 feasible and infeasible rates are ``PRECISE`` apart. At an infeasible rate the elastic program gives the
-least violation of goals and limits; it is a local minimum, so that it is evidence and no proof. The greatest
-feasible rate is refined and verified, and kept in the folder, ``out/largest_rate`` if none is named. Data are
-written to ``docs/data``, the figure to ``docs/images``.
+least violation of goals and limits; it is a local minimum, so that it is evidence and no proof. Feasible
+rates are verified on this mesh and, from the lowest on until one fails, refined and verified; these plans
+are kept in the folder, ``out/largest_rate`` if none is named. Data are written to ``docs/data``, the figure
+to ``docs/images``.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from optim.planning.solver.elastic import ElasticProgram
 from optim.planning.solver.ipopt import Solution, solve
 from optim.planning.solver.nonlinear_program import NonlinearProgram
 from optim.planning.transcription.phase_chain import PhaseChain
+from optim.planning.verification.verify import verify
 from spacerobot.files import write_bytes, write_text
 from spacerobot.scene import Scene
 from viz.figures.feasible_range import feasible_range
@@ -58,9 +60,9 @@ def directions() -> dict[str, float]:
     return found
 
 
-def scene_at(rate: float) -> Scene:
-    """The scenario at a rate [deg/s]."""
-    return sr.load_scene(SCENARIO, {path: rate * each for path, each in directions().items()})
+def scene_at(rate: float, **more: object) -> Scene:
+    """The scenario at a rate [deg/s], with more changes by dotted path."""
+    return sr.load_scene(SCENARIO, {path: rate * each for path, each in directions().items()} | more)
 
 
 def at(solver: PlanSolver, rate: float) -> PlanSolver:
@@ -117,9 +119,18 @@ def described(solver: PlanSolver, program: NonlinearProgram, solution: Solution)
     }
 
 
+def replayed(solver: PlanSolver, found: SolveResult) -> dict[str, Any]:
+    """Result of the verification on the mesh of the search: greatest errors, and why the plan is refused."""
+    assert found.solution is not None
+    request, program = solver.request(), solver.interpreted.program(solver.request(), found.meshes)
+    motion = solver.phased_motion(request, found)
+    result = verify(motion, program, found.solution, found.cost, solver.backend)
+    return {"followed_error_m": result.followed_error_m, "failures": result.failures()}
+
+
 def verified(rate: float, near: SolveResult, folder: Path) -> dict[str, Any]:
     """Plan of the rate, refined and verified by replay, in a folder; why there is none."""
-    solver = PlanSolver.of(scene_at(rate), "interpreted")
+    solver = PlanSolver.of(scene_at(rate, **{"plan.iterations": ITERATIONS}), "interpreted")
     request = solver.request(near=near, is_solved=True)
     result = solve_request(solver, request)
     if (fault := failure_message(result)) is not None:
@@ -131,7 +142,8 @@ def verified(rate: float, near: SolveResult, folder: Path) -> dict[str, Any]:
 
 def main() -> None:
     """Search, verify, and write data and figure."""
-    folder, rows = Path(sys.argv[1] if sys.argv[1:] else "out/largest_rate"), []
+    folder = Path(sys.argv[1] if sys.argv[1:] else "out/largest_rate")
+    rows: list[dict[str, Any]] = []
     if not (folder / "first" / PLAN_FILE).exists():
         sr.plan(scene_at(FIRST), folder / "first")
     solver = PlanSolver.of(scene_at(FIRST), "interpreted")
@@ -139,19 +151,29 @@ def main() -> None:
     assert near.solution is not None
     cost = solver.program(solver.request(), near.meshes).objective(near.solution.w)
     near = dataclasses.replace(near, cost=cost)
-    rate, step, best = FIRST, STEP, 0.0
+    rate, step, plans = FIRST, STEP, dict[float, SolveResult]()
     while step > PRECISE * rate:
         begun = time.process_time()
         found, row = solved(at(solver, rate), near)
         if found is not None:
-            best, near = rate, found
+            plans[rate] = near = found
         else:
             step /= 2
         rows.append({"value": rate} | row | {"processor_s": time.process_time() - begun})
         print(json.dumps(rows[-1]), flush=True)
-        rate = (best or FIRST) + step
-    data = {"scenario": SCENARIO, "axis": "rate [deg/s]", "rows": rows, "largest": best}
-    data |= verified(best, near, folder / "largest")
+        rate = max(plans, default=FIRST) + step
+    data: dict[str, Any] = {"scenario": SCENARIO, "axis": "rate [deg/s]", "rows": rows}
+    data |= {"largest": max(plans, default=None), "largest_verified": None}
+    by_rate, upwards = {row["value"]: row for row in rows}, True
+    for value in sorted(plans):
+        row = by_rate[value]
+        row["on_its_mesh"] = replayed(at(solver, value), plans[value])
+        if upwards:
+            row["refined"] = verified(value, plans[value], folder / f"{value:g}")
+            upwards = row["refined"]["verified"]
+            if upwards:
+                data["largest_verified"] = value
+        print(json.dumps({key: row.get(key) for key in ("value", "on_its_mesh", "refined")}), flush=True)
     data |= {"machine": history.machine(), "commit": history.commit()}
     write_text(Path(DATA), json.dumps(data, indent=1) + "\n")
     write_bytes(Path(FIGURE), to_bytes(feasible_range(data), "png"))
