@@ -58,9 +58,10 @@ class PlanCost(Element):
         raise NotImplementedError
 
     def magnitudes(self, instant: PlanInstant) -> ca.SX:
-        """Driving forces whose magnitudes the term integrates (n x 1), where the expression rounds them off.
+        """Driving forces whose magnitudes' sum is the integrand (n x 1), in the place of an expression.
 
-        The integral of the magnitudes themselves is then reported.
+        They are linear in what drives the robots. The search splits each into two parts, f = f+ - f- with
+        f+ >= 0 and f- >= 0, whose sum is the magnitude where it is least.
         """
         del instant
         return ca.SX(0, 1)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 
 from optim.planning.formulation.arms_at_rest import rest_rows
-from optim.planning.formulation.costs import cost_terms, magnitudes
+from optim.planning.formulation.costs import cost_terms, magnitudes, split_rows
 from optim.planning.formulation.goals import goal_rows
 from optim.planning.formulation.grasps import closed_grasps
 from optim.planning.formulation.initial_conditions import initial_conditions
@@ -255,10 +257,13 @@ def _problem(
 ) -> PlanningProblem:
     """Of one phase; one that does not begin the plan begins where the one before it ends."""
     stage = Stage.of(scene, driven_coordinates(scene, plan.limits), closed)
+    forces = magnitudes(stage, plan)
+    parts = ca.SX.sym("s", 2 * sum(each.numel() for each in forces.values()))
+    stage = dataclasses.replace(stage, s=parts)
     lower, upper = instant_limits(stage, plan.limits)
     goals = [row for name, goal in plan.goals.items() for row in goal_rows(stage, name, goal)]
     goals += rest_rows(stage, plan.goals)
-    terms, ends = cost_terms(stage, plan)
+    terms, ends = cost_terms(stage, plan, forces)
     span = plan.duration
     fixed = np.concatenate([scene.q, close_velocity(scene) if stage.grips and begins else scene.v])
     begin, beginning = initial_conditions(stage, plan, fixed, (lower, upper))
@@ -266,7 +271,12 @@ def _problem(
         begin = (np.full(fixed.size, -np.inf), np.full(fixed.size, np.inf))
     return PlanningProblem(
         stage=stage,
-        path=(*path_rows(stage, plan), *beginning, *avoidance_rows(stage, plan)),
+        path=(
+            *path_rows(stage, plan),
+            *split_rows(stage, forces),
+            *beginning,
+            *avoidance_rows(stage, plan),
+        ),
         goal=tuple(goals),
         terms=terms,
         ends=ends,
@@ -279,5 +289,5 @@ def _problem(
         tolerance=plan.tolerance,
         open_loop=plan.open_loop,
         begin=begin,
-        magnitudes=magnitudes(stage, plan, terms),
+        magnitudes=forces,
     )

@@ -78,6 +78,7 @@ def instant_limits(stage: Stage, given: Limits) -> tuple[Array, Array]:
     first = model.nq + 2 * model.nv
     last = first + stage.u.numel()
     lower[first:last], upper[first:last] = -stage.driven.limits, stage.driven.limits
+    lower[stage.z.numel() - stage.s.numel() :] = 0.0
     return lower, upper
 
 

@@ -1,8 +1,9 @@
 """One instant of a motion as expressions: what it is made of, how it moves, what must hold, what it costs.
 
-An instant is z = (q, v, a, u, w): Pinocchio's configuration and velocity of the whole scene, acceleration,
-what drives it, and the wrenches of rigid grasps that hold. Accelerations are unknowns, so that the mechanics
-enter by inverse dynamics, whose derivatives are much shorter than those of forward dynamics:
+An instant is z = (q, v, a, u, w, s): Pinocchio's configuration and velocity of the whole scene, acceleration,
+what drives it, the wrenches of rigid grasps that hold, and the parts of forces whose magnitudes are a cost.
+Accelerations are unknowns, so that the mechanics enter by inverse dynamics, whose derivatives are much
+shorter than those of forward dynamics:
 
     M(q) a + h(q, v) + R v = B u + A(q)' w,    d/dt (A v) = 0.
 
@@ -106,6 +107,8 @@ class Stage:
         Symbols (nq, nv, nv, nu, nw).
     kinematics
         At (q, v).
+    s
+        Symbols of positive and negative parts of forces whose magnitudes are a cost (ns).
     """
 
     scene: Scene
@@ -118,6 +121,7 @@ class Stage:
     u: ca.SX
     w: ca.SX
     kinematics: Kinematics
+    s: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
 
     @classmethod
     def of(cls, scene: Scene, driven: DrivenCoordinates, closed: Sequence[SceneGrasp] | None = None) -> Stage:
@@ -140,7 +144,14 @@ class Stage:
     @property
     def z(self) -> ca.SX:
         """The instant (nz x 1)."""
-        return ca.vertcat(self.q, self.v, self.a, self.u, self.w)
+        return ca.vertcat(self.q, self.v, self.a, self.u, self.w, self.s)
+
+    @property
+    def drive_places(self) -> list[int]:
+        """Places in z of the drives and of the parts of forces."""
+        first = self.q.numel() + self.v.numel() + self.a.numel()
+        parts = self.z.numel() - self.s.numel()
+        return [*range(first, first + self.u.numel()), *range(parts, self.z.numel())]
 
     @property
     def rate(self) -> ca.SX:
@@ -219,9 +230,11 @@ class PlanningProblem:
     begin
         Least and greatest q and v at the start, where that is free (nq + nv,) each.
     magnitudes
-        Forces (n x 1) [N] whose magnitudes a term rounds off, by name.
+        Forces (n x 1) [N] whose magnitudes are integrands, by name.
     open_loop
         Whether the tolerance holds for the replay without feedback too.
+    linear_drives
+        Whether drives are linear in time in each interval, so that their limits hold by those at its ends.
     """
 
     stage: Stage
@@ -238,6 +251,7 @@ class PlanningProblem:
     begin: tuple[Array, Array] | None = None
     magnitudes: Mapping[str, ca.SX] = field(default_factory=dict)
     open_loop: bool = True
+    linear_drives: bool = False
 
     @property
     def start(self) -> tuple[Array, Array]:

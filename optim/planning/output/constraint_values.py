@@ -151,7 +151,7 @@ def with_flown(plan: xr.Dataset, scene: Scene, flown: xr.Dataset) -> xr.Dataset:
         own = plan.time.values if len(phases) == 1 else plan.time.values[plan.phase.values == phase.name]
         inside = (times >= own[0]) & (times <= own[-1])
         stage = phase.problem.stage
-        state, later = ca.vertcat(stage.q, stage.v), ca.vertcat(stage.a, stage.u, stage.w)
+        state, later = ca.vertcat(stage.q, stage.v), ca.vertcat(stage.a, stage.u, stage.w, stage.s)
         at = np.hstack([flown.q.values[inside], flown.v.values[inside]]).T
         for row in phase.problem.path:
             name = f"{phase.name}: {row.name}" if len(phases) > 1 else row.name

@@ -57,7 +57,7 @@ def check_start(problem: PlanningProblem) -> None:
                     where="plan",
                 )
     stage = problem.stage
-    later = ca.vertcat(stage.a, stage.u, stage.w)
+    later = ca.vertcat(stage.a, stage.u, stage.w, stage.s)
     rows = [row for row in problem.path if row.final_fraction == 1.0 and not ca.depends_on(row.value, later)]
     if not rows:
         return

@@ -214,7 +214,7 @@ def _terms(phased_motion: PhasedMotion) -> dict[str, float]:
 
 def integrals(motion: Motion) -> dict[str, float]:
     """Integrals over the motion of the terms of the cost, what its end costs, and the duration, without their
-    weights; magnitudes that the search rounds off as they are.
+    weights; those of magnitudes by the polynomials between the points.
     """
     problem = motion.problem
     found: dict[str, float] = {}
@@ -222,7 +222,7 @@ def integrals(motion: Motion) -> dict[str, float]:
     for name, term in problem.terms.items():
         values = ca.Function("term", [problem.stage.z], [ca.densify(term)])(motion.z.T).full()
         found[name] = float(weights @ np.array(values).ravel()) * motion.duration_s
-    for name, forces in problem.magnitudes.items():  # smooth in the search, which is less than they are
+    for name, forces in problem.magnitudes.items():  # whose quadrature misses changes of sign between points
         found[name] = integral_of_magnitudes(motion, forces)
     for name, end in problem.ends.items():
         found[name] = float(ca.Function("end", [problem.stage.z], [end])(motion.z[-1]))

@@ -380,7 +380,7 @@ class PlanSolver:
     def program(self, request: SolveRequest, meshes: Sequence[Mesh]) -> NonlinearProgram:
         """Nonlinear program on a mesh of each phase, or of each segment of a single phase."""
         problems = self.problems_of(request)
-        if not self.following_phases and len(meshes) > 1:
+        if not self.following_phases and (len(meshes) > 1 or problems[0].magnitudes):
             programs = [
                 CollocationProgram(problem, self.instants, self.lobatto, mesh)
                 for problem, mesh in zip(segment_problems(problems[0], len(meshes)), meshes, strict=True)

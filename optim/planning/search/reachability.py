@@ -115,7 +115,7 @@ class _Postures:
     def of(cls, problem: PlanningProblem) -> _Postures | None:
         """None where no goal depends on the configuration alone."""
         stage, model = problem.stage, problem.stage.scene.model
-        moving = ca.vertcat(stage.v, stage.a, stage.u, stage.w)
+        moving = ca.vertcat(stage.v, stage.a, stage.u, stage.w, stage.s)
         goals = [row for row in problem.goal if not ca.depends_on(row.value, moving)]
         if not goals:
             return None

@@ -24,7 +24,7 @@ from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.mesh_transfer import transfer, transfer_constrained
 from optim.planning.transcription.motion import PhasedMotion
 from optim.planning.verification.clearance import course_collisions
-from optim.planning.verification.mesh_refinement import refined_meshes
+from optim.planning.verification.mesh_refinement import refined_meshes, sharper_meshes
 from optim.planning.verification.second_order_conditions import descent_direction
 from optim.planning.verification.verify import VerificationResult, verify
 
@@ -45,6 +45,8 @@ FEASIBLE = 1e-7
 """Violation of the elastic program's solution that counts as none."""
 MOST_SEGMENTS = 40
 """Segments between jumps of the drives from which on a mesh is refined alone."""
+GAIN = 1e-3
+"""Part of the cost that a mesh that is finer where forces jump must gain to be refined once more."""
 DRAWN = 2
 """Guesses that are drawn, at most, to leave a saddle point."""
 
@@ -205,7 +207,8 @@ class _SolverRuns:
     def refined(self) -> VerificationResult | None:
         """Verdict on the motion on meshes that become finer until it is good, or as fine as is allowed."""
         jumps = not self.solver.following_phases and not self.solver.name and may_jump(self.problem)
-        verification = None
+        jumps = jumps and not self.problem.magnitudes  # their drives are linear, their meshes sharpened
+        verification, before = None, np.inf
         while True:
             self.clear()
             if self.kept is None:
@@ -218,7 +221,15 @@ class _SolverRuns:
             program = solver.interpreted.program(self.request, meshes)
             verification = verify(phased_motion, program, solution, _size(self.cost), solver.backend)
             if verification.fine_enough:
-                return verification
+                sharper = sharper_meshes(phased_motion, solver.plan.max_intervals)
+                gained, before = before - self.cost, self.cost
+                if sharper is None or gained < GAIN * self.cost:
+                    return verification
+                self.why = " (refined, for forces that jump)"
+                if not self._finer(sharper):
+                    self.cause = ""
+                    return verification
+                continue
             if jumps and len(meshes) < MOST_SEGMENTS:
                 pieces = split_at_jumps(phased_motion, self.problem)
                 jumps = pieces is not None and self._solve(pieces, tuple(m.mesh for m in pieces.motions))

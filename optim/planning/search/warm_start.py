@@ -128,10 +128,11 @@ def _motion(problem: PlanningProblem, plan: xr.Dataset, file: Path) -> Motion:
         stored = [str(name) for name in plan.grip.values] if "grip" in plan.coords else []
         _same(file, "grasps that hold", [axis for axis in axes if axis in stored], axes)
         w = numbers(plan, "grip_wrench", ("time", "grip"))[:, [stored.index(axis) for axis in axes]]
-    z = np.hstack([q, v, a, np.zeros((len(times), stage.u.numel())), w])
+    drive, parts = (np.zeros((len(times), one.numel())) for one in (stage.u, stage.s))
+    z = np.hstack([q, v, a, drive, w, parts])
     first = stage.q.numel() + stage.v.numel() + stage.a.numel()
     # the drive is what the equations of motion leave without it
     left = ca.Function("left", [stage.z], [ca.densify(stage.balance[list(stage.driven.columns)])])
     z[:, first : first + stage.u.numel()] = np.array(left(z.T).full()).T
     mesh = Mesh(tuple(float(knot) for knot in knots / knots[-1]))
-    return Motion(problem, Lobatto.of_order(2 * points - 2), mesh, float(knots[-1]), z)
+    return Motion(problem, Lobatto.of_order(2 * points - 2), mesh, float(knots[-1]), z).split_forces()

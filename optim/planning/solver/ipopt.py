@@ -106,17 +106,19 @@ def solve(
     KeyboardInterrupt
         If Ctrl-C came meanwhile.
     """
+    # where constraints follow from others, their multipliers are kept small at every iteration
+    always = {"perturb_always_cd": "yes"} if getattr(program, "is_redundant", False) else {}
     if scale is None:
         scale = 1.0 if warm is None else warm.scale
     presolved = PresolvedProgram(program, first)
     if warm is None:
-        return _solve(presolved, first, None, ipopt_options(iterations, scale), told)
+        return _solve(presolved, first, None, ipopt_options(iterations, scale) | always, told)
     known = warm.multipliers.size > 0
     options = ipopt_options(min(iterations, PATIENCE), scale, warm.barrier, known=known)
-    found = _solve(presolved, first, warm if known else None, options, told)
+    found = _solve(presolved, first, warm if known else None, options | always, told)
     if found.converged or iterations <= PATIENCE or found.status == TIME_LIMIT:
         return found
-    anew = _solve(presolved, first, None, ipopt_options(iterations, scale), told)
+    anew = _solve(presolved, first, None, ipopt_options(iterations, scale) | always, told)
     return dataclasses.replace(
         anew,
         iterations=found.iterations + anew.iterations,

@@ -134,8 +134,8 @@ class OptimalPoint:
 def _with_numbers_of(scene: Scene, program: NonlinearProgram) -> NonlinearProgram:
     """A program for a scene that differs by numbers alone, on the same meshes, to be evaluated only."""
     phases, before = formulate_phases(scene), phase_programs(program)
-    problems = [phase.problem for phase in phases]
-    if len(phases) < len(before):  # drives jump
+    problems, segments = [phase.problem for phase in phases], before[0].problem.linear_drives
+    if segments:
         problems = segment_problems(problems[0], len(before))
     programs = [
         CollocationProgram(problem, with_values_of(own.instants, problem), own.lobatto, own.mesh)
@@ -143,7 +143,7 @@ def _with_numbers_of(scene: Scene, program: NonlinearProgram) -> NonlinearProgra
     ]
     if not isinstance(program, PhaseChain):
         return programs[0]
-    if len(phases) < len(before):
+    if segments:
         return PhaseChain(programs, program.links, segment_constraints(programs, phases[0].problem))
     links = [
         link.with_values_of(phase.problem.stage, phase.impact)

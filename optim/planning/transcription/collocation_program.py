@@ -109,6 +109,10 @@ class CollocationProgram:
         problem = self.problem
         lower, upper = (np.tile(side, (self.points, 1)) for side in (problem.lower, problem.upper))
         lower[0, : self.nx], upper[0, : self.nx] = problem.start
+        if problem.linear_drives:  # where limits of what the ends determine would be redundant
+            inner = np.flatnonzero(np.arange(self.points) % self.inner)
+            open_ = np.ix_(inner, np.array(problem.stage.drive_places, dtype=np.int64))
+            lower[open_], upper[open_] = -np.inf, np.inf
         least, greatest, _ = problem.duration
         return np.append(lower, least), np.append(upper, greatest)
 

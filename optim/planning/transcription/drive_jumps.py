@@ -9,7 +9,8 @@ In each interval of a segment drives are linear in time,
 
     u_nj = (1 - c_j) u_n0 + c_j u_n(s-1)    at the inner nodes c_j,
 
-so that limits at the points hold between them. Without that the least time is too small: between its nodes a
+and so are the positive parts of forces whose magnitudes are a cost, so that limits at the knots hold between
+them. Without that the least time is too small: between its nodes a
 polynomial swings beyond the limits. A drive that is constant between jumps is found exactly.
 """
 
@@ -49,7 +50,7 @@ def segment_problems(problem: PlanningProblem, count: int) -> list[PlanningProbl
     anywhere = (np.full(problem.fixed.size, -np.inf), np.full(problem.fixed.size, np.inf))
     found = []
     for k in range(count):
-        own = dataclasses.replace(problem, duration=span)
+        own = dataclasses.replace(problem, duration=span, linear_drives=True)
         own = own if k == 0 else dataclasses.replace(own, begin=anywhere)
         found.append(own if k == count - 1 else dataclasses.replace(own, goal=(), ends={}))
     return found
@@ -63,8 +64,10 @@ def segment_constraints(
     rows, columns, values = [np.zeros(len(programs), dtype=int)], [sizes[1:] - 1], [np.ones(len(programs))]
     count = 1
     for first, program in zip(sizes[:-1], programs, strict=True):
-        stage, inner = program.problem.stage, program.inner
-        drives = program.nx + program.nv + np.arange(stage.u.numel())
+        stage, inner, forces = program.problem.stage, program.inner, program.problem.magnitudes.values()
+        # of a force and its parts, f = f+ - f-, the third is linear where two are
+        positive = [k < each.numel() for each in forces for k in range(2 * each.numel())]
+        drives = np.array(stage.drive_places)[[*[True] * stage.u.numel(), *positive]]
         for n in range(program.intervals):
             for j in range(1, inner):
                 place = float(program.lobatto.nodes[j])
@@ -136,7 +139,8 @@ def split_at_jumps(phased_motion: PhasedMotion, problem: PlanningProblem) -> Pha
                     drives[share < jump.share + near / 2, jump.drive] = jump.after
                 if end - least <= jump.share <= end + least:
                     drives[share > jump.share - near / 2, jump.drive] = jump.before
-            found.append(Motion(problem, motion.lobatto, mesh, (end - begin) * motion.duration_s, z))
+            piece = Motion(problem, motion.lobatto, mesh, (end - begin) * motion.duration_s, z)
+            found.append(piece.split_forces())
     if len(found) == len(phased_motion.motions):
         return None
     problems = segment_problems(problem, len(found))

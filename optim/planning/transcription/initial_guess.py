@@ -116,10 +116,10 @@ def initial_guess(
                     before = turns[i - 1] if i else problem.fixed[joint.idx_q + 3 : joint.idx_q + 7]
                     turns[i] *= 1.0 if turns[i] @ before > 0 else -1.0
     u = np.array([_drive(problem, *at) for at in zip(q, v, a, strict=True)])
-    z = np.hstack([q, v, a, u, np.zeros((len(q), stage.w.numel()))])
+    z = np.hstack([q, v, a, u, np.zeros((len(q), stage.w.numel() + stage.s.numel()))])
     z = np.clip(z, problem.lower, problem.upper)
     z[0, : problem.fixed.size] = problem.fixed
-    return Motion(problem, lobatto, mesh, duration, z)
+    return Motion(problem, lobatto, mesh, duration, z).split_forces()
 
 
 def _base_path(
@@ -213,11 +213,12 @@ def rescaled_motion(motion: Motion, problem: PlanningProblem, duration: float) -
     for k, (q, v, a, u, w) in enumerate(parts):
         q = pin.integrate(model, after[0][k], pin.difference(model, before[0][k], q))
         v, a = after[1][k] + (v - before[1][k]) / share, a / share**2
-        z[k] = np.concatenate([q, v, a, u if share == 1.0 else _drive(problem, q, v, a), w])
+        drive = u if share == 1.0 else _drive(problem, q, v, a)
+        z[k] = np.concatenate([q, v, a, drive, w, np.zeros(problem.stage.s.numel())])
     z = np.clip(z, problem.lower, problem.upper)
     size = problem.fixed.size
     z[0, :size] = np.clip(z[0, :size], *problem.start)
-    return Motion(problem, motion.lobatto, motion.mesh, duration, z)
+    return Motion(problem, motion.lobatto, motion.mesh, duration, z).split_forces()
 
 
 def _drive(problem: PlanningProblem, q: Array, v: Array, a: Array) -> Array:

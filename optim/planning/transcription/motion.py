@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -28,7 +29,8 @@ class Motion:
     duration_s
         From its beginning to its end [s].
     z
-        Instants at all points (points, nz): configuration, velocity, acceleration, drive, grips' wrenches.
+        Instants at all points (points, nz): configuration, velocity, acceleration, drive, grips' wrenches,
+        parts of forces whose magnitudes are a cost.
     """
 
     problem: PlanningProblem
@@ -79,8 +81,12 @@ class Motion:
 
     def parts(self, z: Array) -> list[Array]:
         """Configuration, velocity, acceleration, drive and grips' wrenches of instants (n, nz)."""
+        return self._split(z)[:-1]
+
+    def _split(self, z: Array) -> list[Array]:
+        """The same, and parts of forces."""
         stage = self.problem.stage
-        sizes = [part.numel() for part in (stage.q, stage.v, stage.a, stage.u)]
+        sizes = [part.numel() for part in (stage.q, stage.v, stage.a, stage.u, stage.w)]
         return np.split(z, np.cumsum(sizes), axis=1)
 
     def at(self, mesh: Mesh, place: Array) -> Array:
@@ -96,7 +102,7 @@ class Motion:
         n, local = self.mesh.located(parts)
         of = n[:, None] * (self.lobatto.points - 1) + np.arange(self.lobatto.points)
         values, primitives = self.lobatto.values_at(local), self.lobatto.primitives_at(local)
-        q, v, a, u, w = self.parts(self.z)
+        q, v, *others = self._split(self.z)
         # rates of the configuration of instants
         rates = ca.Function("rate", [self.problem.stage.z], [ca.densify(self.problem.stage.rate)])
         rate = np.array(rates(self.z.T).full()).T
@@ -104,12 +110,20 @@ class Motion:
         return np.hstack(
             [
                 q[first] + step * np.einsum("pk,pkx->px", primitives, rate[of]),
-                v[first] + step * np.einsum("pk,pkx->px", primitives, a[of]),
-                np.einsum("pk,pkx->px", values, a[of]),
-                np.einsum("pk,pkx->px", values, u[of]),
-                np.einsum("pk,pkx->px", values, w[of]),
+                v[first] + step * np.einsum("pk,pkx->px", primitives, others[0][of]),
+                *(np.einsum("pk,pkx->px", values, part[of]) for part in others),
             ]
         )
+
+    def split_forces(self) -> Motion:
+        """The same motion with the parts of forces that follow from its drive."""
+        forces, stage = self.problem.magnitudes, self.problem.stage
+        if not forces:
+            return self
+        parts = [part for each in forces.values() for part in (ca.fmax(each, 0), ca.fmax(-each, 0))]
+        found = ca.Function("parts", [stage.z], [ca.densify(ca.vertcat(*parts))])(self.z.T).full()
+        own = self.z[:, : self.z.shape[1] - stage.s.numel()]
+        return dataclasses.replace(self, z=np.hstack([own, np.array(found).T]))
 
     def on(self, lobatto: Lobatto, mesh: int | Mesh) -> Motion:
         """The same motion on another mesh."""

@@ -121,6 +121,12 @@ class PhaseChain:
         Between each two of them.
     rest
         What holds beside, linear in all unknowns: the last constraints; none if not given.
+
+    Attributes
+    ----------
+    is_redundant
+        Whether constraints may follow from others: that a body which no force turns is at rest at the end
+        follows from its start, and no cost of plans that minimise magnitudes of forces depends on it.
     """
 
     def __init__(
@@ -130,6 +136,7 @@ class PhaseChain:
         rest: LinearConstraints | None = None,
     ) -> None:
         self.programs, self.links = tuple(programs), tuple(links)
+        self.is_redundant = any(program.problem.magnitudes for program in programs)
         self._sizes = [*(p.size for p in programs), *(link.impulses for link in links)]
         self._counts = [
             *(p.rows for p in programs),

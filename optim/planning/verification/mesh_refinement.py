@@ -11,6 +11,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Sequence
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 
@@ -22,6 +23,8 @@ from spacerobot.arrays import Array
 
 SAFETY = 0.3
 """Part of the tolerance that the errors of all intervals are to sum up to: estimates are asymptotic."""
+JUMP = 0.1
+"""Change of a force over an interval, as a part of the largest force, that counts as one."""
 PIECES = 4
 """Into which one interval is cut at once, at most."""
 
@@ -59,6 +62,41 @@ def refined_meshes(
             room -= own[n] - 1
         meshes.append(motion.mesh.split(own.tolist()))
     return None if all((own == 1).all() for own in counts) else tuple(meshes)
+
+
+def sharper_meshes(phased_motion: PhasedMotion, max_intervals: int) -> tuple[Mesh, ...] | None:
+    """Meshes that are finer where forces change whose magnitudes are a cost.
+
+    The least of magnitudes jumps from limit to limit. Where a jump is a straight line over a time h instead,
+    the impulse is the same and its centre off by a part of h^2, so that the cost is too large by O(h^2).
+
+    Parameters
+    ----------
+    phased_motion
+        The motion.
+    max_intervals
+        Of each phase.
+
+    Returns
+    -------
+    tuple or None
+        A mesh for each phase; None where there are no such forces, or no interval may be split any more.
+    """
+    counts = []
+    for motion in phased_motion.motions:
+        own, room = np.ones(motion.intervals, dtype=int), max_intervals - motion.intervals
+        if forces := [*motion.problem.magnitudes.values()]:
+            drive = ca.Function("drive", [motion.problem.stage.z], [ca.densify(ca.vertcat(*forces))])
+            knots = np.array(drive(motion.z[:: motion.lobatto.points - 1].T).full())
+            change = np.abs(np.diff(knots)).max(axis=0) / max(np.abs(knots).max(), 1e-300)
+            steepest = np.argsort(-change, kind="stable")[: max(room, 0)]
+            own[steepest[change[steepest] > JUMP]] = 2
+        counts.append(own)
+    if all((own == 1).all() for own in counts):
+        return None
+    return tuple(
+        motion.mesh.split(own.tolist()) for motion, own in zip(phased_motion.motions, counts, strict=True)
+    )
 
 
 def local_errors(phased_motion: PhasedMotion, backend: str = "auto") -> list[Array]:

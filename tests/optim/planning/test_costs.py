@@ -5,20 +5,20 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
-from scipy.integrate import simpson
-from scipy.optimize import brentq
 from scipy.sparse import triu
 
 from optim.planning.formulation.base_reactions import base_reactions
 from optim.planning.formulation.costs import headings, reported
 from optim.planning.formulation.formulate import formulate
 from optim.planning.search.make_plan import make_plan
+from optim.planning.studies.cost_sensitivities import cost_sensitivities
 from optim.planning.transcription.collocation_program import CollocationProgram
 from optim.planning.transcription.instant_functions import build_instants
 from optim.planning.transcription.lobatto import Lobatto
 from spacerobot.elements import kinds
 from spacerobot.scene import load_scene
 from tests.optim.planning.test_independent_checks import LINK, TWO_LINKS, scene, to
+from tests.oracles.least_impulse import least_impulse, least_impulse_and_time
 
 IN_SPACE = TWO_LINKS.replace('<axis xyz="0 0 1"/>', '<axis xyz="0 0.6 0.8"/>', 1)
 BODY = f'<robot name="body">{LINK.format("body", 2, 0, 0.1)}</robot>'
@@ -53,42 +53,70 @@ def test_arms_put_on_their_base_what_pinocchio_says(tmp_path, base):
     np.testing.assert_allclose(found.full().ravel(), sign * wanted[list(rows)], atol=1e-10)
 
 
-def test_least_impulse_is_a_push_a_drift_and_a_push(tmp_path):
-    """F t (T - t) = m d says how long each push lasts; the rounded optimum is that of Pontryagin."""
+def body_alone(tmp_path, base, plan, **sections):
+    """A body of its own weight on a floating base, whose tip comes to a place and rests there."""
     (tmp_path / "body.urdf").write_text(BODY)
-    goals = {"come": {"tip": "one/tip", "position": [1, 0, 0]}, "rest": {"still": "one"}}
-    plan = {"duration": 4, "goals": goals, "costs": {"propellant": 1}, "limits": {"base_force": 3}}
-    robot = {"urdf": "body.urdf", "base": {"joint": "planar"}, "tips": {"tip": {"frame": "body"}}}
+    robot = {"urdf": "body.urdf", "base": {"joint": base}, "tips": {"tip": {"frame": "body"}}} | sections
     file = tmp_path / "body.yaml"
-    mesh = {"intervals": 40, "order": 4, "max_intervals": 40, "tolerance": 1.0}
-    file.write_text(yaml.safe_dump({"robots": {"one": robot}, "plan": plan | mesh}))
-    found = make_plan(load_scene(file), backend="interpreted")
-    motion, share = found.motion, np.linspace(0, 1, 20001)
+    goals = {"come": {"tip": "one/tip", "position": plan.pop("to")}, "rest": {"still": "one"}}
+    file.write_text(yaml.safe_dump({"robots": {"one": robot}, "plan": {"goals": goals} | plan}))
+    return load_scene(file)
 
-    def force(slope):
-        """Where the derivative of the rounded magnitude is a straight line in time."""
-        line = slope * (1 - 2 * share)
-        inside = np.clip(np.abs(line), 0, 1 - 1e-12)
-        return np.sign(line) * np.minimum(3, 0.03 * inside / np.sqrt(1 - inside**2))
 
-    def off(slope):
-        return simpson(force(slope) * (1 - share), x=share) * 4**2 - 2 * 1
-
-    best = force(brentq(off, 1, 2))
-    assert found.runs[-1].cost == pytest.approx(
-        simpson(np.sqrt(best**2 + 0.03**2) - 0.03, x=4 * share), rel=1e-3
-    )
-    fine = np.abs(motion.along(share)[:, -2:]).sum(axis=1)
-    assert found.terms["propellant"] == pytest.approx(simpson(fine, x=4 * share), rel=1e-6)
-    assert found.cost == found.terms["propellant"] > found.runs[-1].cost + 0.01
+def test_least_impulse_is_a_push_a_drift_and_a_push(tmp_path):
+    """F t (T - t) = m d says how long each push lasts; linear programming finds the same."""
+    plan = {"to": [1, 0, 0], "duration": 4, "costs": {"propellant": 1}, "limits": {"base_force": 3}}
+    found = make_plan(body_alone(tmp_path, "planar", plan), backend="interpreted")
     push = (4 - np.sqrt(4**2 - 4 * 2 * 1 / 3)) / 2
-    assert simpson(np.abs(motion.u[:, 0]), x=motion.time) == pytest.approx(2 * 3 * push, rel=0.03)
-    drifts = (motion.time > 0.3) & (motion.time < 3.7)
-    assert np.abs(motion.u[drifts, 0]).max() < 0.03 * 3
+    assert least_impulse(2, 1, 3, 4) == pytest.approx(2 * 3 * push, rel=1e-3)
+    assert found.terms["propellant"] == pytest.approx(2 * 3 * push, rel=1e-3)
     known = {name: kind(weight=1) for name, kind in kinds("plan_cost").items()}
     words = headings(known)
     assert (reported(known["propellant"], 3.0, 2.0), words["propellant"]) == (3.0, "propellant")
     assert (reported(known["torque"], 8.0, 2.0), words["base_wrench"]) == (2.0, "base wrench, rms")
+
+
+THRUSTERS = {
+    "kind": "thrusters",
+    "thrust": 1.0,
+    "nozzles": {
+        f"{axis}{sign}": {"position": place, "direction": [-x / 0.2 for x in place]}
+        for axis, k in (("x", 0), ("y", 1))
+        for sign in (1, -1)
+        for place in [[0.2 * sign * (i == k) for i in range(3)]]
+    },
+}
+"""Four nozzles in a plane, in line with the centre of mass."""
+
+
+@pytest.mark.parametrize(
+    ("base", "to", "limit", "robot"),
+    [
+        ("planar", [0.4, -0.7, 0], 1.0, {"actuators": {"thrusters": THRUSTERS}}),
+        ("free_flyer", [0.5, 0.3, -0.2], 0.8, {}),
+    ],
+)
+def test_plans_spend_no_more_propellant_than_linear_programming(tmp_path, base, to, limit, robot):
+    """Each axis along which a force acts is on its own, since nothing turns the body."""
+    limits = {} if robot else {"base_force": limit}
+    plan = {"to": to, "duration": 6, "costs": {"propellant": 1}, "limits": limits}
+    found = make_plan(body_alone(tmp_path, base, plan, **robot), backend="interpreted")
+    least = sum(least_impulse(2, abs(way), limit, 6) for way in to if way)
+    assert 0.9999 * least < found.terms["propellant"] < 1.01 * least
+
+
+def test_propellant_and_time_are_traded_as_by_linear_programming(tmp_path):
+    costs, limits = {"propellant": 1, "time": 0.2}, {"base_force": 3}
+    plan = {"to": [1, 0, 0], "duration": {"lower": 1, "upper": 12}, "costs": costs, "limits": limits}
+    found = make_plan(body_alone(tmp_path, "planar", plan), backend="interpreted")
+    least, duration = least_impulse_and_time(2, 1, 3, 0.2, 12)
+    assert 0.9999 * least < found.cost < 1.01 * least
+    assert found.phased_motion.duration_s == pytest.approx(duration, rel=0.02)
+    mass, step = "robots.one.links.body.mass", 1e-3
+    heavier, lighter = (least_impulse_and_time(2 + s * step, 1, 3, 0.2, 12)[0] for s in (1, -1))
+    assert cost_sensitivities(found, [mass])[mass] == pytest.approx(
+        (heavier - lighter) / (2 * step), rel=0.02
+    )
 
 
 def test_what_the_end_costs_has_its_derivatives(reach):
