@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from spacerobot.errors import SpaceRobotError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from tests.oracles.free_bodies import FLAT, free_bodies
@@ -157,7 +158,13 @@ class Page(Browser):
         return self
 
     def wait_for(self, expression, timeout_s=20):
-        super().wait_for(expression, timeout_s)
+        """Wait until an expression is true, also where the page opens itself again meanwhile."""
+        try:
+            super().wait_for(expression, timeout_s)
+        except SpaceRobotError as error:
+            if "navigated" not in str(error):
+                raise
+            self.wait_for(expression, timeout_s)
 
     def drawn(self):
         """Wait until the page has drawn what it was asked for."""

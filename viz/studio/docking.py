@@ -219,9 +219,13 @@ def plan(scene: Scene, folder: Path, job: Job) -> Path | None:
         job.tell("stopped", progress=1.0, message="")
         return None
     write(planned, folder)
+    followed = folder / FOLLOWED
+    # the page that opens again says what it shows now
+    text = followed.read_text(encoding="utf-8")
+    write_text(followed, re.sub(r"(?m)^name: .*$", f"name: {folder.name}", text, count=1))
     job.tell(
         "done",
         progress=1.0,
         message=f"cost {planned.cost:.4g}; opening the scenario that follows it",
     )
-    return folder / FOLLOWED
+    return followed

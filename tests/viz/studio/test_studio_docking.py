@@ -13,6 +13,7 @@ from tests.viz.studio.conftest import Asker
 from viz.studio.docking import UrdfChoice
 from viz.studio.messages import Request, read
 from viz.studio.prepared_design import Origin
+from viz.studio.server import Studio
 from viz.studio.session import StudioSession
 
 MINE = {"name": "mine", "robot": "arm.urdf", "target": "rectangle.urdf"}
@@ -75,6 +76,14 @@ def test_an_uploaded_urdf_is_written_into_the_folder_alone(tmp_path):
             choice.upload(name, "<robot/>")
 
 
+def short(order, file):
+    """A draft that is simulated and planned in no time."""
+    text, scene = draft_capture(order, file)
+    text = text.replace("  duration: 16\n", "  duration: 3\n")
+    brief = "simulation: {duration: 0.2, step: 0.02, output_step: 0.1}"
+    return re.sub("simulation: .*", brief, text), scene
+
+
 def test_a_docking_is_drafted_placed_opened_and_planned(served, monkeypatch):
     session, page = served
     page.ask("urdfs")
@@ -93,12 +102,6 @@ def test_a_docking_is_drafted_placed_opened_and_planned(served, monkeypatch):
     assert placed["spin_deg"] == [0, 0, 0.5]
     page.ask("draft", **MINE, position="1, 2")
     assert "three numbers" in page.take("failed")["message"]
-
-    def short(order, file):
-        text, scene = draft_capture(order, file)
-        text = text.replace("  duration: 16\n", "  duration: 3\n")
-        brief = "simulation: {duration: 0.2, step: 0.02, output_step: 0.1}"
-        return re.sub("simulation: .*", brief, text), scene
 
     monkeypatch.setattr("viz.studio.docking.draft_capture", short)
     page.ask("open", **MINE)
@@ -130,3 +133,28 @@ def test_a_file_that_is_there_is_not_overwritten(served):
 
 def test_requests_are_known():
     assert read('{"type": "draft", "robot": "a.urdf"}') == Request("draft", more={"robot": "a.urdf"})
+
+
+def test_a_docking_is_opened_and_planned_in_a_browser(browser, tmp_path, monkeypatch):
+    monkeypatch.setenv("SPACEROBOT_COMPILER", "none")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("viz.studio.docking.draft_capture", short)
+    file = one_arm.write(tmp_path)
+    drawn = "Number(document.body?.dataset.drawn) >= 1"
+    with Studio(Origin(load_scene(file), str(file)), tmp_path / "out", 7640) as studio:
+        browser.open(f"{studio.url}#t=0&play=0&scheme=dark")
+        browser.wait_for(drawn)
+        browser.evaluate("docking.open = true")
+        browser.wait_for("document.querySelectorAll('#docking [name=robot] option').length > 5")
+        choose = "((n, v) => { const e = document.querySelector(`#docking [name=${n}]`); e.value = v; "
+        choose += "e.dispatchEvent(new Event('input', { bubbles: true })); })"
+        browser.evaluate(f"{choose}('robot', 'arm.urdf'); {choose}('target', 'rectangle.urdf')")
+        browser.wait_for("!document.querySelector('#docking .open').disabled")
+        browser.evaluate("document.querySelector('#docking .open').click()")
+        browser.wait_for(f"{drawn} && !docking.open && !document.querySelector('#jobs .plan').hidden")
+        assert browser.evaluate("title.textContent") == "my-docking"
+        browser.evaluate("document.querySelector('#jobs .plan').click()")
+        browser.wait_for(f"{drawn} && title.textContent === 'my-docking-plan'")
+        assert browser.evaluate("document.documentElement.dataset.scheme") == "dark"
+        assert (tmp_path / "out" / "my-docking-plan" / "followed.yaml").exists()
+        assert browser.errors == []

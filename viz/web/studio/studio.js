@@ -10,7 +10,7 @@ import { Numbers } from "./parameter_tree.js";
 import { Rollouts, keyOf } from "./rollouts.js";
 import { Slider, firstRange } from "./slider.js";
 import { Wire } from "./connection.js";
-import { STILL } from "../theme.js";
+import { STILL, chosenScheme } from "../theme.js";
 
 export class Studio {
   constructor(player, address) {
@@ -57,7 +57,10 @@ export class Studio {
       command: () => this.keep.show(message.text, true),
       urdfs: () => this.docking.offer(message),
       draft: () => this.docking.show(message),
-      moved: () => { history.replaceState(null, "", location.pathname + location.search); location.reload(); },
+      moved: () => { // of what the address says, the scheme alone holds for the other scenario
+        history.replaceState(null, "", location.pathname + location.search + (chosenScheme() && `#scheme=${chosenScheme()}`));
+        location.reload();
+      },
     }[message.type];
     if (act) act();
   }
