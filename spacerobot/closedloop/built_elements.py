@@ -200,7 +200,9 @@ class LoopBuilder:
         """Reader of signals that are measured at instants; all that read one see the same."""
         measure, estimates = self._measure(body), self.estimates(body)
 
-        def held(signal: str, value: ca.SX, world: ca.SX | None = None) -> ca.SX | None:
+        def held(
+            signal: str, value: ca.SX, world: ca.SX | None = None, point: ca.SX | None = None
+        ) -> ca.SX | None:
             """Estimate, or held value, of a signal; None where it is neither estimated nor sampled."""
             own = signal.startswith(("tip_", "target_"))
             whose, away = f"{owner if own else body.name}.{signal}", None
@@ -211,7 +213,13 @@ class LoopBuilder:
             if signal.startswith("target_") and self.scene.target is not None:
                 places = (self.plant.placement(each)[1] for each in (self.scene.target.root_frame, frame))
                 away = ca.norm_2(ca.densify(next(places) - next(places)))
-            if signal in estimates and signal != "target_velocity":
+            if signal in estimates and signal == "target_velocity":
+                assert self.scene.target is not None, "scenes without a target are refused"
+                root, true = self.scene.target.root_frame, value
+                if point is None:
+                    point, true = self.plant.placement(root)[1], self.plant.velocity(root)[0]
+                found = estimates[signal](point) + value - true
+            elif signal in estimates:
                 origin = self.plant.placement(frame)[1] if signal == "target_position" else ca.SX(0)
                 found = estimates[signal](value + origin) - origin
                 found = found if world is None else world + found - value

@@ -38,7 +38,7 @@ from spacerobot.elements import (
     Contribution,
     ControlChannel,
 )
-from spacerobot.elements.contribution import SampledLaw, concatenate
+from spacerobot.elements.contribution import SampledLaw, concatenate, jointly
 from spacerobot.symbolic import Plant
 
 
@@ -110,7 +110,8 @@ def solve_accelerations(plant: Plant, acting: Contribution) -> ForwardDynamicsRe
     acceleration = plant.articulated.motion(driven)
     own = zip(acting.constraints, reactions[: len(acting.constraints)], strict=True)
     on_targets = tuple(constraint.on_target(along) for constraint, along in own)
-    sampled = tuple(_at_instant(plant, acting, law, commanded, (ideal, held)) for law in acting.sampled)
+    laws = jointly(acting.sampled)
+    sampled = tuple(_at_instant(plant, acting, law, commanded, (ideal, held)) for law in laws)
     answers = concatenate([early, answer])
     for channel, output in zip(ideal, outputs, strict=True):
         commanded = commanded + ca.mtimes(channel.actuation, output)
@@ -129,7 +130,8 @@ def _at_instant(
     torque, answers = deliver(commanded - law.held, law.others(acting.drives))
     wrenches = [*acting.wrenches, *acting.outside, *answers.wrenches, *answers.outside]
     outputs, _ = _solve(plant, plant.reduced_moving(torque, wrenches), [*law.channels, *ideal], held)
-    return ca.vertcat(*outputs[: len(law.channels)])
+    found: ca.SX = law.of(ca.vertcat(*outputs[: len(law.channels)]))
+    return found
 
 
 @dataclass(frozen=True)

@@ -146,16 +146,22 @@ class TipGuidance:
         del name
         for held in self.held.values():
             value = ca.substitute(value, held.value.symbol, held.shown)
+        value = self._first_estimates(value)
+        return self.plant.at_start(value, self.start, self.context.constants)
+
+    def _first_estimates(self, value: ca.SX) -> ca.SX:
+        """An expression in which filters know what they begin with."""
         for state in self.estimators.states:
             value = ca.substitute(value, state.symbol, state.initial)
-        return self.plant.at_start(value, self.start, self.context.constants)
+        return value
 
     def _remembered(self, path: str, name: str, value: ca.SX) -> ca.SX:
         """An expression of the state when the present reference began; what is constant of it stays so."""
         label = f"{self.tip.label}.begun.{path}.{name}"
         if label not in self.seen:
             own = changing(value)
-            self.seen[label] = memory(label, own), own
+            # the estimates of a filter, which are no memory, would count as zero where everything begins
+            self.seen[label] = memory(label, self._first_estimates(own)), own
         return filled(value, self.seen[label][0].symbol)
 
     def _first_twist(self) -> tuple[ca.SX, ca.SX]:

@@ -269,6 +269,9 @@ class _Life:
         if "captured_at" in known:
             when = "time of the last capture, -1 before the first"
             yield of_grasp("grasp_captured_at", known["captured_at"].symbol, "s", when)
+        if "rest_gap" in known:
+            text = "from mating frames to tips at the capture, axes of the mating frame"
+            yield of_grasp("grasp_capture_gap", known["rest_gap"].symbol, "m", text)
         said = {
             "velocity": (
                 "grasp_capture_velocity",

@@ -40,7 +40,9 @@ def unbroken(place: str, names: Sequence[str], signal: ca.SX) -> ca.SX:
 class Held(Protocol):
     """Reader of signals that are measured at instants."""
 
-    def __call__(self, signal: str, value: ca.SX, world: ca.SX | None = None, /) -> ca.SX | None:
+    def __call__(
+        self, signal: str, value: ca.SX, world: ca.SX | None = None, point: ca.SX | None = None, /
+    ) -> ca.SX | None:
         """Last measurement of a signal, as for :meth:`TipContext.read`; None if it is continuous."""
 
 
@@ -174,7 +176,9 @@ class TipContext:
     held: Held
     siblings: Mapping[str, Section]
 
-    def read(self, signal: str, value: ca.SX, world: ca.SX | None = None) -> ca.SX:
+    def read(
+        self, signal: str, value: ca.SX, world: ca.SX | None = None, point: ca.SX | None = None
+    ) -> ca.SX:
         """Signal as its sensor gives it.
 
         Parameters
@@ -185,13 +189,15 @@ class TipContext:
             Its true value (n x 1).
         world
             What is known with it in world axes (n x 1), which is then given with the error of the sensor.
+        point
+            Of ``target_velocity``: where on the target it is (3x1) [m]; the root link's origin if not given.
 
         Returns
         -------
         casadi.SX
             Last sample of a sampled sensor, otherwise the value with the sensor's offset and scale (n x 1).
         """
-        return known(self, signal, value, world)
+        return known(self, signal, value, world, point)
 
     @property
     def joint(self) -> int:
@@ -566,9 +572,15 @@ class ContactContext:
         return Wrench(pair[1].joint, force, none, point), Wrench(pair[0].joint, -force, none, point)
 
 
-def known(context: RobotContext | TipContext, signal: str, value: ca.SX, world: ca.SX | None = None) -> ca.SX:
-    """A signal (n x 1) as its sensor gives it: what was measured last, or a + b s."""
-    last = context.held(signal, value, world)
+def known(
+    context: RobotContext | TipContext,
+    signal: str,
+    value: ca.SX,
+    world: ca.SX | None = None,
+    point: ca.SX | None = None,
+) -> ca.SX:
+    """A signal (n x 1) as its sensor gives it, as of :meth:`TipContext.read`."""
+    last = context.held(signal, value, world, point)
     if last is not None:
         return last
     offset, scale = context.sensors(signal)

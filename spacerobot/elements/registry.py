@@ -17,7 +17,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
-from pydantic import Field, GetCoreSchemaHandler
+from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from spacerobot.elements.element import Element
@@ -252,6 +253,19 @@ class Family:
             return value
 
         return core_schema.no_info_before_validator_function(known, union)
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """Schema for editors, in which a section without ``kind`` is of the default kind alone."""
+        found = handler(schema)
+        if self.default is None or self.only is not None:
+            return found
+        default = found["discriminator"]["mapping"][self.default]
+        found["oneOf"] = [
+            each if each["$ref"] == default else each | {"required": ["kind"]} for each in found["oneOf"]
+        ]
+        return found
 
 
 def _unknown(section: Mapping[str, Any], found: tuple[str, ...]) -> str:

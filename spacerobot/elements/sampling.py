@@ -141,7 +141,8 @@ def periodic(config: Sampling, context: SectionContext, name: str, continuous: C
     if solved:
         ideal = tuple(continuous.channels[i] for i in solved)
         acts = next(torque.value for torque in torques if not torque.null_space)
-        laws.append(SampledLaw(tick.name, ideal, ca.vertcat(*solved.values()), acts))
+        group = f"{robot} every {config.period!r} s"
+        laws.append(SampledLaw(tick.name, ideal, ca.vertcat(*solved.values()), acts, group))
     return replace(
         continuous,
         states=(*states, clock.count),

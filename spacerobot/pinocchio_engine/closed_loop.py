@@ -289,7 +289,7 @@ class PinocchioLoop:
                 conditions = self._conditions(now.state, now.given)
                 conditions = DynamicsConditions(now.state, {**conditions.loads, **own})
                 outputs = conditions.solve(own["effort"][:, 0], outputs=True)[0]
-                found[place] = outputs[: len(found[place])]
+                found[place] = self._unknowns.instants[place].of(outputs)
         return np.concatenate([np.empty(0), *found])
 
     def _conditions(

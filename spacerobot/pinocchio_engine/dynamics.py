@@ -23,7 +23,7 @@ from spacerobot.arrays import Array
 from spacerobot.closedloop.forward_dynamics import ForwardDynamicsResult, deliver, in_turn
 from spacerobot.closedloop.impulse import PlasticImpact, idleness, masked
 from spacerobot.elements import Contribution, ControlChannel
-from spacerobot.elements.contribution import SampledLaw, concatenate
+from spacerobot.elements.contribution import SampledLaw, concatenate, jointly
 from spacerobot.pinocchio_engine.mechanical_state import MechanicalState
 from spacerobot.symbolic import Plant
 
@@ -83,7 +83,8 @@ class DynamicsUnknowns:
         torque, answer = deliver(torque, self.then)
         self.late = torque, pushed + plant.reduced(wrenches=[*answer.wrenches, *answer.outside])
         self.driven = concatenate([early, answer])
-        self.laws = {law.event: self._at_instant(plant, acting, law, commanded) for law in acting.sampled}
+        self.instants = jointly(acting.sampled)
+        self.laws = {law.event: self._at_instant(plant, acting, law, commanded) for law in self.instants}
         self.sampled = tuple(law.output for law in acting.sampled)
         self.reaction = ca.SX.sym("reaction", sum(held.size for held in acting.constraints))
         self.acceleration = ca.SX.sym("acceleration", size)

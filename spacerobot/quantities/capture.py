@@ -35,6 +35,28 @@ def distances(context: Context) -> Components:
     return Components(grasp_names(context, chosen), ca.vertcat(ca.SX(0, 1), *away))
 
 
+def touchdown_speeds(context: Context) -> Components:
+    """Speed of the tip relative to the target at the capture of each grasp [m/s]; zero if it was missed."""
+    chosen = open_grasps(context)
+    velocities = context.vectors("grasp_capture_velocity") if chosen else []
+    speeds = sizes([velocities[i] for i in chosen], SMALLEST)
+    return Components(grasp_names(context, chosen), ca.vertcat(ca.SX(0, 1), *speeds))
+
+
+def lateral_misses(context: Context) -> Components:
+    """Distance of the tip from the mating frame's axis at the capture of each grasp [m]."""
+    chosen, misses = open_grasps(context), list[ca.SX]()
+    for i in chosen:
+        capture = context.scene.grasps[i].config.capture
+        assert capture is not None, "scenes are refused whose open grasps have none"
+        axis = ca.DM(capture.axis) / ca.norm_2(ca.DM(capture.axis))
+        gap = context.vectors("grasp_capture_gap")[i]
+        missed = context.signals["grasp_captured_at"][i] < 0
+        misses.append(ca.if_else(missed, context.vectors("grasp_gap")[i], gap - axis * ca.dot(axis, gap)))
+    found = sizes(misses, SMALLEST)
+    return Components(grasp_names(context, chosen), ca.vertcat(ca.SX(0, 1), *found))
+
+
 QUANTITIES = (
     Quantity(
         "capture_time",
@@ -56,6 +78,27 @@ QUANTITIES = (
         "m",
         "lowest",
         distances,
+        absent=NO_CAPTURE,
+    ),
+    Quantity(
+        "touchdown_speed",
+        "touchdown speed",
+        "speed of a tip relative to the target at the capture; zero if it was missed",
+        "m/s",
+        "final",
+        touchdown_speeds,
+        is_default=False,
+        absent=NO_CAPTURE,
+    ),
+    Quantity(
+        "lateral_miss",
+        "lateral miss",
+        "distance of a tip from the axis of its mating frame at the capture; if it was missed, the whole "
+        "distance at the end",
+        "m",
+        "final",
+        lateral_misses,
+        is_default=False,
         absent=NO_CAPTURE,
     ),
 )

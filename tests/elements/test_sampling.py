@@ -216,6 +216,21 @@ def difference(rollout, path, step):
     return fine + (fine - coarse) / 3
 
 
+def test_position_and_orientation_of_a_tip_are_solved_together():
+    """At an instant their torques are those of the continuous laws, not an iteration towards them."""
+    tip = "robots.one.tips.tip"
+    gains = {"pid": {"kp": 30, "kd": 4}, "orientation_pid": {"kp": 20, "kd": 3}}
+    changes = {f"{tip}.amnesia": None} | {f"{tip}.{key}": section for key, section in gains.items()}
+    _, ideal = rolled(changes, SPATIAL, 0.01, output_step_s=0.01)
+    held = {f"{tip}.{key}": section | sampled(0.02) for key, section in gains.items()}
+    scene, rollout = rolled(changes | held, SPATIAL, 0.01, output_step_s=0.01)
+    joints = len(scene.robots[0].driven_joints)
+    wanted = ideal.run().outputs["joint_torque"][0, :joints]
+    np.testing.assert_allclose(rollout.run().outputs["joint_torque"][1, :joints], wanted, rtol=1e-9)
+    other = simulate(scene, duration_s=0.01, output_step_s=0.01).outputs["joint_torque"][1, :joints]
+    np.testing.assert_allclose(other, wanted, rtol=1e-6)
+
+
 def test_gradients_go_through_samples_periods_and_delays():
     """Of a gain, which moves no instant, and of a period and a delay, which move all of them."""
     changes = {f"{ONE}.sampled": {"period": 0.037, "delay": 0.051}, f"{TWO}.sampled": {"period": 0.05}}

@@ -234,6 +234,15 @@ def test_editors_find_no_fault_with_what_ships(name):
     assert list(judge.iter_errors(document | {"gravity": 3}))
 
 
+def test_editors_know_the_kind_that_a_section_has_by_default():
+    jsonschema = pytest.importorskip("jsonschema")
+    judge = jsonschema.Draft202012Validator(json_schema())
+    document = parse_yaml(PLANAR)
+    for sensor, faults in (({"errors": {"period": 0.1}}, 0), ({"kind": "gyro"}, 0), ({"scale": "much"}, 1)):
+        document["robots"]["one"]["sensors"] = {"base_spin": sensor}
+        assert len(list(judge.iter_errors(document))) == faults
+
+
 def test_every_field_of_the_schema_says_what_it_is():
     schema = json_schema()
     sections = {"Scenario": schema, **schema["$defs"]}

@@ -18,6 +18,7 @@ from spacerobot.arrays import Array
 from spacerobot.elements.controller import Replanning
 from spacerobot.elements.goal import TipGoal
 from spacerobot.errors import ScenarioError
+from spacerobot.scenario.bodies import Robot
 from spacerobot.scenario.phases import successors
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scene import Scene, build_scene
@@ -89,13 +90,17 @@ class FlownScene:
             joints[name] = tuple(body.joint_name(scene.model, joint) for joint in body.driven_joints)
             rows = np.ones((lobatto.points, len(joints[name]))).tolist()
             path = f"robots.{name}.controllers.{key}"
+            estimators = body.config.estimators.values() if isinstance(body.config, Robot) else ()
+            made = {signal for estimator in estimators for signal in estimator.makes}
             times = (lobatto.nodes * settings.period).tolist()
             points = {"times": times, "points": len(times), "joints": list(joints[name])}
             changes[f"{path}.knots"] = points | dict.fromkeys(TABLES, rows)
             changes[f"{path}.signals"] = [
                 signal
                 for signal, sensor in sensors_of(scene)[name]
-                if not sensor.is_ideal or any(f"robots.{name}.sensors.{signal}." in each for each in vary)
+                if not sensor.is_ideal
+                or signal in made
+                or any(f"robots.{name}.sensors.{signal}." in each for each in vary)
             ]
             changes[f"{path}.frames"] = {
                 goal.tip: goal.follows for goal in goals if goal.tip.startswith(f"{name}/")

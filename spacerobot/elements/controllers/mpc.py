@@ -105,10 +105,10 @@ class Mpc(JointPlanController):
             first = once(f"attitude.{tip.label}", start.placement(frame)[0])
             turned = plant.orientation_error(rotation, first)
             seen = {
-                "target_position": (origin - tip.position, origin),
-                "target_orientation": (plant.orientation_error(rotation, tip.rotation), turned),
-                "target_velocity": (velocity, None),
-                "target_spin": (spin, None),
+                "target_position": (origin - tip.position, origin, None),
+                "target_orientation": (plant.orientation_error(rotation, tip.rotation), turned, None),
+                "target_velocity": (velocity, None, origin),
+                "target_spin": (spin, None, None),
             }
             for signal in (each for each in self.signals if each in seen):
                 yield _output(signal, tip.read(signal, *seen[signal]), "tip", tip.label)

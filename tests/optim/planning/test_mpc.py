@@ -47,6 +47,42 @@ TWO_PHASES = [
 """Comes to the target by plans that end with the arm at rest a second later."""
 
 
+FILTERED = [
+    ("robots.one.controllers", {"lead": LEAD}),
+    (
+        "robots.one.sensors",
+        {
+            name: {"errors": {"period": 0.5, "noise": 1e-3}}
+            for name in ("target_position", "target_orientation")
+        },
+    ),
+    ("robots.one.estimators", {"seen": {"kind": "target_filter", "tip": "tip", "frame": "mate_1"}}),
+    ("plan.intervals", 4),
+    ("plan.duration", 3),
+]
+
+
+def test_plans_begin_with_the_velocity_and_spin_that_a_filter_estimates(reach):
+    """Sensors of velocity and spin are ideal, and are not read."""
+    loop = build_closed_loop(FlownScene.of(reach(*FILTERED)).scene)
+    x0, c = (value.full().ravel() for value in loop.setup(loop.parameters({})))
+    place = loop.state_names.index("one/seen.now[2]")  # of x, y, then the velocity
+    shifted = x0.copy()
+    shifted[place] += 0.02
+    shifted[place + 4] += 0.1  # and cosine and sine, then the spin
+    found = []
+    for x in (x0, shifted):
+        values = loop.outputs(0, x, loop.at(0, x, c))
+        found.append({n: v.full().ravel() for n, v in zip(loop.outputs.name_out(), values, strict=True)})
+    known, moved = found
+    velocity, spin = (
+        moved[f"measured_target_{key}"] - known[f"measured_target_{key}"] for key in ("velocity", "spin")
+    )
+    lever = known["measured_target_position"] - known["body_position"][3:6]
+    np.testing.assert_allclose(spin, [0, 0, 0.1], atol=1e-12)
+    np.testing.assert_allclose(velocity, [0.02 - 0.1 * lever[1], 0.1 * lever[0], 0], atol=1e-12)
+
+
 def seen_state(scene, state):
     """Measured state of a scene, by the outputs of its closed loop."""
     loop = build_closed_loop(FlownScene.of(scene).scene)

@@ -146,6 +146,7 @@ def _lives(engine: Engine, instant: Instant) -> dict[str, Array]:
         "grasp_state": (set(lives), lambda name: lives[name].state),
         "grasp_misalignment": (set(lives), lambda name: turned[name]),
         "grasp_captured_at": (caught, lambda name: lives[name].captured_at),
+        "grasp_capture_gap": (caught, lambda name: lives[name].gap),
         "grasp_capture_velocity": (caught, lambda name: lives[name].velocity),
         "grasp_capture_spin": (caught, lambda name: lives[name].spin),
         "grasp_impulse": (struck, lambda name: lives[name].impulse),

@@ -1,0 +1,78 @@
+"""Figures of docs/validation/as_flown.md from the folders of its campaigns.
+
+``python -m benchmarks.as_flown out/docking out/captures`` writes docs/images/docking_as_flown.png and
+docs/images/capture_as_flown.png.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from spacerobot.quantities import quantities
+from viz.figures.campaign import SampleSpread, distributions
+from viz.figures.style import COLOURS, legend_above, panels, styled, write_drawings
+
+FACTORS = {"m/s": ("mm/s", 1e3), "m": ("mm", 1e3)}
+DOCKING = ("capture_time", "touchdown_speed", "lateral_miss", "grip_force_peak")
+CAPTURE = ("touchdown_speed", "lateral_miss", "impulse")
+UNTOUCHED = 1e-8  # m/s; the touchdown speed of a grasp that was missed
+IMAGES = Path(__file__).parents[1] / "docs" / "images"
+
+
+def spreads(folder: Path, metrics: tuple[str, ...]) -> list[SampleSpread]:
+    """Samples of metrics of a campaign that were captured, those of each grasp apart."""
+    found = []
+    with xr.open_dataset(folder / "campaign.nc") as data:
+        captured = data["touchdown_speed"].isel(gains=0).values > UNTOUCHED
+        for metric in metrics:
+            known = quantities()[metric]
+            unit, factor = FACTORS.get(known.unit, (known.unit, 1.0))
+            values = data[metric].isel(gains=0)
+            samples = {
+                str(label): factor * values.isel({f"{metric}_of": k}).values[captured[:, k]]
+                for k, label in enumerate(data[f"{metric}_of"].values)
+            }
+            found.append(SampleSpread(samples, known.label, unit))
+    return found
+
+
+@styled
+def shares(folder: Path, metrics: tuple[str, ...]) -> Figure:
+    """Total Sobol' indices of metrics, a group of bars for each parameter."""
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    matters = summary["gains"]["scenario"]["matters"]
+    names = list(matters[metrics[0]]["total"])
+    figure, axes = panels(1, 1, height_in=2.6)
+    panel, width = axes[0, 0], 0.8 / len(metrics)
+    for k, metric in enumerate(metrics):
+        entry = matters[metric]
+        values = [entry["total"][name] or 0.0 for name in names]
+        errors = [entry["total_width"][name] or 0.0 for name in names]
+        place = np.arange(len(names)) + (k - (len(metrics) - 1) / 2) * width
+        bars = {"color": COLOURS[k], "yerr": errors, "error_kw": {"linewidth": 0.7}}
+        panel.bar(place, values, width=width, label=quantities()[metric].label, **bars)
+    panel.set_xticks(np.arange(len(names)), [name.replace("_", "\n") for name in names])
+    panel.set_ylabel("total Sobol' index")
+    panel.set_ylim(bottom=0)
+    legend_above(figure, panel, columns=len(metrics))
+    return figure
+
+
+def main() -> None:
+    """Write both figures."""
+    docking, capture = (Path(word) for word in sys.argv[1:3])
+    drawings = {
+        "docking_as_flown": distributions(spreads(docking, DOCKING)),
+        "capture_as_flown": shares(capture, CAPTURE),
+    }
+    write_drawings(drawings.items(), IMAGES, ["png"])
+
+
+if __name__ == "__main__":
+    main()

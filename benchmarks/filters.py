@@ -1,0 +1,56 @@
+"""NEES and NIS of the filters of `examples/filters.yaml` over 10 000 noise draws, in one campaign."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+import spacerobot as sr
+from benchmarks.table_row import Row
+
+SCENARIO = Path(__file__).parents[1] / "examples" / "filters.yaml"
+FREEDOMS = {"attitude_nees": 6, "attitude_nis": 3, "target_nees": 14, "target_nis": 6}
+WIDE, ADMITTED = 0.3, 1.0e-3
+"""Initial error of the ratios at which the target filter is too confident; acceleration that admits it."""
+
+
+def rows() -> list[Row]:
+    """Each mean against the 95 % bounds of its chi-squared distribution."""
+    section = "robots.chaser.estimators.object"
+    wide = {f"{section}.inertia": WIDE}
+    found = _compared({}, tuple(FREEDOMS), "initial error of the inertia ratios 3 %", bound=True)
+    found += _compared(wide, ("target_nees",), f"{100 * WIDE:g} %", bound=False)
+    note = f"{100 * WIDE:g} %, spin_acceleration {ADMITTED:g} rad/s^1.5"
+    return found + _compared(
+        wide | {f"{section}.spin_acceleration": ADMITTED}, ("target_nees",), note, bound=False
+    )
+
+
+def _compared(changes: dict[str, Any], names: tuple[str, ...], note: str, *, bound: bool) -> list[Row]:
+    """Rows of several metrics of one campaign."""
+    with tempfile.TemporaryDirectory() as folder:
+        data = sr.campaign(sr.load_scene(SCENARIO, changes), Path(folder) / "campaign").data
+        values = {name: np.ravel(data[name].values) for name in names}
+    found = []
+    for name, each in values.items():
+        freedoms, count = FREEDOMS[name], len(each)
+        low, high = chi2.ppf([0.025, 0.975], freedoms * count) / count
+        inside = (each < chi2.ppf(0.95, freedoms)).mean()
+        mean = each.mean()
+        found.append(
+            Row(
+                f"mean {name} of {count} draws, {note}",
+                f"chi-squared, {freedoms} degrees of freedom",
+                f"{mean:.3f}",
+                f"{low:.3f} to {high:.3f}",
+                mean / freedoms,
+                "inside the 95 % bounds" if bound else "stated",
+                bool(low < mean < high) if bound else None,
+                f"{100 * inside:.1f} % of the draws below the 95 % quantile",
+            )
+        )
+    return found
