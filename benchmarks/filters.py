@@ -15,7 +15,7 @@ from benchmarks.table_row import Row
 SCENARIO = Path(__file__).parents[1] / "examples" / "filters.yaml"
 FREEDOMS = {"attitude_nees": 6, "attitude_nis": 3, "target_nees": 14, "target_nis": 6}
 WIDE, ADMITTED = 0.3, 1.0e-3
-"""Initial error of the ratios at which the target filter is too confident; acceleration that admits it."""
+"""Initial error of inertia ratios for which the target filter is too confident; density that admits it."""
 
 
 def rows() -> list[Row]:

@@ -73,6 +73,17 @@ def bounce():
     return simulate(load_scene("bounce"))
 
 
+@pytest.fixture(autouse=True)
+def _own_plugins():
+    """Commands that later tests print do not load what a test has loaded as a plugin."""
+    from spacerobot.elements import registry
+
+    before = dict(registry._PLUGINS)
+    yield
+    registry._PLUGINS.clear()
+    registry._PLUGINS.update(before)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _own_cache(tmp_path_factory, request):
     place = tmp_path_factory.getbasetemp()
