@@ -114,7 +114,9 @@ class EvaluationCost:
         return EvaluationCost(*(count * each for each in astuple(self)))
 
     def __str__(self) -> str:
-        told = [f"{count} {kind}" for kind, count in asdict(self).items() if count]
+        told = [
+            f"{count} {kind if count > 1 else kind[:-1]}" for kind, count in asdict(self).items() if count
+        ]
         return ", ".join(told) or "no rollouts"
 
     def equivalent(self, gradient: float, slope: float = 3.0, sample: float = 1.2) -> float:
