@@ -1,7 +1,8 @@
 """Falsification: the worst outcome that uncertain parameters allow, searched for by exact gradients.
 
 The search is that of tuning: descents from several starts side by side, here of the negative quantity over
-the box of the parameters. It is compared with random search at equal cost.
+the box of the parameters, as there by differences where fewer than four parameters make these cheaper. It is
+compared with random search at equal cost.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from optim.problem.problem import Evaluation, EvaluationCost, Form, Linearisatio
 from optim.reliability.limit_state import RolloutLimitState, build_limit_state
 from optim.search.session import SearchSession
 from spacerobot.arrays import Array
+from spacerobot.errors import DivergedError
 from spacerobot.notebook import html_table
 from spacerobot.scene import Scene, build_scene
 
@@ -180,7 +182,7 @@ class Falsification(JsonResult):
             (f"limit of {self.quantity}", f"{self.limit:g} {self.unit}: {verdict}"),
             ("at the medians", f"{self.nominal:.6g} {self.unit}"),
             ("worst, by gradients", f"{self.worst.value:.6g} {self.unit}"),
-            ("worst, by random search at equal cost", f"{self.random.value:.6g} {self.unit}"),
+            ("worst, by random search at equal cost", self._told_random()),
             ("cost", self.cost),
             *(
                 (name, f"{value:.6g}, percentile {self.worst.percentiles[name]:.3g}")
@@ -192,7 +194,14 @@ class Falsification(JsonResult):
     @classmethod
     def of_fields(cls, found: dict[str, Any]) -> Falsification:
         """The result with the fields of a file."""
-        return cls(**found | {key: WorstCase(**found[key]) for key in ("worst", "random")})
+        cases = {key: dict(found[key]) for key in ("worst", "random")}
+        for case in cases.values():
+            case["value"] = np.nan if case["value"] is None else case["value"]  # as JSON has it
+        return cls(**found | {key: WorstCase(**case) for key, case in cases.items()})
+
+    def _told_random(self) -> str:
+        value = self.random.value
+        return "all simulations diverged" if np.isnan(value) else f"{value:.6g} {self.unit}"
 
     def _told_diverged(self) -> str:
         at = ", ".join(f"{name} {value:.6g}" for name, value in (self.diverged_at or {}).items())
@@ -240,6 +249,10 @@ def falsify(
 
     Raises
     ------
+    DivergedError
+        If every simulation diverged.
+    KeyboardInterrupt
+        If it was interrupted; called again with the same journals, it continues.
     ScenarioError
         If the section is missing or does not fit; see :func:`.build_limit_state`.
     """
@@ -252,11 +265,24 @@ def falsify(
     lower, upper = np.array(ends, dtype=float).T
     problem = WorstCaseProblem(state, lower, upper)
     session, effort = session or SearchSession(), effort or Effort(starts=STARTS)
-    found = run_method(problem, "nlp", effort, session=session).best
+    outcome = run_method(problem, "nlp", effort, session=session)
+    if outcome.interrupted:
+        raise KeyboardInterrupt
+    found = outcome.best
     spent = int(np.ceil(found.cost.equivalent(GRADIENT)))
     protocol = EvolutionSettings(budget=spent)
     blind = Effort(protocol, protocol, runs=1, seed=effort.seed)
-    other = run_method(problem, "random", blind, session=session).best
+    outcome = run_method(problem, "random", blind, session=session)
+    if outcome.interrupted:
+        raise KeyboardInterrupt
+    other = outcome.best
+    if np.isnan(found.objective):
+        raise DivergedError(
+            f"all {found.diverged} simulations diverged, so no worst case was found; take a shorter "
+            "`campaign.step`, or narrower parameters",
+            source=scene.source,
+            where="campaign.parameters",
+        )
     lost = other.diverged_at if found.diverged_at is None else found.diverged_at
     worst, random = (_case(problem, run.u, -run.objective) for run in (found, other))
     values = state.space.values(np.array(list(worst.parameters.values())))[0]

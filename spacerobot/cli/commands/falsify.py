@@ -24,8 +24,8 @@ Limit = Annotated[
 ]
 HELP = """Search the uncertain parameters of the campaign section for the worst value of a metric.
 
-Descents from many starts by exact gradients, compared with random search at equal cost. With --out, the
-worst case is simulated and saved as a result.
+Descents from many starts by exact gradients (by differences with fewer than four parameters), compared with
+random search at equal cost. With --out, the worst case is simulated and saved as a result.
 
 Examples:
 

@@ -9,9 +9,10 @@ from typer.testing import CliRunner
 
 import spacerobot as sr
 from optim.campaign.sampling.samplers import draw, probabilities, quantiles, score_values
-from optim.reliability.limit_state import build_limit_state
+from optim.reliability.limit_state import RolloutLimitState, build_limit_state
+from optim.search.session import SearchSession
 from spacerobot.cli.app import app
-from spacerobot.errors import ScenarioError, SpaceRobotError
+from spacerobot.errors import DivergedError, ScenarioError, SpaceRobotError
 from spacerobot.scenario import UncertainParameter
 
 FEW = sr.SamplingEffort(budget=1000)
@@ -127,6 +128,30 @@ def test_results_are_kept_and_told_in_one_line(small, tmp_path):
     (tmp_path / "other.json").write_text('{"colour": 1}')
     with pytest.raises(sr.SpaceRobotError, match=r"colour.*allowed: identification"):
         sr.load(tmp_path / "other.json")
+
+
+def test_an_interrupted_search_stops_and_continues_from_its_journal(small, tmp_path, monkeypatch):
+    scene, session = small(campaign=CAMPAIGN), SearchSession(tmp_path / "journals")
+    whole = sr.falsify(scene, effort=sr.Effort(starts=2))
+    asked = RolloutLimitState.quantities
+    calls = []
+
+    def interrupted(self, draws):
+        calls.append(len(draws))
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return asked(self, draws)
+
+    monkeypatch.setattr(RolloutLimitState, "quantities", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        sr.falsify(scene, effort=sr.Effort(starts=2), session=session)
+    assert sr.falsify(scene, effort=sr.Effort(starts=2), session=session) == whole
+
+
+def test_a_search_in_which_everything_diverges_says_so(small, monkeypatch):
+    monkeypatch.setattr(RolloutLimitState, "quantities", lambda _, draws: np.full(len(draws), np.nan))
+    with pytest.raises(DivergedError, match=r"all \d+ simulations diverged, so no worst case was found"):
+        sr.falsify(small(campaign=CAMPAIGN), effort=sr.Effort(starts=1))
 
 
 def test_numbers_do_not_depend_on_threads(small, limit):
