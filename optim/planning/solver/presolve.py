@@ -7,10 +7,11 @@ solution.
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import numpy.typing as npt
 from scipy import sparse
-from scipy.sparse.csgraph import breadth_first_order, maximum_bipartite_matching
+from scipy.sparse.csgraph import breadth_first_order
 from scipy.sparse.linalg import splu
 
 from optim.planning.solver.nonlinear_program import NonlinearProgram
@@ -162,29 +163,17 @@ def determined(pattern: sparse.csc_matrix, equal: Mask, free: Mask) -> tuple[Pla
         Constraints, and the unknown that each is matched with.
     """
     rows, columns = np.flatnonzero(equal), np.flatnonzero(free)
-    part = _matrix(pattern, np.ones(pattern.nnz))[:, columns].tocsr()[rows]
-    match = _matching(part)
-    matched, alone = np.flatnonzero(match >= 0), np.flatnonzero(match < 0)
-    left = np.setdiff1d(np.arange(len(rows)), match)
-    pairs = part[match[matched]]
-    steps = pairs[:, matched]  # from a pair to those whose unknowns stand in its equation
-    over = _reached(steps, part[left][:, matched].sum(axis=0))
-    others = pairs[:, np.append(alone, matched[over])].sum(axis=1)
-    square = np.setdiff1d(np.arange(len(matched)), np.union1d(over, _reached(steps.T, others)))
-    return rows[match[matched[square]]], columns[matched[square]]
-
-
-def _matching(part: sparse.csr_matrix) -> Places:
-    """Row that each column is matched with, or -1.
-
-    SciPy augments a greedy matching by paths. With what has fewest entries first there is little left to
-    augment; in the order of the unknowns that took minutes for six-axis bases.
-    """
-    rows, columns = (np.argsort(part.getnnz(axis=axis), kind="stable") for axis in (1, 0))
-    found = maximum_bipartite_matching(part[rows][:, columns].tocsr(), perm_type="row")
-    match = np.full(part.shape[1], -1)
-    match[columns[found >= 0]] = rows[found[found >= 0]]
-    return match
+    part = _matrix(pattern, np.ones(pattern.nnz))[:, columns][rows].tocsc()
+    where = ca.Sparsity(*part.shape, part.indptr.tolist(), part.indices.tolist())
+    # CasADi decomposes the transpose: equations and unknowns stand in the order of the part with too many
+    # equations, the square one, and the one with too many unknowns.
+    _, by_row, by_column, _, _, row_ends, column_ends = where.btf()
+    squares = np.array(by_row[row_ends[2] : row_ends[3]], dtype=np.int64)
+    known = np.array(by_column[column_ends[1] : column_ends[2]], dtype=np.int64)
+    pairs, over = part[squares], by_column[: column_ends[1]]
+    left_out = _reached(pairs[:, known].T, pairs[:, over].sum(axis=1))
+    kept = np.setdiff1d(np.argsort(known), left_out, assume_unique=True)
+    return rows[squares[kept]], columns[known[kept]]
 
 
 def _reached(graph: sparse.csr_matrix, begin: Array) -> Places:

@@ -5,7 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from scipy import sparse
+from scipy.sparse.csgraph import structural_rank
 from typer.testing import CliRunner
 
 from optim.planning.formulation.formulate import formulate
@@ -64,6 +68,30 @@ def test_equations_determine_unknowns(rows, square):
     found, unknowns = determined(pattern, np.ones(len(rows), bool), np.ones(4, bool))
     assert sorted(unknowns) == square
     assert len(found) == len(square)
+
+
+@given(st.data())
+def test_equations_determine_what_the_structural_rank_says(data):
+    """A row or column may be left unmatched where the rank is the same without it; the rest is square."""
+    rows, columns = data.draw(st.integers(1, 7)), data.draw(st.integers(1, 7))
+    dense = data.draw(arrays(float, (rows, columns), elements=st.sampled_from([0.0, 0.0, 1.0])))
+
+    def spare(matrix):
+        rank = structural_rank(sparse.csr_matrix(matrix))
+        without = (np.delete(matrix, k, axis=0) for k in range(len(matrix)))
+        return np.array([structural_rank(sparse.csr_matrix(one)) == rank for one in without])
+
+    unknown = spare(dense.T) | (dense[spare(dense)] > 0).any(axis=0)
+    while True:  # an equation with an unknown that is not determined determines none
+        kept = ~(dense[:, unknown] > 0).any(axis=1) & ~spare(dense)
+        lost = ~(dense[kept] > 0).any(axis=0)
+        if (lost <= unknown).all():
+            break
+        unknown |= lost
+    equations, unknowns = determined(sparse.csc_matrix(dense), np.ones(rows, bool), np.ones(columns, bool))
+    assert set(unknowns) == set(np.flatnonzero(~unknown))
+    assert set(equations) == set(np.flatnonzero(kept))
+    assert dense[equations, unknowns].all()
 
 
 def test_a_solution_is_found_again_at_once(cold):
