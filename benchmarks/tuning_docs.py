@@ -20,9 +20,7 @@ from optim.comparison.conclusion import conclusion
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "docs" / "data"
 PAGES = tuple(ROOT / "docs" / "validation" / name for name in ("tuning_results.md", "tuning_suite.md"))
-BLOCK = re.compile(r"<!-- (\w+): (conclusion|table|found|gains|prices) -->\n.*?<!-- end -->", re.DOTALL)
-SHOWN = ("manual", "ga", "de", "nlp")
-"""Methods whose gains the page shows; those of the others are in `docs/data`."""
+BLOCK = re.compile(r"<!-- (\w+): (conclusion|table|found) -->\n.*?<!-- end -->", re.DOTALL)
 LEFT_OUT = ("runs", "trials", "log", "values", "profiles", "largest_errors_m")
 
 
@@ -34,36 +32,29 @@ def kept(value: Any) -> Any:
     return [kept(item) for item in value] if isinstance(value, list) else value
 
 
-def shown_gains(benchmark: Mapping[str, Any]) -> Any:
-    """Gains of the best run of the methods in `SHOWN`."""
-    table = tables.gains_table(benchmark)
-    return dataclasses.replace(table, rows=tuple(row for row in table.rows if row[0] in SHOWN))
+def to_one_percent(data: Mapping[str, Any]) -> tables.ComparisonTable:
+    """Expected running times to 1 %; those to other targets are in `docs/data`."""
+    table = tables.summary_table(data)
+    return dataclasses.replace(table, rows=tuple(row for row in table.rows if row[1] == "1 %"))
 
 
 def best_objectives(problems: Iterable[Mapping[str, Any]]) -> tables.ComparisonTable:
-    """Best and median objective and the cost of each method, one column each; times are in `docs/data`."""
+    """Best and median objective of each method, one column each; costs and gains are in `docs/data`."""
     rows: list[tuple[str, ...]] = []
     for benchmark in problems:
         found = tables.found_table(benchmark)
-        methods, best, median, cost, *_ = zip(*found.rows, strict=True)
+        methods, best, median, *_ = zip(*found.rows, strict=True)
         unit = benchmark["unit"]["name"]
-        rows += [(f"{benchmark['name']}, best [{unit}]", *best), ("median", *median), ("cost", *cost)]
+        rows += [(f"{benchmark['name']}, best [{unit}]", *best), ("median", *median)]
     return tables.ComparisonTable("Results of all runs", ("", *methods), tuple(rows))
 
 
 def blocks(data: Mapping[str, Any]) -> dict[str, str]:
     """Texts by the name of their mark."""
-    problems = data["problems"]
-
-    def each(table: Any) -> str:
-        return "\n\n".join(f"{tables.heading(c)}:\n\n{tables.as_markdown(table(c))}" for c in problems)
-
     return {
         "conclusion": f"**{conclusion(data)}**",
-        "table": tables.as_markdown(tables.summary_table(data)),
-        "found": tables.as_markdown(best_objectives(problems)),
-        "gains": each(shown_gains),
-        "prices": "\n".join(f"- {benchmark['name']}: {tables.prices(benchmark)}" for benchmark in problems),
+        "table": tables.as_markdown(to_one_percent(data)),
+        "found": tables.as_markdown(best_objectives(data["problems"])),
     }
 
 
