@@ -64,6 +64,10 @@ class LoopBuilder:
         What is remembered of phases, by a short name.
     measurements
         What controllers read at instants, by name.
+    driven
+        What actuators of a robot contribute, by its name, as far as they are built.
+    affine
+        Offset and scale of the sensors that are read, by path.
     break_point
         As of :class:`~spacerobot.elements.ActuatorContext`; None unless the loop is linearised.
     """
@@ -74,6 +78,8 @@ class LoopBuilder:
     start: InitialState
     remembered: dict[str, State] = field(default_factory=dict)
     measurements: dict[str, Measurement] = field(default_factory=dict)
+    driven: dict[str, list[Contribution]] = field(default_factory=dict)
+    affine: dict[str, Affine] = field(default_factory=dict)
     break_point: Callable[[str, Sequence[str], ca.SX], ca.SX] | None = None
 
     @functools.cached_property
@@ -124,7 +130,7 @@ class LoopBuilder:
         found += [contact.config.build(self.contact(contact)) for contact in self.scene.contacts]
         for body in self.scene.robots:
             if isinstance(body.config, Robot):
-                found += self._actuators(body, dict(body.config.driven_by()))
+                found += self._actuators(body)
         for body in self.scene.bodies:
             for name, flexible in body.config.flexible.items():
                 seen = FlexibleContext(self.plant, body.description, body.name, name)
@@ -173,7 +179,14 @@ class LoopBuilder:
         sensors = body.config.sensors if isinstance(body.config, Robot) else None
         if sensors is None:
             return ideal
-        return lambda signal: sensors[signal].affine(self.context.at(f"{body.path}.sensors.{signal}"))
+        return lambda signal: self._affine(body, sensors, signal)
+
+    def _affine(self, body: SceneBody, sensors: Sensors, signal: str) -> Affine:
+        """Offset and scale of a sensor, with one pair of constants however often it is read."""
+        path = f"{body.path}.sensors.{signal}"
+        if path not in self.affine:
+            self.affine[path] = sensors[signal].affine(self.context.at(path))
+        return self.affine[path]
 
     def _measure(self, body: SceneBody) -> Callable[[str, str, Observation], Measurement | None]:
         sensors = body.config.sensors if isinstance(body.config, Robot) else None
@@ -194,16 +207,20 @@ class LoopBuilder:
         context, axes = self.context.at(f"{body.path}.sensors.{signal}"), self.plant.placement(frame)[0]
         if not signal.startswith("joint_"):
             value = sensors[signal].aligned(context, value, axes)
-        return measured(sensors[signal].affine(context), value)
+        return measured(self._affine(body, sensors, signal), value)
 
-    def _held(self, body: SceneBody, owner: str, frame: int) -> Held:
+    def _held(self, body: SceneBody, owner: str, frame: int, columns: Sequence[int]) -> Held:
         """Reader of signals that are measured at instants; all that read one see the same."""
         measure, estimates = self._measure(body), self.estimates(body)
+        sensors = body.config.sensors if isinstance(body.config, Robot) else None
 
         def held(
             signal: str, value: ca.SX, world: ca.SX | None = None, point: ca.SX | None = None
         ) -> ca.SX | None:
-            """Estimate, or held value, of a signal; None where it is neither estimated nor sampled."""
+            """Estimate, or held value, of a signal; None where it is read continuously at what it is of."""
+            at_motors = sensors is not None and sensors[signal].reads_motors
+            if at_motors:
+                value = self._at_motors(body, columns, signal, value)
             own = signal.startswith(("tip_", "target_"))
             whose, away = f"{owner if own else body.name}.{signal}", None
             name, found = f"{whose}.{value.size1()}", None
@@ -230,6 +247,8 @@ class LoopBuilder:
                         self.measurements[name] = sampled
                 if name in self.measurements:
                     found = filled(shown, self.measurements[name].value.symbol)
+            if at_motors and found is None:
+                found = shown
             if self.break_point is None:
                 return found
             known = value if shown is None else shown
@@ -298,6 +317,7 @@ class LoopBuilder:
         )
 
     def _tip(self, tip: SceneTip, key: str) -> TipContext:
+        columns = tuple(int(self.plant.model.idx_vs[joint]) for joint in tip.body.arm_joints)
         return TipContext(
             self.context.at(f"{tip.path}.{key}"),
             self.plant,
@@ -305,35 +325,40 @@ class LoopBuilder:
             path=tip.path,
             key=key,
             robot=tip.body.name,
-            columns=tuple(int(self.plant.model.idx_vs[joint]) for joint in tip.body.arm_joints),
+            columns=columns,
             frame=tip.frame,
             base_frame=tip.body.root_frame,
             motion=self.motions[tip.label],
             sensors=self._sensors(tip.body),
-            held=self._held(tip.body, tip.label, tip.frame),
+            held=self._held(tip.body, tip.label, tip.frame, columns),
             siblings=tip.config.sections,
         )
 
     def _robot(self, body: SceneBody, key: str) -> RobotContext:
+        columns = tuple(int(self.plant.model.idx_vs[joint]) for joint in body.driven_joints)
         return RobotContext(
             self.context.at(f"{body.path}.{key}"),
             self.plant,
             self.start,
             name=body.name,
             joints=body.driven_joints,
-            columns=tuple(int(self.plant.model.idx_vs[joint]) for joint in body.driven_joints),
+            columns=columns,
             joint_names=tuple(body.joint_name(self.plant.model, joint) for joint in body.driven_joints),
             positions=functools.partial(_positions, body),
             passed=self.passed,
             sensors=self._sensors(body),
-            held=self._held(body, body.name, body.root_frame),
+            held=self._held(body, body.name, body.root_frame, columns),
             base_frame=body.root_frame,
             arm=tuple(int(self.plant.model.idx_vs[joint]) for joint in body.arm_joints),
             tips=tuple(self._tip(tip, "") for tip in self.scene.tips if tip.body.name == body.name),
         )
 
-    def _actuators(self, body: SceneBody, own: Mapping[str, Actuator]) -> list[Contribution]:
+    def _actuators(self, body: SceneBody) -> list[Contribution]:
         """Of a robot's actuators, in their order; what unloads wheels sees the momentum of the others'."""
+        if body.name in self.driven:
+            return self.driven[body.name]
+        assert isinstance(body.config, Robot)
+        own = dict(body.config.driven_by())
         built = {
             key: one.build(self._actuator(body, key, one)) for key, one in own.items() if not one.unloads
         }
@@ -341,7 +366,16 @@ class LoopBuilder:
         for key, one in own.items():
             if one.unloads:
                 built[key] = one.build(replace(self._actuator(body, key, one), wheels=wheels))
-        return [built[key] for key in own]
+        self.driven[body.name] = [built[key] for key in own]
+        return self.driven[body.name]
+
+    def _at_motors(self, body: SceneBody, columns: Sequence[int], signal: str, value: ca.SX) -> ca.SX:
+        """Positions or rates of joints (n x 1) as their motors move, where they have any of their own."""
+        motors = {motor.column: motor for part in self._actuators(body) for motor in part.motors}
+        found = ca.SX(value)
+        for i, motor in ((i, motors[column]) for i, column in enumerate(columns) if column in motors):
+            found[i] = found[i] + motor.ahead if signal == "joint_position" else motor.rate
+        return found
 
     def _actuator(self, body: SceneBody, key: str, actuator: Actuator) -> ActuatorContext:
         model = self.plant.model

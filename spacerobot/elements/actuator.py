@@ -49,10 +49,13 @@ class Actuator(RobotElement):
     ----------
     has_wheels
         Whether it has wheels, whose momentum another actuator may unload.
+    has_motors
+        Whether it has motors that move relative to their joints, so that encoders there read something else.
     """
 
     family: ClassVar[str] = "actuator"
     has_wheels: ClassVar[bool] = False
+    has_motors: ClassVar[bool] = False
 
     @property
     def unloads(self) -> bool:

@@ -122,6 +122,25 @@ class StoredMomentum:
 
 
 @dataclass(frozen=True)
+class MotorSide:
+    """Motion of a joint's motor as an encoder there shows it, divided by the gear ratio.
+
+    Attributes
+    ----------
+    column
+        Place of the joint in v.
+    ahead
+        By how much the motor's position is ahead of the joint's (1x1) [rad or m].
+    rate
+        Of the motor (1x1) [rad/s or m/s].
+    """
+
+    column: int
+    ahead: ca.SX
+    rate: ca.SX
+
+
+@dataclass(frozen=True)
 class ControlChannel:
     """A law that may depend on the acceleration it causes: ``u = command - derivative_gain (C v' + drift)``.
 
@@ -336,6 +355,8 @@ class Contribution:
         Momenta and kinetic energies beside those of the links.
     wheels
         Angular momenta (3x1) of sets of wheels about their axes, world axes, for what unloads them.
+    motors
+        Of joints with a transmission, for encoders on the motors.
     constraints
         Of rigid connections.
     energy
@@ -362,6 +383,7 @@ class Contribution:
     drives: tuple[ActuatorDrive, ...] = ()
     stored: tuple[StoredMomentum, ...] = ()
     wheels: tuple[ca.SX, ...] = ()
+    motors: tuple[MotorSide, ...] = ()
     constraints: tuple[AccelerationConstraint, ...] = ()
     energy: ca.SX | None = None
     powers: tuple[PowerTerm, ...] = ()

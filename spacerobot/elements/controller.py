@@ -42,6 +42,11 @@ class TipController(Element):
         del key, siblings
         return set()
 
+    @property
+    def feeds_back_joint_acceleration(self) -> bool:
+        """Whether its law has the ideal derivative of joint rates."""
+        return False
+
     def controls(self, key: str) -> Literal["translation", "rotation"] | None:
         """Which motion of the tip it takes away from the null space of the robot's joints, if any."""
         del key

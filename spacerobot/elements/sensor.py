@@ -74,6 +74,11 @@ class Sensor(Element):
         raise NotImplementedError
 
     @property
+    def reads_motors(self) -> bool:
+        """Whether it is mounted on the motors of joints, in front of their transmissions."""
+        return False
+
+    @property
     def is_ideal(self) -> bool:
         """Whether it reads the signal as it is."""
         raise NotImplementedError

@@ -12,9 +12,10 @@ from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.scene import Scene, SceneGrasp
 
-INNER = ("reference", "settling", "moving", "control", "cut", "measured", "clipped", "unclipped")
+INNER = ("reference", "eased", "settling", "moving", "control", "cut", "measured", "clipped", "unclipped")
 """Kinds of events that are not told: a motion's time has come, a body moves slowly while a phase waits, a
-decision on pulses, the end of one, a sensor measures, a motor comes to its torque limit and leaves it."""
+decision on pulses, the end of one, a sensor measures, a motor comes to its torque limit and leaves it,
+the spring of a transmission whose teeth have parted has relaxed."""
 
 
 AT_ONCE = 1e-9

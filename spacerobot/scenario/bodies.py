@@ -249,6 +249,20 @@ class Robot(Body):
         "over are delivered as commanded",
     )
 
+    @model_validator(mode="after")
+    def _check_encoders(self) -> Robot:
+        motors = [signal for signal, sensor in self.sensors or () if sensor.reads_motors]
+        if motors and not any(actuator.has_motors for actuator in self.actuators.values()):
+            raise ValueError(f"sensors.{motors[0]}.side: found motor, allowed without a transmission: link")
+        for name, tip in self.tips.items():
+            for key, controller in tip.elements():
+                if "joint_rate" in motors and controller.feeds_back_joint_acceleration:
+                    raise ValueError(
+                        f"tips.{name}.{key}.derivative: found ideal, allowed with `joint_rate` measured at "
+                        "the motors: filtered"
+                    )
+        return self
+
     def elements(self) -> Iterator[tuple[str, RobotController]]:
         """Its controllers with their places in the section, those of tips left out."""
         if self.joint_pd is not None:

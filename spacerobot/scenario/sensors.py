@@ -59,6 +59,8 @@ class Sensors(Section):
         for signal, sensor in self:
             if signal.startswith("joint_") and sensor.errors and any(sensor.errors.misalignment_deg):
                 raise ValueError(f"{signal}.errors.misalignment_deg: found one, allowed for joints: none")
+            if sensor.reads_motors and not signal.startswith("joint_"):
+                raise ValueError(f"{signal}.side: found motor, allowed for what is no joint: link")
         return self
 
     def __getitem__(self, signal: str) -> Sensor:

@@ -114,6 +114,24 @@ def test_hinges_bend_about_both_axes_across_the_beam():
     np.testing.assert_allclose(inertia_of(scene)[:6, :6], whole[:6, :6], atol=1e-10)
 
 
+def test_torsional_frequencies_of_a_clamped_beam():
+    """(2 k - 1) pi / (2 l) sqrt(G J / m_p), m_p being the polar inertia by the length; of second order."""
+    twisting = 70.0
+    section = PLANE | {"bending_stiffness": 1e9, "torsional_stiffness": twisting}
+    exact = np.array([1, 3]) * np.pi / (2 * LENGTH) * np.sqrt(twisting / (60 / LENGTH))
+    errors = []
+    for n in (4, 8):
+        scene = scene_of(section | {"segments": n})
+        errors.append(np.abs(frequencies(scene)[:2] / exact - 1))
+    np.testing.assert_allclose(errors[0] / errors[1], 4, rtol=0.1)
+    assert errors[1].max() < 2e-2
+    whole = inertia_of(scene_of(None, base="free_flyer"))
+    own = section | {"segments": 3, "torsional_inertia": 7.0}
+    np.testing.assert_allclose(inertia_of(scene_of(own, "free_flyer"))[:6, :6], whole[:6, :6], atol=1e-10)
+    piece = next(link for link in scene_of(own).bodies[0].description.links if link.name == "own_3")
+    assert piece.inertia[0, 0] == pytest.approx(7 * LENGTH / 6)
+
+
 @pytest.mark.parametrize("n", [1, 4])
 def test_static_deflection_of_the_end(n):
     """Under a uniform load: w l^4 / (8 E I), of a chain of n segments less by a closed form."""
@@ -383,6 +401,7 @@ def test_shapes_of_an_appendage_move_with_its_first_mode():
 @pytest.mark.parametrize(
     ("flexible", "told"),
     [
+        (BOOM | {"torsional_inertia": 1}, "it belongs to `torsional_stiffness`"),
         (SQUARE | {"participation": [[0, 0, 0, 9.0, 0, 0]]}, "has, mostly about x: found 1.35 times"),
         (BOOM | {"mass_per_length": 4.5}, "more moves than link 'beam' has"),
         (BOOM | {"link": "bem"}, "no link 'bem' in boomed.urdf; did you mean"),

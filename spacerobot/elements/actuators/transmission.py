@@ -20,15 +20,27 @@ control of elastic joint robots, ASME J. Dyn. Sys. Meas. Control 109, 1987, negl
 that a stiff joint reflects is N^2 J on a fixed base, and another one on a floating base.
 The energy's rate is ``m s - f s - D p'^2``, with the spring's K p^2 / 2. The rotor's mass, and its inertia
 across its axis, are part of the parent link. For a sliding joint N is in rad/m, as of a screw.
+
+With the backlash 2 b the teeth touch at p = b, or on their other flanks at p = -b. They press and never pull:
+
+    t = max(K (p - b) + D p', 0)  if p > b,    t = 0  if -b <= p <= b,    and likewise below,
+
+a dead zone whose damper cannot hold the flanks together (M. Nordin, P.-O. Gutman, Controlling mechanical
+systems with backlash - a survey, Automatica 38, 2002). Each flank has a switch, turned by events where its
+torque begins, at p = b, and where it ends, at t = 0. What the spring still holds then, its damper takes.
+
+The motor's torque can be limited by a line through the torque M at stall and the speed W without load, that
+of a direct-current motor at its greatest voltage: ``-M (1 + s / W) <= m <= M (1 - s / W)``, and then by its
+current, ``|m| <= torque_limit``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Literal
+from typing import ClassVar, Literal, Self
 
 import casadi as ca
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from spacerobot.dynamics import Wrench
 from spacerobot.dynamics.algebra import cross
@@ -37,12 +49,13 @@ from spacerobot.elements.context import ActuatorContext
 from spacerobot.elements.contribution import (
     ActuatorDrive,
     Contribution,
+    MotorSide,
     Output,
     PowerTerm,
     State,
     StoredMomentum,
 )
-from spacerobot.elements.event import Event
+from spacerobot.elements.event import Event, negated
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import RobotProperties
 from spacerobot.elements.saturation import saturation_events
@@ -52,14 +65,18 @@ from spacerobot.section import matching, quantity
 
 @register
 class Transmission(Actuator):
-    """Joint motors with rotor inertia and friction, behind an elastic gear."""
+    """Joint motors with rotor inertia and friction, behind an elastic gear that may have backlash."""
 
     kind: Literal["transmission"] = "transmission"
+    has_motors: ClassVar[bool] = True
     joints: str = Field(default="*", description="joint by name; `*` matches any letters")
     ratio: float = quantity("1 or rad/m", "turns of the rotor for one of the joint, N", default=1.0, gt=0)
     inertia: float = quantity("kg m^2", "of the rotor about its axis, J; in addition to the links'", gt=0)
     stiffness: float = quantity("N m/rad or N/m", "of the transmission, at the joint", gt=0)
     damping: float = quantity("N m s/rad or N s/m", "of the transmission, at the joint", default=0.0, ge=0)
+    backlash: float = quantity(
+        "rad or m", "play of the transmission at the joint, 2 b; it begins in the middle", default=0.0, ge=0
+    )
     viscous: float = quantity("N m s/rad", "friction of the motor by its speed", default=0.0, ge=0)
     coulomb: float = quantity("N m", "friction of the motor that does not depend on speed", default=0.0, ge=0)
     coulomb_speed: float = quantity(
@@ -73,6 +90,27 @@ class Transmission(Actuator):
         "rad/s", "speed of the motor at which 1/e of it is left", default=5.0, gt=0
     )
     torque_limit: float | None = quantity("N m", "greatest torque of the motor", default=None, gt=0)
+    no_load_speed: float | None = quantity(
+        "rad/s",
+        "speed of the motor at which it can no longer drive, W; unlimited if not given",
+        default=None,
+        gt=0,
+    )
+    stall_torque: float | None = quantity(
+        "N m",
+        "torque of the motor at rest, M, from which it falls linearly to zero at `no_load_speed`; "
+        "`torque_limit` if not given",
+        default=None,
+        gt=0,
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.no_load_speed is None and self.stall_torque is not None:
+            raise ValueError("stall_torque: it belongs to `no_load_speed`; give that too")
+        if self.no_load_speed is not None and self.stall_torque is None and self.torque_limit is None:
+            raise ValueError("no_load_speed: give `stall_torque` or `torque_limit` too")
+        return self
 
     def build(self, actuator: ActuatorContext) -> Contribution:
         """The rotors' angular momenta and the deflections are states."""
@@ -92,21 +130,14 @@ class Transmission(Actuator):
         momentum, deflection = ca.SX.sym(f"{name}.momentum", size), ca.SX.sym(f"{name}.deflection", size)
         speed = momentum / number["inertia"] - carried
         twisting = speed / ratio - rates
-        torque = number["stiffness"] * deflection + number["damping"] * twisting
+        labels = [f"{actuator.robot}/{joint}" for joint in names]
+        stretch, torque, teeth = self._gear(actuator, labels, deflection, twisting)
         friction = self._friction(actuator, speed)
-
-        def motor(asked: ca.SX) -> ca.SX:
-            wanted = asked / ratio
-            if self.torque_limit is None:
-                return wanted
-            limit = context.number("torque_limit")
-            return ca.fmin(ca.fmax(wanted, -limit), limit)
 
         def answer(asked: ca.SX) -> Contribution:
             """States of motors and gears, and their reaction on the links that carry the motors."""
-            given = motor(asked)
+            given, beyond = self._motor(actuator, asked / ratio, speed)
             net = given - torque / ratio - friction
-            labels = [f"{actuator.robot}/{joint}" for joint in names]
             wrenches = [
                 Wrench(
                     joint.parent,
@@ -116,36 +147,100 @@ class Transmission(Actuator):
                 )
                 for i, (joint, axis, spin) in enumerate(zip(joints, axes, spins, strict=True))
             ]
-            lost = ca.dot(friction, speed) + number["damping"] * ca.dot(twisting, twisting)
+            damped = number["damping"] * ca.dot(twisting, twisting)
+            if teeth:
+                damped = ca.dot(torque - number["stiffness"] * stretch, twisting)
+            lost = ca.dot(friction, speed) + damped
             put_in = ca.dot(given, speed) - ca.dot(torque, rates)  # beside that of the joints' torques
             seen = {
                 "motor_speed": (speed, "rad/s", "speed of motors that drive transmissions"),
                 "motor_torque": (given, "N m", "torque of motors that drive transmissions"),
             }
-            events: tuple[Event, ...] = ()
-            if self.torque_limit is not None:
-                beyond = ca.fabs(asked / ratio) / context.number("torque_limit") - 1
-                events = saturation_events(actuator, labels, beyond)
+            limits = (
+                saturation_events(actuator, labels, over, side=side and f".{side}")
+                for side, over in beyond.items()
+            )
             return Contribution(
                 states=(
                     State(f"{name}.momentum", momentum, number["inertia"] * (ratio * rates + carried), net),
                     State(f"{name}.deflection", deflection, ca.SX.zeros(size), twisting),
                 ),
                 wrenches=tuple(wrenches),
-                energy=number["stiffness"] * ca.dot(deflection, deflection) / 2,
+                energy=number["stiffness"] * ca.dot(stretch, stretch) / 2,
                 powers=(PowerTerm("actuator", put_in, "in"), PowerTerm("transmission", lost)),
                 outputs=tuple(
                     Output(key, value[i], unit, text, "motor", labels[i])
                     for key, (value, unit, text) in seen.items()
                     for i in range(size)
                 ),
-                events=events,
+                events=(*teeth, *(event for events in limits for event in events)),
             )
 
         whole = sum((axis * momentum[i] for i, axis in enumerate(axes)), ca.SX(3, 1))
         energy = ca.dot(momentum, momentum) / (2 * number["inertia"])
         drive = ActuatorDrive(tuple(columns), lambda _: torque, answer)
-        return Contribution(drives=(drive,), stored=(StoredMomentum(actuator.robot, whole, energy),))
+        return Contribution(
+            drives=(drive,),
+            stored=(StoredMomentum(actuator.robot, whole, energy),),
+            motors=tuple(
+                MotorSide(column, deflection[i], speed[i] / ratio) for i, column in enumerate(columns)
+            ),
+        )
+
+    def _gear(
+        self, actuator: ActuatorContext, labels: list[str], deflection: ca.SX, twisting: ca.SX
+    ) -> tuple[ca.SX, ca.SX, tuple[Event, ...]]:
+        """Stretch of the springs, torques at the joints (n x 1 each), and events of teeth that have play."""
+        context = actuator.context
+        stiffness, damping = context.number("stiffness"), context.number("damping")
+        if context.is_zero("backlash"):
+            return deflection, stiffness * deflection + damping * twisting, ()
+        half, torque, events = context.number("backlash") / 2, ca.SX(len(labels), 1), list[Event]()
+        for i, label in enumerate(labels):
+            for side, sign in (("forward", 1), ("backward", -1)):
+                meshed, slack = (context.switch(f"{what}.{side}.{i}") for what in ("meshed", "slack"))
+                deep = sign * deflection[i] - half
+                press = stiffness * deep + sign * damping * twisting[i]
+                torque[i] += sign * meshed * press
+                bite = ca.fmin(deep, press / stiffness)
+                on, off = {meshed.name(): True}, {meshed.name(): False}
+                if not context.is_zero("damping"):
+                    # flanks part with the spring still compressed; its energy has a kink where it is not
+                    on, off = on | {slack.name(): False}, off | {slack.name(): True}
+                    eased = Event(
+                        f"{label}.eased.{side}",
+                        "eased",
+                        label,
+                        -deep,
+                        slack,
+                        {slack.name(): False},
+                        kink=True,
+                    )
+                    events.append(eased)
+                for kind, guard, armed, sets in (
+                    ("meshed", bite, negated(meshed), on),
+                    ("separated", -bite, meshed, off),
+                ):
+                    events.append(Event(f"{label}.{kind}.{side}", kind, label, guard, armed, sets))
+        stretch = ca.fmax(deflection - half, 0) + ca.fmin(deflection + half, 0)
+        return stretch, torque, tuple(events)
+
+    def _motor(
+        self, actuator: ActuatorContext, wanted: ca.SX, speed: ca.SX
+    ) -> tuple[ca.SX, dict[str, ca.SX]]:
+        """Torques of the motors (n x 1), and by how much limits are exceeded (n x 1 each), of the limit's."""
+        context, given, beyond = actuator.context, wanted, dict[str, ca.SX]()
+        if self.no_load_speed is not None:
+            stall = context.number("torque_limit" if self.stall_torque is None else "stall_torque")
+            relative = speed / context.number("no_load_speed")
+            given = ca.fmin(ca.fmax(wanted, -stall * (1 + relative)), stall * (1 - relative))
+            beyond["forward"] = wanted / stall + relative - 1
+            beyond["backward"] = -wanted / stall - relative - 1
+        if self.torque_limit is not None:
+            limit = context.number("torque_limit")
+            given = ca.fmin(ca.fmax(given, -limit), limit)
+            beyond[""] = ca.fabs(wanted) / limit - 1
+        return given, beyond
 
     def _axis(self, actuator: ActuatorContext, joint: int) -> ca.SX:
         """Axis of a joint (3x1), world axes."""

@@ -108,6 +108,11 @@ class Pid(TipController):
             found.add("tip_orientation" if turns else "tip_position")
         return found
 
+    @property
+    def feeds_back_joint_acceleration(self) -> bool:
+        """If it differentiates the velocity seen from the base."""
+        return self.feedback == "base" and self.derivative == "ideal" and self.kd > 0
+
     def controls(self, key: str) -> Literal["translation", "rotation"]:
         """The tip's translation, or its rotation at keys that say so."""
         return "rotation" if key.startswith("orientation") else "translation"

@@ -6,7 +6,8 @@ hinge to hinge (rigid finite elements; E. Wittbrodt, I. Adamiec-Wojcik, S. Wojci
 multibody systems, Springer 2006). It is the midpoint rule for the integral of the curvature, so that
 deflections and frequencies converge to those of Euler and Bernoulli by second order in dx: the end deflects
 by ``F l^3 / (3 E I) (1 - 1 / (4 n^2))`` under a force there, and turns by ``M l / (E I)`` under a couple.
-Material damping is that of Kelvin and Voigt: stress follows strain and its rate, E (e + T e').
+Material damping is that of Kelvin and Voigt: stress follows strain and its rate, E (e + T e'). Torsion
+about the beam's axis is another joint of each hinge, of the stiffness G J / dx.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from spacerobot.description.read import Description
 from spacerobot.elements.contribution import Contribution, Output
 from spacerobot.elements.flexible_link import FlexibleContext, FlexibleLink, Number
 from spacerobot.elements.registry import register
+from spacerobot.errors import DescriptionError
 from spacerobot.section import Vector, quantity
 
 
@@ -45,6 +47,16 @@ class FlexibleBeam(FlexibleLink):
     second_moment: float | None = quantity("m^4", "second moment of the cross section, I", default=None, gt=0)
     normal: Vector | None = quantity(
         "1", "axis of the link about which it bends; about both across it if not given", default=None
+    )
+    torsional_stiffness: float | None = quantity(
+        "N m^2", "G J; the beam does not twist if not given", default=None, gt=0
+    )
+    torsional_inertia: float | None = quantity(
+        "kg m",
+        "moment of inertia of what twists about the beam's axis, per length, part of the link's; the link's "
+        "by the length if not given",
+        default=None,
+        gt=0,
     )
     damping_time: float = quantity(
         "s", "T; the ratio of a mode of angular frequency w is T w / 2", default=0.0, ge=0
@@ -65,6 +77,8 @@ class FlexibleBeam(FlexibleLink):
         given += [self.youngs_modulus is not None, self.second_moment is not None]
         if given not in ([True, False, False], [False, True, True]):
             raise ValueError("bending_stiffness: give it, or both `youngs_modulus` and `second_moment`")
+        if self.torsional_inertia is not None and self.torsional_stiffness is None:
+            raise ValueError("torsional_inertia: it belongs to `torsional_stiffness`; give that too")
         if self.normal is not None:
             length = np.linalg.norm(self.normal)
             if not length > 0 or abs(self._axis @ np.array(self.normal)) > 1e-6 * length:
@@ -89,16 +103,33 @@ class FlexibleBeam(FlexibleLink):
     def _turns(self) -> dict[str, Array]:
         """Axes of each hinge (3,), by the letter of its joint."""
         axis = self._axis
+        twist = {} if self.torsional_stiffness is None else {"t": axis}
         if self.normal is not None:
-            return {"a": np.array(self.normal) / np.linalg.norm(self.normal)}
+            return {"a": np.array(self.normal) / np.linalg.norm(self.normal)} | twist
         across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
         across /= np.linalg.norm(across)
-        return {"a": across, "b": np.cross(axis, across)}
+        return {"a": across, "b": np.cross(axis, across)} | twist
+
+    def _polar(self, link: UrdfLink) -> float:
+        """Moment of inertia about the beam's axis, per length, of what twists [kg m]."""
+        if self.torsional_stiffness is None:
+            return 0.0
+        if self.torsional_inertia is not None:
+            return self.torsional_inertia
+        found = float(self._axis @ link.inertia @ self._axis) / self._length
+        if not found > 0:
+            raise DescriptionError(
+                f"link {self.link!r} has no moment of inertia about the beam, so that nothing resists its "
+                "torsion; give `torsional_inertia`",
+                where="torsional_stiffness",
+            )
+        return found
 
     def expanded(self, description: Description, name: str) -> Description:
         """Hinges and pieces; what the link carries moves with the piece that it is attached to."""
         link, axis, start = find_link(description, self.link), self._axis, np.array(self.start)
         density = link.mass / self._length if self.mass_per_length is None else self.mass_per_length
+        polar = self._polar(link)
         ends = self._hinges.tolist()
         pieces = {
             kind: [piece for shape in getattr(link, kind) for piece in cut(shape, start, axis, ends)]
@@ -128,6 +159,7 @@ class FlexibleBeam(FlexibleLink):
             joints.append(UrdfJoint(f"{piece}_mount", "fixed", parent, piece, back, frozen([1, 0, 0])))
             mass, length = density * (end - place), end - place
             rod = mass * length**2 / 12 * (np.eye(3) - np.outer(axis, axis))
+            rod += polar * length * np.outer(axis, axis)
             centre = frozen(start + (place + end) / 2 * axis)
             borrowed = (self.link, frozen(np.eye(4)))
             links.append(shaped(UrdfLink(piece, mass, centre, frozen(rod), borrowed=borrowed), i))
@@ -141,14 +173,17 @@ class FlexibleBeam(FlexibleLink):
     def springs(
         self, description: Description, name: str, number: Callable[[str], Number]
     ) -> Mapping[str, tuple[Number, Number]]:
-        """``E I / dx``, and T times that."""
+        """``E I / dx``, of torsion ``G J / dx``, and T times that."""
         del description
         given = self.bending_stiffness is not None
         bending = number("bending_stiffness" if given else "youngs_modulus")
         bending = bending if given else bending * number("second_moment")
-        stiffness = bending * (self.segments / self._length)
-        own = (stiffness, stiffness * number("damping_time"))
-        return {f"{name}_{i + 1}{letter}": own for i in range(self.segments) for letter in self._turns}
+        found = {}
+        for letter in self._turns:
+            stiffness = number("torsional_stiffness") if letter == "t" else bending
+            stiffness = stiffness * (self.segments / self._length)
+            found[letter] = (stiffness, stiffness * number("damping_time"))
+        return {f"{name}_{i + 1}{letter}": found[letter] for i in range(self.segments) for letter in found}
 
     def moving_inertia(self, description: Description, name: str) -> Array:
         """That of the pieces."""

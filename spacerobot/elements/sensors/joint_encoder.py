@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Literal
 
+from pydantic import Field
+
 from spacerobot.elements.linear_sensor import LinearSensor
 from spacerobot.elements.measurement import SensorErrors
 from spacerobot.elements.registry import register
@@ -16,6 +18,8 @@ class JointEncoder(LinearSensor):
     """Absolute encoder of joints: 19 bits a turn, read at 100 Hz.
 
     An assumption, not the data of a certain encoder: absolute encoders of robot joints have 16 to 20 bits.
+    On the side of the motor it shows the motor's motion divided by the gear ratio, so that controllers do not
+    see how the transmission bends; joints without a transmission move as their motors.
     """
 
     kind: Literal["joint_encoder"] = "joint_encoder"
@@ -24,3 +28,16 @@ class JointEncoder(LinearSensor):
         "sampling and quantisation; 12 urad",
         default=SensorErrors(period=0.01, resolution=math.tau / 2**19),
     )
+    side: Literal["link", "motor"] = Field(
+        default="link", description="side of the transmission on which it is mounted"
+    )
+
+    @property
+    def reads_motors(self) -> bool:
+        """By its side."""
+        return self.side == "motor"
+
+    @property
+    def is_ideal(self) -> bool:
+        """As of a linear sensor, at the link alone."""
+        return super().is_ideal and self.side == "link"
