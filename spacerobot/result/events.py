@@ -52,15 +52,16 @@ def build_events(scene: Scene, loop: ClosedLoop, happened: Sequence[EventRecord]
     Each has ``time_s``, ``kind``, ``who``, ``name``; of a grasp, the tip's velocity and spin relative to the
     target just before (``relative_velocity_m_s``, ``relative_spin_rad_s``, world axes), of a contact the
     velocity of its second shape relative to the first; where they are not zero, the ``impulses_n_s`` on the
-    target and the ``energy_lost_j``, of a contact that parts since it touched; and ``momentum_change``, of
-    everything across it, in parts of the largest momentum of a body.
+    target and the ``energy_lost_j``, of a contact that parts since it touched; where a failure is detected,
+    ``delay_s`` since it; and ``momentum_change``, of everything across it, in parts of the largest momentum
+    of a body.
     """
     if not happened:
         return []
     c = loop.setup(loop.parameter_values)[1].full().ravel()
     jumps, grasps = {place: c[place] for place in loop.jumps}, {grasp.name: grasp for grasp in scene.grasps}
     contacts, touched = [contact.name for contact in scene.contacts], dict[str, Mapping[str, Array]]()
-    found = []
+    found = list[dict[str, Any]]()
     for one in happened:
         rule = loop.events[one.event]
         for place, when in jumps.items():
@@ -72,12 +73,15 @@ def build_events(scene: Scene, loop: ClosedLoop, happened: Sequence[EventRecord]
         c[list(loop.switches)] = switches
         before = _outputs(loop, one.time_s, one.before, c)
         c[list(loop.switches)] = one.switches
-        told = {"time_s": float(one.time_s), "kind": rule.kind, "who": rule.who, "name": rule.name}
+        told = dict[str, Any](time_s=float(one.time_s), kind=rule.kind, who=rule.who, name=rule.name)
         if rule.who in grasps:
             velocity, spin = relative_velocity(scene, grasps[rule.who], one.before)
             told |= {"relative_velocity_m_s": velocity.tolist(), "relative_spin_rad_s": spin.tolist()}
         if rule.who in contacts:
             told |= _touch(contacts.index(rule.who), rule.name, touched, before)
+        if rule.kind == "detected":
+            failed = [e["time_s"] for e in found if e["kind"] == "failed" and e["who"] == rule.who]
+            told |= {"delay_s": one.time_s - failed[-1]} if failed else {}
         # impulses of grasps and energy that an event took, where they are not zero
         taken: dict[str, Any] = {}
         if "grasp_impulse" in after:

@@ -1,8 +1,6 @@
 """A joint that fails at a time: its brake locks it, or its motor loses torque.
 
-A lock is the acceleration constraint ``v_j' + k v_j = 0`` of one entry of v. It begins with the plastic
-impulse that stops the joint, ``M (v+ - v-) = e_j p`` with ``e_j^T v+ = 0``: internal, so momentum is kept and
-energy is lost.
+Locks are those of :mod:`spacerobot.elements.joint_lock`.
 """
 
 from __future__ import annotations
@@ -14,16 +12,14 @@ import casadi as ca
 from pydantic import Field
 
 from spacerobot.elements.actuator import Actuator
-from spacerobot.elements.context import ActuatorContext, unit_load
-from spacerobot.elements.contribution import AccelerationConstraint, ActuatorDrive, Contribution, Output
+from spacerobot.elements.context import ActuatorContext
+from spacerobot.elements.contribution import ActuatorDrive, Contribution
 from spacerobot.elements.event import Event, negated
+from spacerobot.elements.joint_lock import lock
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import RobotProperties
 from spacerobot.errors import near_names
 from spacerobot.section import quantity
-
-DECAY = 20.0
-"""Rate [1/s] at which the rounding error of a locked joint's speed decays."""
 
 
 @register
@@ -47,18 +43,19 @@ class JointFailure(Actuator):
         context, column = actuator.context, actuator.columns[self.joint]
         name = f"{actuator.robot}/{self.joint}"
         failed = context.switch("failed")
+        held = lock(actuator, self.joint) if self.mode == "locked" else None
         event = Event(
             f"{name}.failed",
             "failed",
             name,
             context.time - context.number("at"),
             negated(failed),
-            {failed.name(): True},
+            {failed.name(): True} | ({held[0].name(): True} if held else {}),
             impact=self.mode == "locked",
             clock=True,
         )
-        if self.mode == "locked":
-            return Contribution(constraints=(_lock(actuator, column, name, failed),), events=(event,))
+        if held:
+            return Contribution(constraints=held[1], events=(event,))
         left = context.number("remaining") if self.mode == "weak" else ca.SX(1, 1)
         factor = 1 - failed * (1 - left)
         return Contribution(drives=(ActuatorDrive((column,), lambda asked: asked * factor),), events=(event,))
@@ -76,18 +73,3 @@ class JointFailure(Actuator):
             "weak": f"keeps {self.remaining:g} of its torque",
         }[self.mode]
         return f"{self.joint} {what} at {self.at:g} s"
-
-
-def _lock(actuator: ActuatorContext, column: int, name: str, failed: ca.SX) -> AccelerationConstraint:
-    """Constraint that holds a failed joint at rest; its one direction stands for the joint's axis."""
-    plant = actuator.plant
-    unit, rate = ca.SX(plant.v.size1(), 1), plant.v[column]
-    unit[column] = 1
-
-    def answer(force: ca.SX, torque: ca.SX) -> Contribution:
-        del force
-        text = "torque of the brakes of locked joints"
-        return Contribution(outputs=(Output("brake_torque", -torque[2], "N m or N", text, "brake", name),))
-
-    directions, sense = (unit_load(2, rotation=True),), plant.reduced(unit)
-    return AccelerationConstraint(directions, sense, DECAY * rate, rate, answer, active=failed)

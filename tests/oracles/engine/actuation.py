@@ -13,6 +13,7 @@ from spacerobot.arrays import Array
 from spacerobot.elements import Actuator
 from spacerobot.elements.actuators.base_wrench import BaseWrench
 from spacerobot.elements.actuators.joint_failure import JointFailure
+from spacerobot.elements.actuators.momentum_observer import MomentumObserver
 from spacerobot.elements.actuators.torque_limit import TorqueLimit
 from spacerobot.scenario import Robot
 from spacerobot.scene import Scene, SceneBody
@@ -243,6 +244,14 @@ def _(actuator: JointFailure, scene: Scene, body: SceneBody, key: str) -> Delive
     del key
     joint = scene.model.joints[scene.model.getJointId(f"{body.name}/{actuator.joint}")]
     return Failing(actuator, f"{body.name}/{actuator.joint}.failed", (int(joint.idx_v),))
+
+
+@delivery_of.register
+def _(actuator: MomentumObserver, scene: Scene, body: SceneBody, key: str) -> Delivery:
+    """All of it; what it observes is held to closed forms in ``tests/elements/test_momentum_observer.py``."""
+    del actuator, key
+    columns = tuple(int(scene.model.idx_vs[joint]) for joint in body.arm_joints)
+    return Clip(np.full(scene.model.nv, np.inf), columns)
 
 
 def base_columns(scene: Scene, body: SceneBody) -> list[int]:
