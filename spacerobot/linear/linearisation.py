@@ -119,10 +119,19 @@ class LinearSystem:
     @property
     def poles(self) -> Array:
         """Poles of the closed loop [1/s], those of a periodic system as ``log(z) / T`` (complex)."""
-        found = np.linalg.eigvals(self.A).astype(complex)
-        if self.period_s:
-            found = np.log(found[np.abs(found) > np.finfo(float).tiny]) / self.period_s
+        found = self.rates(self.A)
         return found[np.lexsort((found.imag, np.abs(found)))]
+
+    def rates(self, A: Array) -> Array:
+        """Eigenvalues of a matrix over the same period as poles [1/s] (complex)."""
+        values = np.linalg.eigvals(A).astype(complex)
+        if self.period_s:
+            values = np.log(values[np.abs(values) > np.finfo(float).tiny]) / self.period_s
+        return values
+
+    def points(self, omega: Array) -> Array:
+        """Points of the imaginary axis, or the unit circle of a periodic system, at frequencies [rad/s]."""
+        return np.asarray(np.exp(1j * omega * self.period_s) if self.period_s else 1j * omega)
 
     @property
     def modes(self) -> tuple[Mode, ...]:
@@ -188,6 +197,31 @@ class LinearSystem:
         """
         return self._system(self.broken(name), [name], [name])
 
+    def is_invariant(self, name: str) -> bool:
+        """Whether the loop broken at a point is invariant in time, as it must be to have margins."""
+        return not self.period_s or name in self.starts
+
+    def closed(self, name: str) -> Matrices:
+        """Matrices of the closed loop in which the input of a break point acts with its output at once.
+
+        Parameters
+        ----------
+        name
+            A break point.
+
+        Raises
+        ------
+        SpaceRobotError
+            If there is no such point, or the broken loop varies in time.
+        """
+        if name not in self.inputs:
+            raise SpaceRobotError(f"no break point '{name}', {near_names(name, self.inputs)}")
+        if not self.is_invariant(name):
+            raise SpaceRobotError(
+                f"the loop broken at {name} varies in time: its signal is not held over a period"
+            )
+        return self.starts[name] if self.period_s else (self.A, self.B, self.C, self.D)
+
     def broken(self, name: str) -> Matrices:
         """Matrices of :meth:`loop_transfer`.
 
@@ -203,13 +237,7 @@ class LinearSystem:
         SpaceRobotError
             If there is no such point, or the broken loop varies in time.
         """
-        if name not in self.inputs:
-            raise SpaceRobotError(f"no break point '{name}', {near_names(name, self.inputs)}")
-        if self.period_s and name not in self.starts:
-            raise SpaceRobotError(
-                f"the loop broken at {name} varies in time: its signal is not held over a period"
-            )
-        A, B, C, D = self.starts[name] if self.period_s else (self.A, self.B, self.C, self.D)
+        A, B, C, D = self.closed(name)
         place = self.inputs.index(name)
         b, c, d = B[:, [place]], C[[place], :], D[place, place]
         return A - b @ c / (1 + d), b / (1 + d), -c / (1 + d), np.array([[-d / (1 + d)]])
@@ -237,7 +265,7 @@ def python_control() -> Any:
         import control
     except ImportError:
         raise SpaceRobotError(
-            "margins and systems of python-control need the package control; "
+            "systems of python-control need the package control; "
             "install it by pip install 'spacerobot[margins]'"
         ) from None
     return control
@@ -417,9 +445,12 @@ def _relevant(A: Array, B: Array, C: Array, updates: Sequence[PeriodicUpdate], m
 def _periodic(found: LinearSystem, updates: Sequence[PeriodicUpdate], period_s: float) -> LinearSystem:
     """Discrete form over one period; see :mod:`spacerobot.linear.periodic`."""
     continuous, starts = (found.A, found.B, found.C, found.D), {}
+    made: dict[float, Matrices] = {}
     for place, name in enumerate(found.inputs):
         begin = beginning(updates, continuous, place, period_s)
         if begin is not None:
-            starts[name] = transition(updates, continuous, begin, period_s)
+            if begin not in made:
+                made[begin] = transition(updates, continuous, begin, period_s)
+            starts[name] = made[begin]
     A, B, C, D = transition(updates, continuous, updates[0].time_s, period_s)
     return replace(found, A=A, B=B, C=C, D=D, period_s=period_s, starts=starts)

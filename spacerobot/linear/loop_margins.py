@@ -4,33 +4,29 @@ Of the loop transfer function L for negative feedback, at the frequencies at whi
 and the negative real axis: by how much its gain may grow or fall, its phase lag or its delay grow, until the
 closed loop becomes unstable. The disk margin (P. Seiler, A. Packard, P. Gahinet: An introduction to disk
 margins, IEEE Control Systems 40(5), 2020) allows gain and phase to change at once:
-``alpha = 1 / max |S - 1/2|``, S = 1 / (1 + L). Frequency responses follow from the state space; crossings,
-margins and disks are those of python-control.
+``alpha = 1 / max |S - 1/2|``, S = 1 / (1 + L). A response over frequencies finds crossings and peaks; each is
+then refined on the transfer function itself.
 
 The delay margin of a sampled loop is phase over frequency: exact for whole periods.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 import xarray as xr
+from scipy.optimize import brentq
 
 from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError
 from spacerobot.linear.instants import events_of, instants, samples
-from spacerobot.linear.linearisation import RIGID, Lineariser, LinearSystem, python_control
+from spacerobot.linear.linearisation import Lineariser, LinearSystem
+from spacerobot.linear.loop_response import loop_responses, response_slopes, responses
 from spacerobot.notebook import html_table
 from spacerobot.scene import Scene
 from spacerobot.simulation import Backend, Progress
-
-PER_DECADE = 150
-"""Frequencies in a decade; more lie around poles with little damping."""
-
-BEYOND = 30.0
-"""How far the frequencies reach beyond the slowest and the fastest pole."""
 
 MAX_GAIN = 1e6
 """Crossings that need a larger change of the gain than by this factor are rounding."""
@@ -60,6 +56,8 @@ class LoopMargins:
         Disk margin alpha: L may change by any factor ``(1 + alpha/2 d) / (1 - alpha/2 d)``, |d| < 1.
     crossover
         Highest frequency at which its gain is one [Hz].
+    frequencies
+        Where each margin is found [rad/s], by its name; NaN where it is infinite.
     """
 
     name: str
@@ -69,6 +67,7 @@ class LoopMargins:
     delay: float
     disk: float
     crossover: float
+    frequencies: Mapping[str, float] = field(default_factory=dict, repr=False)
 
 
 @dataclass(frozen=True)
@@ -152,11 +151,10 @@ def margins(
     ScenarioError
         As :func:`spacerobot.linearise`.
     SpaceRobotError
-        If python-control is not installed, or ``along`` is one.
+        If ``along`` is one.
     """
     if along == 1 or along < 0:
         raise SpaceRobotError(f"along: found {along}, allowed: 0, or at least 2")
-    python_control()
     tell = progress or (lambda _: None)
     tell("building the closed loop")
     lineariser = Lineariser.of(scene)
@@ -172,109 +170,101 @@ def margins(
     return MarginAnalysis(tuple(linear), tuple(loops), events_of(rollout, loop, ("captured", "released")))
 
 
-def loop_margins(found: LinearSystem) -> Iterator[LoopMargins]:
-    """Margins of each loop of a linearised closed loop.
-
-    Raises
-    ------
-    SpaceRobotError
-        If python-control is not installed.
-    """
-    for name in found.inputs:
-        if found.period_s and name not in found.starts:
-            yield LoopMargins(name, *[np.nan] * 6)
-            continue
-        omega, response = loop_response(found, name)
-        yield _margins(found, name, omega, response)
-
-
-def loop_response(found: LinearSystem, name: str) -> tuple[Array, Array]:
-    """Frequencies [rad/s] and loop transfer function (complex) there, of a loop broken at one point.
+def loop_margins(found: LinearSystem, names: Iterable[str] | None = None) -> Iterator[LoopMargins]:
+    """Margins of loops of a linearised closed loop.
 
     Parameters
     ----------
     found
         The linearised closed loop.
-    name
-        The break point.
+    names
+        Break points; all of them if None.
 
     Raises
     ------
     SpaceRobotError
-        If there is no such point, or the broken loop varies in time.
+        If there is no such break point.
     """
-    A, b, c, d = found.broken(name)
-    poles = [np.linalg.eigvals(A), np.linalg.eigvals(found.A)]
-    both = np.concatenate(poles).astype(complex)
-    if found.period_s:
-        both = np.log(both[np.abs(both) > np.finfo(float).tiny]) / found.period_s
-    omega = _frequencies(both, np.pi / found.period_s if found.period_s else np.inf)
-    s = np.exp(1j * omega * found.period_s) if found.period_s else 1j * omega
-    eye = np.eye(len(A))
-    response = np.concatenate(  # in pieces, so that the memory does not grow with the number of frequencies
-        [
-            (c @ np.linalg.solve(part[:, None, None] * eye - A, b))[:, 0, 0] + d[0, 0]
-            for part in np.array_split(s, -(-len(s) // 256))
-        ]
-    )
-    return omega, response
-
-
-def _frequencies(poles: Array, most: float) -> Array:
-    """Frequencies [rad/s] from below the slowest to beyond the fastest pole, dense around resonances."""
-    sizes = np.abs(poles)
-    sizes = sizes[sizes > RIGID]
-    low, high = (sizes.min(), sizes.max()) if sizes.size else (1.0, 1.0)
-    # below, poles at zero that rounding has split would count as resonances
-    low, high = max(min(low / BEYOND, most / 10), RIGID), min(high * BEYOND, most)
-    found = [np.geomspace(low, high, int(PER_DECADE * np.log10(high / low)) + 2)]
-    around = np.concatenate([-np.geomspace(8, 1e-2, 40), [0.0], np.geomspace(1e-2, 8, 40)])
-    for pole in poles:
-        if pole.imag > 0 and abs(pole.real) < 0.2 * abs(pole) and abs(pole) > RIGID:
-            found.append(pole.imag + max(abs(pole.real), 1e-9 * abs(pole)) * around)
-    omega = np.unique(np.concatenate(found))
-    omega = omega[(omega >= low) & (omega <= high)]
-    return np.asarray(omega[np.concatenate([[True], np.diff(omega) > 1e-12 * omega[1:]])])
+    names = list(found.inputs if names is None else names)
+    able = [name for name in names if found.is_invariant(name)]
+    answers = zip(able, loop_responses(found, able), strict=True)
+    for name in names:
+        if name in able:
+            yield _margins(found, name, *next(answers)[1])
+        else:
+            yield LoopMargins(name, *(np.nan,) * 6)
 
 
 def _margins(found: LinearSystem, name: str, omega: Array, response: Array) -> LoopMargins:
-    """Margins from a frequency response."""
-    ct = python_control()
+    """Margins from a frequency response, each at its own exact frequency."""
     if not np.abs(response).max() > 0:
         return LoopMargins(name, np.inf, -np.inf, np.inf, np.inf, 2.0, np.nan)
-    gains, phases, _, _, crossings, _ = ct.stability_margins(ct.frd(response, omega), returnall=True)
-    d = found.broken(name)[3]
-    gains = np.concatenate([gains, _real_ends(found, name)])
-    up = gains[(gains > 1) & (gains < MAX_GAIN)]
-    down = gains[(gains < 1) & (gains > 1 / MAX_GAIN)]
-    late = np.radians(np.where(phases > 0, phases, phases + 360)) / crossings
-    delay = late.min(initial=np.inf)
-    if not found.period_s and abs(d[0, 0]) >= 1:
-        delay = 0.0  # gain above one at all high frequencies
-    sensitivity = 1 / (1 + response)
-    worst = omega[np.argmax(np.abs(sensitivity - 0.5))]
-    near = np.clip(worst * np.geomspace(0.97, 1 / 0.97, 61), omega[0], omega[-1])
-    disk, _, _ = ct.disk_margins(found.loop_transfer(name), near)
+    closed, place = found.closed(name), found.inputs.index(name)
+
+    def at(frequency: float) -> complex:
+        return complex(responses(closed, [place], found.points(np.array([frequency])))[0, 0])
+
+    def roughness(frequency: float) -> float:
+        """Slope of |S - 1/2|^2, with dS = -S^2 dL; its factor ds / d omega included."""
+        (s,) = found.points(np.array([frequency]))
+        value, slope = response_slopes(closed, place, s)
+        turn = 1j * (s if found.period_s else 1.0)
+        return float(-2 * (np.conj(1 / (1 + value) - 0.5) * slope * turn / (1 + value) ** 2).real)
+
+    size = np.abs(response)
+    crossings = list(_roots(lambda w: abs(at(w)) - 1, omega, size - 1))
+    phases = {w: float(np.angle(-at(w), deg=True)) for w in crossings}
+    delays = {w: np.radians(phase if phase > 0 else phase + 360) / w for w, phase in phases.items()}
+    if not found.period_s and abs(closed[3][place, place]) >= abs(1 + closed[3][place, place]):
+        delays[np.inf] = 0.0  # gain above one at all high frequencies
+    # where L is real and negative: within the range by its sign change, at the ends always
+    likely = (response.real < 0) & (size > 1 / MAX_GAIN) & (size < MAX_GAIN)
+    real = [*_roots(lambda w: at(w).imag, omega, np.where(likely, response.imag, np.nan))]
+    ends = []
+    for end in (0.0, np.pi / found.period_s) if found.period_s else (0.0,):
+        shifted = found.points(np.array([end]))[0] * np.eye(len(closed[0])) - closed[0]
+        if np.linalg.cond(shifted) < MAX_CONDITION:
+            ends.append(end)
+    gains = {w: -1 / at(w).real for w in [*real, *ends] if at(w).real < 0}
+    # the greatest |S - 1/2|: a peak, or at an end, the infinite one included, where S = 1 + D
+    k = int(np.nanargmax(np.abs(1 / (1 + response) - 0.5)))
+    near, worst = omega[[max(k - 1, 0), min(k + 1, len(omega) - 1)]], omega[k]
+    if roughness(near[0]) > 0 > roughness(near[1]):
+        worst = brentq(roughness, *near, xtol=1e-12 * worst)
+    disks = {w: 1 / abs(1 / (1 + at(w)) - 0.5) for w in (worst, *ends)}
+    if not found.period_s:
+        disks[np.inf] = 1 / abs(closed[3][place, place] + 0.5)
+    worst, disk = min(disks.items(), key=_second)
+    up, gain_up = min(((w, g) for w, g in gains.items() if 1 < g < MAX_GAIN), key=_second, default=NO_GROWTH)
+    down, gain_down = max(
+        ((w, g) for w, g in gains.items() if 1 / MAX_GAIN < g < 1), key=_second, default=NO_FALL
+    )
+    turned, phase = min(((w, abs(angle)) for w, angle in phases.items()), key=_second, default=NO_GROWTH)
+    late, delay = min(delays.items(), key=_second, default=NO_GROWTH)
+    crossover = max(crossings, default=np.nan)
     return LoopMargins(
         name,
-        _decibels(up.min(initial=np.inf)),
-        _decibels(down.max(initial=0.0)),
-        float(np.abs(phases).min(initial=np.inf)),
+        _decibels(gain_up),
+        _decibels(gain_down),
+        float(phase),
         float(delay),
         float(disk),
-        float(crossings.max(initial=-np.inf) / (2 * np.pi)) if crossings.size else float("nan"),
+        float(crossover / (2 * np.pi)),
+        {"gain_up": up, "gain_down": down, "phase": turned, "delay": late, "disk": float(worst)},
     )
 
 
-def _real_ends(found: LinearSystem, name: str) -> Array:
-    """Gain margins at frequency zero and the Nyquist frequency, where L is real, if it is negative."""
-    A, b, c, d = found.broken(name)
-    at = []
-    for s in (1.0, -1.0) if found.period_s else (0.0,):
-        shifted = s * np.eye(len(A)) - A
-        if np.linalg.cond(shifted) < MAX_CONDITION:
-            at.append(float((c @ np.linalg.solve(shifted, b) + d)[0, 0]))
-    return np.array([-1 / value for value in at if value < 0])
+NO_GROWTH, NO_FALL = (np.nan, np.inf), (np.nan, 0.0)
+
+
+def _second(pair: tuple[float, float]) -> float:
+    return pair[1]
+
+
+def _roots(function: Callable[[float], float], omega: Array, values: Array) -> Iterator[float]:
+    """Roots of a function between frequencies at which its values change sign."""
+    for i in np.flatnonzero(values[:-1] * values[1:] < 0):
+        yield brentq(function, omega[i], omega[i + 1], xtol=1e-14 * omega[i], rtol=1e-13)
 
 
 def _decibels(gain: float) -> float:

@@ -1,6 +1,5 @@
 """``spacerobot margins``: tables within 80 columns, figures, numbers, one line for each error."""
 
-import builtins
 import sys
 
 import pytest
@@ -8,8 +7,6 @@ import xarray as xr
 
 from spacerobot.cli.app import main
 from tests.linear.scenes import arm_scene
-
-ct = pytest.importorskip("control")
 
 
 @pytest.fixture
@@ -62,17 +59,3 @@ def test_what_cannot_be_analysed_is_one_line(margins, arguments, told):
     assert code == 2
     assert len(err.strip().splitlines()) == 1
     assert told in err
-
-
-def test_without_python_control_it_says_what_to_install(margins, monkeypatch):
-    real = builtins.__import__
-
-    def refused(name, *rest, **more):
-        if name == "control":
-            raise ImportError(name)
-        return real(name, *rest, **more)
-
-    monkeypatch.setattr(builtins, "__import__", refused)
-    code, _, err = margins()
-    assert code == 2
-    assert "pip install 'spacerobot[margins]'" in err

@@ -1,5 +1,7 @@
 """Linearised closed loops: against the engine's own motion, rigid constraints, names, and errors."""
 
+import sys
+
 import casadi as ca
 import numpy as np
 import pinocchio as pin
@@ -172,3 +174,10 @@ def test_the_loop_of_a_simulation_is_not_changed_by_break_points():
     c, x = loop.at(0.0, x0, c), ca.SX.sym("x", loop.nx)
     exact = ca.Function("A", [x], [ca.jacobian(loop.dynamics(0.0, x, c), x)])(x0).full()
     np.testing.assert_allclose(perturbed.derivatives(0.0, x0, c)[0].full(), exact, atol=1e-10)
+
+
+def test_without_python_control_it_says_what_to_install(monkeypatch):
+    (found,) = linearise(arm_scene(1), backend="interpreted")
+    monkeypatch.setitem(sys.modules, "control", None)
+    with pytest.raises(SpaceRobotError, match=r"pip install 'spacerobot\[margins\]'"):
+        found.to_control()

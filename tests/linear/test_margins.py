@@ -7,12 +7,11 @@ from scipy.optimize import brentq
 
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.linear import linearise, margins
-from spacerobot.linear.linearisation import RIGID
-from spacerobot.linear.loop_margins import _frequencies
+from spacerobot.linear.linearisation import RIGID, LinearSystem
+from spacerobot.linear.loop_margins import loop_margins
+from spacerobot.linear.loop_response import _frequencies, loop_response, responses
 from spacerobot.rollout import build_rollout
 from tests.linear.scenes import KD, KP, arm_scene
-
-pytest.importorskip("control")
 
 
 def reduced_inertia(scene, place):
@@ -53,6 +52,7 @@ def test_loop_broken_at_one_measurement_has_the_other_one_closed():
     inertia, found = reduced_inertia(scene, -1), margins(scene, backend="interpreted")
     rate, position = (own(found, f"measurement/arm.joint_{kind}[0]") for kind in ("rate", "position"))
     assert (rate.gain_up, rate.gain_down) == (np.inf, -np.inf)
+    assert rate.disk == pytest.approx(2, rel=1e-12)  # positive real: |S - 1/2| <= 1/2, reached where L = 0
     crossover = np.sqrt((-(KD**2) + np.sqrt(KD**4 + 4 * KP**2 * inertia**2)) / 2) / inertia
     phase = np.pi / 2 - np.arctan(inertia * crossover / KD)
     np.testing.assert_allclose(position.crossover * 2 * np.pi, crossover, rtol=1e-6)
@@ -149,3 +149,62 @@ def test_poles_at_zero_that_rounding_splits_are_no_resonances():
     """As of a floating base: four zeros of one Jordan block split by the fourth root of rounding."""
     poles = np.array([1.7e-3j, -1.7e-3j, -5e-3, -0.75 + 0.83j, -0.75 - 0.83j])
     assert _frequencies(poles, np.inf).min() >= RIGID
+
+
+def random_system(seed, size=7, loops=2):
+    """Closed loop of random matrices, without a direct path."""
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(size, size)) - 2.5 * np.eye(size)
+    B, C = rng.normal(size=(size, loops)), 2 * rng.normal(size=(loops, size))
+    names = tuple(f"torque/{i}" for i in range(loops))
+    states = tuple(f"x{i}" for i in range(size))
+    return LinearSystem("random", 0.0, A, B, C, np.zeros((loops, loops)), states, names, names)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_margins_are_those_of_python_control(seed):
+    ct = pytest.importorskip("control")
+    found = random_system(seed)
+    for one in loop_margins(found):
+        loop = found.loop_transfer(one.name)
+        gains, phases, _, _, crossings, _ = ct.stability_margins(loop, returnall=True)
+        gains = np.where(gains > 0, gains, np.nan)
+        up, down = gains[gains > 1], gains[gains < 1]
+        expected = [20 * np.log10(up.min(initial=np.inf))]
+        expected += [20 * np.log10(down.max()) if down.size else -np.inf]
+        expected += [np.abs((phases + 180) % 360 - 180).min(initial=np.inf)]
+        np.testing.assert_allclose([one.gain_up, one.gain_down, one.phase], expected, rtol=1e-6)
+        np.testing.assert_allclose(one.crossover * 2 * np.pi, max(crossings, default=np.nan), rtol=1e-8)
+        near = one.frequencies["disk"] * np.linspace(0.99, 1.01, 401)
+        if np.isfinite(near).all():
+            np.testing.assert_allclose(one.disk, ct.disk_margins(loop, near)[0], rtol=1e-4)
+
+
+def test_frequencies_keep_away_from_a_body_that_spins_freely():
+    """It shakes a joint under PD: L = (k_d s + k_p) / s^2 to 1 % at all of them."""
+    spin, kp, kd = 8.7266e-3, 12.0, 3.0
+    A = np.array([[0, 1, 0, 0], [-kp, -kd, 0.3, 0.7], [0, 0, 0, spin], [0, 0, -spin, 0]])
+    b, c = np.array([[0.0, 1, 0, 0]]).T, np.array([[-kp, -kd, 0, 0]])
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(4, 4)))[0]  # rounding in every entry
+    closed = (turn @ A @ turn.T, turn @ b, c @ turn.T, np.zeros((1, 1)))
+    omega = _frequencies(np.linalg.eigvals(closed[0]), np.inf)
+    s = 1j * omega
+    assert np.abs(omega - spin).min() < 1e-5 * spin
+    np.testing.assert_allclose(responses(closed, [0], s)[0], (kd * s + kp) / s**2, rtol=1e-2)
+
+
+def test_a_response_shows_a_resonance_that_only_the_broken_loop_has():
+    """L = r / (s^2 + 2 zeta w s + w^2), whose peak r / (2 zeta w^2) lies beside the closed loop's pole."""
+    r, zeta, w = 0.1, 1e-5, 10.0
+    A, B, C = np.array([[0, 1], [-(w**2) - r, -2 * zeta * w]]), np.array([[0.0], [1]]), np.array([[-r, 0.0]])
+    found = LinearSystem("", 0.0, A, B, C, np.zeros((1, 1)), ("q", "v"), ("torque/q",), ("torque/q",))
+    peak = np.abs(loop_response(found, "torque/q")[1]).max()
+    np.testing.assert_allclose(peak, r / (2 * zeta * w**2), rtol=1e-3)
+
+
+def test_disk_margin_at_infinite_frequency():
+    """L = -s / (2 (s + 1)) is nearest to -1 there: S = 2, alpha = 1 / |2 - 1/2|."""
+    matrices = (np.array([[value]]) for value in (-2.0, 2.0, -1.0, 1.0))
+    found = LinearSystem("", 0.0, *matrices, ("x",), ("torque/x",), ("torque/x",))
+    (one,) = loop_margins(found)
+    assert one.disk == pytest.approx(2 / 3, rel=1e-12)

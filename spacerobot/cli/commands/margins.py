@@ -31,8 +31,7 @@ Along = Annotated[
 ]
 HELP = """Linearise the closed loop; print its poles, and gain, phase, delay and disk margins of every loop.
 
-Loops are broken at one joint torque, measurement or wheel each, while the others stay closed. Needs
-python-control: pip install 'spacerobot[margins]'.
+Loops are broken at one joint torque, measurement or wheel each, while the others stay closed.
 
 Examples:
 

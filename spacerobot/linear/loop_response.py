@@ -1,0 +1,164 @@
+r"""Loop transfer functions, from the closed loop.
+
+Of a break point, G is the response of its signal y to the input w that is added to it: u = y + w. With
+y = -L u the sensitivity is ``S = u / w = 1 + G = 1 / (1 + L)``, hence ``L = -G / (1 + G)``. One factorisation
+of ``s - A`` for each frequency serves all loops. Frequencies keep a distance from undamped poles, such as
+those of a body that spins freely, next to which a response is mostly rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+
+from spacerobot.arrays import Array
+from spacerobot.linear.linearisation import NEUTRAL, RIGID, LinearSystem
+from spacerobot.linear.periodic import Matrices
+
+PER_DECADE = 150
+"""Frequencies in a decade; more lie around poles with little damping."""
+
+BEYOND = 30.0
+"""How far the frequencies reach beyond the slowest and the fastest pole."""
+
+UNDAMPED = 1e-4
+"""Width of an undamped pole, relative to its frequency."""
+
+AT_ONCE = 256
+"""Frequencies that are evaluated together, so that the memory does not grow with their number."""
+
+AROUND = np.concatenate([-np.geomspace(8, 1e-2, 40), [0.0], np.geomspace(1e-2, 8, 40)])
+"""Places around a pole with little damping, in units of its real part."""
+
+
+def loop_response(found: LinearSystem, name: str) -> tuple[Array, Array]:
+    """Frequencies [rad/s] and loop transfer function (complex) there, of a loop broken at one point.
+
+    Parameters
+    ----------
+    found
+        The linearised closed loop.
+    name
+        The break point.
+
+    Raises
+    ------
+    SpaceRobotError
+        If there is no such point, or the broken loop varies in time.
+    """
+    return next(loop_responses(found, [name]))
+
+
+def loop_responses(found: LinearSystem, names: Iterable[str]) -> Iterator[tuple[Array, Array]]:
+    """The same of several loops, in the order of their names.
+
+    Parameters
+    ----------
+    found, names
+        As for :func:`loop_response`.
+
+    Raises
+    ------
+    SpaceRobotError
+        As :func:`loop_response`.
+    """
+    names, poles = list(names), found.poles
+    own = {name: found.rates(found.broken(name)[0]) for name in names}
+    most = np.pi / found.period_s if found.period_s else np.inf
+    shared = _frequencies(poles, most, np.concatenate([poles, *own.values()]))
+    kept: dict[int, tuple[list[str], Array]] = {}
+    for name in names:
+        closed = found.closed(name)
+        if id(closed[0]) not in kept:
+            members = [other for other in names if found.closed(other)[0] is closed[0]]
+            places = [found.inputs.index(other) for other in members]
+            kept[id(closed[0])] = (members, responses(closed, places, found.points(shared)))
+        members, values = kept[id(closed[0])]
+        response = values[members.index(name)]
+        # poles that the loop shares with the closed one, or nearly so, have their frequencies already
+        away = np.abs(own[name][:, None] - poles).min(axis=1, initial=np.inf)
+        apart = away > 0.5 * np.maximum(np.abs(own[name].real), NEUTRAL * np.abs(own[name]))
+        more = np.concatenate([np.empty(0), *_resonances(own[name][apart])])
+        more = more[(more > shared[0]) & (more < shared[-1])]
+        if not more.size:
+            yield shared, response
+            continue
+        extra = responses(closed, [found.inputs.index(name)], found.points(more))[0]
+        omega, first = np.unique(np.concatenate([shared, more]), return_index=True)
+        kept_apart = np.concatenate([[True], np.diff(omega) > 1e-12 * omega[1:]])
+        yield omega[kept_apart], np.concatenate([response, extra])[first[kept_apart]]
+
+
+def responses(closed: Matrices, places: Sequence[int], s: Array) -> Array:
+    """Loop transfer functions (loops, points) at complex points s (n,).
+
+    Parameters
+    ----------
+    closed
+        Matrices of the closed loop.
+    places
+        Of the break points among its inputs.
+    s
+        Points of the Laplace plane, or z of a discrete system.
+    """
+    A, B, C, D = closed
+    eye, B, C, D = np.eye(len(A)), B[:, places], C[places], D[places, places]
+    G = np.concatenate(
+        [
+            np.einsum("in,fni->if", C, np.linalg.solve(part[:, None, None] * eye - A, B)) + D[:, None]
+            for part in np.array_split(s, -(-len(s) // AT_ONCE))
+        ],
+        axis=1,
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(-G / (1 + G))
+
+
+def response_slopes(closed: Matrices, place: int, s: complex) -> tuple[complex, complex]:
+    """Loop transfer function L of one loop at a point s, and dL/ds.
+
+    Parameters
+    ----------
+    closed, place, s
+        As for :func:`responses`.
+    """
+    A, B, C, D = closed
+    shifted = s * np.eye(len(A)) - A
+    states = np.linalg.solve(shifted, B[:, place])
+    G = C[place] @ states + D[place, place]
+    slope = -C[place] @ np.linalg.solve(shifted, states)
+    return complex(-G / (1 + G)), complex(-slope / (1 + G) ** 2)
+
+
+def _frequencies(poles: Array, most: float, reach: Array | None = None) -> Array:
+    """Frequencies [rad/s] from below the slowest to beyond the fastest pole, dense around resonances.
+
+    Parameters
+    ----------
+    poles
+        Those whose resonances count [1/s].
+    most
+        Greatest frequency [rad/s].
+    reach
+        Poles that decide how far the frequencies reach [1/s]; the same if None.
+    """
+    sizes = np.abs(poles if reach is None else reach)
+    sizes = sizes[sizes > RIGID]
+    low, high = (sizes.min(), sizes.max()) if sizes.size else (1.0, 1.0)
+    # below, poles at zero that rounding has split would count as resonances
+    low, high = max(min(low / BEYOND, most / 10), RIGID), min(high * BEYOND, most)
+    found = [np.geomspace(low, high, int(PER_DECADE * np.log10(high / low)) + 2), *_resonances(poles)]
+    omega = np.unique(np.concatenate(found))
+    omega = omega[(omega >= low) & (omega <= high)]
+    return np.asarray(omega[np.concatenate([[True], np.diff(omega) > 1e-12 * omega[1:]])])
+
+
+def _resonances(poles: Array) -> Iterator[Array]:
+    """Frequencies around each pole with little damping, but none at an undamped pole."""
+    for pole in poles:
+        if pole.imag > 0 and abs(pole.real) < 0.2 * abs(pole) and abs(pole) > RIGID:
+            if abs(pole.real) < NEUTRAL * abs(pole):
+                yield pole.imag * (1 + UNDAMPED * AROUND[AROUND != 0])
+            else:
+                yield pole.imag + abs(pole.real) * AROUND
