@@ -1,9 +1,12 @@
-"""Reference pages that are generated when the site is built: scenario, elements, quantities, command line."""
+"""Texts generated when the site is built: scenario, elements, quantities, command line, packages."""
 
 from __future__ import annotations
 
+import ast
+import pkgutil
 import re
 from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 Schema = Mapping[str, Any]
@@ -146,10 +149,29 @@ def _options(command: Any) -> str:
     return "\n".join(rows)
 
 
+def packages() -> str:
+    """Modules of the import packages and packages one level below, with the first lines of their docstrings."""
+    return "\n".join(_modules(("spacerobot", "optim", "viz"), levels=2))
+
+
+def _modules(folders: tuple[str, ...], levels: int) -> Iterator[str]:
+    root = Path(__file__).parents[1]
+    for folder in folders:
+        for found in pkgutil.iter_modules([str(root / folder)]):
+            name = f"{folder}/{found.name}"
+            file = root / name / "__init__.py" if found.ispkg else root / f"{name}.py"
+            text = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+            if found.name[0] != "_" and (found.ispkg or folder.count("/") == 0):
+                yield f"- `{name}`: {text.partition(chr(10))[0].replace('``', '`')}"
+            if found.ispkg and levels > 1:
+                yield from (f"    {line}" for line in _modules((name,), levels - 1))
+
+
 PAGES: dict[str, Callable[[], str]] = {
     "scenario": scenario,
     "elements": elements,
     "quantities": quantities,
     "command line": command_line,
+    "packages": packages,
 }
-"""What a page's line ``<!-- generated: NAME -->`` is replaced by."""
+"""What a line ``<!-- generated: NAME -->`` is replaced by."""

@@ -1,4 +1,4 @@
-"""Closed loops kept beside the compiled libraries, so that what was simulated before is not built again.
+"""Closed loops cached with the compiled libraries, so that what was simulated before is not built again.
 
 An entry is named by everything that a closed loop is built from: the resolved scenario, the URDFs, the model,
 the source of this package and the versions of the libraries below it. Loading one runs what it says, as

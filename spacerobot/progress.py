@@ -1,4 +1,4 @@
-"""Progress of compilations, whatever began them: told to the command line, or to any other listener."""
+"""Progress of compilations, whatever began them: reported to the command line, or to any other listener."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A headless Chromium, asked by its debugging protocol."""
+"""A headless Chromium, driven by its debugging protocol."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Planned motions: from a scenario's `plan` section to a trajectory that the simulator has replayed."""
+"""Trajectory optimisation: from a scenario's `plan` section to a trajectory that the simulator has flown."""

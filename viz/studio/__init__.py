@@ -1,4 +1,4 @@
-"""The studio: a server that rolls a scenario out whenever a number changes, for the page beside it.
+"""The studio: a server that simulates a scenario whenever a number changes, and its page.
 
 It stands in ``viz`` because pages may know of tuning, and tuning may not know of pages.
 """

@@ -1,4 +1,29 @@
-"""Messages between the studio's page and server, as JSON and arrays; docs/how_to/studio.md lists them."""
+"""Messages between the studio's page and server: JSON texts with a ``type``, and arrays.
+
+A text with ``binary: [{name, shape}]`` is followed by one binary message of single-precision little-endian
+arrays; ``name`` is the dotted path of the array in the JSON. ``values`` of a design are its differences
+from the scenario by dotted path. Requests, and the answers:
+
+- ``set`` (``seq``, ``values``): ``rollout`` with ``seq``, ``status``, ``metrics`` in the order of
+  ``hello``, ``ledger``, ``events``, ``run``; a newer request cancels it.
+- ``gradient`` (``seq``, ``values``, ``metric``, ``paths``): ``gradient`` with ``value``, ``d`` by path,
+  ``status``; ``differences`` first where nothing is compiled yet.
+- ``improve``, ``tune``, ``campaign`` (``values``, ``metric``; ``bounds`` by path, or ``spreads``;
+  ``method``, ``budget`` or ``samples``): repeated ``job`` with ``id``, ``state``, ``progress``, ``best``,
+  ``curve``, or ``values``, ``bands``, ``paths``. ``stop`` (``job``) ends it.
+- ``save`` (``what``, ``name``, ``values``): ``saving`` with ``words``, then ``saved`` with ``path``,
+  ``command``.
+- ``command`` (``values``): ``command`` with ``text``.
+- ``urdfs`` (nothing, or ``name`` and ``text`` of an upload): ``urdfs`` with ``files``, ``uploaded``.
+- ``draft`` (``robot``, ``target``, ``name``; ``tip``, ``frame``, ``point``, ``base``, ``position``,
+  ``velocity``, ``spin_deg``): ``draft`` with ``text``, ``tips``, ``frames``, ``place``, ``show``.
+- ``open`` (the same): ``moved`` to every page, which loads again. ``plan`` (``values``): repeated ``job``,
+  ``moved``.
+
+Unrequested: ``hello`` (numbers with units, ranges and descriptions; metrics; the scene), again when the
+structure changes; ``compiling``; and ``failed`` with the request, the place of the error and what is
+allowed.
+"""
 
 from __future__ import annotations
 
