@@ -150,7 +150,7 @@ def _options(command: Any) -> str:
 
 
 def packages() -> str:
-    """Modules of the import packages and packages one level below, with the first lines of their docstrings."""
+    """Modules and packages with the first lines of their docstrings."""
     return "\n".join(_modules(("spacerobot", "optim", "viz"), levels=2))
 
 

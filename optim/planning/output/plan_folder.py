@@ -1,4 +1,18 @@
-"""Files of a plan: ``plan.nc``, its summary, and the scenario that follows it."""
+"""Files of a plan: ``plan.nc``, its summary, and the scenario that follows it.
+
+``plan.nc`` has over ``time``, from 0:
+
+- ``joint_position``, ``joint_rate``, ``torque`` of every ``robot/joint``, angles unwound;
+- ``tip_position``, ``tip_velocity``, ``tip_rotation`` (rotation vector), ``tip_spin`` of every ``robot/tip``,
+  world axes;
+- ``base_wrench``, ``base_rate``, ``base_wrench_limit`` of drives such as ``robot/base.fx``: requested forces and
+  torques, velocities, lower and upper limits, in the root link's axes;
+- ``grip_wrench`` of grasps on tips such as ``grasp.fx``, world axes;
+- ``multiplier_norm``, multipliers as densities over time, which tracking does not need; ``phase``, optional.
+
+With s points per interval (attribute ``points`` of ``time``, both ends included, 2 by default) positions are the
+polynomial of degree 2 s - 1 through values and rates, torques one of degree s - 1.
+"""
 
 from __future__ import annotations
 
