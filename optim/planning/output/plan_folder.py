@@ -5,12 +5,12 @@
 - ``joint_position``, ``joint_rate``, ``torque`` of every ``robot/joint``, angles unwound;
 - ``tip_position``, ``tip_velocity``, ``tip_rotation`` (rotation vector), ``tip_spin`` of every ``robot/tip``,
   world axes;
-- ``base_wrench``, ``base_rate``, ``base_wrench_limit`` of drives such as ``robot/base.fx``: requested forces and
-  torques, velocities, lower and upper limits, in the root link's axes;
+- ``base_wrench``, ``base_rate``, ``base_wrench_limit`` of drives such as ``robot/base.fx``: requested forces,
+  torques, velocities, lower and upper limits, in the axes of the root link;
 - ``grip_wrench`` of grasps on tips such as ``grasp.fx``, world axes;
 - ``multiplier_norm``, multipliers as densities over time, which tracking does not need; ``phase``, optional.
 
-With s points per interval (attribute ``points`` of ``time``, both ends included, 2 by default) positions are the
+With s points per interval (attribute ``points`` of ``time``, both ends included, default 2) positions are the
 polynomial of degree 2 s - 1 through values and rates, torques one of degree s - 1.
 """
 
