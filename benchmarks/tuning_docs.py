@@ -10,7 +10,7 @@ import dataclasses
 import json
 import re
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from optim.comparison.conclusion import conclusion
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "docs" / "data"
 PAGES = tuple(ROOT / "docs" / "validation" / name for name in ("tuning_results.md", "tuning_suite.md"))
-BLOCK = re.compile(r"<!-- (\w+): (conclusion|table|found) -->\n.*?<!-- end -->", re.DOTALL)
+BLOCK = re.compile(r"<!-- (\w+): (conclusion|table) -->\n.*?<!-- end -->", re.DOTALL)
 LEFT_OUT = ("runs", "trials", "log", "values", "profiles", "largest_errors_m")
 
 
@@ -38,23 +38,11 @@ def to_one_percent(data: Mapping[str, Any]) -> tables.ComparisonTable:
     return dataclasses.replace(table, rows=tuple(row for row in table.rows if row[1] == "1 %"))
 
 
-def best_objectives(problems: Iterable[Mapping[str, Any]]) -> tables.ComparisonTable:
-    """Best objective of each method, one column each; medians, costs and gains are in `docs/data`."""
-    rows: list[tuple[str, ...]] = []
-    for benchmark in problems:
-        found = tables.found_table(benchmark)
-        methods, best, *_ = zip(*found.rows, strict=True)
-        unit = benchmark["unit"]["name"]
-        rows.append((f"{benchmark['name']} [{unit}]", *best))
-    return tables.ComparisonTable("Results of all runs", ("", *methods), tuple(rows))
-
-
 def blocks(data: Mapping[str, Any]) -> dict[str, str]:
     """Texts by the name of their mark."""
     return {
         "conclusion": f"**{conclusion(data)}**",
         "table": tables.as_markdown(to_one_percent(data)),
-        "found": tables.as_markdown(best_objectives(data["problems"])),
     }
 
 
