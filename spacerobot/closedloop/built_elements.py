@@ -246,7 +246,7 @@ class LoopBuilder:
                     if sampled is not None:
                         self.measurements[name] = sampled
                 if name in self.measurements:
-                    found = filled(shown, self.measurements[name].value.symbol)
+                    found = filled(shown, self.measurements[name].known)
             if at_motors and found is None:
                 found = shown
             if self.break_point is None:

@@ -149,7 +149,7 @@ class _Held:
         return cls(
             masked(constraint.sense, active),
             masked(constraint.drift, active),
-            idleness(active, constraint.size),
+            idleness(constraint),
         )
 
 

@@ -37,10 +37,11 @@ def strike(plant: Plant, constraints: Sequence[AccelerationConstraint]) -> Plast
 
     That is what an impulse in each of them makes, ``M (v+ - v-) = G^T j`` with ``G v+ = 0``, as if all closed
     at once; none where nothing slips. It takes the energy ``(v+ - v-)^T M (v+ - v-) / 2 = -j^T G v- / 2``.
+    Where a constraint drives a velocity r, ``G v+ = r`` and ``s = G v- - r``, it takes ``-j^T (s / 2 + r)``.
     """
     senses = [masked(constraint.sense, constraint.active) for constraint in constraints]
     slips = [masked(constraint.slip, constraint.active) for constraint in constraints]
-    idle = [idleness(constraint.active, constraint.size) for constraint in constraints]
+    idle = [idleness(constraint) for constraint in constraints]
     ties = plant.ties.size2()
     sense = ca.horzcat(*senses, plant.ties)
     slip = ca.vertcat(*slips, ca.SX(ties, 1))
@@ -51,7 +52,8 @@ def strike(plant: Plant, constraints: Sequence[AccelerationConstraint]) -> Plast
     for constraint in constraints:
         ends.append(ends[-1] + constraint.size)
     parts = tuple(impulse[a:b] for a, b in itertools.pairwise(ends))
-    return PlasticImpact(velocity, parts, -ca.dot(impulse, slip) / 2)
+    driven = ca.vertcat(*(imposed(constraint) for constraint in constraints), ca.SX(ties, 1))
+    return PlasticImpact(velocity, parts, -ca.dot(impulse, slip) / 2 - ca.dot(impulse, driven))
 
 
 def masked(loads: ca.SX, active: ca.SX | None) -> ca.SX:
@@ -59,9 +61,18 @@ def masked(loads: ca.SX, active: ca.SX | None) -> ca.SX:
     return loads if active is None else loads * active
 
 
-def idleness(active: ca.SX | None, size: int) -> ca.SX:
-    """Diagonal entries of the constraint system: 1 while the constraint is not active (n x 1).
+def imposed(constraint: AccelerationConstraint) -> ca.SX:
+    """Velocity (n x 1) that a constraint drives, zero while it is not active."""
+    driven = ca.SX(constraint.size, 1) if constraint.imposed is None else constraint.imposed
+    return masked(driven, constraint.active)
 
-    With its loads masked, its reaction is then zero and everything else as if it did not exist.
+
+def idleness(constraint: AccelerationConstraint) -> ca.SX:
+    """Diagonal entries of the constraint system (n x 1): 1 while the constraint is not active.
+
+    With its loads masked, its reaction is then zero and everything else as if it did not exist. While it is
+    active, its compliance.
     """
-    return ca.SX(size, 1) if active is None else ca.repmat(1 - active, size, 1)
+    active, size = constraint.active, constraint.size
+    found = ca.SX(size, 1) if active is None else ca.repmat(1 - active, size, 1)
+    return found if constraint.compliance is None else found + masked(constraint.compliance, active)

@@ -139,7 +139,7 @@ class TipGuidance:
             if found is None:
                 return shown
             self.held[name] = found
-        return filled(shown, self.held[name].value.symbol)
+        return filled(shown, self.held[name].known)
 
     def _at_start(self, name: str, value: ca.SX) -> ca.SX:
         """An expression of the state where everything begins, where every sensor measures."""

@@ -1,9 +1,12 @@
-"""Capture and release of a grasp: sections with their conditions."""
+"""Capture, release and failure of a grasp: sections with their conditions."""
 
 from __future__ import annotations
 
-from pydantic import model_validator
+from typing import Literal
 
+from pydantic import Field, model_validator
+
+from spacerobot.elements.failure import Failure
 from spacerobot.section import Section, Vector, quantity
 
 ENVELOPE = ("distance", "misalignment_deg", "closing_speed", "lateral_speed", "spin_deg")
@@ -97,3 +100,16 @@ class Release(Section):
         found += [] if self.force is None else [f"above {self.force:g} N"]
         found += [] if self.torque is None else [f"above {self.torque:g} N m"]
         return f"released {' or '.join(found)}"
+
+
+class GraspFailure(Failure):
+    """Failure of a gripper."""
+
+    mode: Literal["misses", "jammed", "weak"] = Field(
+        default="misses",
+        description="misses: its next attempt to close fails, and it tries again after `retry`; jammed: it "
+        "neither closes nor opens; weak: it breaks away under the part `remaining` of `release.force` and "
+        "`release.torque`",
+    )
+    retry: float = quantity("s", "time from the attempt that fails to the next one", default=1.0, ge=0)
+    remaining: float = quantity("1", "part of the greatest load that is left", default=0.5, gt=0, le=1)

@@ -22,7 +22,8 @@ from spacerobot.elements.contribution import (
     memory,
 )
 from spacerobot.elements.desired_motion import STILL, TimeProfile, along
-from spacerobot.elements.event import Event, both, negated
+from spacerobot.elements.event import Event, both, either, negated
+from spacerobot.elements.failure import failing
 from spacerobot.elements.grasp import OBSERVED, Grasp, apart, only
 from spacerobot.elements.grasp_state import GraspState
 
@@ -59,6 +60,7 @@ class _Life:
             outputs=(*acting.outputs, *self._outputs()),
             events=(
                 *acting.events,
+                *self._failing,
                 *self._closing(),
                 *self._opening(loss),
                 *self._slipping(own.outputs, loss),
@@ -85,10 +87,29 @@ class _Life:
         """Switch (1x1): it is released, and does not close again unless a phase allows it."""
         return self.grasp.context.switch("released")
 
+    @functools.cached_property
+    def _failing(self) -> tuple[Event, ...]:
+        """Event at which its gripper fails, if it does."""
+        if self.config.failure is None:
+            return ()
+        context = self.grasp.context.at(f"{self.grasp.context.path}.failure")
+        return (failing(context, self.grasp.name)[1],)
+
+    def _failed(self, mode: str) -> tuple[ca.SX, ...]:
+        """Switch (1x1) of a gripper that fails in this way; none of another one."""
+        failure = self.config.failure
+        fails = failure is not None and failure.mode == mode
+        return (self.grasp.context.switch("failure.failed"),) if fails else ()
+
+    @property
+    def _moves(self) -> tuple[ca.SX, ...]:
+        """Condition (1x1) that it is not jammed, if it may be."""
+        return tuple(negated(jammed) for jammed in self._failed("jammed"))
+
     @property
     def _free(self) -> ca.SX:
         """Whether it may close (1x1)."""
-        return both(negated(self.closed), negated(self.released), self.grasp.may_close)
+        return both(negated(self.closed), negated(self.released), self.grasp.may_close, *self._moves)
 
     @functools.cached_property
     def memory(self) -> Mapping[str, State]:
@@ -100,6 +121,7 @@ class _Life:
             sizes = {"captured_at": 1, "velocity": lines, "spin": turns, "rest_gap": 3, "rest_turn": turns}
             sizes |= {"entered_at": 1} if capture.dwell else {}
             sizes |= {"draw_time": 1} if self._is_drawn else {}
+            sizes |= {"missed_at": 1} if self._failed("misses") else {}
         if self.config.is_rigid:
             sizes |= {"impulse": lines, "couple": turns}
         first = {"captured_at": -1.0, "draw_time": 1.0}
@@ -191,9 +213,9 @@ class _Life:
         number, sets = self.grasp.context.number, {self.closed.name(): True}
         sets |= {self.drawn.name(): True} if self._is_drawn else {}
         if capture.at is not None:
-            yield self._captured(time - number("capture.at"), self._free, sets)
+            yield from self._attempts(time - number("capture.at"), self._free, sets)
         elif not capture.dwell:
-            yield self._captured(margin(self.grasp, capture, self.mated), self._free, sets)
+            yield from self._attempts(margin(self.grasp, capture, self.mated), self._free, sets)
         else:
             inside, entered_at, room = (
                 self.inside,
@@ -205,10 +227,23 @@ class _Life:
             yield dataclasses.replace(entered, updates={entered_at.name: time})
             yield self._event("left", -room, inside, {inside.name(): False})
             passed = time - entered_at.symbol - number("capture.dwell")
-            yield self._captured(passed, both(self._free, inside), sets | {inside.name(): False})
+            yield from self._attempts(passed, both(self._free, inside), sets | {inside.name(): False})
         if self._is_drawn:
             passed = time - self.memory["captured_at"].symbol - self.memory["draw_time"].symbol
             yield self._event("drawn", passed, both(self.closed, self.drawn), {self.drawn.name(): False})
+
+    def _attempts(self, guard: ca.SX, armed: ca.SX, sets: Mapping[str, bool]) -> Iterator[Event]:
+        """The capture, and the attempt ahead of it that fails."""
+        for failed in self._failed("misses"):
+            context, missed = self.grasp.context, self.grasp.context.switch("missed")
+            updates = {self.memory["missed_at"].name: context.time}
+            first = both(armed, failed, negated(missed))
+            attempt = self._event("missed", guard, first, {missed.name(): True})
+            yield dataclasses.replace(attempt, updates=updates)
+            passed = context.time - self.memory["missed_at"].symbol - context.number("failure.retry")
+            guard = ca.fmin(guard, ca.if_else(missed, passed, guard))
+            armed = both(armed, either(negated(failed), missed))
+        yield self._captured(guard, armed, sets)
 
     def _captured(self, guard: ca.SX, armed: ca.SX, sets: Mapping[str, bool]) -> Event:
         """The capture, and what is remembered of it."""
@@ -243,9 +278,11 @@ class _Life:
         """Events at which it is let go."""
         context, release, lets_go = self.grasp.context, self.config.release, self.grasp.lets_go
         if release is not None and release.at is not None:
-            yield self._opened("released", context.time - context.number("release.at"), ca.SX(1), loss)
+            yield self._opened(
+                "released", context.time - context.number("release.at"), both(*self._moves), loss
+            )
         if not lets_go.is_zero():
-            told = self._opened("released", ca.SX(1), lets_go, loss)
+            told = self._opened("released", ca.SX(1), both(lets_go, *self._moves), loss)
             yield dataclasses.replace(told, name=f"{self.grasp.name}.told")
 
     def _slipping(self, outputs: Iterable[Output], loss: ca.SX | None) -> Iterator[Event]:
@@ -255,6 +292,8 @@ class _Life:
             load = found.get(f"grasp_{key}")
             if release is not None and getattr(release, key) is not None and load is not None:
                 most = self.grasp.context.number(f"release.{key}")
+                for weak in self._failed("weak"):
+                    most = most * (1 - weak * (1 - self.grasp.context.number("failure.remaining")))
                 slipped = self._opened("slipped", ca.dot(load, load) / most**2 - 1, ca.SX(1), loss)
                 yield dataclasses.replace(slipped, name=f"{self.grasp.name}.slipped_by_{key}")
 

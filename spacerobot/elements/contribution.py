@@ -308,6 +308,11 @@ class AccelerationConstraint:
     struck
         From an impulse's force and torque on the target (3x1 each) [N s, N m s] to new values of states by
         name; None if nothing remembers it.
+    compliance
+        C (n x 1) where the reactions w also move what has no place in v, ``G v' + drift + C w = 0``: inverse
+        inertia of that; None if there is nothing.
+    imposed
+        Relative velocity (n x 1) that it drives, ``G v = imposed`` where it does not slip; None for none.
     """
 
     directions: tuple[tuple[ca.SX, ca.SX], ...]
@@ -317,6 +322,8 @@ class AccelerationConstraint:
     answer: Callable[[ca.SX, ca.SX], Contribution]
     active: ca.SX | None = None
     struck: Callable[[ca.SX, ca.SX], Mapping[str, ca.SX]] | None = None
+    compliance: ca.SX | None = None
+    imposed: ca.SX | None = None
 
     @property
     def size(self) -> int:

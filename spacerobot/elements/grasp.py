@@ -19,7 +19,7 @@ from pydantic import Field, model_validator
 
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.rotations import rotation_exp
-from spacerobot.elements.capture import Capture, Release
+from spacerobot.elements.capture import Capture, GraspFailure, Release
 from spacerobot.elements.context import GraspContext
 from spacerobot.elements.contribution import Contribution, Output, PowerTerm
 from spacerobot.elements.element import Element
@@ -83,6 +83,9 @@ class Grasp(Element):
     release: Release | None = Field(
         default=None, description="conditions of release; never released if not given"
     )
+    failure: GraspFailure | None = Field(
+        default=None, description="the gripper misses, jams or weakens, `at` a time"
+    )
 
     @model_validator(mode="after")
     def _check_life(self) -> Grasp:
@@ -95,6 +98,11 @@ class Grasp(Element):
                 f"release.at: found {opens:g} s, allowed: later than `capture.at` ({closes:g} s), for what "
                 "is captured then is released at once"
             )
+        mode = None if self.failure is None else self.failure.mode
+        if mode == "misses" and self.capture is None:
+            raise ValueError("failure.mode: found misses, but without `capture` it never closes")
+        if mode == "weak" and (self.release is None or self.release.force is self.release.torque is None):
+            raise ValueError("failure.mode: found weak, but there is no `release.force` nor `release.torque`")
         return self
 
     @property

@@ -20,5 +20,5 @@ class LinearSensor(Sensor):
 
     @property
     def is_ideal(self) -> bool:
-        """Whether a is 0 and b is 1, always and without noise."""
-        return self.offset == 0 and self.scale == 1 and self.errors is None
+        """Whether a is 0 and b is 1, always, without noise and failures."""
+        return self.offset == 0 and self.scale == 1 and self.errors is None and self.failure is None

@@ -9,17 +9,19 @@ numbers n and w, the range by which it is clipped and the quantisation Q. White 
 (square root of the two-sided power spectral density) has the variance sigma_d^2 / T where it is averaged
 over T; the integral of a rate then walks at random by sigma_d sqrt(t), whatever T (IEEE Std 952). beta_0 is
 drawn with the standard deviation of the initial bias. A sample that drops out leaves the last one; each
-acts after the latency, and is held until the next.
+acts after the latency, and is held until the next. A sensor that drifts adds a ramp to the signal, one that
+freezes repeats its last sample as if it were new, and one that is lost gives no more samples.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import NormalDist
+from typing import Literal
 
 import casadi as ca
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from spacerobot.dynamics.rotations import (
     quaternion_from_rotation,
@@ -30,6 +32,7 @@ from spacerobot.dynamics.rotations import (
 from spacerobot.elements.clock import MAX_DELAY, Clock, DelayLine
 from spacerobot.elements.contribution import State, memory
 from spacerobot.elements.event import Event
+from spacerobot.elements.failure import Failure, failing
 from spacerobot.elements.section_context import SectionContext
 from spacerobot.section import SIGNALS_UNIT, Section, Vector, quantity
 
@@ -68,6 +71,44 @@ class SensorErrors(Section):
                 f"{MAX_DELAY * self.period:g} s"
             )
         return self
+
+
+class SensorFailure(Failure):
+    """Failure of a sensor, unknown to what reads it."""
+
+    mode: Literal["frozen", "drifting", "lost"] = Field(
+        default="frozen",
+        description="frozen: it shows what it showed, as if it were new; drifting: an error grows at `rate`; "
+        "lost: it gives no more samples, so that filters make no updates; controllers keep the last one",
+    )
+    rate: float = quantity(
+        f"{SIGNALS_UNIT}/s", "growth of the error of each component, where `mode` is `drifting`", default=0.0
+    )
+
+    def build(self, context: SectionContext, name: str) -> FailingSensor:
+        """Failure of the sensor of a measurement, from the context of this section."""
+        failed, event = failing(context, name, switch=f"{name}.failed")
+        drifts = self.mode == "drifting"
+        ramp = failed * context.number("rate") * (context.time - context.number("at")) if drifts else 0
+        return FailingSensor(self.mode, failed, event, ca.SX(ramp))
+
+
+@dataclass(frozen=True)
+class FailingSensor:
+    """A sensor that fails: how, its switch (1x1), its event, and its error by drift (1x1)."""
+
+    mode: str
+    failed: ca.SX
+    event: Event
+    drift: ca.SX
+
+    def shown(self, last: ca.SX, found: ca.SX, time: ca.SX | None = None) -> ca.SX:
+        """Reading (m x 1), of the last sample and a new one; a frozen one has the new one's time."""
+        if self.mode == "drifting":
+            return found
+        if self.mode == "frozen" and time is not None:
+            last = ca.vertcat(last[:-1], time)
+        return ca.if_else(self.failed, last, found)
 
 
 @dataclass(frozen=True)
@@ -146,6 +187,8 @@ class Measurement:
         How many samples were taken.
     bias
         Its bias at the last sample (n x 1); none without noise.
+    continuous
+        What is known of a signal that is not sampled, of a sensor that fails (n x 1).
     """
 
     shown: ca.SX
@@ -154,14 +197,32 @@ class Measurement:
     events: tuple[Event, ...]
     samples: State
     bias: ca.SX | None = None
+    continuous: ca.SX | None = None
+
+    @property
+    def known(self) -> ca.SX:
+        """Known value of the signal (m x 1)."""
+        return self.value.symbol if self.continuous is None else self.continuous
 
     @classmethod
-    def held(cls, name: str, context: SectionContext, shown: ca.SX) -> Measurement:
+    def failing(cls, name: str, shown: ca.SX, sensor: FailingSensor) -> Measurement:
+        """Of a continuous sensor, which remembers what it shows where it fails."""
+        value, none = memory(f"{name}.measured", shown), memory(f"{name}.count", ca.SX.zeros(1))
+        event = replace(sensor.event, updates={value.name: ca.densify(shown)})
+        known = sensor.shown(value.symbol, shown + sensor.drift)
+        return cls(shown, value, (value,), (event,), none, continuous=known)
+
+    @classmethod
+    def held(
+        cls, name: str, context: SectionContext, shown: ca.SX, sensor: FailingSensor | None = None
+    ) -> Measurement:
         """Without errors, at the start and then once in each ``period`` of the section."""
         period = context.steady("period")
         value, clock = memory(f"{name}.measured", shown), Clock.of(name, context.time, period, begin=period)
-        due = clock.event(f"{name}.measured", "measured", name, {value.name: shown}, routine=True)
-        return cls(shown, value, (value, clock.count), (due,), clock.count)
+        new = shown if sensor is None else sensor.shown(value.symbol, shown + sensor.drift)
+        due = clock.event(f"{name}.measured", "measured", name, {value.name: new}, routine=True)
+        later = () if sensor is None else (sensor.event,)
+        return cls(shown, value, (value, clock.count), (due, *later), clock.count)
 
     @classmethod
     def of(
@@ -170,6 +231,7 @@ class Measurement:
         context: SectionContext,
         errors: SensorErrors,
         observed: Observation,
+        sensor: FailingSensor | None = None,
     ) -> Measurement:
         """With errors.
 
@@ -183,13 +245,15 @@ class Measurement:
             That section.
         observed
             What the sensor sees.
+        sensor
+            Its failure, if it fails.
         """
         period = context.steady("period")
         clock = Clock.of(f"{name}.samples", context.time, period)
         value = memory(f"{name}.measured", observed.sample(observed.shown, ca.SX(-1)))
-        sample, kept, bias = _sample(name, context, errors, clock, observed)
+        sample, kept, bias = _sample(name, context, errors, clock, observed, sensor)
         states, updates = [*(state for state, _ in kept), value], {state.name: new for state, new in kept}
-        later: list[Event] = []
+        later = [] if sensor is None else [sensor.event]
         if context.is_zero("delay"):
             updates[value.name] = sample
         else:
@@ -208,6 +272,7 @@ def _sample(
     errors: SensorErrors,
     clock: Clock,
     observed: Observation,
+    sensor: FailingSensor | None,
 ) -> tuple[ca.SX, list[tuple[State, ca.SX]], ca.SX | None]:
     """A sample (m x 1), what is remembered for the next one with its new values, and the bias (n x 1).
 
@@ -234,6 +299,8 @@ def _sample(
         if observed.distance is not None and not context.is_zero("noise_growth"):
             density = density * (1 + context.number("noise_growth") * observed.distance)
         found = found + density / root * context.random(name, rows, size, number)
+    if sensor is not None:
+        found = found + sensor.drift
     if errors.range is not None:
         limit = context.number("range")
         found = ca.fmin(ca.fmax(found, -limit), limit)
@@ -241,10 +308,13 @@ def _sample(
         step = context.number("resolution")
         found = step * ca.floor(found / step + 0.5)
     found = observed.sample(found, clock.instant)
-    if errors.dropout:
+    if errors.dropout or sensor is not None:
         last = memory(f"{name}.last", observed.sample(observed.shown, ca.SX(-1)))
-        lost = context.random(f"{name}.dropout", rows, 1, number) < NormalDist().inv_cdf(errors.dropout)
-        found = ca.if_else(lost, last.symbol, found)
+        if errors.dropout:
+            lost = context.random(f"{name}.dropout", rows, 1, number) < NormalDist().inv_cdf(errors.dropout)
+            found = ca.if_else(lost, last.symbol, found)
+        if sensor is not None:
+            found = sensor.shown(last.symbol, found, clock.instant if observed.stamped else None)
         kept.append((last, found))
     return found, kept, bias
 

@@ -9,7 +9,13 @@ from pydantic import Field
 
 from spacerobot.elements.context import Affine
 from spacerobot.elements.element import Element
-from spacerobot.elements.measurement import Measurement, Observation, SensorErrors, misalignment
+from spacerobot.elements.measurement import (
+    Measurement,
+    Observation,
+    SensorErrors,
+    SensorFailure,
+    misalignment,
+)
 from spacerobot.elements.section_context import SectionContext
 
 
@@ -31,8 +37,12 @@ class Sensor(Element):
         "not given",
     )
 
+    failure: SensorFailure | None = Field(
+        default=None, description="it freezes, drifts or is lost, `at` a time"
+    )
+
     def measurement(self, name: str, context: SectionContext, observed: Observation) -> Measurement | None:
-        """Sampled measurement of a signal (n x 1); None if it is continuous.
+        """Sampled measurement of a signal (n x 1); None if it is continuous and does not fail.
 
         Parameters
         ----------
@@ -43,10 +53,15 @@ class Sensor(Element):
         observed
             What it sees now, by :meth:`aligned` and :meth:`affine`.
         """
+        failing = None
+        if self.failure is not None:
+            failing = self.failure.build(context.at(f"{context.path}.failure"), name)
         if self.errors is not None:
             own = context.at(f"{context.path}.errors")
-            return Measurement.of(name, own, self.errors, observed)
-        return Measurement.held(name, context, observed.shown) if self.holds else None
+            return Measurement.of(name, own, self.errors, observed, failing)
+        if self.holds:
+            return Measurement.held(name, context, observed.shown, failing)
+        return None if failing is None else Measurement.failing(name, observed.shown, failing)
 
     def aligned(self, context: SectionContext, value: ca.SX, axes: ca.SX | None) -> ca.SX:
         """Signal by a sensor whose axes are turned.

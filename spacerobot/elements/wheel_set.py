@@ -21,13 +21,14 @@ the events below, in their order, at one instant. A hysteresis keeps rounding fr
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
 from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import SymmetricFactors
@@ -35,6 +36,7 @@ from spacerobot.elements.actuator import Actuator
 from spacerobot.elements.context import ActuatorContext
 from spacerobot.elements.contribution import Output
 from spacerobot.elements.event import Event, negated
+from spacerobot.elements.failure import Failure, failing
 from spacerobot.elements.robot_element import Part
 from spacerobot.elements.saturation import saturation_events
 from spacerobot.section import quantity
@@ -51,6 +53,17 @@ PULL = 1e-6
 1e-16 / SINGULAR where the free wheels lack a direction. Only where wheels depend on each other."""
 
 
+class WheelFailure(Failure):
+    """Failure of a wheel, unknown to the allocation of torques."""
+
+    wheel: int = Field(ge=0, description="number of the wheel, from 0")
+    mode: Literal["seized", "off"] = Field(
+        default="seized",
+        description="seized: it stops at once and turns with the base; off: its motor gives no torque, and "
+        "it coasts against its friction",
+    )
+
+
 class WheelSet(Actuator):
     """A set of equal wheels that take over the torque commanded at their robot's base."""
 
@@ -65,6 +78,39 @@ class WheelSet(Actuator):
     coulomb_speed: float = quantity(
         "rad/s", "speed at which that friction has reached 1/sqrt(2) of its value", default=1.0, gt=0
     )
+
+    failures: tuple[WheelFailure, ...] = Field(
+        default=(), max_length=64, description="wheels that fail, each with `wheel`, `at` and `mode`"
+    )
+
+    @property
+    def seized(self) -> Mapping[int, int]:
+        """Wheels that seize, with the number of the failure."""
+        return {one.wheel: i for i, one in enumerate(self.failures) if one.mode == "seized"}
+
+    def seizing(self, actuator: ActuatorContext, wheel: int) -> tuple[dict[str, bool], dict[str, ca.SX]]:
+        """Switches that the event sets at which a wheel seizes, and states that it updates."""
+        raise NotImplementedError
+
+    def failed(self, actuator: ActuatorContext, count: int) -> tuple[ca.SX, tuple[Event, ...]]:
+        """Part of its torque that each motor gives (n x 1), and the events of failures."""
+        works, events, names = ca.SX.ones(count), list[Event](), names_of(actuator, count)
+        for i, one in enumerate(self.failures):
+            context = actuator.context.at(f"{actuator.context.path}.failures.{i}")
+            stops = one.mode == "seized"
+            sets, updates = self.seizing(actuator, one.wheel) if stops else ({}, {})
+            failed, event = failing(context, names[one.wheel], sets=sets, updates=updates, impact=stops)
+            works[one.wheel] *= 1 - failed
+            events.append(event)
+        return works, tuple(events)
+
+    def wrong_wheels(self, count: int) -> Iterable[tuple[str, str]]:
+        """Failures of wheels that there are not, or that have seized, as of ``faults``."""
+        for i, one in enumerate(self.failures):
+            if one.wheel >= count:
+                yield f"failures.{i}.wheel", f"found {one.wheel}, allowed: 0 to {count - 1}"
+            elif one.mode == "seized" and self.seized[one.wheel] != i:
+                yield f"failures.{i}.wheel", f"found {one.wheel}, which seizes twice"
 
     def within(self) -> str:
         """The limits in words."""
@@ -103,12 +149,15 @@ class WheelSet(Actuator):
             events += saturation_events(actuator, names, beyond, free=[negated(held) for held in switches])
             command = ca.fmin(ca.fmax(command, -limit), limit)
         command = actuator.break_point("wheel", names_of(actuator, count), command)
+        works, failures = self.failed(actuator, count)
+        given = works * command if self.failures else command
+        events += failures
         if self.speed_limit is None:
-            return WheelMotors(command, command - friction, friction, tuple(events))
+            return WheelMotors(command, given - friction, friction, tuple(events))
         most, free = actuator.context.number("speed_limit"), list[ca.SX]()
         for i, (name, held) in enumerate(zip(names_of(actuator, count), switches, strict=True)):
             over = ca.fabs(speed[i]) / most - 1
-            faster = (command[i] - friction[i]) * speed[i] / most
+            faster = (given[i] - friction[i]) * speed[i] / most
             back = ca.fmax(-faster - pull, -SLACK - over)
             turned = held.name()
             events += [
@@ -123,8 +172,9 @@ class WheelSet(Actuator):
                 Event(f"{name}.freed", "freed", name, back, held, {turned: False}),
             ]
             free.append(1 - held)
-        net = (command - friction) * ca.vertcat(*free)
-        return WheelMotors(net + friction, net, friction, tuple(events))
+        ready = ca.vertcat(*free)
+        command = (command - friction) * ready + friction
+        return WheelMotors(command, (given - friction) * ready, friction, tuple(events))
 
     def observed(
         self, actuator: ActuatorContext, motors: WheelMotors, speed: ca.SX, momentum: ca.SX
@@ -151,7 +201,8 @@ class WheelMotors:
     Attributes
     ----------
     command
-        Torques of the motors: friction where a wheel is held at its speed limit (n x 1) [N m].
+        Torques of the motors if none has failed: friction where a wheel is held at its speed limit (n x 1)
+        [N m].
     net
         Torques on the wheels, friction included (n x 1) [N m].
     friction

@@ -21,7 +21,7 @@ import numpy as np
 
 from spacerobot.arrays import Array
 from spacerobot.closedloop.forward_dynamics import ForwardDynamicsResult, deliver, in_turn
-from spacerobot.closedloop.impulse import PlasticImpact, idleness, masked
+from spacerobot.closedloop.impulse import PlasticImpact, idleness, imposed, masked
 from spacerobot.elements import Contribution, ControlChannel
 from spacerobot.elements.contribution import SampledLaw, concatenate, jointly
 from spacerobot.pinocchio_engine.mechanical_state import MechanicalState
@@ -95,7 +95,8 @@ class DynamicsUnknowns:
             "held": ca.horzcat(wide, *(masked(one.sense, one.active) for one in held), plant.ties),
             "drift": ca.vertcat(none, *(masked(one.drift, one.active) for one in held), ca.SX(ties, 1)),
             "slip": ca.vertcat(none, *(masked(one.slip, one.active) for one in held), ca.SX(ties, 1)),
-            "idle": ca.vertcat(none, *(idleness(one.active, one.size) for one in held), ca.SX(ties, 1)),
+            "idle": ca.vertcat(none, *(idleness(one) for one in held), ca.SX(ties, 1)),
+            "imposed": ca.vertcat(none, *(imposed(one) for one in held), ca.SX(ties, 1)),
         }
         cuts = np.cumsum([0, *(one.size for one in held)]).tolist()
         self.reactions = tuple(self.reaction[a:b] for a, b in itertools.pairwise(cuts))
@@ -190,10 +191,11 @@ class DynamicsConditions:
     def strike(self, count: int) -> Array:
         """Velocity after a plastic impact, impulses along the first directions, and loss (nv + count + 1,).
 
-        ``M (v+ - v-) = G^T j`` with ``G v+ = 0``.
+        ``M (v+ - v-) = G^T j`` with ``G v+ = 0``; see :func:`spacerobot.closedloop.impulse.strike`.
         """
         held, slip = self.loads["held"], self.loads["slip"][:, 0]
         caused = np.linalg.solve(self.state.inertia, held)
         impulse = np.linalg.solve(held.T @ caused + np.diag(self.loads["idle"][:, 0]), -slip)
         velocity = self.state.v + caused @ impulse
-        return np.concatenate([velocity, impulse[:count], [-0.5 * impulse @ slip]])
+        loss = -impulse @ (0.5 * slip + self.loads["imposed"][:, 0])
+        return np.concatenate([velocity, impulse[:count], [loss]])

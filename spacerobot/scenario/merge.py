@@ -105,7 +105,8 @@ def check_changes(base: Document, changes: Document) -> None:
         if not _may_differ(path):
             raise ValueError(
                 f"{where}: is the same in every phase; allowed to differ: references, numbers of "
-                "controllers, sensors and grasps, and null for a controller that rests"
+                "controllers, sensors and grasps, times `at` of failures, and null for a controller that "
+                "rests"
             )
         if value is None and _is_controller(path) and _may_rest(changes, path):
             continue
@@ -171,4 +172,5 @@ def _may_differ(path: tuple[str, ...]) -> bool:
     if path[0] != "robots" or len(path) < 3:
         return False
     inside = path[4:] if path[2] == "tips" else path[2:]
-    return bool(inside) and inside[0] in (*CONTROLLERS, "joint_pd", "controllers", "sensors")
+    fails = inside[:1] == ("actuators",) and path[-1] == "at"
+    return fails or (bool(inside) and inside[0] in (*CONTROLLERS, "joint_pd", "controllers", "sensors"))

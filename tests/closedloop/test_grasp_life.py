@@ -5,6 +5,8 @@ import pinocchio as pin
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
+from spacerobot.errors import ScenarioError
+from spacerobot.rollout import build_rollout
 from tests.oracles.free_bodies import DEEP, FLAT, free_bodies
 from tests.oracles.hybrid import roll
 
@@ -209,3 +211,97 @@ def test_a_grasp_that_begins_closed_can_let_go(tmp_path):
     y = run.outputs()
     assert y["grasp_state"] == 3
     assert "work_event" not in y
+
+
+MISSES = {"at": 0.1, "mode": "misses", "retry": 0.25}
+
+
+@pytest.mark.parametrize(
+    "capture",
+    [{"distance": 0.06}, {"distance": 0.06, "dwell": 0.3}, {"at": 0.4}],
+    ids=["envelope", "dwell", "time"],
+)
+def test_a_gripper_that_misses_tries_again(tmp_path, capture):
+    nominal, failing = (
+        build_closed_loop(free_bodies(tmp_path, FLAT, {"kind": "weld", "capture": capture} | more))
+        for more in ({}, {"failure": MISSES})
+    )
+    first = roll(nominal, 2.0).events[-1]
+    run = roll(failing, 2.0)
+    assert first.name == "left.captured"
+    assert run.names[0] == "left.failed"
+    assert run.names[-2:] == ["left.missed", "left.captured"]
+    assert run.events[-2].time == pytest.approx(first.time, abs=1e-8)
+    assert run.events[-1].time == pytest.approx(first.time + 0.25, abs=1e-8)
+    assert abs(balance(run, *at_start(failing))) < 1e-9
+
+
+def test_a_gripper_that_fails_after_it_has_closed_misses_nothing(tmp_path):
+    grasp = {"kind": "weld", "capture": {"at": 0.4}, "failure": MISSES | {"at": 0.5}}
+    assert roll(build_closed_loop(free_bodies(tmp_path, FLAT, grasp)), 1.0).names == [
+        "left.captured",
+        "left.failed",
+    ]
+
+
+@pytest.mark.parametrize(("at", "names"), [(0.1, []), (0.5, ["captured"]), (1.0, ["captured", "released"])])
+def test_a_jammed_gripper_stays_as_it_is(tmp_path, at, names):
+    grasp = {"kind": "weld", "capture": {"at": 0.2}, "release": {"at": 0.9}}
+    grasp["failure"] = {"at": at, "mode": "jammed"}
+    run = roll(build_closed_loop(free_bodies(tmp_path, FLAT, grasp)), 1.5)
+    assert [name.removeprefix("left.") for name in run.names if not name.endswith("failed")] == names
+    assert run.outputs()["grasp_state"] == {0: 0, 1: 2, 2: 3}[len(names)]
+
+
+STRETCHED = {"kind": "compliant", "stiffness": 100, "damping": 1, "capture": {"at": 0.2}}
+WEAK = {"release": {"force": 1.6}, "failure": {"at": 0.3, "mode": "weak", "remaining": 0.6}}
+
+
+@pytest.mark.parametrize("at", [0.3, 0.5], ids=["later", "at once"])
+def test_a_weak_gripper_breaks_away_at_what_is_left(tmp_path, at):
+    weak = WEAK | {"failure": WEAK["failure"] | {"at": at}}
+    loop = build_closed_loop(free_bodies(tmp_path, FLAT, STRETCHED | weak))
+    run = roll(loop, 1.5)
+    assert run.names == ["left.captured", "left.failed", "left.slipped_by_force"]
+    slipped = run.events[-1]
+    force = np.linalg.norm(run.outputs(slipped.time, slipped.before, slipped.c_before)["grasp_force"])
+    if at == 0.3:
+        assert slipped.time > 0.31
+        assert force == pytest.approx(0.96, rel=1e-8)
+    else:
+        assert slipped.time == run.events[1].time
+        assert 0.96 < force < 1.6
+    assert abs(balance(run, *at_start(loop))) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("grasp", "path"),
+    [
+        (STRETCHED | WEAK, "remaining"),
+        (STRETCHED | WEAK | {"failure": WEAK["failure"] | {"at": 0.5}}, "at"),
+        ({"kind": "weld", "capture": {"distance": 0.06}, "failure": MISSES}, "retry"),
+    ],
+    ids=["weak later", "weak at once", "misses"],
+)
+def test_gradients_by_failures_of_a_gripper_are_exact(tmp_path, grasp, path):
+    loop = build_closed_loop(free_bodies(tmp_path, FLAT, grasp))
+    rollout = build_rollout(loop, duration_s=1.5, step_s=0.01, output_step_s=0.5, backend="interpreted")
+    name = f"grasps.left.failure.{path}"
+    value = loop.parameters()[loop.index(name)]
+    slopes = rollout.jacobian(wrt=[name], outputs=["body_position"]).outputs["body_position"][-1, :, 0]
+    ends = [rollout.run({name: value + h}).outputs["body_position"][-1] for h in (2e-3, -2e-3, 1e-3, -1e-3)]
+    coarse, fine = (ends[0] - ends[1]) / 4e-3, (ends[2] - ends[3]) / 2e-3
+    assert np.abs(slopes).max() > 1e-3
+    np.testing.assert_allclose(slopes, fine + (fine - coarse) / 3, atol=1e-5 * np.abs(slopes).max())
+
+
+@pytest.mark.parametrize(
+    ("grasp", "told"),
+    [
+        ({"begins": "closed", "failure": MISSES}, "found misses, but without `capture`"),
+        ({"capture": {"at": 1}, "failure": {"at": 1, "mode": "weak"}}, "found weak, but there is no"),
+    ],
+)
+def test_failures_that_can_do_nothing_are_refused(tmp_path, grasp, told):
+    with pytest.raises(ScenarioError, match=told):
+        free_bodies(tmp_path, FLAT, {"kind": "weld"} | grasp)

@@ -12,7 +12,7 @@ from spacerobot.rollout import Measures, Signals, build_rollout, final
 from tests.oracles.small_scenes import PLANAR, SPATIAL, small_scene
 
 JOINTS = {"planar": (PLANAR, "joint_2"), "spatial": (SPATIAL, "slide")}
-MODES = ("locked", "free", "weak")
+MODES = ("locked", "free", "weak", "runaway")
 AT = "robots.one.actuators.f.at"
 OUTPUTS = ("tip_position", "body_rotation", "tip_error")
 
@@ -86,6 +86,71 @@ def test_a_weak_joint_delivers_what_remains_and_a_free_one_nothing():
         failed = loop.outputs(0.3, x, c)[named].full().ravel()
         assert abs(intact[1]) > 1e-3
         np.testing.assert_allclose(failed, intact * np.array([1, left, 1, 1, 1, 1]), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("text", "joint"), JOINTS.values(), ids=JOINTS)
+def test_a_joint_that_runs_on_keeps_its_rate_across_impacts_until_a_brake_stops_it(text, joint):
+    """The motor that holds the rate does work, and in the impulse of another joint's lock as well."""
+    other = {PLANAR: "joint_1", SPATIAL: "wrist"}[text]
+    failures = {"f": {"joint": joint, "mode": "runaway", "at": 0.1}, "g": {"joint": other, "at": 0.2}}
+    failures["h"] = {"joint": joint, "at": 0.33}
+    actuators = {key: {"kind": "joint_failure"} | one for key, one in failures.items()}
+    changes = {"robots.one.actuators": actuators, "simulation.duration": 0.4, "simulation.output_step": 0.02}
+    scene = small_scene(text, changes)
+    result = sr.simulate(scene, backend="interpreted")
+    column = scene.model.joints[scene.model.getJointId(f"one/{joint}")].idx_v
+    before, runs, stopped = (
+        result.data.v.values[(result.data.time.values > a) & (result.data.time.values < b), column]
+        for a, b in ((0.0, 0.1), (0.11, 0.33), (0.33, 0.5))
+    )
+    assert np.ptp(before) > 1e-4
+    np.testing.assert_allclose(runs, runs[0], atol=1e-9)
+    assert abs(runs[0]) > 1e-3
+    np.testing.assert_allclose(stopped, 0, atol=1e-9)
+    for kind in ("linear", "angular"):
+        momentum = result.data[f"momentum_{kind}"].values
+        assert np.abs(momentum - momentum[0]).max() < 1e-9, kind
+    assert result.summary["ledger"]["energy"]["relative_residual"] < 1e-9
+    engine = simulate(scene, duration_s=0.4, output_step_s=0.1)
+    own = rolled(text, {"robots.one.actuators": actuators}).run()
+    np.testing.assert_allclose(own.state[::2], engine.state, atol=1e-7)
+
+
+def test_an_arm_that_locks_is_the_model_without_its_joints():
+    at_rest = {"robots.one.joints.joint_1.rate_deg": 0}
+    failed = rolled(PLANAR, at_rest | failing("*", at=0.0)).run().outputs
+    without = rolled(PLANAR, at_rest | {"robots.one.joints.*.locked": True}).run().outputs
+    for name in OUTPUTS:
+        np.testing.assert_allclose(failed[name], without[name], atol=1e-10, err_msg=name)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_two_locks_of_a_joint_are_one(order):
+    """A whole arm locks after one of its joints has; which of them the scenario names first is the same."""
+    failures = {"f": {"joint": "joint_2", "at": 0.1}, "g": {"joint": "joint_*", "at": 0.2}}
+    keys = sorted(failures, reverse=order < 0)
+    actuators = {key: {"kind": "joint_failure"} | failures[key] for key in keys}
+    rollout = rolled(PLANAR, {"robots.one.actuators": actuators})
+    run = rollout.run()
+    columns = [rollout.loop.state_names.index(f"v.one/joint_{i}") for i in (1, 2, 3)]
+    np.testing.assert_allclose(run.state[-3:, columns], 0, atol=1e-9)
+    np.testing.assert_allclose(run.state[3, columns[1]], 0, atol=1e-9)
+    assert np.abs(run.state[3, columns[0]]) > 1e-3
+
+
+def test_a_failure_at_another_event_is_a_time_that_a_phase_changes():
+    phases = {
+        "first": {"until": {"time": 0.15}},
+        "second": {"robots": {"one": {"actuators": {"f": {"at": 0}}}}, "until": {"time": 1}},
+    }
+    changes = failing("joint_2", at=100) | {"phases": phases, "simulation.duration": 0.3}
+    result = sr.simulate(small_scene(PLANAR, changes), backend="interpreted")
+    failed = next(event for event in result.summary["events"] if event["kind"] == "failed")
+    assert failed["time_s"] == pytest.approx(0.15, abs=1e-9)
+    known = sr.simulate(
+        small_scene(PLANAR, failing("joint_2") | {"simulation.duration": 0.3}), backend="interpreted"
+    )
+    np.testing.assert_allclose(result.data.tip_position.values, known.data.tip_position.values, atol=1e-9)
 
 
 @pytest.mark.parametrize("mode", MODES)

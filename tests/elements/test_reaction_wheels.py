@@ -11,6 +11,7 @@ from spacerobot import build_rollout, simulate
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.elements.actuators.reaction_wheels import ReactionWheels
 from spacerobot.errors import ScenarioError
+from spacerobot.pinocchio_engine import simulate as pinocchio
 from spacerobot.scenario.load import validate
 from spacerobot.scene import build_scene, load_scene
 from tests.oracles.engine import simulate as second
@@ -312,6 +313,67 @@ def test_joints_as_wheels_do_what_wheels_of_a_section_do(folder):
     assert other.data.sizes["joint"] == 0
 
 
+def test_a_wheel_that_seizes_strikes_its_body(folder):
+    """What is left is one body: I w + J (w + s) = (I + J) w+, and I J s^2 / (I + J) / 2 is lost."""
+    speed, spin = 40.0, np.radians(8)
+    wheels = ONE | {"speeds": [speed], "failures": [{"wheel": 0, "at": 1.0037}]}
+    result = simulate(scene_of(folder, wheels, {"spin_deg": [0, 0, 8]}), backend="interpreted")
+    after = result.data.sel(time=slice(1.02, None))
+    np.testing.assert_allclose(
+        after.v.sel(velocity="v.bus/root[2]"), spin + WHEEL * speed / (TURN + WHEEL), atol=1e-12
+    )
+    np.testing.assert_allclose(after.wheel_speed, 0, atol=1e-12)
+    lost = TURN * WHEEL / (TURN + WHEEL) * speed**2 / 2
+    assert float(result.data.work_event[-1]) == pytest.approx(lost, rel=1e-12)
+    assert [event["name"] for event in result.summary["events"]] == ["bus/wheels.0.failed"]
+    conserved(result)
+
+
+FAILING = [
+    {"wheel": 2, "at": 0.4},
+    {"wheel": 0, "at": 0.7, "mode": "off"},
+    {"wheel": 1, "at": 0.9, "mode": "off"},
+    {"wheel": 0, "at": 1.3},
+]
+IN_SPACE = {"joint": "free_flyer", "spin_deg": [6, -9, 12]}
+THREE = {"axes": [[2, 0, 0], [0, 1, 0], [0, 0, 1]], "inertia": WHEEL, "viscous": 1e-4}
+
+
+def test_wheels_that_fail_are_joints_that_are_held(folder):
+    """A seized wheel, a number, is the locked joint of a rotor, a link; both set in a body in space."""
+    control = {"kp": 2.0, "kd": 1.5}
+    more = {"torque_limit": 0.5, "speed_limit": 6.5, "coulomb": 1e-3, "failures": FAILING}
+    joints = {"kind": "wheel_joints", "joints": "*"} | more
+    plain = scene_of(folder, more | THREE, IN_SPACE, control, duration=2.0)
+    jointed = scene_of(folder, joints, IN_SPACE, control, urdf="rotors", duration=2.0)
+    one, other = (simulate(scene, backend="interpreted") for scene in (plain, jointed))
+    assert [e["name"] for e in one.summary["events"]] == [e["name"] for e in other.summary["events"]]
+    assert [e["kind"] for e in one.summary["events"]].count("failed") == 4
+    for name in ("body_rotation", "wheel_speed", "wheel_torque", "wheel_momentum", "work_event"):
+        np.testing.assert_allclose(one.data[name], other.data[name], atol=1e-8, err_msg=name)
+    for result in (one, other):
+        conserved(result, 1e-9)
+    np.testing.assert_allclose(one.data.wheel_speed.values[-1, [0, 2]], 0, atol=1e-12)
+    assert abs(one.data.wheel_speed.values[-1, 1]) > 0.1
+    engine = pinocchio(plain, duration_s=2.0, output_step_s=0.5)
+    rotation = one.data.body_rotation.sel(body="bus").sel(time=engine.time, method="nearest")
+    np.testing.assert_allclose(engine.outputs["body_rotation"], rotation, atol=1e-7)
+
+
+@pytest.mark.parametrize("mode", ["seized", "off"])
+def test_gradients_by_the_time_at_which_a_wheel_fails_are_exact(folder, mode):
+    failures = [{"wheel": 2, "at": 0.4, "mode": mode}]
+    wheels, name = THREE | {"failures": failures}, "robots.bus.actuators.wheels.failures.0.at"
+    control = {"kp": 2.0, "kd": 1.5, "attitude_deg": [20, 0, 30]}
+    loop = build_closed_loop(scene_of(folder, wheels, IN_SPACE, control, duration=1.5))
+    rollout = build_rollout(loop, duration_s=1.5, step_s=0.01, output_step_s=0.5, backend="interpreted")
+    slopes = rollout.jacobian(wrt=[name], outputs=["body_rotation"]).outputs["body_rotation"][-1, :, 0]
+    ends = [rollout.run({name: 0.4 + h}).outputs["body_rotation"][-1] for h in (2e-3, -2e-3, 1e-3, -1e-3)]
+    coarse, fine = (ends[0] - ends[1]) / 4e-3, (ends[2] - ends[3]) / 2e-3
+    assert np.abs(slopes).max() > 1e-3
+    np.testing.assert_allclose(slopes, fine + (fine - coarse) / 3, atol=1e-5 * np.abs(slopes).max())
+
+
 def test_a_pyramid_shares_torque_out_evenly(folder):
     wheels = {"pyramid": {"tilt_deg": 25}, "inertia": WHEEL}
     scene = scene_of(folder, wheels, {"joint": "free_flyer"}, {"kp": 1.0, "attitude_deg": [10, -20, 30]})
@@ -337,6 +399,8 @@ def test_a_pyramid_shares_torque_out_evenly(folder):
         ({"axes": [], "pyramid": {}}, "pyramid: a planar base turns about z alone"),
         ({"axes": [], "pyramid": {"tilt_deg": 90}}, "tilt_deg: found 90, allowed: "),
         ({"speeds": [1, 2]}, "speeds: found 2, allowed: 1"),
+        ({"failures": [{"wheel": 1, "at": 1}]}, "failures.0.wheel: found 1, allowed: 0 to 0"),
+        ({"failures": [{"wheel": 0, "at": 1}, {"wheel": 0, "at": 2}]}, "failures.0.wheel: found 0, which"),
         ({"speeds": [5], "speed_limit": 4}, "speeds: found 5, allowed: up to speed_limit, 4"),
         ({"kind": "wheel_joints", "joints": "x"}, "unknown key 'axes'"),
     ],

@@ -129,6 +129,109 @@ def test_gradients_hold_the_noise_fixed():
         np.testing.assert_allclose(found.gradients["x"][0], difference(rollout, path, step), rtol=1e-7)
 
 
+AT, GAIN = 0.21, 40.0
+SECTIONS = {
+    "noisy": {"errors": {"period": PERIOD, "noise": DENSITY}},
+    "sampled": {"kind": "sampled", "period": PERIOD},
+    "continuous": {},
+}
+
+
+def damped(section, failure=None, duration_s=0.4):
+    """A plate whose spin a rate controller brings to rest, with a gyro that may fail."""
+    fails = {"failure": {"at": AT} | failure} if failure else {}
+    changes = plate(kd=GAIN) | {"simulation.duration": duration_s}
+    changes["robots.one.sensors"] = {"base_spin": section | fails}
+    return costed(changes, duration_s, backend="interpreted", output_step_s=PERIOD)
+
+
+def readings(rollout):
+    """What the gyro showed last, and the spin itself (samples,)."""
+    run, names = rollout.run(), rollout.loop.state_names
+    shown = max(i for i, name in enumerate(names) if name.startswith("one.base_spin.3.measured"))
+    return run.state[:, shown], run.state[:, names.index("v.one/root[2]")]
+
+
+@pytest.mark.parametrize("kind", ["noisy", "sampled"])
+def test_a_sampled_sensor_fails(kind):
+    intact, _ = readings(damped(SECTIONS[kind]))
+    for mode in ("frozen", "lost"):
+        shown, _ = readings(damped(SECTIONS[kind], {"mode": mode}))
+        np.testing.assert_array_equal(shown[:11], intact[:11])
+        np.testing.assert_array_equal(shown[11:], shown[11])
+        assert np.ptp(intact[12:]) > 1e-4
+    shown, true = readings(damped(SECTIONS[kind], {"mode": "drifting", "rate": 0.3}))
+    noise, spin = intact - readings(damped(SECTIONS[kind]))[1], true
+    ramp = 0.3 * np.maximum(PERIOD * np.arange(len(shown)) - AT, 0)
+    np.testing.assert_allclose(shown[1:], (spin + noise + ramp)[1:], atol=1e-9)
+
+
+def test_a_continuous_sensor_fails():
+    """w' = -k s, with s the spin w, then what it was or w and a ramp: an exponential, then closed forms."""
+    spin = damped({}).run().state[:, damped({}).loop.state_names.index("v.one/root[2]")]
+    t = PERIOD * np.arange(len(spin))
+    k = -np.log(spin[10] / spin[0]) / t[10]
+    after, last = t[11:] - AT, spin[0] * np.exp(-k * AT)
+    expected = {
+        "frozen": last * (1 - k * after),
+        "lost": last * (1 - k * after),
+        "drifting": last * np.exp(-k * after) + 0.3 / k * (1 - np.exp(-k * after) - k * after),
+    }
+    for mode, value in expected.items():
+        rollout = damped({}, {"mode": mode, "rate": 0.3})
+        run = rollout.run()
+        found = run.state[:, rollout.loop.state_names.index("v.one/root[2]")]
+        np.testing.assert_allclose(found[:11], spin[:11], atol=1e-12)
+        np.testing.assert_allclose(found[11:], value, rtol=1e-7, atol=1e-10)
+
+
+def test_a_frozen_sensor_looks_new_and_a_lost_one_does_not():
+    """The time of the last sample, by which filters make updates."""
+    filtered = {"robots.one.estimators": {"attitude": {"kind": "attitude_filter"}}}
+    gyro, tracker = {"kind": "gyro"}, {"kind": "star_tracker", "errors": {"period": 0.05, "noise": 1e-5}}
+    times = {}
+    for mode in ("frozen", "lost"):
+        sensors = {"base_spin": gyro, "base_orientation": tracker | {"failure": {"at": 0.12, "mode": mode}}}
+        changes = plate(kp=10.0, kd=GAIN) | filtered
+        changes |= {"robots.one.sensors": sensors, "simulation.duration": 0.4}
+        rollout = costed(changes, 0.4, backend="interpreted", output_step_s=0.1)
+        run, names = rollout.run(), rollout.loop.state_names
+        places = [
+            i for i, name in enumerate(names) if name.startswith("one/attitude.base_orientation.measured")
+        ]
+        times[mode] = run.state[:, places[-1]]
+        np.testing.assert_array_equal(run.state[2:, places[:-1]], run.state[2:3, places[:-1]].repeat(3, 0))
+    np.testing.assert_allclose(times["frozen"][1:], [0.1, 0.2, 0.3, 0.4], atol=1e-12)
+    np.testing.assert_allclose(times["lost"][1:], 0.1, atol=1e-12)
+
+
+@pytest.mark.parametrize("mode", ["frozen", "drifting"])
+@pytest.mark.parametrize("kind", ["noisy", "continuous"])
+def test_gradients_by_the_time_at_which_a_sensor_fails_are_exact(kind, mode):
+    """A sampled sensor that freezes between two samples does the same whenever that is."""
+    rollout, path = (
+        damped(SECTIONS[kind], {"mode": mode, "rate": 0.3}),
+        "robots.one.sensors.base_spin.failure.at",
+    )
+    found = rollout.value_and_gradient(wrt=[path])
+    assert found.status == ("exact",)
+    expected = difference(rollout, path, 1e-3)
+    np.testing.assert_allclose(found.gradients["x"][0], expected, rtol=1e-6, atol=1e-12)
+    assert (abs(expected) > 1e-6) == ((kind, mode) != ("noisy", "frozen"))
+
+
+@pytest.mark.parametrize("kind", ["noisy", "continuous"])
+def test_both_engines_agree_on_a_sensor_that_fails(kind):
+    changes = plate(kd=GAIN) | {"simulation.duration": 0.3}
+    changes["robots.one.sensors"] = {"base_spin": SECTIONS[kind] | {"failure": {"at": AT}}}
+    scene = small_scene(PLANAR, changes)
+    rollout = build_rollout(
+        build_closed_loop(scene), duration_s=0.3, step_s=0.01, output_step_s=0.1, backend="interpreted"
+    )
+    other = simulate(scene, duration_s=0.3, output_step_s=0.1)
+    np.testing.assert_allclose(rollout.run().state, other.state, atol=1e-9)
+
+
 @pytest.mark.compiler
 def test_lanes_see_the_noise_of_single_rollouts():
     changes = plate(kp=40, kd=20) | {"simulation.duration": 0.2}

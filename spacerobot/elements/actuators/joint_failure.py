@@ -1,11 +1,9 @@
-"""A joint that fails at a time: its brake locks it, or its motor loses torque.
-
-Locks are those of :mod:`spacerobot.elements.joint_lock`.
-"""
+"""Joints that fail at a time: their brakes lock them, or their motors lose torque or run on."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Literal
 
 import casadi as ca
@@ -14,24 +12,27 @@ from pydantic import Field
 from spacerobot.elements.actuator import Actuator
 from spacerobot.elements.context import ActuatorContext
 from spacerobot.elements.contribution import ActuatorDrive, Contribution
-from spacerobot.elements.event import Event, negated
-from spacerobot.elements.joint_lock import lock
+from spacerobot.elements.failure import failing
+from spacerobot.elements.joint_lock import held_joints
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import RobotProperties
 from spacerobot.errors import near_names
-from spacerobot.section import quantity
+from spacerobot.section import matching, quantity
 
 
 @register
 class JointFailure(Actuator):
-    """Failure of one joint at a time: it locks, swings free, or keeps a part of its torque."""
+    """Failure of a joint, or of a whole arm, at a time: it locks, swings free, runs on, or loses torque."""
 
     kind: Literal["joint_failure"] = "joint_failure"
-    joint: str = Field(min_length=1, description="joint by name")
-    mode: Literal["locked", "free", "weak"] = Field(
+    joint: str = Field(
+        min_length=1, description="joint by name; `*` matches any letters, as `left_*` for an arm"
+    )
+    mode: Literal["locked", "free", "weak", "runaway"] = Field(
         default="locked",
         description="locked: the brake stops the joint at once and holds it; free: the motor gives no "
-        "torque; weak: the motor gives the part `remaining` of its torque",
+        "torque; weak: the motor gives the part `remaining` of its torque; runaway: the motor holds the rate "
+        "that the joint has",
     )
     at: float = quantity("s", "time of the failure", ge=0)
     remaining: float = quantity(
@@ -39,30 +40,23 @@ class JointFailure(Actuator):
     )
 
     def build(self, actuator: ActuatorContext) -> Contribution:
-        """The event, and the lock or the reduced torque behind it."""
-        context, column = actuator.context, actuator.columns[self.joint]
+        """The event, and what holds the joints or reduces their torques from then on."""
+        context, joints = actuator.context, matching(actuator.columns, self.joint)
         name = f"{actuator.robot}/{self.joint}"
-        failed = context.switch("failed")
-        held = lock(actuator, self.joint) if self.mode == "locked" else None
-        event = Event(
-            f"{name}.failed",
-            "failed",
-            name,
-            context.time - context.number("at"),
-            negated(failed),
-            {failed.name(): True} | ({held[0].name(): True} if held else {}),
-            impact=self.mode == "locked",
-            clock=True,
-        )
-        if held:
-            return Contribution(constraints=held[1], events=(event,))
+        if self.mode in ("locked", "runaway"):
+            found, sets, updates = held_joints(actuator, joints, running=self.mode == "runaway")
+            impact = self.mode == "locked"
+            _, event = failing(context, name, sets=sets, updates=updates, impact=impact)
+            return replace(found, events=(event,))
+        failed, event = failing(context, name)
         left = context.number("remaining") if self.mode == "weak" else ca.SX(1, 1)
         factor = 1 - failed * (1 - left)
-        return Contribution(drives=(ActuatorDrive((column,), lambda asked: asked * factor),), events=(event,))
+        columns = tuple(actuator.columns[joint] for joint in joints)
+        return Contribution(drives=(ActuatorDrive(columns, lambda asked: asked * factor),), events=(event,))
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
         """A joint that the robot does not have, or that another actuator owns."""
-        if self.joint not in robot.joints:
+        if not matching(robot.joints, self.joint):
             yield "joint", f"no joint {self.joint!r}; {near_names(self.joint, robot.joints)}"
 
     def words(self) -> str:
@@ -71,5 +65,6 @@ class JointFailure(Actuator):
             "locked": "locks",
             "free": "swings free",
             "weak": f"keeps {self.remaining:g} of its torque",
+            "runaway": "runs on at the rate it has",
         }[self.mode]
         return f"{self.joint} {what} at {self.at:g} s"

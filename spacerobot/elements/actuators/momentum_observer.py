@@ -34,6 +34,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from statistics import NormalDist
 from typing import Literal
 
@@ -46,9 +47,16 @@ from spacerobot.dynamics.momentum import subtree
 from spacerobot.elements.actuator import Actuator
 from spacerobot.elements.clock import Clock
 from spacerobot.elements.context import ActuatorContext
-from spacerobot.elements.contribution import ActuatorDrive, Contribution, Output, State, memory
+from spacerobot.elements.contribution import (
+    ActuatorDrive,
+    Contribution,
+    Output,
+    State,
+    concatenate,
+    memory,
+)
 from spacerobot.elements.event import Event, negated
-from spacerobot.elements.joint_lock import lock
+from spacerobot.elements.joint_lock import held_joints
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import RobotProperties
 from spacerobot.errors import near_names
@@ -112,7 +120,7 @@ class MomentumObserver(Actuator):
     def build(self, actuator: ActuatorContext) -> Contribution:
         """Torques as commanded, residuals of what becomes of them, and events of detection."""
         names = matching(list(actuator.columns), self.joints)
-        locked = {name: lock(actuator, name) for name in names} if self.brake else {}
+        brakes = {name: held_joints(actuator, [name]) for name in names} if self.brake else {}
         switches = [actuator.context.switch(f"detected.{name}") for name in names]
         columns = tuple(actuator.columns[name] for name in names)
 
@@ -123,7 +131,7 @@ class MomentumObserver(Actuator):
             events, outputs = [], []
             for i, (name, detected) in enumerate(zip(names, switches, strict=True)):
                 label = f"{actuator.robot}/{name}"
-                sets = {detected.name(): True} | ({locked[name][0].name(): True} if self.brake else {})
+                sets = {detected.name(): True} | (brakes[name][1] if self.brake else {})
                 guard = ca.fabs(residual[i]) / threshold[i] - 1
                 outputs += [
                     Output("joint_residual", residual[i], "N m or N", "torque missed", "observed", label),
@@ -147,10 +155,8 @@ class MomentumObserver(Actuator):
                 states=tuple(law.states), events=(*law.events, *events), outputs=tuple(outputs)
             )
 
-        constraints = tuple(one for _, own in locked.values() for one in own)
-        return Contribution(
-            drives=(ActuatorDrive(columns, lambda asked: asked, answer),), constraints=constraints
-        )
+        held = concatenate(contribution for contribution, _, _ in brakes.values())
+        return replace(held, drives=(ActuatorDrive(columns, lambda asked: asked, answer),))
 
     def words(self) -> str:
         """The joints, the rate of samples, and the response."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import Literal
 
 import casadi as ca
@@ -12,12 +13,28 @@ from pydantic import Field, model_validator
 from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.actuator import MomentumStorage
-from spacerobot.elements.context import ActuatorContext
-from spacerobot.elements.contribution import ActuatorDrive, Contribution, PowerTerm, State, StoredMomentum
+from spacerobot.elements.context import ActuatorContext, unit_load
+from spacerobot.elements.contribution import (
+    AccelerationConstraint,
+    ActuatorDrive,
+    Contribution,
+    PowerTerm,
+    State,
+    StoredMomentum,
+    concatenate,
+    memory,
+)
 from spacerobot.elements.reference import DEGREE
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import Part, RobotProperties
-from spacerobot.elements.wheel_set import WheelMotors, WheelSet, are_independent, shares, turning
+from spacerobot.elements.wheel_set import (
+    WheelMotors,
+    WheelSet,
+    are_independent,
+    names_of,
+    shares,
+    turning,
+)
 from spacerobot.section import Section, Vector, quantity
 
 ACROSS = 1e-6
@@ -111,8 +128,12 @@ class ReactionWheels(WheelSet):
         spin = ca.SX(3, 1)
         spin[about] = actuator.plant.v[list(columns)]
         inertia, carried = context.number("inertia"), ca.mtimes(axes.T, spin)
-        momentum = ca.SX.sym(f"{name}.momentum", self.count)
+        own = momentum = ca.SX.sym(f"{name}.momentum", self.count)
         speed, rotation = momentum / inertia - carried, actuator.plant.placement(actuator.base_frame)[0]
+        stops = self._stopped(actuator, axes[about, :], speed, inertia)
+        if self.seized:
+            speed = speed * (1 - self._seized(actuator))
+            momentum = inertia * (speed + carried)
         friction = self.rub(actuator, speed)
         viscous = context.once("viscous", context.parameters.sparse(f"{context.path}.viscous"))
         friction = friction + viscous * speed
@@ -133,7 +154,7 @@ class ReactionWheels(WheelSet):
             found = motors(asked)
             torque = ca.mtimes(rotation, -ca.mtimes(axes, found.net) - cross(spin, whole))
             return Contribution(
-                states=(State(f"{name}.momentum", momentum, first, found.net),),
+                states=(State(f"{name}.momentum", own, first, found.net),),
                 wrenches=(actuator.on_base(torque=torque),),
                 powers=(PowerTerm("actuator", ca.dot(found.net + found.friction, speed), "in"), *lost),
                 outputs=self.observed(actuator, found, speed, ca.mtimes(rotation, whole)),
@@ -147,7 +168,44 @@ class ReactionWheels(WheelSet):
             actuator.robot, ca.mtimes(rotation, whole), ca.dot(momentum, momentum) / (2 * inertia)
         )
         drive = ActuatorDrive(columns, left, answer, passes_on=columns)
-        return Contribution(drives=(drive,), stored=(stored,), wheels=(ca.mtimes(rotation, whole),))
+        return replace(stops, drives=(drive,), stored=(stored,), wheels=(ca.mtimes(rotation, whole),))
+
+    def seizing(self, actuator: ActuatorContext, wheel: int) -> tuple[dict[str, bool], dict[str, ca.SX]]:
+        """It is remembered that the wheel has stopped."""
+        return {}, {f"{names_of(actuator, self.count)[wheel]}.stopped": ca.SX(1)}
+
+    def _seized(self, actuator: ActuatorContext) -> ca.SX:
+        """Switches of wheels that have seized (n x 1)."""
+        context, found = actuator.context, ca.SX(self.count, 1)
+        for wheel, i in self.seized.items():
+            found[wheel] = context.at(f"{context.path}.failures.{i}").switch("failed")
+        return found
+
+    def _stopped(self, actuator: ActuatorContext, axes: ca.SX, speed: ca.SX, inertia: ca.SX) -> Contribution:
+        """Constraints by which wheels (axes k x n, speeds n x 1) that have seized turn with the base.
+
+        With the torque w on the base, ``a . omega' = -w / J``. In the impulse at which the wheel stops,
+        ``a . omega+ + w / J = h- / J``, so that the base is struck with what the wheel loses. What follows,
+        as the impact of a capture, finds a wheel without a speed of its own, whose momentum is
+        ``J a . omega``: the base with its inertia about the axis.
+        """
+        plant, found = actuator.plant, Contribution()
+        columns, switches = list(turning(actuator)[0]), self._seized(actuator)
+        for wheel in self.seized:
+            stopped = memory(f"{names_of(actuator, self.count)[wheel]}.stopped", ca.SX.zeros(1))
+            unit = ca.SX(plant.v.size1(), 1)
+            unit[columns] = axes[:, wheel]
+            constraint = AccelerationConstraint(
+                (unit_load(2, rotation=True),),
+                plant.reduced(unit),
+                ca.SX(1, 1),
+                -speed[wheel] * (1 - stopped.symbol),
+                lambda *_: Contribution(),
+                switches[wheel],
+                compliance=1 / inertia,
+            )
+            found = concatenate([found, Contribution(states=(stopped,), constraints=(constraint,))])
+        return found
 
     def _geometry(self, actuator: ActuatorContext, about: list[int]) -> tuple[ca.SX, ca.SX]:
         """Axes (3 x n) and their pseudo-inverse (n x 3), of those parts that can turn the base."""
@@ -173,6 +231,7 @@ class ReactionWheels(WheelSet):
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
         """Axes across which a planar base cannot turn."""
+        yield from self.wrong_wheels(self.count)
         if robot.base != "planar":
             return
         tilted = [i for i, axis in enumerate(self.axes) if axis[0] or axis[1]]

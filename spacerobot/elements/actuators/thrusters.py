@@ -25,7 +25,8 @@ from spacerobot.elements.allocation import ThrusterLayout, allocate, largest_box
 from spacerobot.elements.clock import Clock
 from spacerobot.elements.context import ActuatorContext
 from spacerobot.elements.contribution import ActuatorDrive, Contribution, Output, PowerTerm, State, memory
-from spacerobot.elements.event import Event, negated
+from spacerobot.elements.event import Event
+from spacerobot.elements.failure import Failure, failing
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import Part, RobotProperties
 from spacerobot.elements.saturation import saturation_events
@@ -45,10 +46,9 @@ def _not_zero(value: Vector) -> Vector:
     return value
 
 
-class StuckValve(Section):
+class StuckValve(Failure):
     """A valve that stops obeying, unknown to the allocation of thrusters."""
 
-    at: float = quantity("s", "time of the failure", ge=0)
     opening: float = quantity(
         "1", "part of the thrust from then on; 0: shut, 1: open, between: it leaks", default=0.0, ge=0, le=1
     )
@@ -355,10 +355,9 @@ class _Jets:
         for i, (name, nozzle) in enumerate(self.config.nozzles.items()):
             if nozzle.failure is None:
                 continue
-            valve, label = context.at(f"{context.path}.nozzles.{name}.failure"), f"{self.name}.{name}"
-            failed = context.switch(f"failed.{name}")
-            guard, sets = context.time - valve.number("at"), {failed.name(): True}
-            events.append(Event(f"{label}.failed", "failed", label, guard, negated(failed), sets, clock=True))
+            valve = context.at(f"{context.path}.nozzles.{name}.failure")
+            failed, event = failing(valve, f"{self.name}.{name}")
+            events.append(event)
             given[i] = (1 - failed) * given[i] + failed * valve.number("opening")
         return ca.vertcat(*given), events
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Literal
 
 import casadi as ca
@@ -10,6 +11,7 @@ from pydantic import Field
 
 from spacerobot.elements.context import ActuatorContext
 from spacerobot.elements.contribution import ActuatorDrive, Contribution, PowerTerm
+from spacerobot.elements.joint_lock import held_joints
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import RobotProperties
 from spacerobot.elements.wheel_set import WheelMotors, WheelSet, are_independent, shares, turning
@@ -59,7 +61,13 @@ class WheelJoints(WheelSet):
             )
 
         drive = ActuatorDrive((*base, *places), deliver, answer, passes_on=base)
-        return Contribution(drives=(drive,), wheels=(whole,))
+        names = self.owns(tuple(columns))
+        held, _, _ = held_joints(actuator, [names[wheel] for wheel in self.seized])
+        return replace(held, drives=(drive,), wheels=(whole,))
+
+    def seizing(self, actuator: ActuatorContext, wheel: int) -> tuple[dict[str, bool], dict[str, ca.SX]]:
+        """The joint is held."""
+        return held_joints(actuator, [self.owns(tuple(actuator.columns))[wheel]])[1:]
 
     def owns(self, joints: Sequence[str]) -> list[str]:
         """Joints that match the pattern."""
@@ -69,6 +77,7 @@ class WheelJoints(WheelSet):
         """Joints that are no wheels, or that there are none of."""
         known = (*robot.joints, *robot.owned)
         names = self.owns(known)
+        yield from self.wrong_wheels(len(names))
         if not names:
             yield "joints", f"no joint {self.joints!r}; {near_names(self.joints, known)}"
         for name in names:
