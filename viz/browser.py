@@ -118,19 +118,16 @@ def started() -> Iterator[int | None]:
         quiet = subprocess.DEVNULL
         process = subprocess.Popen([path, f"--user-data-dir={home}", *FLAGS], stdout=quiet, stderr=quiet)
         try:
-            yield _port(Path(home) / "DevToolsActivePort")
+            file = Path(home) / "DevToolsActivePort"
+            end = time.monotonic() + START_S
+            while not (file.exists() and file.read_text().strip()):
+                if time.monotonic() > end:
+                    raise TimeoutError("chromium did not start")
+                time.sleep(0.05)
+            yield int(file.read_text().split()[0])
         finally:
             process.terminate()
             process.wait(20)
-
-
-def _port(file: Path) -> int:
-    end = time.monotonic() + START_S
-    while not (file.exists() and file.read_text().strip()):
-        if time.monotonic() > end:
-            raise TimeoutError("chromium did not start")
-        time.sleep(0.05)
-    return int(file.read_text().split()[0])
 
 
 async def _connect(port: int) -> WebSocketClientConnection:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from spacerobot.errors import ResultError
-from viz.browser import Browser, chromium
+from viz.browser import chromium
 from viz.page.page import page
 
 FINE, MOVING = 0, 3
@@ -53,7 +53,8 @@ def page_pictures(
         file = Path(folder) / "page.html"
         file.write_text(page(payload), encoding="utf-8")
         browser.call("Page.enable")
-        _resize(browser, width, height)
+        metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        browser.call("Emulation.setDeviceMetricsOverride", **metrics)
         browser.call("Page.navigate", url=f"{file.as_uri()}#t=0&play=0&quality={level}")
         browser.wait_for(_READY)
         if browser.evaluate("document.body.classList.contains('blind')"):
@@ -64,8 +65,3 @@ def page_pictures(
         for time in times:
             found = browser.evaluate(f"spacerobotFilm.picture({time:.9g}, {width}, 'image/{kind}')")
             yield base64.b64decode(found.partition(",")[2])
-
-
-def _resize(browser: Browser, width: int, height: int) -> None:
-    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
-    browser.call("Emulation.setDeviceMetricsOverride", **metrics)

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image, ImageChops
 
@@ -211,17 +210,7 @@ class Frames:
             draw_forces(panel, self.result, self.motion, index, self.view, longest / self.newtons)
         draw_names(panel, self.motion, index, self.view)
         panel.set_axis_off()
-        self._say(panel, index)
-        canvas.draw()
-        return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-
-    @cached_property
-    def newtons(self) -> float:
-        """Force of the longest arrow, N."""
-        return greatest_force(self.result)
-
-    def _say(self, panel: Axes, index: int) -> None:
-        """Time, tip errors, what is drawn, and whether it ended here."""
+        # Time, tip errors, what is drawn, and whether it ended here.
         at: dict[str, Any] = {"transform": panel.transAxes, "va": "top"}
         pace = "" if self.speed == 1 else f"   {self.speed:g} × real time"
         panel.text(0.015, 0.97, f"t = {self.motion.time[index]:.1f} s{pace}", fontsize=12, **at)
@@ -239,6 +228,13 @@ class Frames:
         if not self.result.completed and index == len(self) - 1:
             end: dict[str, Any] = {"ha": "center", "color": "#B00020", "fontsize": 20}
             panel.text(0.5, 0.5, "diverged", transform=panel.transAxes, **end)
+        canvas.draw()
+        return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+
+    @cached_property
+    def newtons(self) -> float:
+        """Force of the longest arrow, N."""
+        return greatest_force(self.result)
 
 
 def _gif(pictures: Iterator[Image.Image], frames_per_s: float) -> bytes:

@@ -58,7 +58,12 @@ def find_numbers(
             for path in _expand(document, pattern, where, scene):
                 if path not in owner:
                     owner[path] = name
-                    found[name].append(ScenarioNumber(path, pattern, _value(document, path, where, scene)))
+                    value = get(document, path)
+                    if isinstance(value, bool) or not isinstance(value, int | float):
+                        raise ScenarioError(
+                            f"{path} is no number, found {value!r}", source=scene.source, where=where
+                        )
+                    found[name].append(ScenarioNumber(path, pattern, float(value)))
                 elif owner[path] != name:
                     fault = f"{path} is set by {owner[path]} already"
                     raise ScenarioError(fault, source=scene.source, where=where)
@@ -70,10 +75,3 @@ def _expand(document: Mapping[str, object], pattern: str, where: str, scene: Sce
         return expand(document, pattern)
     except ScenarioError as fault:
         raise ScenarioError(f"{pattern}: {fault.message}", source=scene.source, where=where) from None
-
-
-def _value(document: Mapping[str, object], path: str, where: str, scene: Scene) -> float:
-    value = get(document, path)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ScenarioError(f"{path} is no number, found {value!r}", source=scene.source, where=where)
-    return float(value)

@@ -162,7 +162,25 @@ class ArticulatedBody:
             for joint in self.kinematics.joints:
                 motion, body = self.kinematics.local[joint.index], self.bodies[joint.index]
                 loads[joint.index] = loads[joint.index] - inertia_force(self.model, motion, body)
-        return self._backward(ca.SX(self.model.nv, 1) if tau is None else tau, loads)
+        # Carry loads from the leaves to the roots; what drives each joint, reduced, nv.
+        efforts = ca.SX(self.model.nv, 1) if tau is None else tau
+        reduced: list[ca.SX] = []
+        for joint in reversed(self.kinematics.joints):
+            index, elimination = joint.index, self.eliminations[joint.index - 1]
+            effort = ca.mtimes(elimination.turn, joint.rates(efforts))
+            drive = effort + ca.mtimes(elimination.axes.T, loads[index])
+            reduced.append(elimination.factors.reduced(drive))
+            if joint.parent:
+                # load that reaches the parent through the joint, 6x1
+                passed = loads[index] + ca.mtimes(elimination.gain, drive)
+                if elimination.rows is not None:
+                    # Along its own motion a joint passes on the reaction to its drive and nothing else.
+                    passed[list(elimination.rows)] = -effort
+                motion = self.kinematics.local[index]
+                force = motion.outward(passed[:3])
+                torque = motion.outward(passed[3:]) + cross(motion.arm, force)
+                loads[joint.parent] = loads[joint.parent] + ca.vertcat(force, torque)
+        return ca.vertcat(*reversed(reduced))
 
     def motion(self, reduced: ca.SX) -> ca.SX:
         """Acceleration that reduced loads cause: ``N^T D^-1 reduced``, v-dot in velocity coordinates, nv."""
@@ -266,26 +284,6 @@ class ArticulatedBody:
             As for :meth:`reduced`, beside the model's gravity.
         """
         return self.motion(self.reduced(tau, wrenches, moving=True))
-
-    def _backward(self, efforts: ca.SX, loads: list[ca.SX]) -> ca.SX:
-        """Carry loads from the leaves to the roots; what drives each joint, reduced, nv."""
-        reduced: list[ca.SX] = []
-        for joint in reversed(self.kinematics.joints):
-            index, elimination = joint.index, self.eliminations[joint.index - 1]
-            effort = ca.mtimes(elimination.turn, joint.rates(efforts))
-            drive = effort + ca.mtimes(elimination.axes.T, loads[index])
-            reduced.append(elimination.factors.reduced(drive))
-            if joint.parent:
-                # load that reaches the parent through the joint, 6x1
-                passed = loads[index] + ca.mtimes(elimination.gain, drive)
-                if elimination.rows is not None:
-                    # Along its own motion a joint passes on the reaction to its drive and nothing else.
-                    passed[list(elimination.rows)] = -effort
-                motion = self.kinematics.local[index]
-                force = motion.outward(passed[:3])
-                torque = motion.outward(passed[3:]) + cross(motion.arm, force)
-                loads[joint.parent] = loads[joint.parent] + ca.vertcat(force, torque)
-        return ca.vertcat(*reversed(reduced))
 
 
 def applied_loads(model: pinocchio.Model, kinematics: Kinematics, wrenches: Iterable[Wrench]) -> list[ca.SX]:

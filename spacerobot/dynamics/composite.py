@@ -32,9 +32,9 @@ def mass_matrix(
     for joint in reversed(kinematics.joints):
         mass, moment, rotational = composite[joint.index]
         arm = kinematics.origin[joint.index] - kinematics.origin[joint.parent]
-        composite[joint.parent] = _sum(
-            composite[joint.parent], shifted_inertia(mass, moment, rotational, arm)
-        )
+        first = composite[joint.parent]
+        second = shifted_inertia(mass, moment, rotational, arm)
+        composite[joint.parent] = (first[0] + second[0], first[1] + second[1], mirror(first[2] + second[2]))
         for k in range(joint.nv):
             column = joint.idx_v + k
             along = kinematics.linear[joint.index][:, k]
@@ -60,7 +60,3 @@ def _fill_column(
         arm = kinematics.origin[index] - kinematics.origin[joint.parent]
         torque = torque + cross(arm, force)
         index = joint.parent
-
-
-def _sum(first: tuple[ca.SX, ca.SX, ca.SX], second: tuple[ca.SX, ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX, ca.SX]:
-    return first[0] + second[0], first[1] + second[1], mirror(first[2] + second[2])

@@ -116,7 +116,17 @@ def allocate(layout: ThrusterLayout, wanted: ca.SX, steps: int) -> ca.SX:
     for _ in range(steps):
         path = _step(layout, path)
     rough = ca.floor(_cut(path.values) * _GRID) / _GRID
-    return ca.if_else(path.ended, _cut(_solved(layout, wanted, path.levels)), rough)
+    # Parts (n x 1) that are optimal if no level changes. The second round takes away what rounding leaves
+    # of a system that is singular but for e.
+    throttled, parts, worth = path.levels == THROTTLED, path.levels == OPEN, ca.SX.zeros(wanted.numel())
+    system = _system(layout, path.levels)
+    for _ in range(2):
+        lacking = throttled * (1 + EVEN * parts - ca.mtimes(layout.gains.T, worth))
+        missed = wanted - ca.mtimes(layout.matrix, parts) - NEAREST * worth
+        change = ca.ldl_solve(missed + ca.mtimes(layout.matrix, lacking) / EVEN, *system)
+        parts = parts + (throttled * ca.mtimes(layout.gains.T, change) - lacking) / EVEN
+        worth = worth + change
+    return ca.if_else(path.ended, _cut(parts), rough)
 
 
 def steps_needed(matrix: Array, propellant: Array) -> int:
@@ -182,22 +192,6 @@ def _step(layout: ThrusterLayout, path: _Path) -> _Path:
     return replace(
         path, levels=ca.vertcat(*levels), values=ca.vertcat(*values), part=path.part + way, ended=free
     )
-
-
-def _solved(layout: ThrusterLayout, wanted: ca.SX, levels: ca.SX) -> ca.SX:
-    """Parts (n x 1) that are optimal if no level changes.
-
-    The second round takes away what rounding leaves of a system that is singular but for e.
-    """
-    throttled, parts, worth = levels == THROTTLED, levels == OPEN, ca.SX.zeros(wanted.numel())
-    system = _system(layout, levels)
-    for _ in range(2):
-        lacking = throttled * (1 + EVEN * parts - ca.mtimes(layout.gains.T, worth))
-        missed = wanted - ca.mtimes(layout.matrix, parts) - NEAREST * worth
-        change = ca.ldl_solve(missed + ca.mtimes(layout.matrix, lacking) / EVEN, *system)
-        parts = parts + (throttled * ca.mtimes(layout.gains.T, change) - lacking) / EVEN
-        worth = worth + change
-    return parts
 
 
 def _system(layout: ThrusterLayout, levels: ca.SX) -> tuple[ca.SX, ca.SX, list[int]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -12,7 +11,7 @@ from spacerobot.arrays import Array
 from spacerobot.result import Result
 from spacerobot.scene import Scene
 from viz.drawing.geometry import corners
-from viz.drawing.motion import BodyMotion, Node, initial_motion, sample_motion
+from viz.drawing.motion import BodyMotion, initial_motion, sample_motion
 
 _AZIMUTH_DEG, _ELEVATION_DEG = -60.0, 25.0
 _TURNS_DEG = (0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180)
@@ -145,25 +144,18 @@ def _frame(motion: BodyMotion, index: int) -> _Frame:
     arms: list[tuple[Array, Array]] = []
     others: list[tuple[Array, Array]] = []
     for placement, node in zip(motion.placements(index), motion.nodes, strict=True):
-        (arms if _is_arm(node) else others).extend(_boxes(node, placement))
+        # placement in the world and half the edges of a box around each shape
+        found = []
+        for solid in node.solids:
+            around = corners(solid.geometry)
+            to_world = placement @ solid.placement
+            to_world[:3, 3] += to_world[:3, :3] @ around.mean(axis=0)
+            found.append((to_world, np.ptp(around, axis=0) / 2))
+        is_arm = node.body != "target" and not node.is_base
+        (arms if is_arm else others).extend(found)
     links, placements = (
         np.array([placement for placement, _ in boxes]).reshape(-1, 4, 4) for boxes in (arms, others)
     )
     halves = np.array([half for _, half in others]).reshape(-1, 3)
     size = 2 * float(np.linalg.norm(halves, axis=1).max(initial=0.0))
     return _Frame(links[:, :3, 3], motion.mates[index], placements, halves, _NEAR * size)
-
-
-def _is_arm(node: Node) -> bool:
-    return node.body != "target" and not node.is_base
-
-
-def _boxes(node: Node, placement: Array) -> Sequence[tuple[Array, Array]]:
-    """Placement in the world and half the edges of a box around each shape of a node."""
-    found = []
-    for solid in node.solids:
-        around = corners(solid.geometry)
-        to_world = placement @ solid.placement
-        to_world[:3, 3] += to_world[:3, :3] @ around.mean(axis=0)
-        found.append((to_world, np.ptp(around, axis=0) / 2))
-    return found

@@ -145,7 +145,17 @@ def approach(result: Result) -> Drawing:
             for capture in captures:
                 _envelope(panel, capture, key, unit)
             for k, ((grasp, _), curve) in enumerate(zip(grasps, curves, strict=True)):
-                _curve(panel, curve, name, {**line(k), "label": f"grasp {grasp.name}"})
+                look = {**line(k), "label": f"grasp {grasp.name}"}
+                values = getattr(curve, name) * _FACTORS[_ROWS[name][1]][1]
+                panel.plot(curve.to_go * 1e3, values, **look)
+                if curve.captured:
+                    dot: dict[str, Any] = {
+                        "color": look["color"],
+                        "markersize": 5,
+                        "linestyle": "",
+                        "zorder": 5,
+                    }
+                    panel.plot(curve.to_go[-1] * 1e3, values[-1], "o", label="captured", **dot)
             panel.set_xlabel("distance to go [mm]")
             panel.set_ylabel(f"{text} [{unit}]")
             panel.invert_xaxis()
@@ -172,14 +182,6 @@ _ALWAYS = ("distance", "closing_speed", "lateral_speed")
 
 _FACTORS = {"mm": (1e3, 1e3), "mm/s": (1e3, 1e3), "deg": (1.0, np.degrees(1)), "deg/s": (1.0, np.degrees(1))}
 """From the scenario's unit of a limit, and from that of a value, to the unit that is drawn."""
-
-
-def _curve(panel: Axes, curve: Approach, name: str, look: Mapping[str, Any]) -> None:
-    values = getattr(curve, name) * _FACTORS[_ROWS[name][1]][1]
-    panel.plot(curve.to_go * 1e3, values, **look)
-    if curve.captured:
-        dot: dict[str, Any] = {"color": look["color"], "markersize": 5, "linestyle": "", "zorder": 5}
-        panel.plot(curve.to_go[-1] * 1e3, values[-1], "o", label="captured", **dot)
 
 
 def _envelope(panel: Axes, capture: Capture, key: str, unit: str) -> None:

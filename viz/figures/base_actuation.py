@@ -24,7 +24,18 @@ def base_control(result: Result) -> Drawing:
     bodies = acting_bases(result)
     figure, axes = panels(len(bodies), 2, sharex=True)
     for row, body in zip(axes, bodies, strict=True):
-        _attitude(row[0], result, body)
+        # Attitude error by axis; where nothing is held (a controller of rates), rotation since the start.
+        panel = row[0]
+        data, about = result.data, ["z"] if "body_angle" in result.data else ["x", "y", "z"]
+        held = _is_held(result, body)
+        text = "attitude error" if held else "rotation since the start"
+        panel.set_title(f"{called(body)}, {text}")
+        panel.set_ylabel(f"{text} [deg]")
+        angle = data["base_attitude_error" if held else "body_rotation"].sel(body=body)
+        for k, axis in enumerate(about):
+            values = np.degrees(angle.sel(axis=axis).values)
+            panel.plot(data.time.values, values, **line(k), label=f"about {axis}")
+        legend_over(panel, columns=3)
         _actuators(row[1], result, body)
         for panel in row:
             panel.set_xlabel("time [s]")
@@ -44,20 +55,6 @@ def acting_bases(result: Result) -> list[str]:
 def _is_held(result: Result, body: str) -> bool:
     errors = result.data.get("base_attitude_error")
     return errors is not None and bool(errors.sel(body=body).notnull().any())
-
-
-def _attitude(panel: Axes, result: Result, body: str) -> None:
-    """Attitude error by axis; where nothing is held (a controller of rates), rotation since the start."""
-    data, about = result.data, ["z"] if "body_angle" in result.data else ["x", "y", "z"]
-    held = _is_held(result, body)
-    text = "attitude error" if held else "rotation since the start"
-    panel.set_title(f"{called(body)}, {text}")
-    panel.set_ylabel(f"{text} [deg]")
-    angle = data["base_attitude_error" if held else "body_rotation"].sel(body=body)
-    for k, axis in enumerate(about):
-        values = np.degrees(angle.sel(axis=axis).values)
-        panel.plot(data.time.values, values, **line(k), label=f"about {axis}")
-    legend_over(panel, columns=3)
 
 
 def _actuators(panel: Axes, result: Result, body: str) -> None:

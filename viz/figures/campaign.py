@@ -87,7 +87,11 @@ def _draw(panel: Axes, spread: SampleSpread, *, numbers: bool) -> None:
     for k, (name, values) in enumerate(zip(spread.samples, drawn, strict=True)):
         finite = np.sort(values[np.isfinite(values)])
         share = np.arange(1, len(finite) + 1) / max(len(values), 1)
-        marks = _marks(finite, len(values))
+        # Percentiles of all runs, where enough have not diverged.
+        runs = len(values)
+        places = {level: level * (runs - 1) for level in (0.5, 0.95)}
+        inside = {level: at for level, at in places.items() if at <= len(finite) - 1}
+        marks = {level: float(np.interp(at, np.arange(len(finite)), finite)) for level, at in inside.items()}
         label = f"{name}: {_told(marks, len(values), len(finite), spread.unit)}" if numbers else name
         panel.plot(finite, share, drawstyle="steps-post", **line(k), label=label)
         for level, text in _apart(marks).items():
@@ -109,13 +113,6 @@ def _draw(panel: Axes, spread: SampleSpread, *, numbers: bool) -> None:
     panel.yaxis.set_major_formatter(PercentFormatter(1.0))
     panel.set_xlabel(f"{spread.quantity} [{spread.unit}]" if numbers else f"[{spread.unit}]")
     panel.set_ylabel("runs that stay below [%]" if numbers else "samples that stay below [%]")
-
-
-def _marks(finite: Array, count: int) -> dict[float, float]:
-    """Percentiles of all runs, where enough have not diverged."""
-    places = {level: level * (count - 1) for level in (0.5, 0.95)}
-    inside = {level: at for level, at in places.items() if at <= len(finite) - 1}
-    return {level: float(np.interp(at, np.arange(len(finite)), finite)) for level, at in inside.items()}
 
 
 def _apart(marks: Mapping[float, float]) -> dict[float, str]:

@@ -35,7 +35,8 @@ def ledger(result: Result) -> Drawing:
 def _momentum(panel: Axes, result: Result, kind: str) -> None:
     data = result.data
     bodies, total = data[f"body_momentum_{kind}"], data[f"momentum_{kind}"]
-    axis = _main_axis(bodies.values)
+    # The axis in which most happens.
+    axis = int(np.abs(bodies.values).max(axis=(0, 1)).argmax())
     for k, body in enumerate(data.body.values):
         values = bodies.sel(body=body).values[:, axis]
         panel.plot(data.time.values, values, **line(k), label=called(str(body)))
@@ -47,11 +48,6 @@ def _momentum(panel: Axes, result: Result, kind: str) -> None:
     panel.set_title(f"{kind} momentum, {name}")
     panel.set_ylabel(f"{kind} momentum {name} [{total.attrs['units']}]")
     legend_over(panel, columns=2)
-
-
-def _main_axis(values: Array) -> int:
-    """The axis in which most happens."""
-    return int(np.abs(values).max(axis=(0, 1)).argmax())
 
 
 def stored_change(result: Result) -> Array:

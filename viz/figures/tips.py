@@ -175,7 +175,19 @@ def _draw(results: Sequence[Result], error: _Error, names: Sequence[str]) -> Dra
         panel.sharey(signed[0, 0])
     for row, tip in zip(axes, tips, strict=True):
         for panel, name in zip(row, names, strict=False):
-            _errors(panel, results, error, tip, name)
+            # Errors of a tip along an axis, over the paper's bands.
+            published = is_of_the_paper(results[0]) and error is _POSITION
+            if published:
+                _bands(panel, tip, name)
+            for index, (result, label) in enumerate(zip(results, labels_of(results), strict=True)):
+                values = error.of(result, tip)[:, "xyz".index(name)]
+                text = f"simulated: {label}" if published else label
+                panel.plot(result.data.time.values, values, **line(index), label=text)
+                until(panel, result)
+            panel.axhline(0, color="0.5", linewidth=0.6, zorder=1)
+            panel.set_title(f"{tip}, {error.about}{name}")
+            panel.set_ylabel(f"{error.text} [{error.unit}]")
+            panel.set_xlabel("time [s]")
             panel.label_outer()
         if several:
             _sizes(row[-1], results, error, tip)
@@ -186,22 +198,6 @@ def _draw(results: Sequence[Result], error: _Error, names: Sequence[str]) -> Dra
     _limit(signed, results, error)
     legend_above(figure, axes[0, 0], columns=3)
     return figure
-
-
-def _errors(panel: Axes, results: Sequence[Result], error: _Error, tip: str, name: str) -> None:
-    """Errors of a tip along an axis, over the paper's bands."""
-    published = is_of_the_paper(results[0]) and error is _POSITION
-    if published:
-        _bands(panel, tip, name)
-    for index, (result, label) in enumerate(zip(results, labels_of(results), strict=True)):
-        values = error.of(result, tip)[:, "xyz".index(name)]
-        text = f"simulated: {label}" if published else label
-        panel.plot(result.data.time.values, values, **line(index), label=text)
-        until(panel, result)
-    panel.axhline(0, color="0.5", linewidth=0.6, zorder=1)
-    panel.set_title(f"{tip}, {error.about}{name}")
-    panel.set_ylabel(f"{error.text} [{error.unit}]")
-    panel.set_xlabel("time [s]")
 
 
 def _sizes(panel: Axes, results: Sequence[Result], error: _Error, tip: str) -> None:

@@ -61,7 +61,14 @@ def convergence(
             panel.axhline(target, color="0.35", linewidth=0.6, linestyle=":")
     for panel in axes.flat[len(names) :]:
         panel.set_axis_off()
-    _gap_axis(axes[0, 0], gaps)
+    panel = axes[0, 0]
+    every = np.concatenate([values.ravel() for values in gaps.values()] or [np.ones(1)])
+    finite = every[np.isfinite(every)]
+    panel.set_yscale("log")
+    panel.set_ylim(FLOOR / 1.6, 2 * float(finite.max(initial=0.1)))
+    panel.yaxis.set_major_locator(LogLocator(numticks=7))
+    panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 * value:g} %"))
+    panel.yaxis.set_minor_formatter(NullFormatter())
     _cost_axis(axes[0, 0], 1.0, 1.15 * float(costs[-1]))
     figure.supxlabel(COST, fontsize=8.5)
     figure.supylabel("above the best known value", fontsize=8.5)
@@ -79,16 +86,6 @@ def _median(gaps: Array) -> Array:
     """Median of runs (runs, n); NaN where half of them have found nothing yet."""
     middle = np.quantile(gaps, 0.5, axis=0, method="inverted_cdf")
     return np.where(np.isfinite(middle), middle, np.nan)
-
-
-def _gap_axis(panel: Axes, gaps: Mapping[str, Array]) -> None:
-    every = np.concatenate([values.ravel() for values in gaps.values()] or [np.ones(1)])
-    finite = every[np.isfinite(every)]
-    panel.set_yscale("log")
-    panel.set_ylim(FLOOR / 1.6, 2 * float(finite.max(initial=0.1)))
-    panel.yaxis.set_major_locator(LogLocator(numticks=7))
-    panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 * value:g} %"))
-    panel.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _cost_axis(panel: Axes, least: float, most: float) -> None:

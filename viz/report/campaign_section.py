@@ -224,10 +224,6 @@ def _matters(summary: Mapping[str, Any]) -> str:
         parts.append(f"{heading}<ul>{items}</ul>{bars}")
     entries = [entry for told in summary["gains"].values() for entry in told["matters"].values()]
     note = mixed(summary)
-    return _measures_told(entries) + (f"<p>{escape(note)}</p>" if note else "") + "".join(parts)
-
-
-def _measures_told(entries: Sequence[Mapping[str, Any]]) -> str:
     kinds = {entry["kind"] for entry in entries}
     texts = []
     if "rank_correlation" in kinds:
@@ -237,7 +233,8 @@ def _measures_told(entries: Sequence[Mapping[str, Any]]) -> str:
         )
     if "sobol" in kinds:
         texts.append("Shares of the variance are total Sobol' indices; they add up to more than 100 %.")
-    return "".join(f"<p>{escape(text)}</p>" for text in texts)
+    measures_told = "".join(f"<p>{escape(text)}</p>" for text in texts)
+    return measures_told + (f"<p>{escape(note)}</p>" if note else "") + "".join(parts)
 
 
 def _bars(gains: str, matters: Mapping[str, Any], parameters: list[str]) -> str:

@@ -182,7 +182,10 @@ def _leaf(path: str, value: Value, field: FieldInfo | None, owner: Section, unit
     if isinstance(value, int | float):
         limits = _limits(field)
         return Leaf(path, value, "number", unit, text, *limits)
-    choices = _choices(path, field, owner)
+    if isinstance(owner, Element) and path.endswith(".kind"):
+        choices = tuple(kinds(owner.family))
+    else:
+        choices = tuple(_words(field.annotation)) if field else ()
     return Leaf(path, value, "choice" if choices else "text", "", text, choices=choices)
 
 
@@ -198,12 +201,6 @@ def _limits(field: FieldInfo | None) -> tuple[float | None, float | None, tuple[
             open_high = isinstance(rule, annotated_types.Lt)
             high = float(rule.lt if isinstance(rule, annotated_types.Lt) else rule.le)  # type: ignore[arg-type]
     return low, high, (open_low, open_high)
-
-
-def _choices(path: str, field: FieldInfo | None, owner: Section) -> tuple[str, ...]:
-    if isinstance(owner, Element) and path.endswith(".kind"):
-        return tuple(kinds(owner.family))
-    return tuple(_words(field.annotation)) if field else ()
 
 
 def _words(annotation: Any) -> Iterator[str]:

@@ -132,7 +132,7 @@ class Horizon:
         problem = self._problem(solver, begin, measured)
         intervals = self._intervals(problem.duration[0])
         program = self._program(solver, problem, intervals)
-        later = self._later()
+        later = self.program.parts(self.solution.w)[1:] if isinstance(self.program, PhaseChain) else []
         warm, ahead = self._carried(program, self._gone(begin)), self._ahead(program, begin)
         found = solve(program, np.concatenate([ahead, *later]), warm, iterations=min(iterations, PATIENCE))
         spent = found.iterations
@@ -174,10 +174,6 @@ class Horizon:
             for one, old in zip(solver.following_phases, known, strict=True)
         ]
         return PhaseChain([first, *rest], [one.link for one in solver.following_phases])
-
-    def _later(self) -> list[Array]:
-        """Unknowns of the phases that follow, and of the links into them."""
-        return self.program.parts(self.solution.w)[1:] if isinstance(self.program, PhaseChain) else []
 
     def _carried(self, program: NonlinearProgram, gone: float) -> Solution:
         """Multipliers of the present solution for a program whose first phase begins later."""

@@ -43,7 +43,25 @@ def following_scenario(planned: PlanSolution) -> Scenario:
     document["plan"] = None
     named = {side for contact in scenario.contacts.values() for side in contact.between}
     document["pads"] = {name: pad for name, pad in document["pads"].items() if name in named}
-    _begin(planned, document)
+    # Put robots, in place, where the plan begins, as far as it was free to find that.
+    scene, q = planned.scene, planned.motion.q[0]
+    for name, room in plan_section(scene).start.items():
+        body, robot = scene.body(name), document["robots"][name]
+        for joint in body.driven_joints:
+            own = robot["joints"][body.joint_name(scene.model, joint)]
+            position = joint_angle(scene.model.joints[joint], q)
+            if own["angle_deg"] is not None:
+                own["angle_deg"] = float(np.degrees(position))
+            elif own["offset"] is not None:
+                own["offset"] = position
+        if room.places:
+            first = int(scene.model.idx_qs[body.root_joint])
+            place = robot["base"]["position"]
+            axes = 2 if scene.model.nvs[body.root_joint] == 3 else 3
+            robot["base"]["position"] = [*map(float, q[first : first + axes]), *place[axes:]]
+            if room.rotation_deg:
+                angle = float(np.degrees(np.arctan2(q[first + 3], q[first + 2])))
+                robot["base"]["rotation_deg"] = [*robot["base"]["rotation_deg"][:2], angle]
     for name, robot in scenario.robots.items():  # what plans in flight, or follows a plan made before
         for key, controller in robot.controllers.items():
             if controller.replanning is not None or controller.fills is not None:
@@ -72,28 +90,6 @@ def handover_warnings(planned: PlanSolution) -> list[str]:
         for name, goal in last.goals.items()
         if goal.ends_in_motion and goal.body in robots and _has_controllers(robots[goal.body])
     ]
-
-
-def _begin(planned: PlanSolution, document: Document) -> None:
-    """Put robots, in place, where the plan begins, as far as it was free to find that."""
-    scene, q = planned.scene, planned.motion.q[0]
-    for name, room in plan_section(scene).start.items():
-        body, robot = scene.body(name), document["robots"][name]
-        for joint in body.driven_joints:
-            own = robot["joints"][body.joint_name(scene.model, joint)]
-            position = joint_angle(scene.model.joints[joint], q)
-            if own["angle_deg"] is not None:
-                own["angle_deg"] = float(np.degrees(position))
-            elif own["offset"] is not None:
-                own["offset"] = position
-        if room.places:
-            first = int(scene.model.idx_qs[body.root_joint])
-            place = robot["base"]["position"]
-            axes = 2 if scene.model.nvs[body.root_joint] == 3 else 3
-            robot["base"]["position"] = [*map(float, q[first : first + axes]), *place[axes:]]
-            if room.rotation_deg:
-                angle = float(np.degrees(np.arctan2(q[first + 3], q[first + 2])))
-                robot["base"]["rotation_deg"] = [*robot["base"]["rotation_deg"][:2], angle]
 
 
 def _in_phases(planned: PlanSolution, document: Document) -> Document:

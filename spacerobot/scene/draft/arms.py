@@ -154,7 +154,12 @@ def make_arm(name: str, named: tuple[str, Description], tip: str | None) -> Draf
     best, posture, turns = -np.inf, middle, False
     draws = np.random.default_rng(0).uniform(-1, 1, (POSTURES, len(free)))
     for draw in (np.zeros(len(free)), *draws):
-        tried = _rounded(free, middle + spread * draw)
+        # Angles in steps that read well, within the joints' ranges.
+        values = middle + spread * draw
+        step = np.array([1e-2 if joint.kind == "prismatic" else np.radians(ROUND_DEG) for joint in free])
+        rounded = np.round(values / step) * step
+        inside = [j.lower <= x <= j.upper for j, x in zip(free, rounded, strict=True)]
+        tried = np.where(inside, rounded, values)
         score, every_way = _agility(scene, free, tried)
         if score > best + 1e-12:
             best, posture, turns = score, tried, every_way
@@ -209,14 +214,6 @@ def _outward(tip: Array, chain: Sequence[Array]) -> float:
     end, out = tip - last, tip - chain[0]
     lengths = float(np.linalg.norm(end) * np.linalg.norm(out))
     return 0.5 + 0.5 * float(end @ out) / lengths if lengths > 0 else 0.5
-
-
-def _rounded(joints: Sequence[UrdfJoint], values: Array) -> Array:
-    """Angles in steps that read well, within the joints' ranges."""
-    step = np.array([1e-2 if joint.kind == "prismatic" else np.radians(ROUND_DEG) for joint in joints])
-    rounded = np.round(values / step) * step
-    inside = [j.lower <= x <= j.upper for j, x in zip(joints, rounded, strict=True)]
-    return np.where(inside, rounded, values)
 
 
 def _middle(joint: UrdfJoint) -> float:

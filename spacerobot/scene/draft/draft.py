@@ -80,7 +80,19 @@ def held_scene(order: DraftRequest, source: Path) -> tuple[list[DraftArm], Docum
     ScenarioError, DescriptionError
         As :func:`draft_scenario`.
     """
-    arms = _arms(order, source.parent)
+    if len(order.tips) > 1 and len(order.tips) != len(order.robots):
+        found = (
+            f"found {len(order.tips)} for {len(order.robots)} robots, allowed: one for all, or one for each"
+        )
+        raise ScenarioError(found, where="--tip")
+    tips: list[str | None] = [*order.tips]
+    if len(tips) < 2:
+        tips = (tips or [None]) * len(order.robots)
+    arms: list[DraftArm] = []
+    for urdf, tip in zip(order.robots, tips, strict=True):
+        named = read(urdf, source.parent.absolute())
+        name = as_name(named[1].path.stem, [arm.name for arm in arms])
+        arms.append(make_arm(name, named, tip))
     urdf, description = read(order.target, source.parent)
     frames = _frames(description, order.frames, len(arms))
     planar = all(arm.planar for arm in arms)
@@ -93,23 +105,6 @@ def held_scene(order: DraftRequest, source: Path) -> tuple[list[DraftArm], Docum
     bare["target"]["base"]["rotation_deg"] = _ahead(scene)
     scene = build_scene(validate(bare, source=source), source=source)
     return arms, bare, scene
-
-
-def _arms(order: DraftRequest, folder: Path) -> list[DraftArm]:
-    if len(order.tips) > 1 and len(order.tips) != len(order.robots):
-        found = (
-            f"found {len(order.tips)} for {len(order.robots)} robots, allowed: one for all, or one for each"
-        )
-        raise ScenarioError(found, where="--tip")
-    tips: list[str | None] = [*order.tips]
-    if len(tips) < 2:
-        tips = (tips or [None]) * len(order.robots)
-    arms: list[DraftArm] = []
-    for urdf, tip in zip(order.robots, tips, strict=True):
-        named = read(urdf, folder.absolute())
-        name = as_name(named[1].path.stem, [arm.name for arm in arms])
-        arms.append(make_arm(name, named, tip))
-    return arms
 
 
 def _frames(description: Description, wanted: Sequence[str], count: int) -> list[str]:
