@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 import spacerobot as sr
+from benchmarks.table_row import markdown_head
 
 FAILED_S, BRAKED_S = 2.0, 2.1
 COLUMNS = {
@@ -37,7 +38,7 @@ def cell(robot: str | None, joint: str, mode: str, *, braked: bool) -> str:
 
 def main() -> None:
     """Print the table as Markdown."""
-    print("| joint | " + " | ".join(COLUMNS) + " |\n|" + "---|" * (len(COLUMNS) + 1))
+    print(*markdown_head(["joint", *COLUMNS]), sep="\n")
     print(f"| none | {cell(None, '', 'free', braked=False)} |" + " |" * (len(COLUMNS) - 1), flush=True)
     for robot in ("rpr1", "rpr2"):
         for number in range(1, 9):

@@ -16,6 +16,7 @@ import yaml
 from scipy.optimize import brentq
 
 import spacerobot as sr
+from benchmarks.table_row import markdown_head
 from spacerobot.arrays import Array
 from spacerobot.linear import linearise
 from spacerobot.linear.loop_margins import loop_margins
@@ -111,10 +112,8 @@ def exudyn(base: str, elements: int = 32) -> Array | None:
 def frequencies() -> list[str]:
     """Rows of the table of frequencies."""
     exact = cantilever(2) ** 2 * np.sqrt(STIFFNESS / DENSITY) / LENGTH**2 / (2 * np.pi)
-    rows = [
-        "| beam | model | f1, Hz | f2, Hz | Exudyn f1, f2, Hz | largest difference |",
-        "|---|---|---|---|---|---|",
-    ]
+    head = ("beam", "model", "f1, Hz", "f2, Hz", "Exudyn f1, f2, Hz", "largest difference")
+    rows = markdown_head(head)
     for base, title in (("fixed", "clamped"), ("planar", "on a free hub")):
         peer = exudyn(base)
         models = {f"beam, {n} segments": beam(n) for n in (4, 8, 16, 32)}
@@ -165,15 +164,9 @@ def norm(values: Array) -> float:
 def envisat() -> list[str]:
     """Envisat captured and brought to rest, with its solar array rigid and flexible."""
     mass, length = 340.0, 14.0
-    head: tuple[str, ...] = (
-        "array, Hz",
-        "capture, s",
-        "rest, s",
-        "force at the grip, N",
-        "torque at the grip, N m",
-    )
-    head += ("servicer turns, deg", "end of the array moves, mm", "in the last 10 s, mm")
-    rows = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    head = ["array, Hz", "capture, s", "rest, s", "force at the grip, N", "torque at the grip, N m"]
+    head += ["servicer turns, deg", "end of the array moves, mm", "in the last 10 s, mm"]
+    rows = markdown_head(head)
     for f in (None, 0.2, 0.1, 0.05):
         array = panel("body", [4.2, 0, -3.4], [1, 0, 0], mass, length, f or 1.0)
         scene = load_scene("envisat", {"target.flexible": {"array": array}} if f else {})
@@ -195,14 +188,9 @@ def ets7() -> list[str]:
     source = find_scenario("ets7")
     document = read_document(source)
     chaser = document["robots"]["wheels"]
-    head: tuple[str, ...] = (
-        "panels, Hz",
-        "hand error, um",
-        "base turns, mdeg",
-        "turned 8 s after the motion, mdeg",
-    )
-    head += ("modes with little damping, Hz", "disk margin about x", "delay margin, s")
-    rows = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    head = ["panels, Hz", "hand error, um", "base turns, mdeg", "turned 8 s after the motion, mdeg"]
+    head += ["modes with little damping, Hz", "disk margin about x", "delay margin, s"]
+    rows = markdown_head(head)
     for f in (None, 1.0, 0.25, 0.1):
         panels = {
             name: panel("base", [0, 1.05 * side, 0], [0, side, 0], 60.0, 5.8, f or 1.0)

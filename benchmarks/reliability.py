@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 import spacerobot as sr
+from benchmarks.table_row import markdown_head
 from optim.reliability.limit_state import CountedLimitState, LimitState, build_limit_state
 
 LIMITS = (2.2e-3, 2.5e-3, 2.7e-3, 2.85e-3)  # m
@@ -66,8 +67,8 @@ def told(probability: float, variation: float, rollouts: int) -> str:
 def main() -> None:
     """Print the table as Markdown."""
     scene = sr.load_scene("paper")
-    print("| limit, mm | importance | line | subset | plain | OpenTURNS importance | OpenTURNS subset |")
-    print("|---|---|---|---|---|---|---|")
+    columns = ("importance", "line", "subset", "plain", "OpenTURNS importance", "OpenTURNS subset")
+    print(*markdown_head(["limit, mm", *columns]), sep="\n")
     for limit in LIMITS:
         ours = [
             sr.failure_probability(scene, "tip_error_peak", limit, method=method)

@@ -41,6 +41,11 @@ class Row:
     numbers: dict[str, Any] = field(default_factory=dict)
 
 
+def markdown_head(columns: Sequence[str]) -> list[str]:
+    """The first two lines of a table in Markdown."""
+    return [f"| {' | '.join(columns)} |", "|" + "---|" * len(columns)]
+
+
 HAND_S = 0.1
 """The time in which a hand sees no delay."""
 

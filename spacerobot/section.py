@@ -6,10 +6,11 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeGuard
 
 from pydantic import (
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
     GetCoreSchemaHandler,
@@ -26,6 +27,13 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$", ma
 
 Vector = tuple[float, float, float]
 """Three components along x, y, z."""
+
+Paths = Annotated[
+    tuple[str, ...],
+    Field(min_length=1),
+    BeforeValidator(lambda value: [value] if isinstance(value, str) else value),
+]
+"""Dotted paths of a number, at least one; a single path stands for a list of one."""
 
 SIGNALS_UNIT = "signal's unit"
 """Unit of a number that is in the unit of the section it stands in."""
@@ -187,5 +195,10 @@ def leaves(document: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 def numbers(document: Any, prefix: str = "") -> Iterator[tuple[str, float]]:
     """Every number of a document with its dotted path, in the document's order."""
     for path, value in leaves(document, prefix):
-        if isinstance(value, int | float) and not isinstance(value, bool):
+        if is_number(value):
             yield path, float(value)
+
+
+def is_number(value: Any) -> TypeGuard[float]:
+    """Whether a value is a number, which a truth value is not."""
+    return isinstance(value, int | float) and not isinstance(value, bool)

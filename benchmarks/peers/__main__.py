@@ -22,13 +22,14 @@ from typing import Any
 from benchmarks.history import commit, load_words, machine
 from benchmarks.peers import scenes
 from benchmarks.peers.compare import PeerScene
+from benchmarks.table_row import markdown_head
 from spacerobot.files import write_text
 
 PAGE = Path(__file__).parents[2] / "docs" / "validation" / "peers.md"
 BEGIN, END = "<!-- filled by `make peers` -->", "<!-- end -->"
 COLUMNS = ("peer", "scene", "agreement", "converged to, ours / theirs", "ours", "theirs", "theirs : ours")
 COLUMNS += ("settings", "remarks")
-HEAD = f"| {' | '.join(COLUMNS)} |"
+HEAD, RULE = markdown_head(COLUMNS)
 
 
 def found_scenes() -> dict[str, PeerScene]:
@@ -104,7 +105,7 @@ def main() -> None:
     report = {"machine": here, "date": day, "commit": commit(), "scenes": results}
     write_text(Path("out/peers.json"), json.dumps(report, indent=2) + "\n")
     if not given:
-        table = [where, "", HEAD, "|" + "---|" * len(COLUMNS), *rows]
+        table = [where, "", HEAD, RULE, *rows]
         write_text(PAGE, filled(PAGE.read_text(encoding="utf-8"), table))
 
 

@@ -9,8 +9,16 @@ from dataclasses import dataclass, field
 from spacerobot.scenario import Tuning
 
 
+class SearchSettings:
+    """Settings of a method, on which the journal of a run depends."""
+
+    def fingerprint(self, *others: object) -> str:
+        """Hash of the settings and of what else a journal of such a run depends on, but for the problem."""
+        return hashlib.sha256(repr((self, *others)).encode()).hexdigest()
+
+
 @dataclass(frozen=True)
-class EvolutionSettings:
+class EvolutionSettings(SearchSettings):
     """How an evolutionary method is run; the defaults are the paper's.
 
     Attributes
@@ -28,21 +36,9 @@ class EvolutionSettings:
     crossover: tuple[float, float] = (0.5, 0.15)
     mutation: float = 0.05
 
-    def fingerprint(self, method: str, seed: int) -> str:
-        """Hash of the data, in addition to the problem, on which a journal of such a run depends.
-
-        Parameters
-        ----------
-        method
-            Name of the method.
-        seed
-            Seed of the run.
-        """
-        return hashlib.sha256(repr((self, method, seed)).encode()).hexdigest()
-
 
 @dataclass(frozen=True)
-class NlpSettings:
+class NlpSettings(SearchSettings):
     """How an NLP is solved.
 
     Attributes
@@ -61,18 +57,6 @@ class NlpSettings:
     tolerance: float = 1e-4
     screen: int = 8
     budget: int | None = None
-
-    def fingerprint(self, *others: object) -> str:
-        """Hash of the data, in addition to the problem, on which a journal of such a run depends.
-
-        Parameters
-        ----------
-        method
-            Name of the method.
-        seed
-            Seed of the run.
-        """
-        return hashlib.sha256(repr((self, *others)).encode()).hexdigest()
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from spacerobot.errors import ScenarioError
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import expand, get
 from spacerobot.scene import Scene
+from spacerobot.section import is_number
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ def find_numbers(
                 if path not in owner:
                     owner[path] = name
                     value = get(document, path)
-                    if isinstance(value, bool) or not isinstance(value, int | float):
+                    if not is_number(value):
                         raise ScenarioError(
                             f"{path} is no number, found {value!r}", source=scene.source, where=where
                         )

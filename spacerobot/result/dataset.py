@@ -126,14 +126,8 @@ def _unit(scene: Scene, unit: str) -> str:
 
 
 def _joints(scene: Scene, q: Array, v: Array) -> dict[str, xr.Variable]:
-    joints = [scene.model.joints[j] for j in _arm_joints(scene)]
-    position = np.empty((len(q), len(joints)))
-    for i, joint in enumerate(joints):
-        if joint.nq == 2:
-            position[:, i] = np.unwrap(np.arctan2(q[:, joint.idx_q + 1], q[:, joint.idx_q]))
-        else:
-            position[:, i] = q[:, joint.idx_q]
-    dims, rates = ("time", "joint"), v[:, [joint.idx_v for joint in joints]]
+    joints, dims = _arm_joints(scene), ("time", "joint")
+    position, rates = scene.joint_positions(joints, q), v[:, [scene.model.idx_vs[j] for j in joints]]
     return {
         "joint_position": _array(position, dims, _unit(scene, "rad or m"), "joint positions"),
         "joint_velocity": _array(rates, dims, _unit(scene, "rad/s or m/s"), "joint rates"),

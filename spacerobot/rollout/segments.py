@@ -6,7 +6,6 @@ integrators that only need to know where to stop.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -15,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from spacerobot.rollout.closed_loop_protocol import Array
-from spacerobot.rollout.time_grid import ROUNDING, TimeGrid
+from spacerobot.rollout.time_grid import TimeGrid, pieces
 
 HERE = -2
 """What a segment begins at that an event began; see :class:`StepPlan`."""
@@ -75,14 +74,10 @@ def segments(grid: TimeGrid, times: Sequence[float] | Array, *, backwards: bool 
             whole = here == begin and end == until
             piece = (first >= 0 or here == 0) and last >= 0 and end > here
             fewest = FEWEST / grid.finer if piece else 1
-            steps = grid.every if whole else max(int(fewest), _steps(end - here, grid.step_s))
+            steps = grid.every if whole else max(int(fewest), pieces(end - here, grid.step_s))
             done = end == until
             yield Segment(here, end, steps, first, last, done)
             here, first = end, last
-
-
-def _steps(length_s: float, step_s: float) -> int:
-    return max(1, math.ceil(length_s / step_s * (1 - ROUNDING)))
 
 
 def graded(step_s: float, window_s: float, near: float) -> float:

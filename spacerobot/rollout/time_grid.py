@@ -78,9 +78,10 @@ def time_grid(duration_s: float, step_s: float, output_step_s: float | None = No
     for name, value in (("duration", duration_s), ("step", step_s), ("output step", sample_s)):
         if not (math.isfinite(value) and value > 0):
             raise SpaceRobotError(f"the {name} of a rollout is {value} s, allowed: above zero and finite")
-    intervals = _pieces(duration_s, sample_s)
-    return TimeGrid(float(duration_s), intervals, _pieces(duration_s / intervals, step_s))
+    intervals = pieces(duration_s, sample_s)
+    return TimeGrid(float(duration_s), intervals, pieces(duration_s / intervals, step_s))
 
 
-def _pieces(whole: float, piece: float) -> int:
-    return max(1, math.ceil(whole / piece * (1 - ROUNDING)))
+def pieces(whole_s: float, piece_s: float) -> int:
+    """Number of equal pieces of a duration, none longer than a given one but for rounding; at least one."""
+    return max(1, math.ceil(whole_s / piece_s * (1 - ROUNDING)))

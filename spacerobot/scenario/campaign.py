@@ -14,7 +14,7 @@ from spacerobot.quantities import default_metrics, find_quantity, metrics
 from spacerobot.registry import SAMPLERS
 from spacerobot.samplers import Sampler
 from spacerobot.scenario.quantity_numbers import QuantityLimits
-from spacerobot.section import Name, OneOf, Section, quantity
+from spacerobot.section import Name, OneOf, Paths, Section, quantity
 
 Distribution = Literal["uniform", "normal", "lognormal", "truncated_normal"]
 NEEDS: dict[str, tuple[str, ...]] = {
@@ -32,8 +32,8 @@ EIGENVALUE = 1e-10  # least eigenvalue of a correlation matrix
 class UncertainParameter(Section):
     """A number that is not known, in one place of the scenario or in several at once."""
 
-    paths: tuple[str, ...] = Field(
-        min_length=1, description="dotted paths that take its value, `*` for every name: 'grasps.*.stiffness'"
+    paths: Paths = Field(
+        description="dotted paths that take its value, `*` for every name: 'grasps.*.stiffness'"
     )
     kind: Distribution = Field(
         default="uniform",
@@ -55,10 +55,8 @@ class UncertainParameter(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _one_path(cls, data: Any) -> Any:
-        """Take a single path for a list of one."""
-        if isinstance(data, dict) and isinstance(data.get("paths"), str):
-            data = data | {"paths": [data["paths"]]}
+    def _known_kind(cls, data: Any) -> Any:
+        """Refuse an unknown distribution before what it needs is looked up."""
         if isinstance(data, dict):
             _check_word(data.get("kind", "uniform"), "kind", NEEDS)
         return data

@@ -12,7 +12,7 @@ from typing import Any
 from spacerobot.elements import TipController, kinds
 from spacerobot.errors import near_names
 from spacerobot.scenario.paths import Document
-from spacerobot.section import leaves, matching
+from spacerobot.section import is_number, leaves, matching
 
 CONTROLLERS = ("pid", "orientation_pid", "amnesia", "orientation_amnesia")
 """Controllers of a tip that have keys of their own."""
@@ -113,11 +113,7 @@ def check_changes(base: Document, changes: Document) -> None:
         if isinstance(value, str) and path[-1] in _words(base, path[:-1]):
             continue
         same = [place for place, _ in leaves(value)] == [place for place, _ in leaves(old)]
-        if (
-            old is None
-            or not same
-            or not all(_is_number(x) for both in (value, old) for _, x in leaves(both))
-        ):
+        if old is None or not same or not all(is_number(x) for both in (value, old) for _, x in leaves(both)):
             told = (
                 "the scenario has none: give it there" if old is None else "only a number may differ by phase"
             )
@@ -132,10 +128,6 @@ def _parts(node: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], 
             yield from _parts(value, (*path, key))
         else:
             yield (*path, key), value
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _is_controller(path: tuple[str, ...]) -> bool:

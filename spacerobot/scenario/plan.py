@@ -22,7 +22,7 @@ from spacerobot.elements.plan_limit import PlanLimit
 from spacerobot.scenario.merge import overlay, pick, without_null
 from spacerobot.scenario.tuning import DesignVariable
 from spacerobot.scenario.validation_errors import explain
-from spacerobot.section import Name, Section, Vector, quantity
+from spacerobot.section import Name, Paths, Section, Vector, is_number, quantity
 
 
 class TimeRange(Section):
@@ -36,8 +36,7 @@ class TimeRange(Section):
     @classmethod
     def _given(cls, data: Any) -> Any:
         """Take a number for two equal limits."""
-        number = isinstance(data, int | float) and not isinstance(data, bool)
-        return {"lower": data, "upper": data} if number else data
+        return {"lower": data, "upper": data} if is_number(data) else data
 
     @model_validator(mode="after")
     def _check(self) -> TimeRange:
@@ -89,19 +88,10 @@ class FreeStart(Section):
 class PlanChoice(Section):
     """One of several values, such as mating frames: each is planned, and the best plan is kept."""
 
-    paths: tuple[str, ...] = Field(
-        min_length=1,
+    paths: Paths = Field(
         description="dotted paths in the scenario that take it: 'plan.goals.mate.frame', 'grasps.left.frame'",
     )
     among: tuple[str | float, ...] = Field(min_length=2, description="names or numbers")
-
-    @model_validator(mode="before")
-    @classmethod
-    def _one(cls, data: Any) -> Any:
-        """Take one path for a list of one."""
-        if isinstance(data, dict) and isinstance(data.get("paths"), str):
-            return data | {"paths": [data["paths"]]}
-        return data
 
 
 WHOLE = (

@@ -11,14 +11,13 @@ from spacerobot.errors import near_names
 from spacerobot.quantities import Quantity, limited
 from spacerobot.registry import TUNING_METHODS
 from spacerobot.scenario.quantity_numbers import QuantityLimits, QuantityWeights
-from spacerobot.section import Name, OneOf, Section, quantity
+from spacerobot.section import Name, OneOf, Paths, Section, quantity
 
 
 class DesignVariable(Section):
     """A number that is free, in one place of the scenario or in several at once."""
 
-    paths: tuple[str, ...] = Field(
-        min_length=1,
+    paths: Paths = Field(
         description="dotted paths that take its value, `*` for every name: 'robots.*.tips.tip.pid.kp'",
     )
     lower: float = Field(description="least value, in the unit of the paths")
@@ -26,14 +25,6 @@ class DesignVariable(Section):
     scale: Literal["linear", "log"] = Field(
         default="linear", description="log: equal ratios count as equal distances"
     )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _one_path(cls, data: Any) -> Any:
-        """Take a single path for a list of one."""
-        if isinstance(data, dict) and isinstance(data.get("paths"), str):
-            return data | {"paths": [data["paths"]]}
-        return data
 
     @model_validator(mode="after")
     def _check(self) -> DesignVariable:

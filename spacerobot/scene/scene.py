@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -350,6 +350,27 @@ class Scene:
     def rotation_axes(self) -> tuple[int, ...]:
         """World axes about which things turn: z in a planar scene."""
         return (2,) if self.planar else (0, 1, 2)
+
+    def joint_positions(self, joints: Sequence[int], q: Array) -> Array:
+        """Positions of joints over time, unbounded ones unwound.
+
+        Parameters
+        ----------
+        joints
+            Ids of n joints of one degree of freedom.
+        q
+            Configurations (nt, nq).
+
+        Returns
+        -------
+        numpy.ndarray
+            (nt, n) [rad or m].
+        """
+        found = np.empty((len(q), len(joints)))
+        for k, joint in enumerate(joints):
+            at, unbounded = self.model.idx_qs[joint], self.model.nqs[joint] == 2
+            found[:, k] = np.unwrap(np.arctan2(q[:, at + 1], q[:, at])) if unbounded else q[:, at]
+        return found
 
     def body(self, name: str) -> SceneBody:
         """Body by name.

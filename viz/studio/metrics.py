@@ -110,37 +110,24 @@ class Metrics:
 def build_metrics(loop: ClosedLoop, scene: Scene) -> Metrics:
     """Metrics of a scene's closed loop: totals first, then what they are made of."""
     kept = build_campaign_metrics(loop, scene, default_metrics())
-    found = (*_totals(kept), *_singles(kept))
+    totals, singles = list[Metric](), list[Metric]()
+    for name, labels in kept.labels.items():
+        quantity, parts = find_quantity(name), list(dict.fromkeys(labels))
+        unit, factor = _shown(_unit(kept, name))
+        known, every = (unit, factor, name), tuple(range(len(labels)))
+        text, lasts = quantity.description, kept.duration_s
+        totals.append(Metric(name, quantity.label, text, *known, every, lasts))
+        for part in parts if len(parts) > 1 else ():
+            places = tuple(i for i in every if labels[i] == part)
+            title = f"{quantity.label}, {part}"
+            singles.append(Metric(f"{name} {part}", title, text, *known, places, lasts))
+    found = (*totals, *singles)
 
     def costs(r: Mapping[str, ca.SX], _: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
         return {m.key: m.expression(r[m.kind]) for m in found}
 
     named = {name: measure for name, measure in kept.measures.named.items() if name in kept.labels}
     return Metrics(found, replace(kept.measures, named=named, costs=costs))
-
-
-def _totals(kept: CampaignMetrics) -> list[Metric]:
-    found = []
-    for name, labels in kept.labels.items():
-        quantity = find_quantity(name)
-        unit, factor = _shown(_unit(kept, name))
-        places = tuple(range(len(labels)))
-        text = quantity.description
-        found.append(Metric(name, quantity.label, text, unit, factor, name, places, kept.duration_s))
-    return found
-
-
-def _singles(kept: CampaignMetrics) -> list[Metric]:
-    """Parts of the totals that have several."""
-    found = []
-    for name, labels in kept.labels.items():
-        quantity, parts = find_quantity(name), list(dict.fromkeys(labels))
-        unit, factor = _shown(_unit(kept, name))
-        for part in parts if len(parts) > 1 else ():
-            places = tuple(i for i, label in enumerate(labels) if label == part)
-            title, text = f"{quantity.label}, {part}", quantity.description
-            found.append(Metric(f"{name} {part}", title, text, unit, factor, name, places, kept.duration_s))
-    return found
 
 
 def _unit(kept: CampaignMetrics, name: str) -> str:

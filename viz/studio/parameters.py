@@ -19,7 +19,7 @@ from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import expand
 from spacerobot.scenario.units import unit_at
 from spacerobot.scene import Scene
-from spacerobot.section import Section, leaves
+from spacerobot.section import Section, is_number, leaves
 from viz.studio.messages import LARGEST
 
 Value = float | int | bool | str | None
@@ -132,7 +132,7 @@ def find_leaves(scenario: Scenario) -> dict[str, Leaf]:
         own = {path for path, _ in leaves(to_document(scenario)["phases"][name])}
         during = scenario.during(name)
         for path, value, field, owner in _walk(during, "", None, during):
-            if path in own and isinstance(value, int | float) and not isinstance(value, bool):
+            if path in own and is_number(value):
                 whole = f"phases.{name}.{path}"
                 found[whole] = _leaf(whole, value, field, owner, unit_at(during, path))
     return found

@@ -21,7 +21,7 @@ from spacerobot.rollout import Trajectory
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import get
 from spacerobot.scene import Scene, build_scene, load_scene
-from spacerobot.section import leaves, numbers
+from spacerobot.section import is_number, leaves, numbers
 from spacerobot.simulation import PreparedSimulation, prepare_simulation
 from viz.drawing.motion import SceneGeometry
 from viz.page.animation import AnimatedResult, look_at
@@ -278,7 +278,7 @@ class DesignCache:
         inner: dict[str, float] = {}
         others: dict[str, Any] = {}
         for path, value in self.changes(values).items():
-            follows = path in self._numbers and path not in self._fixed and _is_number(value)
+            follows = path in self._numbers and path not in self._fixed and is_number(value)
             if follows and (path in self._free or path.partition(".")[0] in (*PLACES, "phases")):
                 inner[path] = value
             else:
@@ -306,12 +306,12 @@ class UnknownParameterError(Exception):
     """No closed loop depends on some of the numbers that it was asked for."""
 
 
-def _key(others: Mapping[str, Any], asked: Sequence[str]) -> str:
-    return json.dumps([others, asked])
-
-
 def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
+
+
+def _key(others: Mapping[str, Any], asked: Sequence[str]) -> str:
+    return json.dumps([others, asked])
 
 
 def _check_place(path: str, value: Any) -> None:
@@ -325,10 +325,6 @@ def _check_place(path: str, value: Any) -> None:
         ):
             message = f"found {file!r}, allowed on a page: a URDF that ships, or is in the scenario's folder"
             raise ScenarioError(message, where=place)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _link(path: str) -> str | None:

@@ -21,6 +21,7 @@ from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
 from spacerobot.registry import TUNING_METHODS
 from spacerobot.scene import build_scene
+from spacerobot.section import is_number
 from viz.studio.job import Job, SearchFound
 from viz.studio.messages import Request
 from viz.studio.metric_slopes import differences
@@ -64,7 +65,8 @@ class SearchBox:
         for path, ends in bounds.items():
             if path not in plant.free:
                 raise ScenarioError("no number that can be searched", where=path)
-            if not (isinstance(ends, list) and len(ends) == 2 and all(_is_finite(end) for end in ends)):
+            finite = [is_number(end) and np.isfinite(end) for end in (ends if isinstance(ends, list) else ())]
+            if len(finite) != 2 or not all(finite):
                 raise ScenarioError(f"found {ends!r}, allowed: two bounds", where=path)
             if not ends[0] < ends[1]:
                 raise ScenarioError(f"lower must be below upper, found {ends[0]:g}, {ends[1]:g}", where=path)
@@ -111,10 +113,6 @@ class SearchBox:
             f"n{i}": {"paths": [path], "lower": float(low), "upper": float(high), "scale": scale}
             for i, (path, low, high, scale) in enumerate(each)
         }
-
-
-def _is_finite(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
 class _StoppedError(Exception):

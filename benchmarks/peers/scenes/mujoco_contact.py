@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from scipy.optimize import brentq
 
-from benchmarks.peers.compare import Job, Outcome, PeerScene, Side, compare
-from benchmarks.peers.mjcf import coordinates, mjcf, numbers
+from benchmarks.peers.compare import Outcome, PeerScene, compare
+from benchmarks.peers.mjcf import mjcf, numbers
 from benchmarks.peers.scenes.drake_contact import DURATION, STIFFNESS, TITLE, bounce, spheres
-from benchmarks.peers.scenes.mujoco_plant import our_plant
-from spacerobot.arrays import Array
+from benchmarks.peers.scenes.mujoco_plant import our_plant, their_plant
 from spacerobot.scene import load_scene
 
 TOLERANCE, STIFF = 1e-4, 5000.0  # [1/s^2] about the stiffness of ours over the masses that meet
@@ -47,18 +45,7 @@ def measure() -> Outcome:
     option = '<option integrator="RK4" tolerance="1e-14" iterations="50"><flag gravity="disable"/></option>'
     model = mujoco.MjModel.from_xml_string(mjcf(scene, more=option, inside=geoms))
 
-    def ready(level: int) -> Job:
-        data, step = mujoco.MjData(model), 0.004 / 2**level
-        data.qpos[:], data.qvel[:] = coordinates(scene, scene.q, scene.v)
-
-        def run() -> Array:
-            model.opt.timestep = step
-            mujoco.mj_step(model, data, nstep=round(DURATION / step))
-            return np.concatenate([data.qpos, data.qvel])
-
-        return run
-
-    return compare(our_plant(scene, 0.04), Side(ready, lambda level: f"RK4, {4 / 2**level:g} ms"), TOLERANCE)
+    return compare(our_plant(scene, 0.04), their_plant(scene, model, 4, DURATION), TOLERANCE)
 
 
 SCENE = PeerScene(

@@ -121,7 +121,7 @@ def _over_time(scene: Scene, motion: Motion, drives: Mapping[str, int], grips: l
         ),
         "joint_position": (
             ("time", "joint"),
-            _positions(scene, driven.joints, q),
+            scene.joint_positions(driven.joints, q),
             _told(_unit(scene, driven.joints, "rad or m"), "positions"),
         ),
         "joint_rate": (
@@ -267,17 +267,6 @@ def _attributes(planned: PlanSolution) -> dict[str, Any]:
         "replay_error_m": verification.replay_error_m,
         "followed_error_m": verification.followed_error_m,
     }
-
-
-def _positions(scene: Scene, joints: tuple[int, ...], q: Array) -> Array:
-    """Positions of joints, unbounded ones unwound (n, joints)."""
-    found = np.empty((len(q), len(joints)))
-    for k, joint in enumerate(joints):
-        own = scene.model.joints[joint]
-        angle = own.nq == 2
-        column = np.unwrap(np.arctan2(q[:, own.idx_q + 1], q[:, own.idx_q])) if angle else q[:, own.idx_q]
-        found[:, k] = column
-    return found
 
 
 def _tips(scene: Scene, q: Array, v: Array) -> dict[str, Array]:

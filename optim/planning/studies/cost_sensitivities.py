@@ -27,6 +27,7 @@ from spacerobot.errors import ScenarioError
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import get
 from spacerobot.scene import Scene, build_scene
+from spacerobot.section import is_number
 
 STEP = 1e-4
 """Of the differences, relative to a number, or of it where that is smaller than one thousandth."""
@@ -58,7 +59,7 @@ def cost_sensitivities(planned: PlanSolution, paths: Sequence[str]) -> dict[str,
     document, numbers = to_document(planned.scene.scenario), dict[str, float]()
     for path in paths:
         value = get(document, path)
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        if not is_number(value):
             raise ScenarioError(f"found {value!r}, allowed: a number", where=path)
         numbers[path] = value
     solver = PlanSolver.of(planned.scene, "interpreted")
