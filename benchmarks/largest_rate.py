@@ -1,12 +1,11 @@
 """Envisat's largest rate: ``python -m benchmarks.largest_rate [FOLDER]``.
 
-The tumbling of ``envisat`` about the intermediate axis is raised from 5 deg/s, each rate planned from the
-plan of the rate below it on the same meshes, with steps that are halved where no plan is found, until
-feasible and infeasible rates are ``PRECISE`` apart. At an infeasible rate the elastic program gives the
-least violation of goals and limits; it is a local minimum, so that it is evidence and no proof. Feasible
-rates are verified on this mesh and, from the lowest on until one fails, refined and verified; these plans
-are kept in the folder, ``out/largest_rate`` if none is named. Data are written to ``docs/data``, the figure
-to ``docs/images``.
+The tumbling of ``envisat`` about the intermediate axis is raised from 5 deg/s. Each rate is planned from the
+verified plan of the rate below it and on its meshes, then refined and verified by replay. Where no plan is
+found the step is halved, until rates with and without a plan are ``PRECISE`` apart. Without a plan the
+elastic program gives the least violation of goals and limits; it is a local minimum, so that it is evidence
+and no proof. The plan of the largest rate is kept in the folder, ``out/largest_rate`` if none is named, data
+in ``docs/data``, the figure in ``docs/images``.
 """
 
 from __future__ import annotations
@@ -26,14 +25,13 @@ from optim.planning.output.plan_folder import write
 from optim.planning.search.failure_messages import soft_rows
 from optim.planning.search.make_plan import PLAN, failure_message, plan_result
 from optim.planning.search.plan_solver import PlanSolver, SolveResult
-from optim.planning.search.solve_request import solve_request
+from optim.planning.search.solve_request import BARRIER, solve_request
 from optim.planning.search.warm_start import FILE as PLAN_FILE
 from optim.planning.search.warm_start import stored_motion
 from optim.planning.solver.elastic import ElasticProgram
 from optim.planning.solver.ipopt import Solution, solve
 from optim.planning.solver.nonlinear_program import NonlinearProgram
 from optim.planning.transcription.phase_chain import PhaseChain
-from optim.planning.verification.verify import verify
 from spacerobot.files import write_bytes, write_text
 from spacerobot.scene import Scene
 from viz.figures.feasible_range import feasible_range
@@ -41,9 +39,12 @@ from viz.figures.style import to_bytes
 
 AXIS, PLACE = np.array([0.00522422, 0.99701949, -0.07697305]), np.array([7.2, 0.0, 0.4])
 """Intermediate axis of Envisat, and where the servicer begins [m], both in Envisat's axes."""
-FIRST, STEP, PRECISE = 5.0, 1.0, 0.01
+FIRST, STEP, PRECISE = 5.0, 0.25, 0.01
 """First rate and first step [deg/s], and the step, relative to the rate, at which the search ends."""
-ITERATIONS, RELAXED = 300, 150
+ITERATIONS, RELAXED = 400, 150
+PATIENT = {"plan.iterations": ITERATIONS, "plan.time_limit": 1800, "plan.max_intervals": 120}
+RATES = 30
+"""Rates that are planned, about: it pays to compile."""
 FEASIBLE = 1e-6
 SCENARIO, DATA, FIGURE = "envisat", "docs/data/envisat_rates.json", "docs/images/envisat_rates.png"
 
@@ -60,22 +61,24 @@ def directions() -> dict[str, float]:
     return found
 
 
-def scene_at(rate: float, **more: object) -> Scene:
-    """The scenario at a rate [deg/s], with more changes by dotted path."""
-    return sr.load_scene(SCENARIO, {path: rate * each for path, each in directions().items()} | more)
+def scene_at(rate: float) -> Scene:
+    """The scenario at a rate [deg/s], whose plan is given time."""
+    return sr.load_scene(SCENARIO, {path: rate * each for path, each in directions().items()} | PATIENT)
 
 
 def at(solver: PlanSolver, rate: float) -> PlanSolver:
-    """The solver of a scene that differs from the scenario by its rate, by which only the start differs."""
-    start = np.concatenate([solver.scene.q, scene_at(rate).v])
-    return dataclasses.replace(solver, problem=dataclasses.replace(solver.problem, fixed=start))
+    """The solver at another rate, by which only the start of the motion differs."""
+    scene = scene_at(rate)
+    problem = dataclasses.replace(solver.problem, fixed=np.concatenate([scene.q, scene.v]))
+    return dataclasses.replace(solver, problem=problem)
 
 
 def solved(solver: PlanSolver, near: SolveResult) -> tuple[SolveResult | None, dict[str, Any]]:
     """Plan of a rate on the meshes of another, if there is one, and what is known of it."""
     program = solver.program(solver.request(), near.meshes)
     assert near.solution is not None
-    found = solve(program, near.solution.w, near.solution, scale=near.cost, iterations=ITERATIONS)
+    warm = dataclasses.replace(near.solution, barrier=max(near.solution.barrier, BARRIER))
+    found = solve(program, warm.w, warm, scale=near.cost, iterations=ITERATIONS)
     row: dict[str, Any] = {"feasible": found.converged, "iterations": found.iterations}
     if not found.converged:
         elastic = ElasticProgram(program, soft_rows(program), near.cost)
@@ -88,8 +91,23 @@ def solved(solver: PlanSolver, near: SolveResult) -> tuple[SolveResult | None, d
         row["feasible"] = found.converged
         if not found.converged:
             return None, row
-    result = SolveResult((), found, near.meshes, program.objective(found.w), None, "")
-    return result, row | {"cost": result.cost} | described(solver, program, found)
+    return SolveResult((), found, near.meshes, program.objective(found.w), None, ""), row
+
+
+def refined(solver: PlanSolver, near: SolveResult) -> tuple[SolveResult | None, dict[str, Any]]:
+    """Plan after refinement and verification, if it passes, and what is known of it."""
+    request = solver.request(near=near, is_solved=True)
+    result = solve_request(solver, request)
+    if (fault := failure_message(result)) is not None:
+        return None, {"feasible": False, "failure": fault}
+    assert result.solution is not None
+    assert result.verification is not None
+    row = {
+        "cost": result.cost,
+        "intervals": [mesh.intervals for mesh in result.meshes],
+        "followed_error_m": result.verification.followed_error_m,
+    }
+    return result, row | described(solver, solver.program(request, result.meshes), result.solution)
 
 
 def described(solver: PlanSolver, program: NonlinearProgram, solution: Solution) -> dict[str, Any]:
@@ -119,64 +137,39 @@ def described(solver: PlanSolver, program: NonlinearProgram, solution: Solution)
     }
 
 
-def replayed(solver: PlanSolver, found: SolveResult) -> dict[str, Any]:
-    """Result of the verification on the mesh of the search: greatest errors, and why the plan is refused."""
-    assert found.solution is not None
-    request, program = solver.request(), solver.interpreted.program(solver.request(), found.meshes)
-    motion = solver.phased_motion(request, found)
-    result = verify(motion, program, found.solution, found.cost, solver.backend)
-    return {"followed_error_m": result.followed_error_m, "failures": result.failures()}
-
-
-def verified(rate: float, near: SolveResult, folder: Path) -> dict[str, Any]:
-    """Plan of the rate, refined and verified by replay, in a folder; why there is none."""
-    solver = PlanSolver.of(scene_at(rate, **{"plan.iterations": ITERATIONS}), "interpreted")
-    request = solver.request(near=near, is_solved=True)
-    result = solve_request(solver, request)
-    if (fault := failure_message(result)) is not None:
-        return {"verified": False, "failure": fault}
-    plan = plan_result(solver, request, {PLAN: result})
-    write(plan, folder)
-    return {"verified": True, "cost": plan.cost}
-
-
 def main() -> None:
-    """Search, verify, and write data and figure."""
+    """Search, and write data, figure and the plan of the largest rate."""
     folder = Path(sys.argv[1] if sys.argv[1:] else "out/largest_rate")
-    rows: list[dict[str, Any]] = []
     if not (folder / "first" / PLAN_FILE).exists():
         sr.plan(scene_at(FIRST), folder / "first")
-    solver = PlanSolver.of(scene_at(FIRST), "interpreted")
+    solver = PlanSolver.of(scene_at(FIRST), "auto", motions=RATES)
     near = stored_motion(solver, folder / "first")
     assert near.solution is not None
-    cost = solver.program(solver.request(), near.meshes).objective(near.solution.w)
-    near = dataclasses.replace(near, cost=cost)
-    rate, step, plans = FIRST, STEP, dict[float, SolveResult]()
+    near = dataclasses.replace(
+        near, cost=solver.program(solver.request(), near.meshes).objective(near.solution.w)
+    )
+    rows: list[dict[str, Any]] = []
+    largest, rate, step = 0.0, FIRST, STEP
     while step > PRECISE * rate:
-        begun = time.process_time()
-        found, row = solved(at(solver, rate), near)
+        begun, moved = time.process_time(), at(solver, rate)
+        found, row = solved(moved, near)
         if found is not None:
-            plans[rate] = near = found
+            found, more = refined(moved, found)
+            row |= more
+        if found is not None:
+            largest, near = rate, found
         else:
             step /= 2
         rows.append({"value": rate} | row | {"processor_s": time.process_time() - begun})
         print(json.dumps(rows[-1]), flush=True)
-        rate = max(plans, default=FIRST) + step
-    data: dict[str, Any] = {"scenario": SCENARIO, "axis": "rate [deg/s]", "rows": rows}
-    data |= {"largest": max(plans, default=None), "largest_verified": None}
-    by_rate, upwards = {row["value"]: row for row in rows}, True
-    for value in sorted(plans):
-        row = by_rate[value]
-        row["on_its_mesh"] = replayed(at(solver, value), plans[value])
-        if upwards:
-            row["refined"] = verified(value, plans[value], folder / f"{value:g}")
-            upwards = row["refined"]["verified"]
-            if upwards:
-                data["largest_verified"] = value
-        print(json.dumps({key: row.get(key) for key in ("value", "on_its_mesh", "refined")}), flush=True)
+        rate = largest + step
+    data: dict[str, Any] = {"scenario": SCENARIO, "axis": "rate [deg/s]", "rows": rows, "largest": largest}
     data |= {"machine": history.machine(), "commit": history.commit()}
     write_text(Path(DATA), json.dumps(data, indent=1) + "\n")
     write_bytes(Path(FIGURE), to_bytes(feasible_range(data), "png"))
+    own = PlanSolver.of(scene_at(largest), solver.backend)
+    request = own.request(near=near, is_solved=True)
+    write(plan_result(own, request, {PLAN: solve_request(own, request)}), folder / "largest")
 
 
 if __name__ == "__main__":
