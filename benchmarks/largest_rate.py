@@ -39,7 +39,7 @@ from viz.figures.style import to_bytes
 
 AXIS, PLACE = np.array([0.00522422, 0.99701949, -0.07697305]), np.array([7.2, 0.0, 0.4])
 """Intermediate axis of Envisat, and where the servicer begins [m], both in Envisat's axes."""
-FIRST, STEP, PRECISE = 5.0, 0.25, 0.01
+FIRST, STEP, PRECISE = 5.0, 0.25, 0.015
 """First rate and first step [deg/s], and the step, relative to the rate, at which the search ends."""
 ITERATIONS, RELAXED = 400, 150
 PATIENT = {"plan.iterations": ITERATIONS, "plan.time_limit": 1800, "plan.max_intervals": 120}

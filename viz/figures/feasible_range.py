@@ -41,14 +41,15 @@ def feasible_range(data: Mapping[str, Any]) -> Drawing:
         use.plot(values, [row["used"][name] for row in good], label=name.rpartition("/")[2], **look)
     for panel in (cost, use):
         for k, row in enumerate(row for row in rows if not row["feasible"]):
-            label = "infeasible" if k == 0 and panel is cost else None
+            label = "none found" if k == 0 and panel is cost else None
             panel.axvline(row["value"], color=REFUSED, linewidth=0.9, linestyle=":", label=label)
         panel.set(xlabel=data["axis"])
     cost.set(ylabel="optimal cost", yscale="log")
     cost.yaxis.set_major_formatter("{x:g}")
+    cost.yaxis.set_minor_formatter("{x:g}")
     use.set(ylabel="largest force or torque / its limit")
     cost.set_title(f"{data['scenario']}: optimal cost")
     use.set_title("Use of limits")
     legend_over(cost, columns=3)
-    legend_over(use, columns=3)
+    legend_over(use, columns=2)
     return figure
