@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from optim.reliability.probability import failure_probability as failure_probability
     from optim.tuning import TuningResult as TuningResult
     from optim.tuning import tune as tune
+    from spacerobot.abort_drift import PassiveSafety as PassiveSafety
+    from spacerobot.abort_drift import passive_safety as passive_safety
     from spacerobot.api.functions import animate as animate
     from spacerobot.api.functions import campaign as campaign
     from spacerobot.api.functions import compare as compare
@@ -75,6 +77,7 @@ _HOME = {
     "IdentificationResult": "optim.identification",
     "LinearSystem": "spacerobot.linear",
     "MarginAnalysis": "spacerobot.linear",
+    "PassiveSafety": "spacerobot.abort_drift",
     "PlanResult": "spacerobot.api.results",
     "Quantity": "spacerobot.quantities",
     "Result": "spacerobot.result",
@@ -101,6 +104,7 @@ _HOME = {
     "load_plugin": "spacerobot.elements",
     "load_scene": "spacerobot.scene",
     "margins": "spacerobot.linear",
+    "passive_safety": "spacerobot.abort_drift",
     "plan": "spacerobot.api.functions",
     "register": "spacerobot.elements",
     "register_quantity": "spacerobot.quantities",

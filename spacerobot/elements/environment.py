@@ -114,3 +114,7 @@ class Environment(Element):
     def build(self, environment: EnvironmentContext) -> Contribution:
         """Contribution to the closed loop: external wrenches, works, outputs."""
         raise NotImplementedError
+
+    def mean_motion(self) -> float | None:
+        """Mean motion [rad/s] if it is a circular orbit; None where bodies do not drift by a closed form."""
+        return None

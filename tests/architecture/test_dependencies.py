@@ -59,6 +59,7 @@ KNOWS = {
     "spacerobot.result": {"files", "interrupts", "elements", "scenario", "scene", "closedloop", "rollout"},
     "spacerobot.simulation": {"closedloop", "loop_cache", "pinocchio_engine", "result", "rollout", "scene"},
     "spacerobot.linear": {"closedloop", "elements", "rollout", "scene", "simulation"},
+    "spacerobot.abort_drift": {"result", "scene"},
     "spacerobot.paper": {"result", "scene", "simulation"},
 }
 """What each room of the library may import, the command line aside."""

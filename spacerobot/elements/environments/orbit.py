@@ -155,6 +155,12 @@ class Orbit(Environment):
         strength, f = now.strength / power, s * (3 + 3 * s + s**2) / (1 + power)
         return -strength * (place - f * at), (at + place) / (now.radius * length), strength
 
+    def mean_motion(self) -> float | None:
+        """Of a circular orbit; None for others."""
+        return (
+            math.sqrt(self.gravitational_parameter / self.ends()[1] ** 3) if not self.eccentricity else None
+        )
+
     def assumptions(self) -> list[str]:
         """Where the world is."""
         return [
