@@ -1,7 +1,8 @@
 """Figures of docs/validation/as_flown.md from the folders of its campaigns.
 
 ``python -m benchmarks.as_flown out/docking out/captures`` writes docs/images/docking_as_flown.png and
-docs/images/capture_as_flown.png.
+docs/images/capture_as_flown.png. ``python -m benchmarks.as_flown engines`` simulates both, whole, by
+both engines (ten minutes), and prints by how much their states differ.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
+import spacerobot as sr
 from spacerobot.quantities import quantities
 from viz.figures.campaign import SampleSpread, distributions
 from viz.figures.style import COLOURS, legend_above, panels, styled, write_drawings
@@ -64,8 +66,29 @@ def shares(folder: Path, metrics: tuple[str, ...]) -> Figure:
     return figure
 
 
+def compare_engines(name: str) -> str:
+    """Largest difference of any state at any sample between the engines, and of the times of events."""
+    own = {"step": 0.005, "output_step": 0.25, "tolerance": 1e-9}
+    changes = {f"simulation.{key}": value for key, value in own.items()}
+    ours, theirs = (
+        sr.simulate(sr.load_scene(name, changes | {"simulation.engine": engine}))
+        for engine in ("casadi", "pinocchio")
+    )
+    count = min(ours.data.sizes["time"], theirs.data.sizes["time"])
+    apart = max(
+        float(abs(ours.data[key].values[:count] - theirs.data[key].values[:count]).max()) for key in "qvz"
+    )
+    times = [[event["time_s"] for event in each.summary["events"]] for each in (ours, theirs)]
+    late = max(abs(one - other) for one, other in zip(*times, strict=True))
+    states = f"{count} samples, states differ by at most {apart:.1e}"
+    return f"{name}: {states}, {len(times[0])} events by {late:.1e} s"
+
+
 def main() -> None:
-    """Write both figures."""
+    """Write both figures, or compare the engines."""
+    if sys.argv[1:] == ["engines"]:
+        print("\n".join(compare_engines(name) for name in ("capture-as-flown", "docking-as-flown")))
+        return
     docking, capture = (Path(word) for word in sys.argv[1:3])
     drawings = {
         "docking_as_flown": distributions(spreads(docking, DOCKING)),

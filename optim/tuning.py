@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from optim.json_values import plain
-from optim.methods.run_method import MethodOutcome, run_method
+from optim.methods.run_method import MethodOutcome, refuse_periods, run_method, without_gradients
 from optim.methods.settings import Effort, effort_of
 from optim.methods.tuning_method import TuningMethod
 from optim.problem.blackbox import ResultProblem
@@ -186,10 +186,8 @@ def tune(
     nominal = stated.problem if isinstance(stated, ResultProblem) else stated
     chosen: TuningMethod = TUNING_METHODS.find(method)
     if stated is not nominal and (chosen.uses_gradients or not chosen.solves_any_problem):
-        able = [
-            n for n, m in TUNING_METHODS.entries().items() if m.solves_any_problem and not m.uses_gradients
-        ]
-        raise ScenarioError(f"a function of a result has no gradients; methods: {', '.join(able)}")
+        raise ScenarioError(f"a function of a result has no gradients; methods: {without_gradients()}")
+    refuse_periods(nominal, method)
     effort = effort or effort_of(tuning_of(nominal.scene))
     run = partial(run_method, stated, effort=effort, session=SearchSession(folder, nominal.workers, progress))
     outcome = run(method) if chosen.starts_from is None else _continued(run, chosen.starts_from, method)

@@ -9,10 +9,11 @@ import numpy as np
 from optim.methods.settings import Effort
 from optim.methods.tuning_method import MethodRequest, SearchFactory, TuningMethod
 from optim.problem.problem import OptimisationProblem
+from optim.problem.tuning_problem import TuningProblem
 from optim.search.search import SearchRun, better
 from optim.search.session import SearchSession
 from spacerobot.arrays import Array
-from spacerobot.errors import SpaceRobotError
+from spacerobot.errors import ScenarioError, SpaceRobotError
 from spacerobot.registry import TUNING_METHODS
 
 
@@ -86,3 +87,35 @@ def run_method(
     session = session or SearchSession()
     request = MethodRequest(problem, SearchFactory(problem, session), effort, first)
     return MethodOutcome(method, tuple(session.workers.together(found.searches(request))))
+
+
+def refuse_periods(problem: TuningProblem, method: str) -> None:
+    """Refuse to tune periods by gradients.
+
+    A gradient by a period is exact, yet of no use over a range: wherever an instant passes another clock's, a
+    controller reads another sample, and the objective jumps.
+
+    Parameters
+    ----------
+    problem, method
+        The problem, and the method's name.
+
+    Raises
+    ------
+    ScenarioError
+        If the method uses gradients and a variable sets a period.
+    """
+    periods = problem.variables.periods
+    if periods and TUNING_METHODS.find(method).uses_gradients:
+        raise ScenarioError(
+            f"found a period, by which the objective jumps where sample instants change places, and the "
+            f"method {method}, which uses gradients; methods: {without_gradients()}",
+            source=problem.scene.source,
+            where=f"tuning.variables.{periods[0]}",
+        )
+
+
+def without_gradients() -> str:
+    """Names of the methods that solve any problem without gradients."""
+    known = TUNING_METHODS.entries().items()
+    return ", ".join(name for name, each in known if each.solves_any_problem and not each.uses_gradients)

@@ -49,6 +49,12 @@ class Variables:
         """Paths of all variables, one after the other."""
         return tuple(path for paths in self.paths for path in paths)
 
+    @property
+    def periods(self) -> tuple[str, ...]:
+        """Names of variables that set a period; objectives may jump where instants change places."""
+        pairs = zip(self.names, self.paths, strict=True)
+        return tuple(name for name, paths in pairs if any(path.endswith(".period") for path in paths))
+
     def values(self, u: Array) -> Array:
         """Values of points u (..., k) of the unit cube."""
         with np.errstate(divide="ignore", invalid="ignore"):

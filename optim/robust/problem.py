@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from scipy import stats
 
 from optim.campaign.analysis.statistics import percentile
 from optim.campaign.sampling.parameter_space import (
@@ -26,7 +27,7 @@ from optim.campaign.sampling.parameter_space import (
 )
 from optim.campaign.sampling.samplers import draw
 from optim.json_values import plain
-from optim.methods.run_method import MethodOutcome, run_method
+from optim.methods.run_method import MethodOutcome, refuse_periods, run_method
 from optim.methods.settings import Effort, effort_of
 from optim.problem import worker_operations
 from optim.problem.objectives import OBJECTIVE
@@ -285,29 +286,47 @@ class RobustTuningResult:
         The same as changes to the scenario, by dotted path: a set of gains for a campaign.
     outcome
         Every run.
-    fresh
-        Objective of each fresh sample, by design: ``start``, ``nominal`` (tuned without uncertainty),
-        ``robust``; the same samples for all, each (S,), NaN where one diverged.
+    common, fresh
+        Objective of each common and of each fresh sample, by design: ``start``, ``nominal`` (tuned without
+        uncertainty), ``robust``; the same samples for all, each (S,), NaN where one diverged.
     """
 
     gains: Mapping[str, float]
     objective: float
     changes: Mapping[str, float]
     outcome: MethodOutcome
+    common: Mapping[str, Array]
     fresh: Mapping[str, Array]
 
-    @property
-    def told(self) -> dict[str, dict[str, float]]:
-        """Mean, median, 95th percentile, largest and number of diverged of the fresh samples, by design."""
-        found = {}
-        for name, each in self.fresh.items():
-            values = np.sort(np.where(np.isnan(each), np.inf, each))
-            finite = values[np.isfinite(values)]
-            mean = float(finite.mean()) if len(finite) else float("nan")
-            low, high = (percentile(values, q, 0.95).value for q in (50, 95))
-            told = {"mean": mean, "median": low, "95 %": high, "largest": float(values[-1])}
-            found[name] = told | {"diverged": float(len(values) - len(finite))}
-        return found
+
+def describe(designs: Mapping[str, Array]) -> dict[str, dict[str, float]]:
+    """Statistics of samples' objectives by design, those that did not diverge.
+
+    Mean, median, 95th percentile, largest, how many diverged, and ``change``: the mean difference of the same
+    samples to the first design; ``_low`` and ``_high`` of a mean are its 95 % interval by Student's t.
+
+    Parameters
+    ----------
+    designs
+        Objective of each sample by design, each (S,), NaN where one diverged.
+    """
+    found, first = {}, next(iter(designs.values()))
+    for name, each in designs.items():
+        values = np.sort(np.where(np.isnan(each), np.inf, each))
+        median, most = (percentile(values, q, 0.95).value for q in (50, 95))
+        told = _mean(each, "mean") | {"median": median, "95 %": most, "largest": float(values[-1])}
+        found[name] = told | {"diverged": float(np.isnan(each).sum())} | _mean(each - first, "change")
+    return found
+
+
+def _mean(values: Array, name: str) -> dict[str, float]:
+    """Mean of the values that are numbers, and its 95 % interval."""
+    known = values[np.isfinite(values)]
+    mean = float(known.mean()) if len(known) else float("nan")
+    away = float("nan")
+    if len(known) > 1:
+        away = float(stats.t.ppf(0.975, len(known) - 1) * known.std(ddof=1) / np.sqrt(len(known)))
+    return {name: mean, f"{name}_low": mean - away, f"{name}_high": mean + away}
 
 
 def tune_robust(
@@ -339,11 +358,12 @@ def tune_robust(
     Raises
     ------
     SpaceRobotError
-        If there is no such method, or it cannot solve this problem.
+        If there is no such method, or it cannot solve this problem, as periods by gradients.
     """
     able = [name for name, each in TUNING_METHODS.entries().items() if each.solves_any_problem]
     if method not in able:
         raise SpaceRobotError(f"no robust tuning by {method}; methods: {', '.join(able)}")
+    refuse_periods(problem.nominal, method)
     scene = problem.nominal.scene
     effort = effort or effort_of(tuning_of(scene))
     places = {name: None if folder is None else folder / name for name in ("robust", "nominal")}
@@ -360,6 +380,7 @@ def tune_robust(
         outcome.best.objective,
         problem.nominal.variables.as_changes(values),
         outcome,
+        {name: problem.objectives(u) for name, u in designs.items()},
         {name: problem.objectives(u, draws) for name, u in designs.items()},
     )
 
@@ -392,7 +413,8 @@ def save_robust(problem: RobustProblem, found: RobustTuningResult, folder: Path)
         "objective": found.objective,
         "gains": dict(found.gains),
         "changes": dict(found.changes),
-        "fresh": found.told,
+        "common": describe(found.common),
+        "fresh": describe(found.fresh),
     }
     write_text(folder / "robust.json", json.dumps(plain(data), indent=1, allow_nan=False) + "\n")
     return result

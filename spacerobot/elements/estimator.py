@@ -52,9 +52,8 @@ class TargetModel:
     ----------
     root, links
         Frames of its root link, and of all links by name, in the model.
-    centre, axes, ratios
-        Centre of mass (3,) [m] and principal axes (3, 3), both in the root link's axes, and the logarithms of
-        the first two principal moments over the third (2,).
+    centre, axes
+        Centre of mass (3,) [m] and principal axes (3, 3), both in the root link's axes.
     poses
         Rotation (3, 3) and origin (3,) [m] of the links in the root link's axes, by name.
     """
@@ -63,7 +62,6 @@ class TargetModel:
     links: Mapping[str, int]
     centre: Array
     axes: Array
-    ratios: Array
     poses: Mapping[str, tuple[Array, Array]]
 
 

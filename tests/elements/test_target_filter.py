@@ -35,6 +35,7 @@ PLATES = SCENE.format(
 BOXES = SCENE.format(
     urdf="flapped_box.urdf", joint="free_flyer", eye="right", spin=[20, -8, 15], velocity=[0.02, 0.01, -0.01]
 )
+FILTERS = "examples/filters.yaml"
 LOCKED = {"robots.chaser.joints.hinge.locked": True, "target.joints.hinge.locked": True}
 
 
@@ -151,6 +152,34 @@ def test_in_space_it_finds_the_inertia_ratios():
     assert consistent(np.array(nees), 14)
     first = [0.1 * NoiseTable("chaser/seen.begin", 1, 14).drawn(0, draw)[-2:] for draw in range(4)]
     assert np.sqrt(np.mean(np.square(ends))) < 0.2 * np.sqrt(np.mean(np.square(first)))
+
+
+def test_it_begins_at_the_true_ratios_where_a_campaign_varies_them():
+    """An inertia given as a parameter is the same plant, estimate and error as one of the scenario."""
+    path, short = "target.links.body.inertia.0", {"simulation.duration": 1.1}
+    nees = [
+        sr.batch(
+            sr.load_scene("examples/filters.yaml", changes), ["target_nees"], values, backend="interpreted"
+        )
+        for changes, values in ((short, {path: [25.0]}), (short | {path: 25.0}, {DRAW: [0.0]}))
+    ]
+    found, wanted = (float(each.data["target_nees"].values.item()) for each in nees)
+    assert found == pytest.approx(wanted, rel=1e-9)
+
+
+def test_the_covariance_it_assumes_at_first_is_not_that_of_its_error():
+    """So that the one is tuned while the other is drawn as ever."""
+    found = []
+    for factor in (1.0, 3.0):
+        rollout = rolled(
+            PLATES, filtered("mate_2", 0.3, initial_factor=factor), 0.05, backend="interpreted", step_s=0.01
+        )
+        run = rollout.run()
+        found.append([states(rollout, run, name)[-1] for name in (".mean", ".covariance")])
+    (mean, known), (same, wider) = found
+    np.testing.assert_allclose(known[0] / FIRST["position"] ** 2, 1)
+    np.testing.assert_allclose(wider, 9 * known, rtol=1e-12)
+    np.testing.assert_array_equal(mean, same)
 
 
 FOLLOWING = (

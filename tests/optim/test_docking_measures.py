@@ -46,14 +46,14 @@ def test_a_campaign_keeps_what_a_docking_took(tmp_path, distance):
 def test_tuning_weighs_and_limits_it(tmp_path):
     scene = free_bodies(tmp_path, FLAT, {"kind": "weld", "capture": {"distance": 0.05}})
     loop = build_closed_loop(scene)
-    objective = Objective(weight=0, capture_time=2.0, event_energy=3.0)
+    objective = Objective(weight=0, capture_time=2.0, event_energy=3.0, lateral_miss=4.0, touchdown_speed=5.0)
     terms = build_terms(loop, scene, objective, Constraints(max_impulse=5.0))
     assert terms.limits == {"impulse": 5.0}
     r = {name: ca.SX.sym(name, size) for name, size in terms.measures.sizes.items()}
     cost = terms.measures.cost_expressions(r, {})["objective"]
-    given = {"capture_time": 0.5, "event_energy": 0.25}
+    given = {"capture_time": 0.5, "event_energy": 0.25, "lateral_miss": 0.125, "touchdown_speed": 0.0625}
     value = ca.Function("cost", list(r.values()), [cost])(*(given.get(name, 1.0) for name in r))
-    assert float(value) == pytest.approx(2.0 * 0.5 + 3.0 * 0.25)
+    assert float(value) == pytest.approx(2.0 * 0.5 + 3.0 * 0.25 + 4.0 * 0.125 + 5.0 * 0.0625)
 
 
 def test_a_scene_without_captures_refuses_them():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
 import typer
@@ -62,7 +63,7 @@ def command(
     """Tune robustly and nominally, and print both on fresh samples."""
     from optim import effort_of
     from optim.problem.scene_recipe import tuning_of
-    from optim.robust.problem import Statistic, build_robust, save_robust, tune_robust
+    from optim.robust.problem import Statistic, build_robust, describe, save_robust, tune_robust
     from optim.workers.dask import open_workers
     from spacerobot.scene import load_scene
 
@@ -86,13 +87,29 @@ def command(
     gains = [(name, f"{value:.6g}") for name, value in found.gains.items()]
     console().print(pairs(f"{method}, {measure}: {found.objective:.6g}", gains))
     show_runs(found.outcome.runs)
-    rows = [[name, *(f"{value:.6g}" for value in told.values())] for name, told in found.told.items()]
-    title = f"objective on {fresh} new samples"
-    console().print(table(title, ("tuned", *next(iter(found.told.values()))), rows))
+    for title, designs in (
+        (f"objective on the {samples} samples tuned for", found.common),
+        (f"objective on {fresh} fresh samples", found.fresh),
+    ):
+        rows = [[name, *_cells(told)] for name, told in describe(designs).items()]
+        console().print(table(title, ("tuned", *COLUMNS), rows))
     if out is not None:
         warn_if_open(saved)
         console().print(f"result and robust.json in {out}", markup=False, soft_wrap=True)
     stop_if_interrupted(found.outcome)
+
+
+COLUMNS = ("mean (95 % interval)", "median", "95 %", "largest", "diverged", "change of the mean")
+
+
+def _cells(told: Mapping[str, float]) -> list[str]:
+    """Statistics of a design, those of means with their intervals."""
+
+    def mean(name: str) -> str:
+        return f"{told[name]:.4g} ({told[f'{name}_low']:.4g} to {told[f'{name}_high']:.4g})"
+
+    plain = [f"{told[name]:.4g}" for name in COLUMNS[1:-1]]
+    return [mean("mean"), *plain, mean("change") if told["change"] else ""]
 
 
 COMMANDS.add(Command.of("robust", command, HELP, place=9), __name__)

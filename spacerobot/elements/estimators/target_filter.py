@@ -28,7 +28,9 @@ from typing import ClassVar, Literal
 import casadi as ca
 from pydantic import Field
 
+from spacerobot.dynamics import subtree
 from spacerobot.dynamics.algebra import SymmetricFactors, cross, skew
+from spacerobot.dynamics.inertias import shifted_inertia
 from spacerobot.dynamics.rotations import rotation_exp, rotation_log
 from spacerobot.elements.clock import Clock
 from spacerobot.elements.contribution import Contribution, Output, State, memory
@@ -64,6 +66,12 @@ class TargetFilter(Estimator):
     spin_deg: float = quantity("deg/s", "standard deviation of the initial spin", default=1.0, gt=0)
     inertia: float = quantity(
         "1", "standard deviation of the logarithms of the inertia ratios", default=0.1, gt=0
+    )
+    initial_factor: float = quantity(
+        "1",
+        "initial standard deviations that it assumes, over those its error is drawn with",
+        default=1.0,
+        gt=0,
     )
     acceleration: float = quantity(
         "m/s^1.5", "density of accelerations that the model leaves out", default=0.0, ge=0
@@ -148,7 +156,7 @@ class _TargetFilterLaw:
             velocity + cross(spin, lever),
             ca.mtimes(rotation, self.axes),
             ca.mtimes(self.axes.T, ca.mtimes(rotation.T, spin)),
-            ca.SX(ca.DM(body.ratios[: self.ratios])),
+            self._true_ratios(ca.mtimes(rotation, self.axes), origin + lever),
         )
         seen_rotation, seen_place = body.poses[config.frame]
         # the frame that is seen, in principal axes about the centre of mass
@@ -168,6 +176,23 @@ class _TargetFilterLaw:
         self.nis = memory(f"{label}.nis", ca.SX.zeros(1))
         symbol = ca.SX.sym(f"{label}.now", whole.size1())
         self.now = State(f"{label}.now", symbol, whole, self._rate(symbol))
+
+    def _true_ratios(self, axes: ca.SX, centre: ca.SX) -> ca.SX:
+        """Logarithms of the true inertia ratios, also where a campaign varies inertias.
+
+        Parameters
+        ----------
+        axes, centre
+            Principal axes (3x3) and centre of mass (3x1) [m] in the world.
+        """
+        if not self.ratios:
+            return ca.SX(0, 1)
+        plant, total = self.robot.plant, ca.SX(3, 3)
+        for joint in subtree(plant.model, plant.model.frames[self.body.root].parentJoint):
+            arm = plant.kinematics.origin[joint] - centre
+            total += shifted_inertia(*plant.inertias.in_world(plant.kinematics, joint), arm)[2]
+        moments = ca.diag(ca.mtimes(axes.T, ca.mtimes(total, axes)))
+        return ca.log(moments[:2] / moments[2])
 
     def _motion(self, place: ca.SX, velocity: ca.SX, attitude: ca.SX, spin: ca.SX, ratios: ca.SX) -> ca.SX:
         """Numbers of a motion, from vectors (3x1) and a rotation (3x3)."""
@@ -269,7 +294,7 @@ class _TargetFilterLaw:
         return ca.vertcat(*(ca.repmat(x, size, 1) for x, size in zip(own, self.errors, strict=True)))
 
     def _initial(self) -> ca.SX:
-        return ca.diag(self._deviations() ** 2)
+        return ca.diag((self.robot.context.number("initial_factor") * self._deviations()) ** 2)
 
     def _corrected(self, motion: ca.SX, correction: ca.SX) -> ca.SX:
         """A motion moved by errors."""

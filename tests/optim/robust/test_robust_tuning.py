@@ -8,7 +8,7 @@ import pytest
 from optim.methods.run_method import run_method
 from optim.methods.settings import effort_of
 from optim.problem.objectives import OBJECTIVE
-from optim.robust.problem import Statistic, build_robust, tune_robust
+from optim.robust.problem import Statistic, build_robust, describe, tune_robust
 from optim.search.session import SearchSession
 from spacerobot.errors import ScenarioError, SpaceRobotError
 from spacerobot.scene import load_scene
@@ -152,7 +152,8 @@ def test_constraints_hold_at_every_sample(small, limited, kind):
 def test_gains_are_tuned_over_draws_of_the_noise():
     """Sampled and delayed control by noisy sensors: gradients, and a better result on fresh draws."""
     scene = load_scene("examples/as-flown.yaml", {"simulation.duration": 1.5})
-    problem, h = build_robust(scene, Statistic("mean", samples=8)), 1e-4
+    gains = scene.scenario.tuning.sets["gains"]
+    problem, h = build_robust(scene, Statistic("mean", samples=8), variables=gains), 1e-4
     u = problem.start
     found = problem.linearise(u)
     for i, step in enumerate(h * np.eye(len(u))):
@@ -161,3 +162,28 @@ def test_gains_are_tuned_over_draws_of_the_noise():
     tuned = tune_robust(problem, "nlp", effort=effort_of(scene.scenario.tuning, starts=1), fresh=32)
     assert np.ptp(tuned.fresh["start"]) > 0
     assert np.mean(tuned.fresh["robust"]) < 0.9 * np.mean(tuned.fresh["start"])
+
+
+def test_periods_are_tuned_without_gradients_alone():
+    """The objective jumps where a controller reads another sample of a noisy sensor."""
+    scene = load_scene("examples/as-flown.yaml", {"simulation.duration": 1.0})
+    problem = build_robust(scene, Statistic("mean", samples=4), variables=["kp", "period"])
+    with pytest.raises(
+        ScenarioError, match=r"tuning\.variables\.period: found a period, .*nlp.*; methods:.*cmaes"
+    ):
+        tune_robust(problem, "nlp")
+    effort = effort_of(scene.scenario.tuning, baseline_budget=40)
+    tuned = tune_robust(problem, "cmaes", effort=effort, fresh=16)
+    assert tuned.gains["period"] < 0.02
+    assert describe(tuned.common)["robust"]["mean"] == pytest.approx(tuned.objective, rel=1e-9)
+    assert describe(tuned.fresh)["robust"]["change_high"] < 0
+
+
+def test_statistics_have_intervals_and_leave_out_what_diverged():
+    told = describe({"start": np.array([1.0, 2, 3, 4]), "robust": np.array([0.5, 1, np.nan, 3.5])})
+    half = 3.182446 * np.sqrt(5 / 3) / 2  # Student's quantile of 3 degrees of freedom
+    start, robust = told["start"], told["robust"]
+    assert (start["mean"], start["diverged"], start["change"]) == (2.5, 0, 0)
+    assert [start["mean_low"], start["mean_high"]] == pytest.approx([2.5 - half, 2.5 + half], rel=1e-6)
+    assert (robust["largest"], robust["diverged"]) == (np.inf, 1)
+    assert robust["change"] == pytest.approx(-2 / 3)
