@@ -34,7 +34,7 @@ from spacerobot.elements import (
 from spacerobot.elements.capture_release import living
 from spacerobot.elements.context import Affine, ContactSurface, Held, unbroken
 from spacerobot.elements.contribution import concatenate, gated
-from spacerobot.elements.estimator import EstimatorContext
+from spacerobot.elements.estimator import HELD_INERTIA, EstimatorContext
 from spacerobot.elements.measurement import Measurement, Observation, changing, filled
 from spacerobot.elements.reference import DEGREE
 from spacerobot.elements.sampling import periodic
@@ -126,7 +126,7 @@ class LoopBuilder:
         """Of controllers, grasps, contacts, actuators and environments, in the scene's order."""
         found = [*self.controllers, *self.estimators.values()]
         found += [Contribution(states=one.states, events=one.events) for one in self.measurements.values()]
-        found += [living(grasp.config, self._grasp(grasp)) for grasp in self.scene.grasps]
+        found += self.grasps
         found += [contact.config.build(self.contact(contact)) for contact in self.scene.contacts]
         for body in self.scene.robots:
             if isinstance(body.config, Robot):
@@ -140,6 +140,11 @@ class LoopBuilder:
             context = self.context.at(f"environment.{name}")
             found.append(element.build(EnvironmentContext(context, self.plant, roots)))
         return found
+
+    @functools.cached_property
+    def grasps(self) -> list[Contribution]:
+        """Of the grasps, in the scene's order."""
+        return [living(grasp.config, self._grasp(grasp)) for grasp in self.scene.grasps]
 
     def grasp_switch(self, name: str, kind: Literal["closed", "released"]) -> ca.SX:
         """Whether a grasp is closed, or released (1x1)."""
@@ -209,9 +214,19 @@ class LoopBuilder:
             value = sensors[signal].aligned(context, value, axes)
         return measured(self._affine(body, sensors, signal), value)
 
-    def _held(self, body: SceneBody, owner: str, frame: int, columns: Sequence[int]) -> Held:
-        """Reader of signals that are measured at instants; all that read one see the same."""
-        measure, estimates = self._measure(body), self.estimates(body)
+    def _held(
+        self,
+        body: SceneBody,
+        owner: str,
+        frame: int,
+        columns: Sequence[int],
+        made: Mapping[str, Callable[[ca.SX], ca.SX]] | None = None,
+    ) -> Held:
+        """Reader of signals that are measured at instants; all that read one see the same.
+
+        ``made`` are the estimates that are there, all of the body's if None.
+        """
+        measure, estimates = self._measure(body), self.estimates(body) if made is None else made
         sensors = body.config.sensors if isinstance(body.config, Robot) else None
 
         def held(
@@ -262,23 +277,51 @@ class LoopBuilder:
     @functools.cached_property
     def estimators(self) -> Mapping[str, Contribution]:
         """Of the estimators of each robot, by its name."""
-        return {
-            body.name: concatenate(
-                estimator.build(self._estimator(body, key))
-                for key, estimator in body.config.estimators.items()
-            )
-            for body in self.scene.robots
-            if isinstance(body.config, Robot) and body.config.estimators
-        }
+        found = {}
+        for body in self.scene.robots:
+            if isinstance(body.config, Robot) and body.config.estimators:
+                built = Contribution()
+                for key, estimator in body.config.estimators.items():
+                    own = estimator.build(self._estimator(body, key, dict(built.estimates)))
+                    built = concatenate([built, own])
+                found[body.name] = built
+        return found
 
     def estimates(self, body: SceneBody) -> Mapping[str, Callable[[ca.SX], ca.SX]]:
         """From true values to those that filters of a body estimate, by signal."""
         return dict(self.estimators[body.name].estimates) if body.name in self.estimators else {}
 
-    def _estimator(self, body: SceneBody, key: str) -> EstimatorContext:
-        """Context of an estimator, which has samples of its own of what it reads."""
+    def _estimator(
+        self, body: SceneBody, key: str, made: Mapping[str, Callable[[ca.SX], ca.SX]]
+    ) -> EstimatorContext:
+        """Context of an estimator: it has samples of its own, or reads what controllers read."""
         assert isinstance(body.config, Robot)
         path, sensors = body.path, body.config.sensors or Sensors()
+        columns = tuple(int(self.plant.model.idx_vs[joint]) for joint in body.driven_joints)
+        held = self._held(body, body.name, body.root_frame, columns, made)
+        affine = self._sensors(body)
+
+        def read(signal: str, value: ca.SX) -> ca.SX:
+            """Last estimate or sample of a signal, or what its sensor shows now."""
+            last = held(signal, value)
+            return measured(affine(signal), value) if last is None else last
+
+        def late(signal: str) -> float:
+            """Delay of a signal that is not estimated [s]."""
+            errors = sensors[signal].errors
+            return 0.0 if errors is None or signal in made else errors.delay
+
+        def closed(tip: str, frame: str) -> ca.SX:
+            """Whether one of the grasps of a tip and a link of the target is closed."""
+            _ = self.grasps  # which make the switches
+            label = f"{body.name}/{tip}"
+            held = [g for g in self.scene.grasps if g.tip.label == label and g.config.frame == frame]
+            return either(*(self.grasp_switch(grasp.name, "closed") for grasp in held))
+
+        def stored() -> ca.SX:
+            """Angular momentum of the robot's wheels."""
+            parts = [one.stored for one in self._actuators(body)]
+            return sum((wheel.angular for part in parts for wheel in part), ca.SX(3, 1))
 
         def sample(
             signal: str,
@@ -314,6 +357,13 @@ class LoopBuilder:
             sample,
             {tip.label.rpartition("/")[2]: tip.frame for tip in self.scene.tips if tip.body is body},
             target_model(self.scene),
+            body.driven_joints,
+            functools.partial(_positions, body),
+            self.start.placement(body.root_frame)[0],
+            read,
+            late,
+            closed,
+            stored,
         )
 
     def _tip(self, tip: SceneTip, key: str) -> TipContext:
@@ -332,7 +382,16 @@ class LoopBuilder:
             sensors=self._sensors(tip.body),
             held=self._held(tip.body, tip.label, tip.frame, columns),
             siblings=tip.config.sections,
+            held_inertia=self._held_inertia(tip),
         )
+
+    def _held_inertia(self, tip: SceneTip) -> ca.SX | None:
+        """Inertial parameters (10x1) of what a tip holds, as an estimator of its robot estimates them."""
+        estimators = tip.body.config.estimators.values() if isinstance(tip.body.config, Robot) else ()
+        name = tip.label.rpartition("/")[2]
+        if not any(HELD_INERTIA in one.makes and (one.frames() or ("",))[0] == name for one in estimators):
+            return None
+        return self.estimates(tip.body)[HELD_INERTIA](ca.SX(10, 1))
 
     def _robot(self, body: SceneBody, key: str) -> RobotContext:
         columns = tuple(int(self.plant.model.idx_vs[joint]) for joint in body.driven_joints)

@@ -160,6 +160,9 @@ class TipContext:
         As of a robot; joint rates are those of ``columns``.
     siblings
         What else stands in the tip's section, by key.
+    held_inertia
+        Estimated inertial parameters of what the tip holds (10x1), axes of the tip; zero while it holds
+        nothing, None where nobody estimates them.
     """
 
     context: SectionContext
@@ -175,6 +178,7 @@ class TipContext:
     sensors: Callable[[str], Affine]
     held: Held
     siblings: Mapping[str, Section]
+    held_inertia: ca.SX | None = None
 
     def read(
         self, signal: str, value: ca.SX, world: ca.SX | None = None, point: ca.SX | None = None

@@ -15,6 +15,9 @@ from spacerobot.elements.robot_element import RobotElement, RobotProperties
 from spacerobot.elements.section_context import SectionContext
 from spacerobot.symbolic import Plant
 
+HELD_INERTIA = "held_inertia"
+"""Estimated signal: ten inertial parameters of what a tip holds, axes of the tip; zero if nothing."""
+
 
 class SensorSampler(Protocol):
     """Samples of signals by the sensors of a robot."""
@@ -52,6 +55,8 @@ class TargetModel:
     ----------
     root, links
         Frames of its root link, and of all links by name, in the model.
+    mass, moments
+        Mass [kg] and principal moments of inertia (3,) [kg m^2].
     centre, axes
         Centre of mass (3,) [m] and principal axes (3, 3), both in the root link's axes.
     poses
@@ -60,6 +65,8 @@ class TargetModel:
 
     root: int
     links: Mapping[str, int]
+    mass: float
+    moments: Array
     centre: Array
     axes: Array
     poses: Mapping[str, tuple[Array, Array]]
@@ -87,6 +94,19 @@ class EstimatorContext:
         Frames of its tips in the model, by name.
     target
         The target; None if there is none.
+    joints, positions
+        Ids of its driven joints, and from their positions (n x 1) to those of all its joints, by id.
+    attitude
+        Of the base at the start (3x3), an expression of the parameters.
+    read
+        From a signal's name and its true value (n x 1) to what controllers would read of it now, with the
+        estimates of the estimators that stand above this one.
+    late
+        Delay [s] of a signal that is read; zero of one that is estimated.
+    closed
+        Whether a tip, by name, holds a link of the target, by name (1x1).
+    stored
+        Gives the angular momentum (3x1) of the robot's wheels, world axes [N m s].
     """
 
     context: SectionContext
@@ -98,6 +118,13 @@ class EstimatorContext:
     sample: SensorSampler
     tips: Mapping[str, int]
     target: TargetModel | None
+    joints: tuple[int, ...]
+    positions: Callable[[ca.SX], Mapping[int, ca.SX]]
+    attitude: ca.SX
+    read: Callable[[str, ca.SX], ca.SX]
+    late: Callable[[str], float]
+    closed: Callable[[str, str], ca.SX]
+    stored: Callable[[], ca.SX]
 
 
 class Estimator(RobotElement):

@@ -11,6 +11,7 @@ from spacerobot.quantities.quantity import Components, Context, Quantity, sizes
 
 SMALLEST = 1e-15  # rad, m; keeps sizes smooth where they are zero
 NO_ATTITUDE = "no robot of this scene has an estimator of kind attitude_filter"
+NO_HELD = "no robot of this scene has an estimator of kind inertia_filter"
 NO_TARGET = "no robot of this scene has an estimator of kind target_filter"
 
 
@@ -83,5 +84,39 @@ QUANTITIES = (
         "1",
         number("target_nis"),
         NO_TARGET,
+    ),
+    _final(
+        "held_deviation",
+        (
+            "deviation of the held object",
+            "greatest relative standard deviation of its mass properties, in any direction, at the end",
+        ),
+        "1",
+        number("held_deviation"),
+        NO_HELD,
+    ),
+    _final(
+        "held_mass_error",
+        ("mass error of the held object", "estimated less true mass at the end, without sign"),
+        "kg",
+        length("held_mass_error"),
+        NO_HELD,
+    ),
+    _final(
+        "held_com_error",
+        (
+            "centre error of the held object",
+            "distance from the estimated to the true centre of mass at the end",
+        ),
+        "m",
+        length("held_com_error"),
+        NO_HELD,
+    ),
+    _final(
+        "held_nees",
+        ("NEES of the inertia filter", "normalised error squared of all that it estimates at the end"),
+        "1",
+        number("held_nees"),
+        NO_HELD,
     ),
 )

@@ -17,6 +17,7 @@ from spacerobot.description.flexible import find_link
 from spacerobot.description.parts import UrdfLink
 from spacerobot.description.read import Description
 from spacerobot.elements import Actuator, RobotElement, RobotProperties, kinds
+from spacerobot.elements.estimator import HELD_INERTIA
 from spacerobot.errors import DescriptionError, ScenarioError, near_names
 from spacerobot.scenario import Robot, Scenario, Target
 from spacerobot.scene.configure import relative_jacobian
@@ -320,6 +321,16 @@ def _check_estimates(scene: Scene, body: SceneBody) -> None:
             if name not in known:
                 told = f"found {name!r}, {near_names(name, known)}"
                 raise ScenarioError(told, source=scene.source, where=f"{where}.{field}")
+        if HELD_INERTIA in estimator.makes and not any(
+            (grasp.tip.label, grasp.config.frame) == (f"{body.name}/{seen[0]}", seen[1])
+            and grasp.config.fixes_position
+            and grasp.config.fixes_orientation
+            for grasp in scene.grasps
+        ):
+            told = (
+                f"found no grasp of {seen[0]} and {seen[1]} that fixes position and orientation; give a weld"
+            )
+            raise ScenarioError(told, source=scene.source, where=f"{where}.frame")
 
 
 def check_environment(scene: Scene) -> None:

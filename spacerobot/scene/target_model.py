@@ -29,6 +29,8 @@ def target_model(scene: Scene) -> TargetModel | None:
     return TargetModel(
         body.root_frame,
         links,
+        float(whole.mass),
+        moments,
         np.array(joint.act(whole.lever)),
         axes,
         {name: (pose.rotation, pose.translation) for name, pose in poses.items()},

@@ -64,6 +64,11 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
         "slip_velocity": 0.05,
     },
     ("tip_controller", "pid"): {"kp": 20, "ki": 5, "kd": 3},
+    ("tip_controller", "payload_feed_forward"): {
+        "mass": 6,
+        "com": [0.1, -0.05, 0.2],
+        "inertia": [0.5, 0.6, 0.7, 0.02, -0.03, 0.04],
+    },
     ("reference", "plan"): {
         "knots": {
             "times": [0, 0.4, 1, 1.6],
@@ -167,6 +172,7 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
         for kind in ("star_tracker", "joint_encoder", "camera_position", "camera_orientation")
     },
     ("estimator", "target_filter"): {"tip": "tip", "frame": "mate_2"},
+    ("estimator", "inertia_filter"): {"tip": "tip", "frame": "mate_1"},
     ("environment", "orbit"): {
         "semi_major_axis": 8.0,
         "planet_radius": 0.5,

@@ -12,10 +12,12 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from spacerobot.arrays import Array
 from spacerobot.elements import TipController
 from spacerobot.elements.controllers.amnesia import Amnesia
+from spacerobot.elements.controllers.payload_feed_forward import PayloadFeedForward
 from spacerobot.elements.controllers.pid import Pid
 from spacerobot.pinocchio_engine.mechanical_state import FrameMotion
 from spacerobot.scenario.sensors import Sensors
@@ -163,13 +165,54 @@ class Channel:
         return -(sensor.offset + sensor.scale * signal)[axes]
 
 
+@dataclass(frozen=True)
+class Payload:
+    """Wrench that a body at the tip takes to move as the reference does, by Pinocchio's spatial algebra."""
+
+    tip: SceneTip
+    config: PayloadFeedForward
+    rows: tuple[int, ...]
+    columns: tuple[int, ...]
+    spread: Array
+    state_names: tuple[str, ...] = ()
+
+    def initial(self, kinematics: Kinematics, motion: Motion) -> Array:
+        """No states."""
+        del kinematics, motion
+        return np.zeros(0)
+
+    def evaluate(self, kinematics: Kinematics, motion: Motion, states: Array) -> Command:
+        """The wrench, as a command without feedback."""
+        del states
+        mass, com, inertia = self.config.mass, self.config.com, self.config.inertia
+        assert mass is not None
+        assert com is not None
+        assert inertia is not None
+        xx, yy, zz, xy, xz, yz = inertia
+        body = pin.Inertia(mass, np.array(com), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+        axes = motion.rotation
+        twist = pin.Motion(axes.T @ motion.velocity, axes.T @ motion.angular_velocity)
+        gravity = kinematics.model.gravity.linear
+        classical = axes.T @ (motion.acceleration - gravity)
+        spatial = pin.Motion(
+            classical - np.cross(twist.angular, twist.linear), axes.T @ motion.angular_acceleration
+        )
+        wrench = body * spatial + twist.cross(body * twist)
+        command = self.config.feed_forward * np.concatenate([axes @ wrench.linear, axes @ wrench.angular])
+        rows = list(self.rows)
+        jacobian = np.zeros((len(rows), kinematics.model.nv))
+        jacobian[:, self.columns] = kinematics.frame(self.tip.frame).jacobian[rows][:, self.columns]
+        none = np.zeros((len(rows), kinematics.model.nv))
+        return Command(jacobian @ self.spread, none, command[rows], 0.0, np.zeros(0), np.zeros(0))
+
+
 def arm_columns(model: object, body: SceneBody) -> tuple[int, ...]:
     """Places in v of a body's joints, its floating base and what actuators own left out."""
     return tuple(int(model.joints[joint].idx_v) for joint in body.arm_joints)  # type: ignore[attr-defined]
 
 
 @functools.singledispatch
-def tip_law(controller: TipController, scene: Scene, tip: SceneTip, key: str) -> Channel:
+def tip_law(controller: TipController, scene: Scene, tip: SceneTip, key: str) -> Channel | Payload:
     """What a controller of a tip asks for, of each kind; ``key`` is its own in the tip's section."""
     del scene, tip, key
     raise refusal(controller)
@@ -184,3 +227,10 @@ def _(controller: Pid, scene: Scene, tip: SceneTip, key: str) -> Channel:
     else:
         rows, memory = scene.translation_axes, tip.config.amnesia
     return Channel(tip, key, controller, memory, sensors, rows, columns, scene.spread)
+
+
+@tip_law.register
+def _(controller: PayloadFeedForward, scene: Scene, tip: SceneTip, key: str) -> Payload:
+    del key
+    rows = (*scene.translation_axes, *(axis + 3 for axis in scene.rotation_axes))
+    return Payload(tip, controller, rows, arm_columns(scene.model, tip.body), scene.spread)

@@ -1,0 +1,114 @@
+"""The ten inertial parameters of a rigid body, in which its momentum and its wrench are linear.
+
+They are m, m c and the six of the inertia I about the origin of the axes, in Pinocchio's order: m, m c_x,
+m c_y, m c_z, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz (Wensing, Niemeyer and Slotine, Int. J. Robotics Research
+43(1), 2024).
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from spacerobot.dynamics.algebra import cross, skew
+
+SIZE = 10
+_PLACES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+"""Of the inertia's six entries among the parameters."""
+_NAMED = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+"""Of the inertia's six entries in scenarios."""
+
+
+def _matrix(entries: ca.SX, places: tuple[tuple[int, int], ...]) -> ca.SX:
+    found = ca.SX(3, 3)
+    for (i, j), entry in zip(places, ca.vertsplit(entries), strict=True):
+        found[i, j] = found[j, i] = entry
+    return found
+
+
+def _entries(matrix: ca.SX, places: tuple[tuple[int, int], ...]) -> ca.SX:
+    return ca.vertcat(*(matrix[place] for place in places))
+
+
+def _steiner(mass: ca.SX, centre: ca.SX) -> ca.SX:
+    """Inertia (3x3) of a point mass at ``centre`` about the origin."""
+    return mass * (ca.dot(centre, centre) * ca.SX.eye(3) - ca.mtimes(centre, centre.T))
+
+
+def inertial_parameters(mass: ca.SX, centre: ca.SX, inertia: ca.SX) -> ca.SX:
+    """The ten parameters (10x1) of a body.
+
+    Parameters
+    ----------
+    mass
+        Mass (1x1) [kg].
+    centre
+        Centre of mass (3x1) [m].
+    inertia
+        ixx, iyy, izz, ixy, ixz, iyz about the centre of mass (6x1) [kg m^2].
+    """
+    about = _matrix(inertia, _NAMED) + _steiner(mass, centre)
+    return ca.vertcat(mass, mass * centre, _entries(about, _PLACES))
+
+
+def mass_properties(parameters: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Mass, centre of mass and inertia of ten parameters; inverse of :func:`inertial_parameters`."""
+    mass, centre = parameters[0], parameters[1:4] / parameters[0]
+    central = _matrix(parameters[4:], _PLACES) - _steiner(mass, centre)
+    return mass, centre, _entries(central, _NAMED)
+
+
+def spatial_inertia(parameters: ca.SX) -> ca.SX:
+    """From the twist (linear velocity of the origin first) to the momentum about the origin (6x6)."""
+    mass, moment = parameters[0] * ca.SX.eye(3), skew(parameters[1:4])
+    rotational = _matrix(parameters[4:], _PLACES)
+    return ca.vertcat(ca.horzcat(mass, -moment), ca.horzcat(moment, rotational))
+
+
+def momentum_regressor(velocity: ca.SX, spin: ca.SX) -> ca.SX:
+    """Linear momentum, and angular momentum about the origin, per parameter (6x10); axes of the body.
+
+    Parameters
+    ----------
+    velocity, spin
+        Velocity of the origin [m/s] and angular velocity [rad/s] (3x1 each).
+    """
+    one = ca.SX.eye(SIZE)
+    twist = ca.vertcat(velocity, spin)
+    return ca.horzcat(*(ca.mtimes(spatial_inertia(one[:, i]), twist) for i in range(SIZE)))
+
+
+def inertial_wrench(
+    parameters: ca.SX, acceleration: ca.SX, spin: ca.SX, spin_acceleration: ca.SX
+) -> tuple[ca.SX, ca.SX]:
+    """Force and torque about the origin (3x1 each) that a motion takes; axes of the body.
+
+    ``f = m a + alpha x m c + w x (w x m c)``, ``n = I alpha + w x I w + m c x a``.
+
+    Parameters
+    ----------
+    parameters
+        Of the body (10x1).
+    acceleration
+        Of the origin, gravity subtracted (3x1) [m/s^2].
+    spin, spin_acceleration
+        Of the body (3x1 each) [rad/s, rad/s^2].
+    """
+    mass, moment, about = parameters[0], parameters[1:4], _matrix(parameters[4:], _PLACES)
+    force = mass * acceleration + cross(spin_acceleration, moment) + cross(spin, cross(spin, moment))
+    turning = ca.mtimes(about, spin_acceleration) + cross(spin, ca.mtimes(about, spin))
+    return force, turning + cross(moment, acceleration)
+
+
+def in_other_axes(parameters: ca.SX, rotation: ca.SX, origin: ca.SX) -> ca.SX:
+    """The parameters (10x1) in other axes.
+
+    Parameters
+    ----------
+    parameters
+        In the old axes (10x1).
+    rotation, origin
+        Old axes to new ones (3x3), and the old origin in the new axes (3x1) [m].
+    """
+    mass, centre, inertia = mass_properties(parameters)
+    turned = ca.mtimes(rotation, ca.mtimes(_matrix(inertia, _NAMED), rotation.T))
+    return inertial_parameters(mass, origin + ca.mtimes(rotation, centre), _entries(turned, _NAMED))

@@ -1,0 +1,89 @@
+"""Feed-forward of what the object at a tip takes to follow the tip's reference.
+
+    tau = k J^T [f, n],   f = m a + alpha x m c + w x (w x m c),   n = I alpha + w x I w + m c x a
+
+with the velocity and acceleration that the reference has, and the object's ten inertial parameters about the
+tip: given, or those that an estimator has identified so far, zero while nothing is held.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import casadi as ca
+from pydantic import model_validator
+
+from spacerobot.dynamics.inertial_parameters import inertial_parameters, inertial_wrench
+from spacerobot.elements.context import TipContext
+from spacerobot.elements.contribution import Contribution
+from spacerobot.elements.controller import TipController
+from spacerobot.elements.registry import register
+from spacerobot.errors import ScenarioError
+from spacerobot.section import Vector, quantity
+
+KEYS = ("mass", "com", "inertia")
+
+
+@register
+class PayloadFeedForward(TipController):
+    """Feed-forward torques with which the object at the tip, given or identified, follows the reference."""
+
+    kind: Literal["payload_feed_forward"] = "payload_feed_forward"
+    feed_forward: float = quantity("1", "fraction that is commanded", default=1.0, ge=0)
+    mass: float | None = quantity(
+        "kg", "of the object; if not given, an inertia_filter of the tip estimates it", default=None, gt=0
+    )
+    com: Vector | None = quantity("m", "its centre of mass, axes of the tip", default=None)
+    inertia: tuple[float, float, float, float, float, float] | None = quantity(
+        "kg m^2", "its ixx, iyy, izz, ixy, ixz, iyz about it, axes of the tip", default=None
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> PayloadFeedForward:
+        given = [key for key in KEYS if getattr(self, key) is not None]
+        if given and len(given) < len(KEYS):
+            raise ValueError(f"found {', '.join(given)} alone, allowed: {', '.join(KEYS)}, or none of them")
+        return self
+
+    def build(self, tip: TipContext) -> Contribution:
+        """Torques of the arm's joints.
+
+        Raises
+        ------
+        ScenarioError
+            If the object is neither given nor estimated.
+        """
+        context, motion = tip.context, tip.motion
+        if self.mass is not None:
+            com, inertia = (
+                ca.vertcat(*(context.number(f"{key}.{i}") for i in range(size)))
+                for key, size in (("com", 3), ("inertia", 6))
+            )
+            held = inertial_parameters(context.number("mass"), com, inertia)
+            held = context.once("held", context.constants.expanded(held))
+        elif tip.held_inertia is not None:
+            held = tip.held_inertia
+        else:
+            raise ScenarioError(
+                "found neither mass, com and inertia nor an estimator of kind inertia_filter of "
+                f"{tip.label}; give one of them",
+                where=context.path,
+            )
+        axes = motion.rotation
+        gravity = ca.SX(ca.DM(tip.plant.model.gravity.linear))
+        wrench = inertial_wrench(
+            context.number("feed_forward") * held,
+            ca.mtimes(axes.T, motion.acceleration - gravity),
+            ca.mtimes(axes.T, motion.angular_velocity),
+            ca.mtimes(axes.T, motion.angular_acceleration),
+        )
+        return Contribution(torques=(tip.torque(*(ca.mtimes(axes, part) for part in wrench)),))
+
+    def assumptions(self) -> list[str]:
+        """Of what it leaves out."""
+        return ["feeds the object's motion forward as its reference has it, not the arm's own"]
+
+    def words(self) -> str:
+        """Whose mass it takes."""
+        object_ = "the identified object" if self.mass is None else f"an object of {self.mass:g} kg"
+        return f"payload_feed_forward {self.feed_forward:g} of {object_}"

@@ -1,0 +1,398 @@
+"""Recursive least squares for the inertial parameters of the object that a tip holds, from momentum.
+
+The robot and the object that it holds are alone: their momentum h about the world's origin is constant
+(wheels' momentum counted). In the coordinates of the base's velocity, with the base's rows H of the robot's
+mass matrix, the tip's Jacobian J (axes of the tip, J_b its columns of the base) and the regressor Y of a
+body's momentum,
+
+    J_b^T Y(J v) pi - X h = -(H v + wheels)
+
+is linear in the object's ten parameters pi (axes of the tip) and in h, which is unknown too (Murotsu and
+others, J. Guidance 17(3), 1994; Ma, Dang and Pham, IEEE TRO 24(5), 2008). No acceleration is needed, and not
+where in the tip the object is. The residual is known as well as v is: with its variances S (of the base's
+velocity and spin and of the joints' rates) its covariance is W^-1 = G S G^T, G = H + J_b^T M J with the
+spatial inertia M of the estimate so far. Errors of attitude, position and angles weigh less by the time that
+the motion takes, and are neglected. The rows A = [J_b^T Y, -X] are measured with the same noise, so that
+A^T W z, z the right side, has the expectation A^T W A (pi, h) less the sum of S_j (dA/dv_j)^T W G_j. That is
+added; without, slow motions would shrink the mass (bias-compensated least squares).
+
+The information matrix A^T W A and vector of (pi less the assumed, h) add up over the instants, from the prior
+of pi and none of h; their solution, h eliminated first, is the minimum of the weighted squares so far.
+(Covariances instead of information lose digits: h begins unknown and ends known to 1e-5 of itself.)
+
+``held_deviation`` is the root of the greatest eigenvalue of the relative covariance (mass
+over the assumed mass, centre over the radius of gyration, inertia over the mean moment), smoothly from above:
+``tr(C^8)^(1/8)`` exceeds the greatest eigenvalue by at most 10^(1/8), a third.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import ClassVar, Literal
+
+import casadi as ca
+from pydantic import Field
+
+from spacerobot.dynamics import FreeFloating
+from spacerobot.dynamics.algebra import SymmetricFactors, skew
+from spacerobot.dynamics.inertial_parameters import (
+    SIZE,
+    in_other_axes,
+    inertial_parameters,
+    mass_properties,
+    momentum_regressor,
+    spatial_inertia,
+)
+from spacerobot.dynamics.rotations import rotation_exp
+from spacerobot.elements.clock import Clock
+from spacerobot.elements.contribution import Contribution, Output, State, memory
+from spacerobot.elements.estimator import HELD_INERTIA, Estimator, EstimatorContext
+from spacerobot.elements.joint_position import joint_position
+from spacerobot.elements.kalman import symmetric, triangle
+from spacerobot.elements.registry import register
+from spacerobot.elements.robot_element import RobotProperties
+from spacerobot.errors import ScenarioError
+from spacerobot.section import Name, Vector, quantity
+
+PLANAR = (0, 1, 2, 9)
+"""Parameters that a motion in the x-y plane depends on."""
+NOISY = {"velocity_noise": "base_velocity", "spin_noise": "base_spin", "rate_noise": "joint_rate"}
+OTHERS = ("base_position", "base_orientation", "joint_position")
+
+
+@register
+class InertiaFilter(Estimator):
+    """Mass, centre of mass and inertia of a held object by recursive least squares on momentum.
+
+    It runs while the tip holds the object, from sensors of the base and the joints or from filters above it.
+    """
+
+    kind: Literal["inertia_filter"] = "inertia_filter"
+    makes: ClassVar[tuple[str, ...]] = (HELD_INERTIA,)
+
+    tip: Name = Field(description="tip of the robot that holds the object")
+    frame: str = Field(description="link of the target that it holds, a mating frame")
+    period: float = quantity("s", "time between two updates", default=0.5, gt=0)
+    mass: float | None = quantity(
+        "kg", "assumed mass, with which it begins; that of the target if not given", default=None, gt=0
+    )
+    com: Vector | None = quantity(
+        "m", "assumed centre of mass, axes of the target's root link; likewise", default=None
+    )
+    inertia: tuple[float, float, float, float, float, float] | None = quantity(
+        "kg m^2", "assumed ixx, iyy, izz, ixy, ixz, iyz about it, same axes; likewise", default=None
+    )
+    mass_deviation: float = quantity(
+        "1", "standard deviation of the assumed mass, relative", default=0.5, gt=0
+    )
+    com_deviation: float = quantity(
+        "m", "standard deviation of the assumed centre of mass, along each axis", default=0.1, gt=0
+    )
+    inertia_deviation: float = quantity(
+        "1",
+        "standard deviation of the assumed moments and products of inertia, over their mean moment",
+        default=0.5,
+        gt=0,
+    )
+    velocity_noise: float | None = quantity(
+        "m/s", "standard deviation of the base's measured velocity; its sensor's if not given", default=None
+    )
+    spin_noise: float | None = quantity(
+        "rad/s", "standard deviation of the base's measured spin; its sensor's if not given", default=None
+    )
+    rate_noise: float | None = quantity(
+        "rad/s, m/s", "standard deviation of a measured joint rate; its sensor's if not given", default=None
+    )
+
+    def frames(self) -> tuple[str, str]:
+        """The tip that holds, and the link of the target that is held."""
+        return self.tip, self.frame
+
+    def reads(self) -> set[str]:
+        """Motion of the base and of the joints."""
+        return {*NOISY.values(), *OTHERS}
+
+    def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
+        """A base that is fixed, noise that nobody gives, samples that are not of its instants."""
+        if robot.base == "fixed":
+            yield "", f"the base of {robot.name} is fixed, so momentum is not conserved; leave it out"
+        for signal in (*NOISY.values(), *OTHERS):
+            sensor = robot.sensors.get(signal)
+            errors = None if sensor is None else sensor.errors
+            key = next((key for key, of in NOISY.items() if of == signal), None)
+            if key and getattr(self, key) is None and not (errors and (errors.noise or errors.resolution)):
+                yield key, f"missing, and {signal} has no `noise`; give one of them"
+            ratio = self.period / errors.period if errors else 1.0
+            if abs(ratio - round(ratio)) > 1e-9 * ratio or ratio < 0.5:
+                yield (
+                    "period",
+                    f"found {self.period:g} s, allowed: whole multiples of the period of {signal}, "
+                    f"{errors.period if errors else 0:g} s",
+                )
+
+    def build(self, robot: EstimatorContext) -> Contribution:
+        """Estimates, and the event that makes them."""
+        return _InertiaFilterLaw(self, robot).contribution()
+
+    def assumptions(self) -> list[str]:
+        """Of what it knows."""
+        return ["knows the robot's own masses; nothing but the robot's joints and wheels acts on its object"]
+
+    def words(self) -> str:
+        """What it identifies."""
+        return f"inertia_filter of what {self.tip} holds, every {self.period:g} s"
+
+
+class _InertiaFilterLaw:
+    """States and expressions of one filter; see above."""
+
+    def __init__(self, config: InertiaFilter, robot: EstimatorContext) -> None:
+        self.config, self.robot, plant = config, robot, robot.plant
+        self.planar = plant.planar
+        self.columns = list(PLANAR if plant.planar else range(SIZE))
+        model, joint = plant.model, int(plant.model.frames[robot.base_frame].parentJoint)
+        self.joint, first = joint, int(model.idx_vs[joint])
+        self.base = list(range(first, first + int(model.nvs[joint])))
+        self.tip, self.label = robot.tips[config.tip], robot.label
+        once, expanded = robot.context.once, robot.context.constants.expanded
+        self.assumed = once("assumed", expanded(self._assumed()))
+        self.first = once("prior", expanded(triangle(self._prior())))
+        size = len(self.columns) + len(self.base)
+        self.size = size
+        self.start = ca.densify(self.assumed[self.columns])
+        self.mean = memory(f"{self.label}.mean", self.start)
+        self.covariance = memory(f"{self.label}.covariance", self.first)
+        self.information = memory(f"{self.label}.information", ca.SX.zeros(size * (size + 1) // 2))
+        self.vector = memory(f"{self.label}.vector", ca.SX.zeros(size))
+
+    def _assumed(self) -> ca.SX:
+        """Parameters of the assumed object (10x1), axes of the mating frame, which the tip's are to meet."""
+        number, target = self.robot.context.number, self.robot.target
+        assert target is not None, "scenes are refused whose filters see nothing"
+        mass = ca.SX(target.mass) if self.config.mass is None else number("mass")
+        if self.config.com is None:
+            centre = ca.SX(ca.DM(target.centre))
+        else:
+            centre = ca.vertcat(*(number(f"com.{i}") for i in range(3)))
+        if self.config.inertia is None:
+            about = target.axes @ ca.DM(ca.diag(target.moments)) @ target.axes.T
+            inertia = ca.SX(ca.vertcat(ca.diag(about), about[0, 1], about[0, 2], about[1, 2]))
+        else:
+            inertia = ca.vertcat(*(number(f"inertia.{i}") for i in range(6)))
+        rotation, origin = (ca.SX(ca.DM(part)) for part in target.poses[self.config.frame])
+        known = inertial_parameters(mass, centre, inertia)
+        return in_other_axes(known, rotation.T, -ca.mtimes(rotation.T, origin))
+
+    def _whole(self) -> ca.SX:
+        """The estimate (10x1); what a plane's motion does not depend on is as assumed."""
+        found = ca.SX(self.assumed)
+        found[self.columns] = self.mean.symbol
+        return found
+
+    def _scales(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Mass, radius of gyration and mean moment of inertia of the assumed object (1x1 each)."""
+        mass, _, inertia = mass_properties(self.assumed)
+        mean = inertia[2] if self.planar else ca.sum1(inertia[:3]) / 3
+        return mass, ca.sqrt((1.0 if self.planar else 1.5) * mean / mass), mean
+
+    def _named(self, values: ca.SX) -> ca.SX:
+        """Mass, centre and inertia of parameters that are estimated: ten, of four in a plane four."""
+        if not self.planar:
+            return ca.vertcat(*mass_properties(values))
+        mass, x, y, moment = ca.vertsplit(values)
+        return ca.vertcat(mass, x / mass, y / mass, moment - (x * x + y * y) / mass)
+
+    def _slope(self, values: ca.SX) -> ca.SX:
+        """Derivative of the named by the estimated parameters."""
+        symbol = ca.SX.sym("pi", values.size1())
+        slope = ca.Function("slope", [symbol], [ca.jacobian(self._named(symbol), symbol)])
+        return slope(values)
+
+    def _by_name(self, mass: ca.SX, centre: ca.SX, inertia: ca.SX) -> ca.SX:
+        """One number for each named parameter."""
+        centres, inertias = (2, 1) if self.planar else (3, 6)
+        return ca.vertcat(mass, ca.repmat(centre, centres, 1), ca.repmat(inertia, inertias, 1))
+
+    def _prior(self) -> ca.SX:
+        """Covariance at the start, of independent errors of mass, centre and inertia."""
+        number = self.robot.context.number
+        mass, _, mean = self._scales()
+        deviation = self._by_name(
+            number("mass_deviation") * mass, number("com_deviation"), number("inertia_deviation") * mean
+        )
+        count = deviation.size1()
+        # d pi / d named is the inverse of a triangular matrix
+        back = ca.solve(ca.densify(self._slope(self.assumed[self.columns])), ca.SX.eye(count))
+        return ca.mtimes(back, ca.mtimes(ca.diag(deviation**2), back.T))
+
+    def _variance(self, key: str) -> ca.SX:
+        """Of a sample (1x1)."""
+        if getattr(self.config, key) is not None:
+            return self.robot.context.number(key) ** 2
+        errors = self.robot.errors(NOISY[key])
+        return errors.number("noise") ** 2 / errors.steady("period") + errors.number("resolution") ** 2 / 12
+
+    def _measured(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+        """Measured q with the true base (nq x 1), v (nv x 1), and from momentum about the world's origin.
+
+        The last is X (k x k); all else that follows does not depend on where the base is.
+        """
+        robot, plant = self.robot, self.robot.plant
+        model, read = plant.model, robot.read
+        rotation, origin = plant.placement(robot.base_frame)
+        start = robot.context.once("attitude", robot.attitude)
+        turned = read("base_orientation", plant.orientation_error(rotation, start))
+        # true base axes of vectors that are measured in the world's
+        turn = ca.mtimes(rotation, ca.mtimes(rotation_exp(turned), start).T)
+        place = read("base_position", origin)
+        velocity, spin = plant.velocity(robot.base_frame)
+        twist = ca.vertcat(
+            ca.mtimes(turn, read("base_velocity", velocity)), ca.mtimes(turn, read("base_spin", spin))
+        )
+        onto = plant.jacobian(robot.base_frame)[:, self.base]  # whose columns are orthonormal
+        v = ca.SX(plant.v)
+        v[self.base] = ca.mtimes(onto.T, twist)
+        columns = [int(model.idx_vs[joint]) for joint in robot.joints]
+        v[columns] = read("joint_rate", plant.v[columns])
+        v = ca.mtimes(plant.spread, v) if plant.ties.size2() else v
+        angles = ca.vertcat(*(joint_position(model, joint, plant.q) for joint in robot.joints))
+        q = ca.SX(plant.q)
+        for joint, angle in robot.positions(read("joint_position", angles)).items():
+            at = int(model.idx_qs[joint])
+            if model.nqs[joint] == 1:
+                q[at] = angle
+            else:
+                q[at], q[at + 1] = ca.cos(angle), ca.sin(angle)
+        whole = ca.vertcat(ca.horzcat(turn, ca.SX(3, 3)), ca.horzcat(-ca.mtimes(turn, skew(place)), turn))
+        axes = [*plant.translation_axes, *(axis + 3 for axis in plant.rotation_axes)]
+        return q, v, ca.mtimes(onto.T, whole)[:, axes], onto
+
+    def _added(self) -> tuple[ca.SX, ca.SX]:
+        """Information that an instant adds: triangle of the matrix, and vector."""
+        robot, plant = self.robot, self.robot.plant
+        q, v, total, onto = self._measured()
+        split = FreeFloating.split(plant.model, plant.kinematics, plant.inertias, self.joint)
+        count = plant.v.size1()
+        inertia = ca.SX(len(self.base), count)
+        inertia[:, self.base], inertia[:, list(split.columns)] = split.base_inertia, split.base_coupling
+        axes = plant.placement(self.tip)[0].T
+        jacobian = ca.mtimes(ca.diagcat(axes, axes), plant.jacobian(self.tip))
+        inertia, jacobian = ca.substitute([inertia, jacobian], [plant.q], [q])
+        twist, back = ca.mtimes(jacobian, v), jacobian[:, self.base].T
+        regressor = ca.mtimes(back, momentum_regressor(twist[:3], twist[3:])[:, self.columns])
+        wheels = ca.mtimes(onto.T, ca.vertcat(ca.SX(3, 1), robot.stored()))
+        rows = ca.horzcat(regressor, -total)
+        left = -ca.mtimes(inertia, v) - wheels - ca.mtimes(regressor, self.start)
+        whole = inertia + ca.mtimes(back, ca.mtimes(spatial_inertia(self._whole()), jacobian))
+        whole = ca.mtimes(whole, plant.spread) if plant.ties.size2() else whole
+        variances = ca.SX(count, 1)
+        moving = len(plant.translation_axes)
+        variances[self.base[:moving]] = self._variance("velocity_noise")
+        variances[self.base[moving:]] = self._variance("spin_noise")
+        variances[[int(plant.model.idx_vs[joint]) for joint in robot.joints]] = self._variance("rate_noise")
+        factors = SymmetricFactors(ca.densify(ca.mtimes(whole, ca.mtimes(ca.diag(variances), whole.T))))
+        white = factors.reduced(ca.horzcat(rows, left))
+        weighted = ca.mtimes(ca.diag(-factors.negated_pivots), white)
+        added = ca.mtimes(white[:, :-1].T, weighted)  # the last column is the vector
+        # noise of the rows is correlated with that of the residual; its expectation, by parameter
+        shared = ca.mtimes(back.T, factors.solve(ca.mtimes(whole, ca.diag(variances))))
+        shared = ca.mtimes(shared, jacobian.T)
+        one = ca.SX.eye(SIZE)
+        bias = [ca.sum1(ca.sum2(spatial_inertia(one[:, i]) * shared)) for i in self.columns]
+        return triangle(added[:, :-1]), added[:, -1] + ca.vertcat(*bias, ca.SX(len(self.base), 1))
+
+    def _solved(self, information: ca.SX, vector: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Parameters and the triangle of their covariance, the total momentum eliminated."""
+        n = len(self.columns)
+        whole = symmetric(information, self.size)
+        momentum, coupling = SymmetricFactors(whole[n:, n:]), whole[n:, :n]
+        prior = SymmetricFactors(symmetric(self.first, n)).solve(ca.SX.eye(n))
+        reduced = whole[:n, :n] - ca.mtimes(coupling.T, momentum.solve(coupling))
+        factors = SymmetricFactors(prior + reduced)
+        right = vector[:n] - ca.mtimes(coupling.T, momentum.solve(vector[n:]))
+        return self.start + factors.solve(right), triangle(factors.solve(ca.SX.eye(n)))
+
+    def contribution(self) -> Contribution:
+        """States, the event at its instants, the estimate and outputs."""
+        robot = self.robot
+        for signal in (*NOISY.values(), *OTHERS):
+            delay = robot.late(signal)
+            if delay:
+                raise ScenarioError(
+                    f"found {signal} {delay:g} s late, allowed: without `delay`, or an estimator above that "
+                    "estimates it",
+                    where=robot.context.path,
+                )
+        closed = robot.closed(self.config.tip, self.config.frame)
+        clock = Clock.of(f"{self.label}.instants", robot.context.time, robot.context.steady("period"))
+        information, vector = (
+            old.symbol + new for old, new in zip((self.information, self.vector), self._added(), strict=True)
+        )
+        mean, covariance = self._solved(information, vector)
+        updates: list[tuple[State, ca.SX]] = [
+            (self.mean, ca.if_else(closed, mean, self.start)),
+            (self.covariance, ca.if_else(closed, covariance, self.first)),
+            (self.information, ca.if_else(closed, information, 0)),
+            (self.vector, ca.if_else(closed, vector, 0)),
+        ]
+        named = {state.name: ca.densify(value) for state, value in updates}
+        tick = clock.event(f"{self.label}.estimated", "estimated", self.label, named, silent=True)
+        found = self._whole()
+        return Contribution(
+            states=(*(state for state, _ in updates), clock.count),
+            events=(tick,),
+            outputs=tuple(self._outputs()),
+            estimates=((HELD_INERTIA, lambda _: closed * found),),
+        )
+
+    def _outputs(self) -> Iterable[Output]:
+        """Errors and standard deviations, and how the ones agree with the others."""
+        plant, target, name = self.robot.plant, self.robot.target, self.robot.robot
+        assert target is not None, "scenes are refused whose filters see nothing"
+        joint = int(plant.model.frames[target.root].parentJoint)
+        mass, moment, about = (
+            part[joint] for part in (plant.inertias.mass, plant.inertias.moment, plant.inertias.rotational)
+        )
+        entries = [about[place] for place in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))]
+        body = ca.densify(ca.vertcat(mass, moment, *entries))
+        axes, origin = plant.placement(self.tip)
+        rotation = ca.mtimes(axes.T, plant.kinematics.rotation[joint])
+        lever = ca.mtimes(axes.T, plant.kinematics.origin[joint] - origin)
+        true = in_other_axes(body, rotation, lever)[self.columns]
+        count = len(self.columns)
+        mean = self.mean.symbol
+        covariance = symmetric(self.covariance.symbol, count)
+        slope = self._slope(mean)
+        spread = ca.mtimes(slope, ca.mtimes(covariance, slope.T))
+        error, deviation = self._named(true) - self._named(mean), ca.sqrt(ca.diag(spread))
+        places = {
+            "mass": ("kg", [0], [0]),
+            "com": ("m", [1, 2], [0, 1]) if self.planar else ("m", [1, 2, 3], [0, 1, 2]),
+            "moments": ("kg m^2", [3], [2]) if self.planar else ("kg m^2", [4, 5, 6], [0, 1, 2]),
+        } | ({} if self.planar else {"products": ("kg m^2", [7, 8, 9], [0, 1, 2])})
+        for key, (unit, own, at) in places.items():
+            for kind, values, text in (
+                ("error", error, "true less estimated"),
+                ("deviation", deviation, "standard deviation of the estimated"),
+            ):
+                whole = ca.SX(1 if key == "mass" else 3, 1)
+                whole[at] = values[own]
+                label = {
+                    "com": "centre of mass",
+                    "moments": "moments of inertia",
+                    "products": "products of inertia",
+                }
+                text = f"{text} {label.get(key, key)} of held objects, axes of the tip"
+                yield Output(f"held_{key}_{kind}", whole, unit, text, "body", name)
+        left = true - mean
+        nees = ca.dot(left, SymmetricFactors(covariance).solve(left))
+        yield Output("held_nees", nees, "1", "normalised error squared of inertia filters", "body", name)
+        scale = 1 / self._by_name(*self._scales())
+        power = ca.mtimes(ca.diag(scale), ca.mtimes(spread, ca.diag(scale)))
+        size = ca.trace(power)
+        power = power / size  # whose powers neither vanish nor grow
+        for _ in range(3):
+            power = ca.mtimes(power, power)
+        worst = ca.sqrt(size * ca.trace(power) ** (1 / 8))
+        text = "greatest relative standard deviation, in any direction, of inertia filters"
+        yield Output("held_deviation", worst, "1", text, "body", name)
