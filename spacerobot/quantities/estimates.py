@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -36,10 +37,15 @@ def number(output: str) -> Callable[[Context], Components]:
 
 
 def _final(
-    name: str, texts: tuple[str, str], unit: str, found: Callable[[Context], Components], absent: str
+    name: str,
+    texts: tuple[str, str],
+    unit: str,
+    found: Callable[[Context], Components],
+    absent: str,
+    **further: Any,
 ) -> Quantity:
     """Quantity at the end of a rollout, kept where it is named."""
-    return Quantity(name, *texts, unit, "final", found, is_default=False, absent=absent)
+    return Quantity(name, *texts, unit, "final", found, is_default=False, absent=absent, **further)
 
 
 QUANTITIES = (
@@ -94,6 +100,8 @@ QUANTITIES = (
         "1",
         number("held_deviation"),
         NO_HELD,
+        weight="held_deviation",
+        weight_unit="1",
     ),
     _final(
         "held_mass_error",

@@ -19,7 +19,7 @@ def target_model(scene: Scene) -> TargetModel | None:
     pin.framesForwardKinematics(model, data, scene.q)
     root, whole = data.oMf[body.root_frame], data.Ycrb[body.root_joint]
     joint = root.actInv(data.oMi[body.root_joint])
-    _, axes = np.linalg.eigh(joint.rotation @ whole.inertia @ joint.rotation.T)
+    moments, axes = np.linalg.eigh(joint.rotation @ whole.inertia @ joint.rotation.T)
     axes = axes * np.sign(np.linalg.det(axes))
     links = {
         link.name: int(model.getFrameId(f"target/{link.name}", pin.FrameType.BODY))

@@ -139,7 +139,7 @@ class InertiaFilter(Estimator):
         return ["knows the robot's own masses; nothing but the robot's joints and wheels acts on its object"]
 
     def words(self) -> str:
-        """What it identifies."""
+        """Tip and period."""
         return f"inertia_filter of what {self.tip} holds, every {self.period:g} s"
 
 

@@ -1,0 +1,87 @@
+"""Identification of a held object: ``python -m benchmarks.identification``.
+
+Prints the tables of docs/validation/identification.md: errors of the ten parameters over noise draws after
+60 s of two motions, beside the standard deviations; and how the object of
+``caught-unknown`` is carried if it is known, assumed, or identified.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+import spacerobot as sr
+
+DRAWS = 12
+HEAVIER = {"target.links.body.mass": 140, "target.links.body.com": [0.03, -0.01, 0.02]}
+AXES = (((25, 0, 0), (0, 0.1, 0.1)), ((0, 25, 0), (0.1, 0, -0.1)), ((0, 0, 25), (-0.1, -0.1, 0)))
+HELD = "robots.servicer.estimators.held"
+SURE = {f"{HELD}.mass_deviation": 1e-6, f"{HELD}.com_deviation": 1e-7, f"{HELD}.inertia_deviation": 1e-6}
+TRUE = {"mass": 140, "com": [0.02, -0.01, 0.02], "inertia": [28.5, 27.1, 24.2, 0.6, -0.4, 0.5]}
+CASES: dict[str, dict[str, Any]] = {
+    "known": {f"{HELD}.{key}": value for key, value in TRUE.items()} | SURE,
+    "assumed, not identified": SURE,
+    "identified": {},
+    "no feed-forward": {"robots.servicer.tips.left_tip.controllers.payload.feed_forward": 0},
+}
+
+
+def turned(seconds: float) -> dict[str, Any]:
+    """Phases that turn the satellite about one axis after another and back, each in so many seconds."""
+    found = {}
+    for k in range(round(60 / seconds)):
+        axis, sign = k % len(AXES), 1 - 2 * (k // len(AXES) % 2)
+        rotation, way = (sign * np.array(vector) for vector in AXES[axis])
+        line = {"kind": "line", "displacement": way.tolist(), "rotation_deg": rotation.tolist()}
+        own = {"reference": line | {"duration": 0.9 * seconds}}
+        found[f"turn_{k}"] = {"target": own, "until": {"time": seconds}}
+    return found
+
+
+def accuracy(seconds: float) -> None:
+    """Print the errors of one motion: of 60 s, in turns of so many seconds."""
+    times = {"duration": 60, "step": 0.05, "output_step": 0.1}
+    changes = HEAVIER | {"simulation": times, "phases": turned(seconds)}
+    result = sr.simulate(sr.load_scene("servicer", changes), backend="interpreted")
+    found = [sr.identify(result, noise=sr.SensorNoise(), seed=seed) for seed in range(DRAWS)]
+    truth = found[0].truth
+    mean = truth[4:7].mean()
+    scale = np.array([truth[0], *[np.sqrt(1.5 * mean / truth[0])] * 3, *[mean] * 6])
+    errors = np.array([(one.values - truth) / scale for one in found])
+    told = np.array([one.deviations / scale for one in found]).mean(axis=0)
+    whole = 100 * np.median(np.abs(errors))
+    print(f"\n{60 / seconds:.0f} turns of {seconds:g} s; {whole:.2f} % median of all\n")
+    print("| [%] | median | 95 % | standard deviation | scatter |\n|---|---|---|---|---|")
+    names = ["mass", *(f"com_{axis}" for axis in "xyz")]
+    names += [f"inertia_{axes}" for axes in ("xx", "yy", "zz", "xy", "xz", "yz")]
+    for i, name in enumerate(names):
+        sizes = 100 * np.abs(errors[:, i])
+        row = np.median(sizes), np.quantile(sizes, 0.95), 100 * told[i], 100 * errors[:, i].std()
+        print(f"| {name} | " + " | ".join(f"{value:.2f}" for value in row) + " |", flush=True)
+
+
+def carried() -> None:
+    """Print the errors over the phase in which the object is carried."""
+    print("\n| object | position, rms [mm] | greatest [mm] | orientation, rms [mrad] | greatest [mrad] |")
+    print("|---|---|---|---|---|")
+    for name, changes in CASES.items():
+        result = sr.simulate(sr.load_scene("caught-unknown", changes))
+        time, ends = result.array("time"), [event["time_s"] for event in result.summary["events"]]
+        own = time >= ends[-1] - 10.001
+        row = []
+        for output in ("tip_error", "tip_orientation_error"):
+            size = 1e3 * np.linalg.norm(result.array(output)[own, 0], axis=-1)
+            row += [np.sqrt(np.mean(size**2)), size.max()]
+        print(f"| {name} | " + " | ".join(f"{value:.2f}" for value in row) + " |", flush=True)
+
+
+def main() -> None:
+    """Print the tables as Markdown."""
+    carried()
+    for seconds in (20.0, 5.0):
+        accuracy(seconds)
+
+
+if __name__ == "__main__":
+    main()
