@@ -361,6 +361,20 @@ class PlanInstant(Protocol):
             Key of the section that holds them.
         """
 
+    def flexible(self, body: str, key: str) -> Mapping[str, tuple[ca.SX, ca.SX]]:
+        """Position [rad or m] and rate of each joint of a body's flexible links (1x1 each), by its name.
+
+        Parameters
+        ----------
+        body
+            Name of the body, which must have some.
+        key
+            Key of the section that names it.
+        """
+
+    def vibration_energy(self) -> ca.SX:
+        """Elastic energy of flexible links, and kinetic energy of their joints' motion alone (1x1) [J]."""
+
     def bases(self) -> Mapping[str, PlannedBase]:
         """Floating bases, by robot."""
 

@@ -409,6 +409,10 @@ def test_shapes_of_an_appendage_move_with_its_first_mode():
         (BOOM | {"youngs_modulus": 7e10}, "bending_stiffness: give it, or both"),
         (PANEL | {"participation": [[1, 0, 0, 0, 0, 0]] * 2}, "participation: found 2, allowed: 1"),
         (PANEL | {"participation": [[0.0] * 6]}, "participation.0: found zeros alone"),
+        (
+            PANEL | {"participation": [[1.0] + [0.0] * 5], "shapes": [1]},
+            "shapes: found 1, allowed: less than 1",
+        ),
     ],
 )
 def test_what_cannot_be_is_refused_in_one_line(flexible, told):

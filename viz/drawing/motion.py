@@ -227,12 +227,32 @@ class SceneGeometry:
 
 
 def sample_motion(
-    result: Result, scene: Scene, rows: Sequence[int] | Rows, stage: SceneGeometry | None = None
+    result: Result,
+    scene: Scene,
+    rows: Sequence[int] | Rows,
+    stage: SceneGeometry | None = None,
+    enlarged: float = 1.0,
 ) -> BodyMotion:
-    """Placements at rows of a result's data; ``stage`` is the scene's, read anew if not given."""
+    """Placements at rows of a result's data.
+
+    Parameters
+    ----------
+    result, scene, rows
+        The result, its scene, and the rows.
+    stage
+        The scene's; read anew if not given.
+    enlarged
+        Factor of the deflections of flexible links: of the positions of their joints.
+    """
     rows = np.asarray(rows, dtype=np.int64)
     q, time = result.array("q")[rows], result.array("time")[rows]
+    q[:, passive_positions(scene)] *= enlarged
     return replace(place(scene, stage or SceneGeometry.of(scene), q, time), rows=rows)
+
+
+def passive_positions(scene: Scene) -> list[int]:
+    """Places in q of the joints of flexible links."""
+    return [int(scene.model.idx_qs[joint]) for body in scene.bodies for joint in body.passive]
 
 
 def initial_motion(scene: Scene) -> BodyMotion:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from viz.drawing.motion import (
     greatest_force,
     initial_motion,
     only,
+    passive_positions,
     pick_rows,
     sample_motion,
 )
@@ -42,6 +43,9 @@ FRAMES_PER_S = 25.0
 """Of simulated time; the page interpolates between them."""
 
 MOST_FRAMES = 1500
+
+ENLARGED = (10, 100)
+"""Factors by which deflections of flexible links can be enlarged."""
 
 FIRST_SHOWN = 2
 """Of several results, when a page opens."""
@@ -114,12 +118,16 @@ def shown_data(
 
 @dataclass(frozen=True, eq=False)
 class AnimatedResult:
-    """A result, the scene it ran in, how that moved, and what to call it."""
+    """A result, the scene it ran in, how that moved, and what to call it.
+
+    ``bent`` are the motions with the deflections of flexible links enlarged, by the factor.
+    """
 
     result: Result
     scene: Scene
     motion: BodyMotion
     label: str
+    bent: Mapping[int, BodyMotion] = field(default_factory=dict)
 
 
 def look_at(
@@ -131,7 +139,9 @@ def look_at(
     """
     scene = scene or result.scene()
     rows = pick_rows(result.array("time"), rate_hz=FRAMES_PER_S, most=MOST_FRAMES)
-    return AnimatedResult(result, scene, sample_motion(result, scene, rows, stage), label)
+    stage = stage or SceneGeometry.of(scene)
+    bent = {k: sample_motion(result, scene, rows, stage, k) for k in ENLARGED if passive_positions(scene)}
+    return AnimatedResult(result, scene, sample_motion(result, scene, rows, stage), label, bent)
 
 
 def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
@@ -197,6 +207,7 @@ def run_data(shown: AnimatedResult) -> dict[str, Any]:
         "completed": result.completed,
         "time": packed(motion.time),
         "poses": poses(motion),
+        **({"bent": {str(k): poses(one) for k, one in shown.bent.items()}} if shown.bent else {}),
         "tip_names": tips,
         "tips": packed(result.array("tip_position")[rows]),
         "references": [packed(references[:, k]) for k in range(len(tips))],

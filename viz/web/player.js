@@ -135,6 +135,8 @@ export class Player {
     $("looking").hidden = this.payload.near.length === 0;
     const looks = [["all", "all"], ["near", "close up"]];
     options($("look"), this.payload.shots.length > 1 ? [["auto", "auto"], ...looks] : looks);
+    $("bending").hidden = !this.payload.runs.some((run) => run.bent);
+    this.enlarge($("enlarged").value);
     const { bodies } = this.scene;
     $("following").hidden = bodies.length === 0 || this.scene.end < 1e-6;
     options($("follow"), [["", "nothing"], ...bodies.map((body) => [body, called(body)])]);
@@ -164,6 +166,12 @@ export class Player {
     this.scene.refit(); // what the words say has another width
     this.timeline.seek(this.timeline.time);
     this.note();
+  }
+
+  // Deflections of flexible links by a factor.
+  enlarge(factor) {
+    $("enlarged").value = factor;
+    for (const run of this.scene.runs) run.enlarge($("enlarged").value);
   }
 
   toggled(layer) {
@@ -276,6 +284,7 @@ export class Player {
   listen() {
     $("arrange").addEventListener("change", () => this.view(() => this.scene.lay($("arrange").value === "over")));
     $("look").addEventListener("change", () => this.view(() => this.scene.look($("look").value)));
+    $("enlarged").addEventListener("change", () => this.view(() => this.enlarge($("enlarged").value)));
     $("follow").addEventListener("change", () => this.view(() => this.scene.follow($("follow").value)));
     $("reset").addEventListener("click", () => this.view(() => this.scene.arrange()));
     $("picture").addEventListener("click", () => this.camera.savePicture(this.fileName));
@@ -330,6 +339,7 @@ export class Player {
       ["t", timeline.time.toFixed(3)], ["play", timeline.playing ? "1" : ""], ["quality", scene.quality.fixed < 0 ? "" : String(scene.quality.fixed)],
       ["speed", timeline.speed === 1 ? "" : String(timeline.speed)],
       ["arrange", scene.over ? "over" : ""], ["look", scene.near ? "near" : scene.auto || !this.payload?.shots?.length ? "" : "all"], ["follow", scene.followed],
+      ["bending", $("enlarged").value === "1" ? "" : $("enlarged").value],
       ["signals", this.signals.text], ["scheme", chosenScheme()], ["names", this.signals.full ? "full" : ""], ["phase", this.portrait.text], ["layers", this.legend.text],
       ["eye", pose && pose.map((value) => Number(value.toPrecision(6))).join(" ")],
     ];
@@ -350,6 +360,7 @@ export class Player {
     if (wanted.has("quality")) scene.quality.fixed = fixedLevel(`#${wanted}`);
     if (wanted.has("arrange")) scene.lay(wanted.get("arrange") === "over");
     if (wanted.has("look")) scene.look(wanted.get("look") || "auto");
+    if (wanted.has("bending")) this.enlarge(wanted.get("bending") || "1");
     if (wanted.has("signals")) { this.signals.text = wanted.get("signals"); this.picked(); }
     if (wanted.has("scheme")) scheme(wanted.get("scheme"));
     if (wanted.get("names") === "full") this.name(true);

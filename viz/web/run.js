@@ -36,7 +36,8 @@ export class Run {
   read(data) {
     this.data = data;
     this.time = floats(data.time);
-    this.poses = floats(data.poses);
+    this.bent = Object.fromEntries([["1", floats(data.poses)], ...Object.entries(data.bent || {}).map(([k, poses]) => [k, floats(poses)])]);
+    this.enlarge(this.factor || "1");
     this.tips = floats(data.tips);
     this.forces = floats(data.forces);
     this.mates = floats(data.mates);
@@ -51,6 +52,12 @@ export class Run {
     this.errors = data.errors.map((values) => values && floats(values)); // null: a tip that nothing leads
     this.centres = floats(data.masses.centres);
     this.momenta = floats(data.masses.momenta);
+  }
+
+  // Deflections of flexible links by a factor, of those that there are.
+  enlarge(factor) {
+    this.factor = factor;
+    this.poses = this.bent[factor] || this.bent["1"];
   }
 
   // Another motion of the same bodies.

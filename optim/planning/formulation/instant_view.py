@@ -13,8 +13,8 @@ import pinocchio as pin
 from optim.planning.formulation.base_reactions import base_reactions
 from optim.planning.formulation.lookup import find_frame, find_robot, find_still, find_tip, joints_named
 from optim.planning.formulation.reaction_wheels import wheel_driven_bases
-from optim.planning.formulation.stage import Stage
-from spacerobot.dynamics import forward_kinematics
+from optim.planning.formulation.stage import Stage, spring_forces
+from spacerobot.dynamics import Inertias, forward_kinematics, kinetic_energy
 from spacerobot.dynamics.joints import exact_directions, sparse
 from spacerobot.elements.collision_shape import Wrap
 from spacerobot.elements.goal import Goal
@@ -128,6 +128,27 @@ class InstantView:
                 raise ScenarioError(told, source=self.stage.scene.source, where=f"{self.where}.{key}")
             found |= dict.fromkeys(matched, given[pattern])
         return found
+
+    def flexible(self, body: str, key: str) -> dict[str, tuple[ca.SX, ca.SX]]:
+        """Position and rate of each joint of a body's flexible links."""
+        scene, where = self.stage.scene, f"{self.where}.{key}"
+        bodies = {one.name: one.passive for one in scene.bodies if one.passive}
+        if body not in bodies:
+            told = f"no flexible links of {body!r}; {near_names(body, bodies)}"
+            raise ScenarioError(told, source=scene.source, where=where)
+        joints = {scene.model.names[joint]: scene.model.joints[joint] for joint in bodies[body]}
+        return {name: (self.stage.q[one.idx_q], self.stage.v[one.idx_v]) for name, one in joints.items()}
+
+    def vibration_energy(self) -> ca.SX:
+        """Energy of flexible links."""
+        stage, model = self.stage, self.stage.scene.model
+        rates, elastic = ca.SX(model.nv, 1), ca.SX(0)
+        springs = spring_forces(stage.scene, stage.q)
+        for joint in (model.joints[j] for body in stage.scene.bodies for j in body.passive):
+            rates[joint.idx_v] = stage.v[joint.idx_v]
+            elastic += springs[joint.idx_v] * stage.q[joint.idx_q] / 2
+        moving = forward_kinematics(model, stage.q, rates)
+        return elastic + kinetic_energy(model, moving, Inertias.from_model(model))
 
     def bases(self) -> dict[str, PlannedBase]:
         """Floating bases, by robot."""

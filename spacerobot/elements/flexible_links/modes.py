@@ -43,6 +43,7 @@ from spacerobot.description.read import Description
 from spacerobot.elements.contribution import Contribution, Output
 from spacerobot.elements.flexible_link import FlexibleContext, FlexibleLink, Number
 from spacerobot.elements.registry import register
+from spacerobot.errors import DescriptionError
 from spacerobot.section import Vector, quantity
 
 Participation = tuple[float, float, float, float, float, float]
@@ -116,6 +117,11 @@ class FlexibleModes(FlexibleLink):
     participation: tuple[Participation, ...] = quantity(
         "kg^(1/2), kg^(1/2) m", "of each mode, mass-normalised: three of force, three of torque, there"
     )
+    shapes: tuple[Annotated[int, Field(ge=0)], ...] | None = Field(
+        default=None,
+        description="numbers, in the URDF and from 0, of the link's visual shapes that move with the first "
+        "mode; if not given, all of a link that carries none, else none",
+    )
     mass: float | None = quantity(
         "kg", "of an appendage that the URDF does not have; the link itself if not given", default=None, gt=0
     )
@@ -167,7 +173,7 @@ class FlexibleModes(FlexibleLink):
         return {f"{name}_mode_{i}": (modal_body(row, radius), at) for i, row in rows}
 
     def expanded(self, description: Description, name: str) -> Description:
-        """A joint and a body for each mode; shapes of a link that carries none move with the first one."""
+        """A joint and a body for each mode; shapes that bend move with the first one."""
         carrier = find_link(description, self.link)
         if self.mass is not None:
             xx, yy, zz, xy, xz, yz = self.inertia
@@ -180,8 +186,17 @@ class FlexibleModes(FlexibleLink):
             description = extended(description, [], [own], [weld], name)
             carrier = own
         links, joints = list[UrdfLink](), list[UrdfJoint]()
-        carries = any(joint.parent == carrier.name for joint in description.joints)
-        visuals = () if carries else carrier.visuals
+        shapes, count = self.shapes, len(carrier.visuals)
+        if shapes is None:
+            carries = any(joint.parent == carrier.name for joint in description.joints)
+            shapes = () if carries else tuple(range(count))
+        if any(i >= count for i in shapes):
+            told = (
+                f"found {max(shapes)}, allowed: less than {count}, the number of shapes of {carrier.name!r}"
+            )
+            raise DescriptionError(told, where="shapes")
+        still = replace(carrier, visuals=tuple(v for i, v in enumerate(carrier.visuals) if i not in shapes))
+        visuals = tuple(carrier.visuals[i] for i in shapes)
         for joint, (body, at) in self._bodies(description, name).items():
             rest = frozen(at @ translation(body.origin))
             back = np.linalg.inv(rest)
@@ -197,7 +212,6 @@ class FlexibleModes(FlexibleLink):
             joints.append(
                 UrdfJoint(joint, body.kind, carrier.name, joint, rest, axis, effort=0.0, velocity=0.0)
             )
-        still = carrier if carries else replace(carrier, visuals=())
         return extended(description, [still], links, joints, self.model_dump_json())
 
     def springs(
