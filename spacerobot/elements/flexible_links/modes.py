@@ -186,17 +186,15 @@ class FlexibleModes(FlexibleLink):
             description = extended(description, [], [own], [weld], name)
             carrier = own
         links, joints = list[UrdfLink](), list[UrdfJoint]()
-        shapes, count = self.shapes, len(carrier.visuals)
-        if shapes is None:
+        bend, count = self.shapes, len(carrier.visuals)
+        if bend is None:
             carries = any(joint.parent == carrier.name for joint in description.joints)
-            shapes = () if carries else tuple(range(count))
-        if any(i >= count for i in shapes):
-            told = (
-                f"found {max(shapes)}, allowed: less than {count}, the number of shapes of {carrier.name!r}"
-            )
+            bend = () if carries else tuple(range(count))
+        if any(i >= count for i in bend):
+            told = f"found {max(bend)}, allowed: less than {count}, the number of shapes of {carrier.name!r}"
             raise DescriptionError(told, where="shapes")
-        still = replace(carrier, visuals=tuple(v for i, v in enumerate(carrier.visuals) if i not in shapes))
-        visuals = tuple(carrier.visuals[i] for i in shapes)
+        still = replace(carrier, visuals=tuple(v for i, v in enumerate(carrier.visuals) if i not in bend))
+        visuals = tuple(carrier.visuals[i] for i in bend)
         for joint, (body, at) in self._bodies(description, name).items():
             rest = frozen(at @ translation(body.origin))
             back = np.linalg.inv(rest)
