@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from optim.reliability.falsification import falsify as falsify
     from optim.reliability.probability import FailureProbability as FailureProbability
     from optim.reliability.probability import failure_probability as failure_probability
+    from optim.robust.worst_margins import WorstMargins as WorstMargins
+    from optim.robust.worst_margins import worst_margins as worst_margins
     from optim.tuning import TuningResult as TuningResult
     from optim.tuning import tune as tune
     from spacerobot.abort_drift import PassiveSafety as PassiveSafety
@@ -85,6 +87,7 @@ _HOME = {
     "SamplingEffort": "optim.reliability.estimator",
     "Scene": "spacerobot.scene",
     "TuningResult": "optim.tuning",
+    "WorstMargins": "optim.robust.worst_margins",
     "SensorNoise": "optim.identification",
     "SpaceRobotError": "spacerobot.errors",
     "animate": "spacerobot.api.functions",
@@ -112,6 +115,7 @@ _HOME = {
     "simulate": "spacerobot.api.functions",
     "studio": "viz.studio.server",
     "tune": "optim.tuning",
+    "worst_margins": "optim.robust.worst_margins",
 }
 """Where each name of the front door lives."""
 

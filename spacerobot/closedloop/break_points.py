@@ -8,7 +8,7 @@ the sensitivity ``1 / (1 + L)``.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -101,7 +101,9 @@ class PerturbedLoop:
     update: ca.Function
 
 
-def build_perturbed_loop(scene: Scene, outputs: Iterable[str] = ()) -> PerturbedLoop:
+def build_perturbed_loop(
+    scene: Scene, outputs: Iterable[str] = (), vary: Collection[str] = ()
+) -> PerturbedLoop:
     """Closed loop of a scene with break points; its constants are those of the closed loop itself.
 
     Parameters
@@ -110,13 +112,15 @@ def build_perturbed_loop(scene: Scene, outputs: Iterable[str] = ()) -> Perturbed
         The scene.
     outputs
         Names of outputs of the closed loop that stand after the break points' signals.
+    vary
+        As for the closed loop.
 
     Raises
     ------
     KeyError
         If there is no such output.
     """
-    parameters = Parameters(dict(numbers(to_document(scene.scenario))))
+    parameters = Parameters(dict(numbers(to_document(scene.scenario))), vary)
     context, points = section_context(scene, parameters), BreakPoints()
     start = initial_state(scene, parameters)
     plant = build_plant(scene, parameters, context.constants)

@@ -33,6 +33,11 @@ class Instant:
     x: Array
     c: Array
 
+    @property
+    def is_start(self) -> bool:
+        """Whether it is the start of the simulation, whose state is the scenario's own."""
+        return self.time_s == 0 and "," not in self.label
+
 
 def instants(rollout: Rollout, loop: ClosedLoop, at: Iterable[float | str]) -> Iterator[Instant]:
     """States at times and at events.

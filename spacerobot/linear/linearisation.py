@@ -22,7 +22,7 @@ exact (:mod:`spacerobot.linear.periodic`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +33,7 @@ from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop, build_closed_loop
 from spacerobot.closedloop.break_points import PerturbedLoop, build_perturbed_loop
 from spacerobot.errors import SpaceRobotError, near_names
+from spacerobot.linear.complex_step import evaluate
 from spacerobot.linear.instants import Instant, instants
 from spacerobot.linear.periodic import Matrices, PeriodicUpdate, beginning, occurrences, transition
 from spacerobot.notebook import html_table
@@ -321,25 +322,27 @@ class Lineariser:
     perturbed: PerturbedLoop
 
     @classmethod
-    def of(cls, scene: Scene, outputs: Iterable[str] = ()) -> Lineariser:
+    def of(cls, scene: Scene, outputs: Iterable[str] = (), vary: Collection[str] = ()) -> Lineariser:
         """Of a scene, with outputs of the simulation after the break points' signals.
 
         Parameters
         ----------
         scene, outputs
             As of :func:`linearise`.
+        vary
+            Parameters that are kept although they are exactly zero.
 
         Raises
         ------
         ScenarioError
             If there is no such output.
         """
-        loop, wanted = build_closed_loop(scene), tuple(outputs)
+        loop, wanted = build_closed_loop(scene, vary), tuple(outputs)
         known = [variable.name for variable in loop.variables]
         for name in wanted:
             if name not in known:
                 raise SpaceRobotError(f"no output '{name}', {near_names(name, known)}")
-        return cls(scene, loop, build_perturbed_loop(scene, wanted))
+        return cls(scene, loop, build_perturbed_loop(scene, wanted, vary))
 
     def rollout(self, backend: Backend, progress: Progress) -> Rollout:
         """Rollout of the closed loop, as of the scene's simulation."""
@@ -348,6 +351,8 @@ class Lineariser:
     def at(self, instant: Instant) -> LinearSystem:
         """Linearised closed loop at an instant.
 
+        Where the instant carries derivatives (:mod:`spacerobot.linear.complex_step`), so do all matrices.
+
         Raises
         ------
         ScenarioError
@@ -355,9 +360,9 @@ class Lineariser:
         """
         perturbed, (nq, nv) = self.perturbed, (self.loop.nq, self.loop.nv)
         t, x, c = instant.time_s, instant.x, instant.c
-        A, B, C, D = (part.full() for part in perturbed.derivatives(t, x, c))
+        A, B, C, D = evaluate(perturbed.derivatives, t, x, c)
         chart, rate = self._chart(x)
-        inverse = np.linalg.pinv(chart)
+        inverse = np.linalg.solve(chart.T @ chart, chart.T)
         A, B, C = inverse @ (A @ chart - rate), inverse @ B, C @ chart
         events, period_s = occurrences(self.loop, perturbed, instant)
         updates = [
@@ -367,7 +372,7 @@ class Lineariser:
         names = [f"d.{name}" for name in perturbed.coordinates] + list(perturbed.state_names[nq:])
         basis = self._basis(instant, chart)
         if basis.shape[1] < 2 * nv:  # coordinates on the constraint manifold
-            whole = np.zeros((A.shape[0], A.shape[0] - 2 * nv + basis.shape[1]))
+            whole = np.zeros((A.shape[0], A.shape[0] - 2 * nv + basis.shape[1]), dtype=basis.dtype)
             whole[: 2 * nv, : basis.shape[1]] = basis
             whole[2 * nv :, basis.shape[1] :] = np.eye(A.shape[0] - 2 * nv)
             A, B, C = whole.T @ A @ whole, whole.T @ B, C @ whole
@@ -400,23 +405,26 @@ class Lineariser:
         nq, nv, size = self.loop.nq, self.loop.nv, len(x)
         found = []
         for part, rest in zip(
-            self.perturbed.tangent(x), (np.eye(size - nq), np.zeros((size - nq,) * 2)), strict=True
+            evaluate(self.perturbed.tangent, x), (np.eye(size - nq), np.zeros((size - nq,) * 2)), strict=True
         ):
-            whole = np.zeros((size, size - nq + nv))
-            whole[:nq, :nv], whole[nq:, nv:] = part.full(), rest
+            whole = np.zeros((size, size - nq + nv), dtype=part.dtype)
+            whole[:nq, :nv], whole[nq:, nv:] = part, rest
             found.append(whole)
         return found[0], found[1]
 
     def _basis(self, instant: Instant, chart: Array) -> Array:
         """Orthonormal basis of (xi, dv) on the constraint manifold (2 nv, n)."""
         nq, nv = self.loop.nq, self.loop.nv
-        G, by_q = (part.full() for part in self.perturbed.constraints(instant.time_s, instant.x, instant.c))
+        G, by_q = evaluate(self.perturbed.constraints, instant.time_s, instant.x, instant.c)
         rows = np.block([[G, np.zeros_like(G)], [by_q @ chart[:nq, :nv], G]])
         if not rows.any():
             return np.eye(2 * nv)
-        _, sizes, vectors = np.linalg.svd(rows)
+        _, sizes, vectors = np.linalg.svd(rows.real)
         rank = int(np.sum(sizes > RANK * sizes[0]))
-        return np.asarray(vectors[rank:].T)
+        basis = vectors[rank:].T
+        if np.iscomplexobj(rows):  # R T = 0 as R changes: dT = -R^+ dR T, which leaves T orthonormal
+            basis = basis - np.linalg.pinv(rows.real, RANK) @ (1j * rows.imag) @ basis
+        return np.asarray(basis)
 
 
 def _relevant(A: Array, B: Array, C: Array, updates: Sequence[PeriodicUpdate], mechanical: int) -> list[int]:

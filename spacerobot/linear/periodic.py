@@ -22,6 +22,7 @@ from spacerobot.closedloop import ClosedLoop
 from spacerobot.closedloop.break_points import PerturbedLoop
 from spacerobot.elements.clock import EARLY
 from spacerobot.errors import ScenarioError
+from spacerobot.linear.complex_step import evaluate
 from spacerobot.linear.instants import Instant
 
 TOGETHER = 1e-9
@@ -71,7 +72,7 @@ def occurrences(
 
     def due(x: Array) -> Array:
         """Times at which the events are due next [s]."""
-        guards = loop.guards(instant.time_s, x, instant.c, np.zeros_like(x))[0].full().ravel()
+        guards = evaluate(loop.guards, instant.time_s, x, instant.c, np.zeros(len(x)))[0].ravel()
         return np.asarray(instant.time_s - guards[places] + EARLY)
 
     def advanced(x: Array, after: Array) -> Array:
@@ -80,25 +81,25 @@ def occurrences(
     first, periods = due(x), {}
     for k, place in enumerate(places):
         if np.isfinite(first[k]):
-            after = perturbed.update(instant.time_s, x, instant.c, place)[0].full().ravel()
-            period = float(due(advanced(x, after))[k] - first[k])
-            if period > TOGETHER:
+            after = evaluate(perturbed.update, instant.time_s, x, instant.c, place)[0].ravel()
+            period = (due(advanced(x, after))[k] - first[k]).item()
+            if period.real > TOGETHER:
                 periods[k] = period
     if not periods:
         return [], 0.0
     whole = common_period(list(periods.values()))
-    begin = max(first[k] for k in periods)  # what waits for a delay has begun by then
+    begin = max((first[k] for k in periods), key=np.real)  # what waits for a delay has begun by then
     found, end = list[PeriodicUpdate](), begin + 2 * whole + TOGETHER
     while True:
         times = {k: time for k, time in enumerate(due(x)) if k in periods}
-        soonest = min(times.values())
-        if soonest > end:
+        soonest = min(np.real(time) for time in times.values())
+        if soonest > np.real(end):
             return found, whole
-        k = min(k for k, time in times.items() if time < soonest + TOGETHER)
-        after, by_state, by_input = perturbed.update(instant.time_s, x, instant.c, places[k])
-        if times[k] > begin - TOGETHER:
-            found.append(PeriodicUpdate(times[k], by_state.full(), by_input.full()))
-        x = advanced(x, after.full().ravel())
+        k = min(k for k, time in times.items() if np.real(time) < soonest + TOGETHER)
+        after, by_state, by_input = evaluate(perturbed.update, instant.time_s, x, instant.c, places[k])
+        if np.real(times[k]) > np.real(begin) - TOGETHER:
+            found.append(PeriodicUpdate(times[k], by_state, by_input))
+        x = advanced(x, after.ravel())
 
 
 def common_period(periods: Sequence[float]) -> float:
@@ -109,12 +110,12 @@ def common_period(periods: Sequence[float]) -> float:
     ScenarioError
         If there is none with few enough events.
     """
-    shortest = min(periods)
-    ratios = [Fraction(period / shortest).limit_denominator(1000) for period in periods]
+    shortest = min(periods, key=np.real)
+    ratios = [Fraction((period / shortest).real).limit_denominator(1000) for period in periods]
     numerator = math.lcm(*(ratio.numerator for ratio in ratios))
     whole = shortest * numerator / math.gcd(*(ratio.denominator for ratio in ratios))
     apart = max(abs(float(r) * shortest / p - 1) for r, p in zip(ratios, periods, strict=True))
-    if apart > TOGETHER or sum(whole / period for period in periods) > MAX_EVENTS:
+    if apart > TOGETHER or sum((whole / period).real for period in periods) > MAX_EVENTS:
         shown = ", ".join(f"{period:g} s" for period in sorted(set(periods)))
         raise ScenarioError(f"periods of {shown} have no common multiple: a linear analysis needs one")
     return whole
@@ -147,7 +148,7 @@ def beginning(
     else:
         return None
     times = [one.time_s for one, size in zip(updates, sets, strict=True) if size > 0]
-    if not times or any(times[0] + TOGETHER < time < times[0] + period_s - TOGETHER for time in times):
+    if not times or any(TOGETHER < np.real(t - times[0]) < np.real(period_s) - TOGETHER for t in times):
         return None
     return times[0]
 
@@ -168,22 +169,23 @@ def transition(
     """
     A, B, C, D = continuous
     size, inputs = B.shape
-    whole = np.zeros((size + inputs,) * 2)
+    whole = np.zeros((size + inputs,) * 2, dtype=A.dtype)
     whole[:size, :size], whole[:size, size:] = A, B
     state, now, outputs = np.eye(size, size + inputs), begin_s, None
-    lengths: dict[float, Array] = {}
+    lengths: dict[complex, Array] = {}
 
     def flow(length: float) -> Array:
         """Transition of state and input over a time without events."""
-        key = round(length, 12)
+        key = round(np.real(length), 12) + 1j * np.imag(length)
         if key not in lengths:
             lengths[key] = scipy.linalg.expm(whole * length)[:size]
         return lengths[key]
 
     pad = np.hstack([np.zeros((inputs, size)), np.eye(inputs)])
-    for one in [*(u for u in updates if begin_s - TOGETHER < u.time_s < begin_s + period_s - TOGETHER), None]:
+    last = np.real(period_s) - TOGETHER
+    for one in [*(u for u in updates if -TOGETHER < np.real(u.time_s - begin_s) < last), None]:
         time_s = begin_s + period_s if one is None else one.time_s
-        if time_s > now + TOGETHER:
+        if np.real(time_s - now) > TOGETHER:
             outputs = C @ state + D @ pad if outputs is None else outputs
             state, now = flow(time_s - now) @ np.vstack([state, pad]), time_s
         if one is not None:

@@ -52,6 +52,8 @@ def test_margins_over_time(margins, tmp_path):
         (("--at", "7"), "from 0 to 1 s"),
         (("--at", "catched"), "no event 'catched'"),
         (("--along", "1"), "at least 2"),
+        (("--worst-case", "hold.kd=2"), "PATH=LOWER..UPPER"),
+        (("--worst-case", "hold.kd=2..6", "--margin", "disc"), "no margin 'disc'"),
     ],
 )
 def test_what_cannot_be_analysed_is_one_line(margins, arguments, told):
@@ -59,3 +61,10 @@ def test_what_cannot_be_analysed_is_one_line(margins, arguments, told):
     assert code == 2
     assert len(err.strip().splitlines()) == 1
     assert told in err
+
+
+def test_worst_case(margins):
+    code, out, err = margins("--worst-case", "hold.kd=2..6", "--loops", "torque/*", "--margin", "phase")
+    assert (code, err.strip()) == (0, "")
+    assert "torque/arm/joint_1" in out
+    assert "kd" in out

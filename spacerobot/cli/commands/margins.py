@@ -9,7 +9,7 @@ import typer
 
 from spacerobot.cli.command import Command
 from spacerobot.cli.options import Changes, Out, ScenarioName, parse_changes
-from spacerobot.cli.output import console, progress, table
+from spacerobot.cli.output import console, pairs, progress, table
 from spacerobot.registry import COMMANDS
 
 if TYPE_CHECKING:
@@ -29,6 +29,27 @@ Along = Annotated[
         "--along", min=0, metavar="N", help="N instants from the start to the end, instead of --at."
     ),
 ]
+Worst = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--worst-case",
+        metavar="PATH=LOW..HIGH",
+        help="Least margin while this number varies; a path's end matches as for `tune --vary`. Repeatable.",
+    ),
+]
+Margin = Annotated[
+    str,
+    typer.Option(
+        "--margin", metavar="NAME", help="disk, gain_up, gain_down, phase or delay, of --worst-case."
+    ),
+]
+Loops = Annotated[
+    str, typer.Option("--loops", metavar="PATTERN", help="Loops of --worst-case and --together: 'torque/*'.")
+]
+Together = Annotated[
+    bool,
+    typer.Option("--together", help="Disk margin of the --loops when all change at once; needs slycot."),
+]
 HELP = """Linearise the closed loop; print its poles, and gain, phase, delay and disk margins of every loop.
 
 Loops are broken at one joint torque, measurement or wheel each, while the others stay closed.
@@ -38,6 +59,8 @@ Examples:
     spacerobot margins docking --at 2.5 --at captured --out out/margins
 
     spacerobot margins docking --along 40 --out out/margins
+
+    spacerobot margins docking --at captured --worst-case target.links.body.mass=50..200 --loops 'torque/*'
 """
 HEADINGS = ("loop", "gain [dB]", "phase [deg]", "delay [s]", "disk", "crossover [Hz]")
 MOST_LOOPS = 12
@@ -47,15 +70,45 @@ MOST_MODES = 6
 
 
 def command(
-    scenario: ScenarioName, at: At = None, along: Along = 0, changes: Changes = None, out: Out = None
+    scenario: ScenarioName,
+    at: At = None,
+    along: Along = 0,
+    changes: Changes = None,
+    out: Out = None,
+    worst_case: Worst = None,
+    margin: Margin = "disk",
+    loops: Loops = "*",
+    together: Together = False,
 ) -> None:
     """Print margins, and draw them if a folder is given."""
     from spacerobot.linear import margins
     from spacerobot.scene import load_scene
 
     scene = load_scene(scenario, parse_changes(changes))
+    instants = [_instant(text) for text in at or ["0"]]
+    if worst_case:
+        from optim.problem.varied_parameters import vary
+        from optim.robust.worst_margins import worst_margins
+
+        with progress("building the closed loop") as tell:
+            cases = worst_margins(
+                vary(scene, worst_case), at=instants, margin=margin, loops=loops, progress=tell
+            )
+        console().print(pairs(f"least {cases.margin} margins [{cases.unit}]", cases.rows()))
+        return
+    if together:
+        from spacerobot.linear import linearise
+        from spacerobot.linear.simultaneous import simultaneous_disk_margin
+
+        with progress("building the closed loop") as tell:
+            bounds = [
+                (one.label, "disk margin {:.4f} to {:.4f}".format(*simultaneous_disk_margin(one, loops)))
+                for one in linearise(scene, instants, progress=tell)
+            ]
+        console().print(pairs(f"{loops}, all at once", bounds))
+        return
     with progress("building the closed loop") as tell:
-        found = margins(scene, [_instant(text) for text in at or ["0"]], along=along, progress=tell)
+        found = margins(scene, instants, along=along, progress=tell)
         if out is not None:
             from viz.figures.margins import write_margins
 
@@ -63,7 +116,7 @@ def command(
             write_margins(found, scene.scenario.name, out)
             data = found.to_xarray()
             data.to_netcdf(out / "margins.nc")
-    loops = found.loops[0]
+    first = found.loops[0]
     if along:
         least = found.to_xarray()
         rows = []
@@ -78,9 +131,9 @@ def command(
             shown = [row_of(one) for one in ranked[:MOST_LOOPS]]
             console().print(table(f"{linear.label}: {about(linear)}", HEADINGS, shown))
             console().print(table(None, ("mode", "frequency [Hz]", "damping ratio"), modes_of(linear)))
-    if len(loops) > MOST_LOOPS:
+    if len(first) > MOST_LOOPS:
         more = "all in margins.nc" if out is not None else "--out DIR writes all"
-        console().print(f"the {MOST_LOOPS} of {len(loops)} loops with the least disk margins; {more}")
+        console().print(f"the {MOST_LOOPS} of {len(first)} loops with the least disk margins; {more}")
     if out is not None:
         console().print(f"margins.nc and figures in {out}", markup=False, soft_wrap=True)
 

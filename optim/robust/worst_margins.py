@@ -1,0 +1,234 @@
+"""Least stability margins over uncertain parameters, by exact gradients from several starts.
+
+The least of several loops' margins is minimised: each of its local minima is one of a single loop, where it
+is smooth, so that bounded quasi-Newton descents (L-BFGS-B) converge to them.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.stats import qmc
+
+from optim.problem.scene_recipe import NewVariables, changed_scene, tuning_of, with_variables
+from optim.problem.variables import Variables, resolve_variables
+from spacerobot.arrays import Array
+from spacerobot.errors import DivergedError, ScenarioError, SpaceRobotError, near_names
+from spacerobot.linear.margin_gradients import MARGINS, MarginValue, ParametricLinearisation
+from spacerobot.notebook import html_table
+from spacerobot.scene import Scene, build_scene
+from spacerobot.simulation import Backend, Progress
+
+STARTS = 4
+CORNERS = 4
+"""Most parameters whose corners are all screened."""
+INFINITE = 1e3
+"""An infinite margin, for the descents."""
+
+
+@dataclass(frozen=True)
+class WorstMargin:
+    """Least margin at an instant.
+
+    Attributes
+    ----------
+    label, time_s
+        The instant.
+    nominal, nominal_loop
+        Least margin of the scenario's own numbers, and its break point.
+    value, loop
+        Least margin that was found; negative where the closed loop is unstable.
+    parameters
+        Where, by variable.
+    simulated
+        The loop's margin there at the state of a simulation with these parameters; NaN if it does not reach
+        the instant. The search keeps the nominal simulation's state.
+    """
+
+    label: str
+    time_s: float
+    nominal: float
+    nominal_loop: str
+    value: float
+    loop: str
+    parameters: Mapping[str, float]
+    simulated: float
+
+
+@dataclass(frozen=True)
+class WorstMargins:
+    """Least margins over uncertain parameters, one for each instant.
+
+    Attributes
+    ----------
+    margin, unit
+        Which margin; of ``gain_down`` the negative.
+    cases
+        By instant.
+    evaluations
+        Linearisations with gradients that the search took.
+    """
+
+    margin: str
+    unit: str
+    cases: tuple[WorstMargin, ...]
+    evaluations: int
+
+    def __repr__(self) -> str:
+        """Least margin of all instants, in one line."""
+        least = min(self.cases, key=lambda case: case.value)
+        return f"<WorstMargins: {self.margin} {least.value:.4g} {self.unit} at {least.label}, {least.loop}>"
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Outcome as text, by instant."""
+        return [
+            (
+                case.label,
+                f"nominal {case.nominal:.4g} ({case.nominal_loop}); worst {case.value:.4g} ({case.loop}) at "
+                + ", ".join(f"{name} {value:.5g}" for name, value in case.parameters.items())
+                + f"; simulated there {case.simulated:.4g}",
+            )
+            for case in self.cases
+        ]
+
+    def _repr_html_(self) -> str:
+        """Table for notebooks."""
+        return html_table(f"Least {self.margin} margins [{self.unit}]", self.rows())
+
+
+def worst_margins(
+    scene: Scene,
+    variables: NewVariables | None = None,
+    at: Iterable[float | str] = (0.0,),
+    *,
+    margin: str = "disk",
+    loops: str = "*",
+    starts: int = STARTS,
+    backend: Backend = "auto",
+    progress: Progress | None = None,
+) -> WorstMargins:
+    """Least margin of a scene's loops over uncertain parameters.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    variables
+        (Dotted path, lower, upper) by name; those of the tuning section if None.
+    at
+        Instants, as of :func:`spacerobot.linearise`.
+    margin
+        ``disk``, ``gain_up``, ``gain_down``, ``phase`` or ``delay``.
+    loops
+        Break points, ``torque/*``.
+    starts
+        Descents at each instant: from the best of the scenario's own point, the corners and a Sobol sequence.
+    backend, progress
+        As of :func:`spacerobot.simulate`.
+
+    Raises
+    ------
+    DivergedError
+        If the nominal simulation does not reach an instant.
+    ScenarioError
+        If a variable leads nowhere, or an instant does not exist.
+    SpaceRobotError
+        If there is no such margin or loop.
+    """
+    if margin not in MARGINS:
+        raise SpaceRobotError(f"no margin '{margin}', {near_names(margin, MARGINS)}")
+    tell, at = progress or (lambda _: None), tuple(at)
+    scene, chosen = with_variables(scene, variables)
+    scene = changed_scene(scene)
+    free = resolve_variables(scene, tuning_of(scene), chosen)
+    found = ParametricLinearisation.of(scene, at, free.paths, backend, tell)
+    names = chosen_loops(found, loops)
+    cases, count = [], 0
+    for k, instant in enumerate(found.instants):
+        tell(f"least margins at {instant.label}")
+
+        def least(u: Array, k: int = k) -> MarginValue:
+            own = found.sizes(k, free.values(u), margin, names, least=True)
+            if not own:
+                raise SpaceRobotError(f"every loop of {loops} varies in time")
+            return own[0]
+
+        u, evaluations = _descended(least, free, starts)
+        nominal, worst = least(np.clip(free.unit(free.start), 0, 1)), least(u)
+        count += evaluations
+        values = free.values(u)
+        changed = build_scene(scene.scenario, free.as_changes(values), source=scene.source)
+        simulated = _simulated(changed, at, k, found, margin, worst, backend)
+        cases.append(
+            WorstMargin(
+                instant.label,
+                instant.time_s,
+                nominal.value,
+                nominal.loop,
+                worst.value,
+                worst.loop,
+                free.as_mapping(values),
+                simulated,
+            )
+        )
+    return WorstMargins(margin, MARGINS[margin], tuple(cases), count)
+
+
+def chosen_loops(found: ParametricLinearisation, pattern: str) -> list[str]:
+    """Break points that a pattern names.
+
+    Raises
+    ------
+    SpaceRobotError
+        If there is none.
+    """
+    known = found.lineariser.perturbed.inputs
+    names = [name for name in known if fnmatchcase(name, pattern)]
+    if not names:
+        raise SpaceRobotError(f"no break point '{pattern}', {near_names(pattern, known)}")
+    return names
+
+
+def _descended(least: Callable[[Array], MarginValue], free: Variables, starts: int) -> tuple[Array, int]:
+    """Best point of several descents, and how often they evaluated."""
+    size, count = len(free), 0
+    points = [np.clip(free.unit(free.start), 0, 1)]
+    if size <= CORNERS:
+        points += [np.array(corner) for corner in itertools.product((0.0, 1.0), repeat=size)]
+    points += list(qmc.Sobol(size, rng=np.random.default_rng(0)).random(max(4, 2 * starts)))
+
+    def function(u: Array) -> tuple[float, Array]:
+        nonlocal count
+        count += 1
+        own = least(u)
+        if not np.isfinite(own.value):
+            return INFINITE, np.zeros(size)
+        return own.value, own.gradient * free.slope(u)
+
+    screened = sorted(points, key=lambda u: function(u)[0])[:starts]
+    ended = [minimize(function, u, jac=True, method="L-BFGS-B", bounds=[(0, 1)] * size) for u in screened]
+    best = min(ended, key=lambda one: one.fun)
+    return np.clip(best.x, 0, 1), count
+
+
+def _simulated(
+    scene: Scene,
+    at: tuple[float | str, ...],
+    k: int,
+    nominal: ParametricLinearisation,
+    margin: str,
+    worst: MarginValue,
+    backend: Backend,
+) -> float:
+    """Margin of the worst loop at the state of the changed scene's own simulation."""
+    try:
+        found = ParametricLinearisation.of(scene, at, [], backend)
+    except (DivergedError, ScenarioError):
+        return float("nan")
+    (own,) = replace(found, drift=nominal.drift).sizes(k, None, margin, [worst.loop])
+    return own.value

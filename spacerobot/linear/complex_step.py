@@ -1,0 +1,41 @@
+"""Derivatives along a direction, carried as imaginary parts.
+
+With ``z = x + i h dx`` and h so small that its square vanishes beside one, an analytic computation gives
+``f(z) = f(x) + i h df`` without a difference of near numbers: exact to rounding (W. Squire, G. Trapp, SIAM
+Review 40(1), 1998). CasADi's functions take real numbers and contribute their own exact derivatives.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from spacerobot.arrays import Array
+
+STEP = 1e-30
+"""The number h."""
+
+
+def derivative(value: Any) -> Any:
+    """Derivative that a number or an array carries."""
+    return np.imag(value) / STEP
+
+
+def evaluate(function: ca.Function, *arguments: Any) -> list[Array]:
+    """Results of a function of CasADi as arrays (n, m), with derivatives where arguments carry any.
+
+    Parameters
+    ----------
+    function
+        The function.
+    *arguments
+        Numbers and arrays, real or with derivatives.
+    """
+    values = [np.real(argument) for argument in arguments]
+    found = function.call(values)
+    if not any(np.iscomplexobj(argument) for argument in arguments):
+        return [part.full() for part in found]
+    slopes = function.forward(1).call([*values, *found, *map(derivative, arguments)])
+    return [part.full() + 1j * STEP * slope.full() for part, slope in zip(found, slopes, strict=True)]

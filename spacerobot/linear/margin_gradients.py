@@ -1,0 +1,229 @@
+r"""Margins of a closed loop as functions of parameters, with exact derivatives.
+
+A disk margin is the least of a function of frequency, whose derivative is that at the frequency of the least
+(envelope theorem). At a crossing, the frequency moves with the parameters so that the loop goes on crossing:
+``d omega = -d f / (df / d omega)`` of the condition f = |L| - 1 or f = Im L (implicit function theorem). Of a
+discrete loop the angle ``omega T`` takes the place of the frequency.
+
+The state at an instant is kept while parameters change, except at the start of the simulation, where the
+initial state follows them. Controllers' memories and poses are thus those of the nominal motion.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from spacerobot.arrays import Array
+from spacerobot.linear.complex_step import STEP, derivative, evaluate
+from spacerobot.linear.instants import Instant, instants
+from spacerobot.linear.linearisation import RIGID, Lineariser, LinearSystem
+from spacerobot.linear.loop_margins import LoopMargins, loop_margins
+from spacerobot.scene import Scene
+from spacerobot.simulation import Backend, Progress
+
+MARGINS = {"disk": "1", "gain_up": "dB", "gain_down": "dB", "phase": "deg", "delay": "s"}
+"""Margins that have derivatives, and their units."""
+
+DRIFT = 3.0
+"""Modes that grow are an instability if they are faster by this factor than those of the nominal system."""
+
+
+@dataclass(frozen=True)
+class MarginValue:
+    """Size of a loop's margin, negative where the closed loop is unstable, and its derivatives.
+
+    Attributes
+    ----------
+    loop
+        Break point.
+    value
+        The margin; of ``gain_down`` its negative, so that more is better. Where the closed loop is unstable,
+        the loop with the least disk margin has its negative: at the onset it is zero, as every margin.
+    gradient
+        Derivatives by the variables (k,); zero where the margin is infinite.
+    """
+
+    loop: str
+    value: float
+    gradient: Array
+
+
+@dataclass(frozen=True)
+class ParametricLinearisation:
+    """Linearised closed loops of a scene at instants, as functions of variables.
+
+    Attributes
+    ----------
+    lineariser
+        Closed loop and its derivatives.
+    instants
+        States of the nominal simulation.
+    places
+        Places among the closed loop's parameters that each variable sets.
+    prepared
+        (p, t, x, switches) -> (x0, c): initial state, and constants at the instant.
+    drift
+        Growth rate up to which a growing mode is no instability [1/s], at each instant.
+    """
+
+    lineariser: Lineariser
+    instants: tuple[Instant, ...]
+    places: tuple[tuple[int, ...], ...]
+    prepared: ca.Function
+    drift: tuple[float, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        at: Iterable[float | str],
+        variables: Sequence[Sequence[str]],
+        backend: Backend = "auto",
+        progress: Progress | None = None,
+    ) -> ParametricLinearisation:
+        """Simulate a scene up to instants, and prepare its linearisation there.
+
+        Parameters
+        ----------
+        scene, at, backend, progress
+            As of :func:`spacerobot.linearise`.
+        variables
+            Dotted paths that each variable sets.
+
+        Raises
+        ------
+        DivergedError, ScenarioError
+            As :func:`spacerobot.linearise`; if the closed loop does not depend on a path.
+        """
+        tell = progress or (lambda _: None)
+        lineariser = Lineariser.of(scene, vary=[path for paths in variables for path in paths])
+        loop = lineariser.loop
+        places = tuple(tuple(loop.index(path) for path in paths) for paths in variables)
+        found = tuple(instants(lineariser.rollout(backend, tell), loop, at))
+        p, t = ca.SX.sym("p", len(loop.parameter_paths)), ca.SX.sym("t")
+        x, switches = ca.SX.sym("x", loop.nx), ca.SX.sym("s", len(loop.switches))
+        x0, c = loop.setup(p)
+        c[list(loop.switches)] = switches
+        prepared = ca.Function("prepared", [p, t, x, switches], [x0, loop.at(t, x, c)])
+        plain = cls(lineariser, found, places, prepared)
+        slow = [
+            max((abs(mode.pole) for mode in plain.system(k).growing), default=RIGID)
+            for k in range(len(found))
+        ]
+        return replace(plain, drift=tuple(DRIFT * rate for rate in slow))
+
+    def system(self, k: int, values: Array | None = None, along: int | None = None) -> LinearSystem:
+        """Linearised closed loop at an instant.
+
+        Parameters
+        ----------
+        k
+            Number of the instant.
+        values
+            Of the variables; the scenario's own numbers if None.
+        along
+            Number of the variable whose derivatives the matrices carry; none if None.
+        """
+        p, instant = self.lineariser.loop.parameter_values.astype(float), self.instants[k]
+        if values is not None:
+            for places, value in zip(self.places, values, strict=True):
+                p[list(places)] = value
+        if along is not None:
+            direction = np.zeros(len(p))
+            direction[list(self.places[along])] = 1.0
+            p = p + 1j * STEP * direction
+        switches = instant.c[list(self.lineariser.loop.switches)]
+        x0, c = evaluate(self.prepared, p, instant.time_s, instant.x, switches)
+        x = x0.ravel() if instant.is_start else instant.x
+        return self.lineariser.at(replace(instant, x=x, c=c.ravel()))
+
+    def sizes(
+        self, k: int, values: Array | None, margin: str, loops: Iterable[str], *, least: bool = False
+    ) -> list[MarginValue]:
+        """Margins of loops at an instant, with exact derivatives.
+
+        Parameters
+        ----------
+        k, values
+            As for :meth:`system`.
+        margin
+            One of :data:`MARGINS`.
+        loops
+            Break points.
+        least
+            Whether the loop with the least margin suffices.
+        """
+        system = self.system(k, values)
+        found = [one for one in loop_margins(system, loops) if not math.isnan(one.disk)]
+        sign = -1.0 if margin == "gain_down" else 1.0
+        named = [(sign, margin, one) for one in found]
+        if found and any(abs(mode.pole) > self.drift[k] for mode in system.growing):
+            nearest = min(range(len(found)), key=lambda i: found[i].disk)
+            named[nearest] = (-1.0, "disk", found[nearest])
+        if least:
+            named = sorted(named, key=lambda one: one[0] * getattr(one[2], one[1]))[:1]
+        moved = [self.system(k, values, along) for along in range(len(self.places))] if named else []
+        return [
+            MarginValue(
+                one.name,
+                sign * getattr(one, kind),
+                np.array([sign * margin_slope(each, one, kind) for each in moved]),
+            )
+            for sign, kind, one in named
+        ]
+
+
+def margin_slope(found: LinearSystem, one: LoopMargins, margin: str) -> float:
+    """Derivative of a margin along the direction that a linearised closed loop carries.
+
+    Parameters
+    ----------
+    found
+        From :meth:`ParametricLinearisation.system`, with derivatives.
+    one
+        Margins of a loop of the same system.
+    margin
+        One of :data:`MARGINS`.
+
+    Returns
+    -------
+    float
+        In the unit of the margin by that of the variable; zero for a margin that is infinite or a limit.
+    """
+    omega, value = one.frequencies.get(margin, math.nan), getattr(one, margin)
+    if math.isnan(omega) or not math.isfinite(value) or (math.isinf(omega) and margin != "disk"):
+        return 0.0
+    place = found.inputs.index(one.name)
+    A, B, C, D = found.closed(one.name)
+    b, c, d = B[:, place], C[place], D[place, place]
+    period = found.period_s or 1.0
+    G: complex = d.real + 0j
+    by_angle: complex = 0j
+    along: complex = derivative(d) + 0j
+    if math.isfinite(omega):
+        angle = omega * period.real
+        s = complex(np.exp(1j * angle)) if found.period_s else 1j * omega
+        turn = 1j * s if found.period_s else 1j
+        shifted = s * np.eye(len(A)) - A.real
+        states, row = np.linalg.solve(shifted, b.real), np.linalg.solve(shifted.T, c.real)
+        G, by_angle = complex(G + c.real @ states), complex(-(row @ states) * turn)
+        along = along + row @ derivative(A) @ states + derivative(c) @ states + row @ derivative(b)
+    if margin == "disk":  # alpha = 1 / |S - 1/2|, S = 1 + G
+        return float(-(np.conj(G + 0.5) * along).real / abs(G + 0.5) ** 3)
+    L, by_angle, along = -G / (1 + G), -by_angle / (1 + G) ** 2, -along / (1 + G) ** 2
+    if margin in ("gain_up", "gain_down"):
+        moved = -along.imag / by_angle.imag
+        return float(-20 / np.log(10) * (along + by_angle * moved).real / L.real)
+    moved = -(np.conj(L) * along).real / (np.conj(L) * by_angle).real
+    turned, phase = ((along + by_angle * moved) / L).imag, np.angle(-L)
+    if margin == "phase":
+        return float(np.degrees(np.sign(phase) * turned))
+    phase = phase if phase > 0 else phase + 2 * np.pi
+    return float(
+        (turned * period.real + phase * derivative(period) - phase * period.real * moved / angle) / angle
+    )
