@@ -1,15 +1,37 @@
-"""Failures of each joint of the paper's robots, without and with a brake: ``python -m benchmarks.failures``.
+"""Failed joints of the paper's robots and of the servicer: ``python -m benchmarks.failures``.
 
-Prints the table of docs/validation/failures.md: 16 joints that lock, swing free or keep half their torque at
-2 s; the last two also with a brake that holds the failed joint 0.1 s later.
+Prints the tables of docs/validation/failures.md; one of them by its name, ``python -m benchmarks.failures
+servicer``:
+
+paper
+    16 joints that lock, swing free or keep half their torque at 2 s, the last two also with a brake for
+    the failed joint 0.1 s later.
+reach
+    What is left of each arm with one joint locked: smallest singular value of the other joints' Jacobian,
+    and how far the tip stays from where it has to be.
+servicer
+    14 joints during the capture, failing as those of the paper: 5 s before their arm's grasp closes, about.
+instant
+    Probability that the paper's robots succeed, against the instant of the failure, with its slope.
 """
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
+import pinocchio as pin
+from scipy import stats
+from scipy.optimize import elementwise, least_squares
 
 import spacerobot as sr
 from benchmarks.table_row import markdown_head
+from optim.reliability.limit_state import RolloutLimitState, build_limit_state
+from spacerobot.arrays import Array
+from spacerobot.scene import Scene
 
 FAILED_S, BRAKED_S = 2.0, 2.1
 COLUMNS = {
@@ -19,6 +41,9 @@ COLUMNS = {
     "half torque": ("weak", False),
     "half torque, braked": ("weak", True),
 }
+NEVER = 1e6  # s, of failures that do not happen
+ARMS = {"left": 5.0, "right": 22.0}
+"""Instants of failures of the servicer's arms [s]; they capture at 10.05 and 28.26 s if nothing fails."""
 
 
 def cell(robot: str | None, joint: str, mode: str, *, braked: bool) -> str:
@@ -36,8 +61,8 @@ def cell(robot: str | None, joint: str, mode: str, *, braked: bool) -> str:
     return f"{tips:.1f} / {turned:.0f} / {float(np.abs(data.joint_torque.values).max()):.0f}"
 
 
-def main() -> None:
-    """Print the table as Markdown."""
+def paper() -> None:
+    """Print the table of the paper's joints."""
     print(*markdown_head(["joint", *COLUMNS]), sep="\n")
     print(f"| none | {cell(None, '', 'free', braked=False)} |" + " |" * (len(COLUMNS) - 1), flush=True)
     for robot in ("rpr1", "rpr2"):
@@ -47,5 +72,276 @@ def main() -> None:
             print(f"| {robot}/{joint} | " + " | ".join(cells) + " |", flush=True)
 
 
+@dataclass(frozen=True)
+class LockedArm:
+    """An arm with one joint locked, its base where it is nominally.
+
+    Attributes
+    ----------
+    model, frame
+        The scene's model, and the tip's frame.
+    joints
+        Ids of the arm's joints.
+    rows
+        Components of the tip's motion that matter, of six, world axes.
+    """
+
+    model: Any
+    frame: int
+    joints: Sequence[int]
+    rows: Sequence[int]
+
+    def remaining(self, q: Array, failed: Array, locked: int, starts: int = 40) -> tuple[Array, float]:
+        """Error (n,) to the tip's pose at q, and the smallest singular value there.
+
+        Parameters
+        ----------
+        q, failed
+            Configurations (nq,): nominal, and where the joint failed.
+        locked
+            Number of the joint among the arm's; the others are solved for.
+        starts
+            Of the search, at most: the present posture, then random ones.
+        """
+        model, data = self.model, self.model.createData()
+        pin.framesForwardKinematics(model, data, q)
+        goal = data.oMf[self.frame].copy()
+        own = [model.joints[joint] for i, joint in enumerate(self.joints) if i != locked]
+        stuck, base = model.joints[self.joints[locked]], q.copy()
+        base[stuck.idx_q : stuck.idx_q + stuck.nq] = failed[stuck.idx_q : stuck.idx_q + stuck.nq]
+
+        def posture(angles: Array) -> Array:
+            change = np.zeros(model.nv)
+            change[[joint.idx_v for joint in own]] = angles
+            return np.asarray(pin.integrate(model, base, change))
+
+        def missing(angles: Array) -> Array:
+            pin.framesForwardKinematics(model, data, posture(angles))
+            found = data.oMf[self.frame]
+            turned = pin.log3(found.rotation @ goal.rotation.T)
+            return np.concatenate([found.translation - goal.translation, turned])[list(self.rows)]
+
+        rng = np.random.default_rng(0)
+        tries = [np.zeros(len(own)), *rng.uniform(-2.5, 2.5, (starts - 1, len(own)))]
+        best = None
+        for first in tries:
+            found = least_squares(missing, first, xtol=1e-14, ftol=1e-14, gtol=1e-14)
+            best = found if best is None or found.cost < best.cost else best
+            if best.cost < 1e-18:
+                break
+        assert best is not None
+        pin.computeJointJacobians(model, data, posture(best.x))
+        pin.updateFramePlacements(model, data)
+        jacobian = pin.getFrameJacobian(model, data, self.frame, pin.LOCAL_WORLD_ALIGNED)
+        jacobian = jacobian[np.ix_(list(self.rows), [joint.idx_v for joint in own])]
+        smallest = np.linalg.svd(jacobian, compute_uv=False)[-1]
+        return best.fun, float(smallest)
+
+
+def arm_of(scene: Scene, tip: str, prefix: str, rows: Sequence[int]) -> LockedArm:
+    """Arm that carries a tip."""
+    frame = next(one.frame for one in scene.tips if one.label == tip)
+    joints = [i for i, name in enumerate(scene.model.names) if name.startswith(prefix)]
+    return LockedArm(scene.model, frame, joints, rows)
+
+
+def reach() -> None:
+    """Print what is left of each arm where it has to be, the circle or the capture, with a joint locked."""
+    scene = sr.load_scene("paper")
+    data = sr.simulate(scene).data
+    print(*markdown_head(["joint", "farthest from the circle, mm", "smallest singular value, m"]), sep="\n")
+    for robot in ("rpr1", "rpr2"):
+        arm = arm_of(scene, f"{robot}/tip", f"{robot}/joint_", (0, 1))
+        for number in range(8):
+            failed = data.q.sel(time=FAILED_S, method="nearest").values
+            found = [
+                arm.remaining(data.q.sel(time=t, method="nearest").values, failed, number)
+                for t in np.arange(FAILED_S, 10.01, 0.5)
+            ]
+            off = 1e3 * max(float(np.linalg.norm(one[0])) for one in found)
+            smallest = min(one[1] for one in found)
+            print(f"| {robot}/joint_{number + 1} | {off:.3f} | {smallest:.2f} |", flush=True)
+    scene = sr.load_scene("capture")
+    result = sr.simulate(scene)
+    closes = {e["who"]: e["time_s"] for e in result.summary["events"] if e["kind"] == "captured"}
+    print()
+    print(*markdown_head(["joint", "from the capture, mm", "mrad", "smallest singular value"]), sep="\n")
+    for side, failed_s in ARMS.items():
+        arm = arm_of(scene, f"servicer/{side}_tip", f"servicer/{side}_joint_", range(6))
+        failed, q = (result.data.q.sel(time=t, method="nearest").values for t in (failed_s, closes[side]))
+        for number in range(7):
+            off, least = arm.remaining(q, failed, number)
+            line, turn = (1e3 * float(np.linalg.norm(part)) for part in np.split(off, 2))
+            print(f"| {side}_joint_{number + 1} | {line:.1f} | {turn:.1f} | {least:.4f} |", flush=True)
+
+
+def servicer() -> None:
+    """Print the table of the servicer's joints: all failures of an arm are one closed loop and one batch."""
+    quantities = ["capture_time", "lateral_miss", "miss_distance", "base_rotation_peak", "joint_torque_peak"]
+    print(*markdown_head(["joint", *COLUMNS]), sep="\n")
+    for side, at in ARMS.items():
+        place, actuators = "robots.servicer.actuators", dict[str, Any]()
+        for number in range(1, 8):
+            joint: dict[str, Any] = {"kind": "joint_failure", "joint": f"{side}_joint_{number}", "at": NEVER}
+            actuators[f"weak_{number}"] = joint | {"mode": "weak"}
+            actuators[f"lock_{number}"] = joint
+        rows = [(0, NEVER, 1.0, NEVER)]  # joint, instant of the motor's failure and what is left, of the lock
+        for number in range(1, 8):
+            for mode, braked in COLUMNS.values():
+                left = {"weak": 0.5, "free": 0.0, "locked": 1.0}[mode]
+                lock = at if mode == "locked" else at + BRAKED_S - FAILED_S if braked else NEVER
+                rows.append((number, NEVER if mode == "locked" else at, left, lock))
+        values = {}
+        for number in range(1, 8):
+            own = [row if row[0] == number else rows[0] for row in rows]
+            for key, i in (("weak_{}.at", 1), ("weak_{}.remaining", 2), ("lock_{}.at", 3)):
+                values[f"{place}.{key.format(number)}"] = np.array([row[i] for row in own])
+        scene = sr.load_scene("capture", {place: actuators})
+        found = sr.batch(scene, quantities, values).data
+        cells = [capture_cell(found.isel(sample=i), side) for i in range(len(rows))]
+        print(f"| none, {side} arm | {cells[0]} |" + " |" * (len(COLUMNS) - 1))
+        for number in range(1, 8):
+            own_cells = cells[1 + 5 * (number - 1) : 1 + 5 * number]
+            print(f"| {side}_joint_{number} | " + " | ".join(own_cells) + " |", flush=True)
+
+
+def capture_cell(found: Any, side: str) -> str:
+    """Tip error [mm] at the capture, base rotation [deg], joint torque [N m]; * if the other arm misses."""
+    if np.isfinite(found.diverged_at):
+        return f"lost at {float(found.diverged_at):.0f} s"
+    turned, torque = float(found.base_rotation_peak[0]), float(found.joint_torque_peak.max())
+    rest = f"{turned:.0f} / {torque:.0f}"
+    if float(found.capture_time.sel(capture_time_of=side)) >= 60:
+        return f"missed by {1e3 * float(found.miss_distance.sel(miss_distance_of=side)):.0f} / {rest}"
+    other = "" if bool((found.capture_time < 60).all()) else " *"
+    return f"{1e3 * float(found.lateral_miss.sel(lateral_miss_of=side)):.1f} / {rest}{other}"
+
+
+ROBOT, JOINT, MODE, LIMIT_M = "rpr1", "joint_3", "weak", 4e-3
+INSTANTS = (4.7, 4.8, 4.9, 5.0, 5.1, 5.2, 5.3, 5.4)
+LINES, BEYOND, STEP_S, PLAIN = 64, 6.0, 2e-3, 1024
+
+
+@dataclass(frozen=True)
+class FailureInstant:
+    """Limit state of a scene whose last uncertain parameter, the instant of a failure, is given."""
+
+    state: RolloutLimitState
+    at: float
+
+    def draws(self, z: Array) -> tuple[Array, Array]:
+        """Draws (N, k + 1) at scores (N, k) of the other parameters, and their slopes by the scores."""
+        draws, slopes = self.state.draws(np.column_stack([z, np.zeros(len(z))]))
+        draws[:, -1] = self.at
+        return draws, slopes[:, :-1]
+
+    def values(self, z: Array) -> Array:
+        """Limit minus the quantity (N,)."""
+        found = self.state.limit - self.state.quantities(self.draws(z)[0])
+        return np.where(np.isnan(found), -self.state.limit * 1e3, found)
+
+    def gradients(self, z: Array) -> tuple[Array, Array]:
+        """Gradients by the scores (N, k), and by the instant (N,)."""
+        draws, slopes = self.draws(z)
+        by_draw = self.state.quantity_gradients(draws)[1]
+        return -(by_draw[:, :-1] * slopes) @ self.state.cholesky[:-1, :-1], -by_draw[:, -1]
+
+    def probability(self, z: Array, along: Array, *, slope: bool) -> tuple[float, float, float]:
+        """Probability of success by line sampling, its standard error and its slope by the instant [1/s].
+
+        On each line ``z + r along`` the limit is met at r(t), so that success has the probability Phi(r).
+        With ``g(z + r along, t) = 0`` the slope is ``phi(r) r' = -phi(r) (dg/dt) / (along . dg/dz)``: that of
+        the estimate itself, exact where the gradients are (Lu, Song, Yue and Wang, Structural Safety 30,
+        2008).
+
+        Parameters
+        ----------
+        z
+            Points (n, k) of the lines, across their direction.
+        along
+            Unit vector (k,) along which the limit state falls.
+        slope
+            Whether it is asked for.
+        """
+        ends = [np.full(len(z), sign * BEYOND) for sign in (-1.0, 1.0)]
+
+        def value(r: Array, index: Array) -> Array:
+            return self.values(z[index.astype(int)] + np.multiply.outer(r, along))
+
+        lines = np.arange(float(len(z)))
+        low, high = (value(end, lines) for end in ends)
+        crosses = (low > 0) & (high <= 0)
+        r = np.where(low <= 0, -np.inf, np.inf)
+        if crosses.any():
+            begins = (ends[0][crosses], ends[1][crosses])
+            tolerances = {"xatol": 1e-7, "fatol": 0}
+            r[crosses] = elementwise.find_root(value, begins, args=(lines[crosses],), tolerances=tolerances).x
+        success, slopes = stats.norm.cdf(r), np.zeros(len(z))
+        if slope and crosses.any():
+            by_score, by_time = self.gradients(z[crosses] + np.multiply.outer(r[crosses], along))
+            slopes[crosses] = -stats.norm.pdf(r[crosses]) * by_time / (by_score @ along)
+        return float(success.mean()), float(success.std(ddof=1) / np.sqrt(len(z))), float(slopes.mean())
+
+
+def instant_state() -> RolloutLimitState:
+    """Limit state over the uncertain parameters of the paper's scenario, the instant of the failure last."""
+    nominal = sr.load_scene("paper").scenario.campaign
+    assert nominal is not None
+    place = f"robots.{ROBOT}.actuators"
+    parameters = nominal.model_dump(exclude_none=True)["parameters"]
+    parameters["failure"] = {"paths": f"{place}.fail.at", "lower": 0.5, "upper": 9.5}
+    assert nominal.correlation is not None
+    rows = np.eye(len(parameters))
+    rows[:-1, :-1] = nominal.correlation
+    failure = {"kind": "joint_failure", "joint": JOINT, "mode": MODE, "at": 2.0}
+    changes = {
+        place: {"fail": failure},
+        "campaign.parameters": parameters,
+        "campaign.correlation": rows.tolist(),
+    }
+    return build_limit_state(sr.load_scene("paper", changes), "tip_error_peak", LIMIT_M)
+
+
+def instant() -> None:
+    """Print the probability of success, its slope, and the slope by differences on the same lines."""
+    state = instant_state()
+    k = len(state.names) - 1
+    z = np.random.default_rng(0).standard_normal((LINES, k))
+    middle = FailureInstant(state, INSTANTS[len(INSTANTS) // 2])
+    along = -middle.gradients(np.zeros((1, k)))[0][0]
+    along /= np.linalg.norm(along)
+    plain = np.random.default_rng(1).standard_normal((PLAIN, k))
+    z -= np.outer(z @ along, along)
+    print(
+        *markdown_head(["instant, s", "P(success)", "plain", "slope, 1/s", "by differences, 1/s"]), sep="\n"
+    )
+    for at in INSTANTS:
+        found, error, slope = FailureInstant(state, at).probability(z, along, slope=True)
+        sides = [
+            FailureInstant(state, at + sign * STEP_S).probability(z, along, slope=False)[0]
+            for sign in (1, -1)
+        ]
+        by_difference = (sides[0] - sides[1]) / (2 * STEP_S)
+        crude = float(np.mean(FailureInstant(state, at).values(plain) > 0))
+        row = (
+            f"{at:g}",
+            f"{found:.3f} ± {error:.3f}",
+            f"{crude:.3f}",
+            f"{slope:.3f}",
+            f"{by_difference:.3f}",
+        )
+        print("| " + " | ".join(row) + " |", flush=True)
+
+
+TABLES = {"paper": paper, "reach": reach, "servicer": servicer, "instant": instant}
+
+
+def main(names: Sequence[str]) -> None:
+    """Print the tables of these names, all if there is none."""
+    for name in names or TABLES:
+        TABLES[name]()
+        print()
+
+
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])
