@@ -164,7 +164,7 @@ def determined(pattern: sparse.csc_matrix, equal: Mask, free: Mask) -> tuple[Pla
     """
     rows, columns = np.flatnonzero(equal), np.flatnonzero(free)
     part = _matrix(pattern, np.ones(pattern.nnz))[:, columns][rows].tocsc()
-    where = ca.Sparsity(*part.shape, part.indptr.tolist(), part.indices.tolist())
+    where = ca.Sparsity(len(rows), len(columns), part.indptr.tolist(), part.indices.tolist())
     # CasADi decomposes the transpose: equations and unknowns stand in the order of the part with too many
     # equations, the square one, and the one with too many unknowns.
     _, by_row, by_column, _, _, row_ends, column_ends = where.btf()
