@@ -170,8 +170,8 @@ def reach() -> None:
         arm = arm_of(scene, f"servicer/{side}_tip", f"servicer/{side}_joint_", range(6))
         failed, q = (result.data.q.sel(time=t, method="nearest").values for t in (failed_s, closes[side]))
         for number in range(7):
-            off, least = arm.remaining(q, failed, number)
-            line, turn = (1e3 * float(np.linalg.norm(part)) for part in np.split(off, 2))
+            error, least = arm.remaining(q, failed, number)
+            line, turn = (1e3 * float(np.linalg.norm(part)) for part in np.split(error, 2))
             print(f"| {side}_joint_{number + 1} | {line:.1f} | {turn:.1f} | {least:.4f} |", flush=True)
 
 
