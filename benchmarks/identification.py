@@ -1,7 +1,8 @@
 """Identification of a held object: ``python -m benchmarks.identification``.
 
 Prints the tables of docs/validation/identification.md: errors of the ten parameters over noise draws after
-60 s of two motions, beside the standard deviations; and how the object of
+60 s of two motions, beside the standard deviations and the errors of plain least squares on the same data;
+the same of ``examples/excitation.yaml`` with its own motion and the tuned one; and how the object of
 ``caught-unknown`` is carried if it is known, assumed, or identified.
 """
 
@@ -12,6 +13,8 @@ from typing import Any
 import numpy as np
 
 import spacerobot as sr
+from optim.identification import _held, _Momentum, _named, _regression
+from spacerobot.arrays import Array
 
 DRAWS = 12
 HEAVIER = {"target.links.body.mass": 140, "target.links.body.com": [0.03, -0.01, 0.02]}
@@ -39,26 +42,52 @@ def turned(seconds: float) -> dict[str, Any]:
     return found
 
 
-def accuracy(seconds: float) -> None:
-    """Print the errors of one motion: of 60 s, in turns of so many seconds."""
-    times = {"duration": 60, "step": 0.05, "output_step": 0.1}
-    changes = HEAVIER | {"simulation": times, "phases": turned(seconds)}
-    result = sr.simulate(sr.load_scene("servicer", changes), backend="interpreted")
+def plain(result: sr.Result, seed: int) -> Array:
+    """Mass, centre of mass and inertia by least squares without weights, from the data of the same draw."""
+    scene, noise = result.scene(), sr.SensorNoise()
+    measured = _Momentum.of(result, scene, *_held(scene), result.array("time") >= 0)
+    deviation = np.sqrt(measured.variances(noise))
+    drawn = np.random.Generator(np.random.Philox(seed)).normal(size=(len(measured.states), len(deviation)))
+    states = [measured.moved(x, deviation * each) for x, each in zip(measured.states, drawn, strict=True)]
+    return _named(_regression(measured, states, np.zeros_like(deviation))[0][:10])
+
+
+def accuracy(what: str, result: sr.Result) -> None:
+    """Print the errors that one motion leaves."""
     found = [sr.identify(result, noise=sr.SensorNoise(), seed=seed) for seed in range(DRAWS)]
     truth = found[0].truth
     mean = truth[4:7].mean()
     scale = np.array([truth[0], *[np.sqrt(1.5 * mean / truth[0])] * 3, *[mean] * 6])
-    errors = np.array([(one.values - truth) / scale for one in found])
-    told = np.array([one.deviations / scale for one in found]).mean(axis=0)
-    whole = 100 * np.median(np.abs(errors))
-    print(f"\n{60 / seconds:.0f} turns of {seconds:g} s; {whole:.2f} % median of all\n")
-    print("| [%] | median | 95 % | standard deviation | scatter |\n|---|---|---|---|---|")
+    errors = 100 * np.array([(one.values - truth) / scale for one in found])
+    others = 100 * np.array([(plain(result, seed) - truth) / scale for seed in range(DRAWS)])
+    told = 100 * np.array([one.deviations / scale for one in found]).mean(axis=0)
+    whole, without = (np.median(np.abs(each)) for each in (errors, others))
+    print(f"\n{what}: {whole:.2f} % median of all, {without:.2f} % by plain least squares\n")
+    print("| [%] | median | 95 % | standard deviation | scatter | plain least squares: median |")
+    print("|---|---|---|---|---|---|")
     names = ["mass", *(f"com_{axis}" for axis in "xyz")]
     names += [f"inertia_{axes}" for axes in ("xx", "yy", "zz", "xy", "xz", "yz")]
     for i, name in enumerate(names):
-        sizes = 100 * np.abs(errors[:, i])
-        row = np.median(sizes), np.quantile(sizes, 0.95), 100 * told[i], 100 * errors[:, i].std()
+        sizes = np.abs(errors[:, i])
+        row = np.median(sizes), np.quantile(sizes, 0.95), told[i], errors[:, i].std()
+        row += (np.median(np.abs(others[:, i])),)
         print(f"| {name} | " + " | ".join(f"{value:.2f}" for value in row) + " |", flush=True)
+
+
+def turns(seconds: float) -> sr.Result:
+    """Simulation of 60 s of turns, each in so many seconds."""
+    times = {"duration": 60, "step": 0.05, "output_step": 0.1}
+    changes = HEAVIER | {"simulation": times, "phases": turned(seconds)}
+    return sr.simulate(sr.load_scene("servicer", changes), backend="interpreted")
+
+
+def excited() -> None:
+    """Print what the motion of ``examples/excitation.yaml`` tells, and what the tuned one tells."""
+    scene = sr.load_scene("examples/excitation.yaml")
+    for what, each in (("its own motion", scene), ("tuned", sr.tune(scene).scene)):
+        result = sr.simulate(each)
+        deviation = result.array("held_deviation")[-1, 0]
+        accuracy(f"excitation, {what}: greatest relative deviation {100 * deviation:.2f} %", result)
 
 
 def carried() -> None:
@@ -80,7 +109,8 @@ def main() -> None:
     """Print the tables as Markdown."""
     carried()
     for seconds in (20.0, 5.0):
-        accuracy(seconds)
+        accuracy(f"{60 / seconds:.0f} turns of {seconds:g} s", turns(seconds))
+    excited()
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Inertia filter: against one batch of weighted least squares, consistency, both engines, errors."""
 
 import functools
+import itertools
 import tempfile
 from pathlib import Path
 
@@ -329,3 +330,30 @@ def test_feed_forward_without_an_object_is_refused():
     late = {"errors": SENSORS["base_spin"]["errors"] | {"delay": 0.05}}
     with pytest.raises(ScenarioError, match=r"found base_spin 0\.05 s late"):
         build_closed_loop(flat(sensors=SENSORS | {"base_spin": late}))
+
+
+def test_a_motion_that_shows_most_within_a_limit_of_torque_is_planned(interpreted):
+    """It shows more than any motion of a grid that keeps the limit, and keeps it too."""
+    path, most_nm = "robots.arm.tips.tip.reference", 5.0
+    bounds = {f"{path}.radius": (0.02, 0.15), f"{path}.end_deg": (30.0, 180.0)}
+    tuning = {
+        "variables": {
+            key.rpartition(".")[2]: {"paths": key, "lower": low, "upper": high}
+            for key, (low, high) in bounds.items()
+        },
+        "objective": {"weight": 0, "held_deviation": 1},
+        "constraints": {"max_joint_torque": most_nm},
+        "starts": 2,
+        "step": 0.02,
+    }
+    short = {"duration": 0.4, "step": 0.02, "output_step": 0.1}
+    scene = flat({"simulation": short, "tuning": tuning}, **NOISE)
+    measured = ["held_deviation", "joint_torque_peak"]
+    grid = np.array(list(itertools.product(*(np.linspace(*ends, 7) for ends in bounds.values()))))
+    many = sr.batch(scene, measured, dict(zip(bounds, grid.T.tolist(), strict=True))).data
+    deviations, torques = (many[key].values for key in measured)
+    keeps = torques <= most_nm
+    assert 5 < keeps.sum() < keeps.size - 5
+    tuned = sr.simulate(sr.tune(scene).scene)
+    assert np.abs(tuned.array("joint_torque")).max() <= most_nm * 1.001
+    assert tuned.array("held_deviation")[-1, 0] < deviations[keeps].min()
