@@ -37,8 +37,9 @@ def drifting(robot, target, duration=20.0, step=5.0, **more):
 
 
 def urdf(name, text, base):
-    (folder() / f"{name}.urdf").write_text(text, encoding="utf-8")
-    return {"urdf": str(folder() / f"{name}.urdf"), "base": {"joint": "free_flyer"} | base}
+    file = folder() / f"passive_{name}.urdf"  # names of its own: other tests' scenes are in this folder too
+    file.write_text(text, encoding="utf-8")
+    return {"urdf": str(file), "base": {"joint": "free_flyer"} | base}
 
 
 def test_balls_that_drift_straight_pass_at_the_closed_form_distance():

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
-from optim.problem.scene_recipe import NewVariables, changed_scene, tuning_of, with_variables
+from optim.problem.scene_recipe import changed_scene, tuning_of
 from optim.problem.variables import Variables, resolve_variables
 from spacerobot.arrays import Array
 from spacerobot.errors import DivergedError, ScenarioError, SpaceRobotError, near_names
@@ -25,6 +25,7 @@ from spacerobot.scene import Scene, build_scene
 from spacerobot.simulation import Backend, Progress
 
 STARTS = 4
+"""Descents at each instant: from the best of the scenario's own point, the corners and a Sobol' sequence."""
 CORNERS = 4
 """Most parameters whose corners are all screened."""
 INFINITE = 1e3
@@ -103,12 +104,10 @@ class WorstMargins:
 
 def worst_margins(
     scene: Scene,
-    variables: NewVariables | None = None,
     at: Iterable[float | str] = (0.0,),
     *,
     margin: str = "disk",
     loops: str = "*",
-    starts: int = STARTS,
     backend: Backend = "auto",
     progress: Progress | None = None,
 ) -> WorstMargins:
@@ -117,17 +116,13 @@ def worst_margins(
     Parameters
     ----------
     scene
-        The scene.
-    variables
-        (Dotted path, lower, upper) by name; those of the tuning section if None.
+        The scene; its tuning section's variables are the uncertain parameters.
     at
         Instants, as of :func:`spacerobot.linearise`.
     margin
         ``disk``, ``gain_up``, ``gain_down``, ``phase`` or ``delay``.
     loops
         Break points, ``torque/*``.
-    starts
-        Descents at each instant: from the best of the scenario's own point, the corners and a Sobol sequence.
     backend, progress
         As of :func:`spacerobot.simulate`.
 
@@ -143,9 +138,8 @@ def worst_margins(
     if margin not in MARGINS:
         raise SpaceRobotError(f"no margin '{margin}', {near_names(margin, MARGINS)}")
     tell, at = progress or (lambda _: None), tuple(at)
-    scene, chosen = with_variables(scene, variables)
     scene = changed_scene(scene)
-    free = resolve_variables(scene, tuning_of(scene), chosen)
+    free = resolve_variables(scene, tuning_of(scene))
     found = ParametricLinearisation.of(scene, at, free.paths, backend, tell)
     names = chosen_loops(found, loops)
     cases, count = [], 0
@@ -158,12 +152,18 @@ def worst_margins(
                 raise SpaceRobotError(f"every loop of {loops} varies in time")
             return own[0]
 
-        u, evaluations = _descended(least, free, starts)
+        u, evaluations = _descended(least, free)
         nominal, worst = least(np.clip(free.unit(free.start), 0, 1)), least(u)
         count += evaluations
         values = free.values(u)
         changed = build_scene(scene.scenario, free.as_changes(values), source=scene.source)
-        simulated = _simulated(changed, at, k, found, margin, worst, backend)
+        try:
+            own = ParametricLinearisation.of(changed, at, [], backend)
+        except (DivergedError, ScenarioError):
+            simulated = float("nan")
+        else:
+            (again,) = replace(own, drift=found.drift).sizes(k, None, margin, [worst.loop])
+            simulated = again.value
         cases.append(
             WorstMargin(
                 instant.label,
@@ -194,13 +194,13 @@ def chosen_loops(found: ParametricLinearisation, pattern: str) -> list[str]:
     return names
 
 
-def _descended(least: Callable[[Array], MarginValue], free: Variables, starts: int) -> tuple[Array, int]:
+def _descended(least: Callable[[Array], MarginValue], free: Variables) -> tuple[Array, int]:
     """Best point of several descents, and how often they evaluated."""
     size, count = len(free), 0
     points = [np.clip(free.unit(free.start), 0, 1)]
     if size <= CORNERS:
         points += [np.array(corner) for corner in itertools.product((0.0, 1.0), repeat=size)]
-    points += list(qmc.Sobol(size, rng=np.random.default_rng(0)).random(max(4, 2 * starts)))
+    points += list(qmc.Sobol(size, rng=np.random.default_rng(0)).random(2 * STARTS))
 
     def function(u: Array) -> tuple[float, Array]:
         nonlocal count
@@ -210,25 +210,7 @@ def _descended(least: Callable[[Array], MarginValue], free: Variables, starts: i
             return INFINITE, np.zeros(size)
         return own.value, own.gradient * free.slope(u)
 
-    screened = sorted(points, key=lambda u: function(u)[0])[:starts]
+    screened = sorted(points, key=lambda u: function(u)[0])[:STARTS]
     ended = [minimize(function, u, jac=True, method="L-BFGS-B", bounds=[(0, 1)] * size) for u in screened]
     best = min(ended, key=lambda one: one.fun)
     return np.clip(best.x, 0, 1), count
-
-
-def _simulated(
-    scene: Scene,
-    at: tuple[float | str, ...],
-    k: int,
-    nominal: ParametricLinearisation,
-    margin: str,
-    worst: MarginValue,
-    backend: Backend,
-) -> float:
-    """Margin of the worst loop at the state of the changed scene's own simulation."""
-    try:
-        found = ParametricLinearisation.of(scene, at, [], backend)
-    except (DivergedError, ScenarioError):
-        return float("nan")
-    (own,) = replace(found, drift=nominal.drift).sizes(k, None, margin, [worst.loop])
-    return own.value

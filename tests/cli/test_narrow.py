@@ -39,7 +39,7 @@ def tables(monkeypatch):
         made.append(((), rows))
         return pairs(title, rows)
 
-    commands = [sys.modules[f"{COMMANDS.package}.{name}"] for name in COMMANDS.names()]
+    commands = [sys.modules[f"{COMMANDS.package}.{name.replace('-', '_')}"] for name in COMMANDS.names()]
     for module in (*commands, campaign_tables, design, front):
         for name, replacement in (("table", recorded), ("pairs", noted)):
             if hasattr(module, name):

@@ -176,7 +176,7 @@ def test_robust_tuning_from_the_command_line(invoke, small_file, tmp_path):
     words = [small_file, "--set", f"tuning={tuning}", "--samples", 9, "--fresh", 20, "--out", tmp_path / "r"]
     done = invoke(*words, "--measure", "mean", name="robust")
     assert done.exit_code == 0, done.output
-    for text in ("objective on 20 new samples", "start", "nominal", "robust"):
+    for text in ("objective on 20 fresh samples", "start", "nominal", "robust"):
         assert text in done.output
     told = json.loads((tmp_path / "r" / "robust.json").read_text())
     assert told["fresh"]["robust"]["mean"] < told["fresh"]["start"]["mean"]

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
+from optim.problem.varied_parameters import vary
 from optim.robust.worst_margins import worst_margins
 from spacerobot.errors import SpaceRobotError
 from spacerobot.linear import margins
@@ -14,6 +15,10 @@ from tests.linear.scenes import arm_scene
 HOLD = "robots.arm.controllers.hold"
 SAMPLED = {"sampled": {"period": 0.05, "delay": 0.02}}
 NAME = "torque/arm/joint_1"
+
+
+def ranged(scene, ranges):
+    return vary(scene, [f"{path}={low}..{high}" for path, low, high in ranges.values()])
 
 
 def own(scene, margin, at=(0.0,)):
@@ -30,7 +35,7 @@ def test_a_grid_finds_no_smaller_margin(margin):
         "kd": (f"{HOLD}.kd", 2.0, 6.0),
         "delay": (f"{HOLD}.sampled.delay", 0.01, 0.05),
     }
-    found = worst_margins(scene, ranges, margin=margin, loops=NAME, starts=2, backend="interpreted")
+    found = worst_margins(ranged(scene, ranges), margin=margin, loops=NAME, backend="interpreted")
     (case,) = found.cases
     assert case.nominal == pytest.approx(own(scene, margin), rel=1e-9)
     axes = [np.linspace(low, high, 3) for _, low, high in ranges.values()]
@@ -46,15 +51,14 @@ def test_a_grid_finds_no_smaller_margin(margin):
 
 def test_an_instability_within_the_range_is_negative():
     scene = arm_scene(1, "planar", **SAMPLED)
-    found = worst_margins(
-        scene, {"kd": (f"{HOLD}.kd", 1.0, 60.0)}, loops=NAME, starts=1, backend="interpreted"
-    )
+    scene = ranged(scene, {"kd": (f"{HOLD}.kd", 1.0, 60.0)})
+    found = worst_margins(scene, loops=NAME, backend="interpreted")
     assert found.cases[0].value < 0 < found.cases[0].nominal
 
 
 def test_names_that_are_wrong():
-    scene, ranges = arm_scene(1), {"kd": (f"{HOLD}.kd", 1.0, 60.0)}
+    scene = ranged(arm_scene(1), {"kd": (f"{HOLD}.kd", 1.0, 60.0)})
     with pytest.raises(SpaceRobotError, match="no margin 'disc'"):
-        worst_margins(scene, ranges, margin="disc", backend="interpreted")
+        worst_margins(scene, margin="disc", backend="interpreted")
     with pytest.raises(SpaceRobotError, match=r"no break point 'wheel/\*'"):
-        worst_margins(scene, ranges, loops="wheel/*", backend="interpreted")
+        worst_margins(scene, loops="wheel/*", backend="interpreted")
