@@ -20,6 +20,7 @@ from optim.planning.mpc.flown_scene import FlownScene, first_plan
 from optim.planning.mpc.horizon import ROUNDING
 from optim.planning.mpc.measured_state import Readings, measured_state
 from spacerobot.arrays import Array
+from spacerobot.errors import SpaceRobotError
 from spacerobot.rollout.closed_loop_protocol import LoopParameters
 from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene
@@ -157,12 +158,24 @@ class Computer:
         return np.array(found)
 
     def predicted(self, rows: Rows, measured: Array, delay: float) -> Array:
-        """Where they seem to come to a time [s] later, by the present plans (n, nq + nv)."""
+        """Where they seem to come to a time [s] later, by the present plans (n, nq + nv).
+
+        Raises
+        ------
+        SpaceRobotError
+            If the controllers' own model diverges.
+        """
         p, start = np.tile(self.model, (len(rows), 1)), self.plant.start[rows].copy()
         p[:, self.places] = self.plant.parameters[np.ix_(rows, self.places)]
         start[:, 1 : 1 + measured.shape[1]] = measured
         start[:, self.biases] = 0.0
-        return self.plant.roll(p, start, delay).start[:, 1 : 1 + measured.shape[1]]
+        found = self.plant.roll(p, start, delay).start[:, 1 : 1 + measured.shape[1]]
+        if not np.isfinite(found).all():
+            raise SpaceRobotError(
+                f"the plans' own model diverges within their delay of {delay:g} s; its sensors have no "
+                "noise, so give filters what they assume (`attitude_noise`, `rate_noise`, `position_noise`)"
+            )
+        return found
 
 
 def fly(computer: Computer, pilots: PlanMakers, notify: Callable[[str], None] = lambda _: None) -> list[str]:

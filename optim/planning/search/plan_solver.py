@@ -311,16 +311,16 @@ class PlanSolver:
             return self
         scene, whole = keep_apart(self.scene, new), (*self.apart, *new)
         plans = plan_section(scene).by_phase
-        zones = tuple((one.first, one.second, one.only) for one in whole)
+        known = tuple(tuple((one.first, one.second, one.only) for one in each) for each in (self.apart, new))
 
         def added(
             name: str, problem: PlanningProblem, instants: InstantFunctions
         ) -> tuple[PlanningProblem, InstantFunctions]:
             """One phase."""
-            if (name, zones) not in self._known:
+            if (name, *known) not in self._known:
                 rows = tuple(avoidance_rows(problem.stage, plans[name], plan_section(self.scene).keep_out))
-                self._known[name, zones] = rows, extended(instants, problem, rows)
-            rows, own = self._known[name, zones]
+                self._known[name, *known] = rows, extended(instants, problem, rows)
+            rows, own = self._known[name, *known]
             return dataclasses.replace(problem, path=(*problem.path, *rows)), own
 
         problem, instants = added(self.name, self.problem, self.instants)

@@ -126,6 +126,19 @@ def test_added_rows_have_the_derivatives_of_the_whole_problem(reach):
     assert added.keeping_apart(apart) is added
 
 
+def test_pairs_that_are_added_together_or_in_turn_make_the_same_problem(reach):
+    """Each of the two keeps its own functions, whichever was made first."""
+    solver = PlanSolver.of(reach(*CROSSED), "interpreted")
+    apart = [Collision(f"one/link_{k}", "target/body", 0.1, 1.0, (0,)) for k in (2, 3)]
+    one_by_one = solver.keeping_apart(apart[:1]).keeping_apart(apart[1:])
+    at_once = solver.keeping_apart(apart)
+    z = np.random.default_rng(0).normal(size=(at_once.problem.stage.z.numel(), 2))
+    for own in (one_by_one, at_once):
+        assert len(own.problem.path) == len(solver.problem.path) + 2
+        whole = build_instants(own.problem, "interpreted")
+        np.testing.assert_allclose(own.instants.call("values", z), whole.call("values", z), rtol=1e-12)
+
+
 def test_points_of_a_front_are_kept_apart(reach):
     scene = reach(*CROSSED, ("plan.costs.time", 0.01), ("plan.duration", {"lower": 5, "upper": 7}))
     front = make_front(scene, FrontRequest(("time", "torque"), 2), backend="interpreted")
