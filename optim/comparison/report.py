@@ -15,7 +15,7 @@ from optim.comparison.running_time import LEVEL, PRECISIONS, MethodRun, running_
 from optim.comparison.statistics import statistics
 from optim.json_values import plain
 from optim.methods.run_method import MethodOutcome
-from optim.problem.objectives import OBJECTIVE, UNITS
+from optim.problem.objectives import OBJECTIVE, reading
 from optim.problem.problem import EvaluationCost
 from optim.search.search import SearchRun
 from spacerobot.arrays import Array
@@ -72,7 +72,7 @@ def _targets(benchmark: ProblemComparison) -> list[float]:
 def _benchmark(benchmark: ProblemComparison) -> dict[str, Any]:
     nominal, variables = benchmark.nominal, benchmark.nominal.variables
     tuning = nominal.scene.scenario.tuning
-    factor, unit = UNITS[tuning.objective.kind] if tuning is not None else (1.0, "SI")
+    _, factor, unit = reading(tuning.objective) if tuning is not None else (OBJECTIVE, 1.0, "SI")
     return {
         "name": benchmark.name,
         "objective": tuning.objective.model_dump() if tuning else None,

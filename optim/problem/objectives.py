@@ -31,6 +31,11 @@ UNITS = {
 EQ45 = ("eq45", "eq45_printed")
 
 
+def reading(objective: Objective) -> tuple[str, float, str]:
+    """Name, factor and unit in which an objective reads well; tip errors without weight are not its name."""
+    return (objective.kind, *UNITS[objective.kind]) if objective.weight else (OBJECTIVE, 1.0, "")
+
+
 @dataclass(frozen=True)
 class ReducedObjective:
     """An objective made of a measure of several components.

@@ -72,7 +72,7 @@ def command(
 ) -> None:
     """Tune, simulate the best design, and save it if a folder is given."""
     from optim import build_problem, effort_of, tune
-    from optim.problem.objectives import UNITS
+    from optim.problem.objectives import reading
     from optim.problem.scene_recipe import tuning_of
     from optim.problem.variables import at_bound
     from optim.problem.varied_parameters import vary as varied
@@ -95,8 +95,8 @@ def command(
             found.save(out)
     told = {name: f", {end}" for name, end in at_bound(list(found.gains), found.outcome.best.u).items()}
     rows = [(name, f"{value:.6g}{told.get(name, '')}") for name, value in found.gains.items()]
-    factor, unit = UNITS[tuning.objective.kind]
-    console().print(f"{method}: {tuning.objective.kind} {factor * found.objective:.6g} {unit}", markup=False)
+    name, factor, unit = reading(tuning.objective)
+    console().print(f"{method}: {name} {factor * found.objective:.6g} {unit}", markup=False)
     console().print(pairs("gains", rows))
     show_runs(found.outcome.runs, factor)
     if TUNING_METHODS.find(method).shows_trials:

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from optim import build_problem, integral, tune
-from optim.problem.objectives import OBJECTIVE
+from optim.problem.objectives import OBJECTIVE, reading
 from optim.problem.problem import EvaluationCost
 from optim.workers import Threads
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.rollout import build_rollout
+from spacerobot.scenario import Objective
 from spacerobot.scene import load_scene
 
 LIMITS = {"max_joint_torque": 0.5, "max_grip_force": 0.2, "max_base_rotation_deg": 0.05}
@@ -207,3 +208,8 @@ def test_the_step_is_refined_where_it_falsifies_the_derivatives_at_the_best_poin
     assert not fine.step_doubt(found.outcome.best.u)
     assert found.objective == pytest.approx(fine.evaluate(found.outcome.best.u[None]).objective[0])
     assert fine.recipe.key != problem.recipe.key
+
+
+def test_an_objective_without_tip_errors_is_not_called_after_them():
+    assert reading(Objective(kind="minimax")) == ("minimax", 1e3, "mm")
+    assert reading(Objective(kind="minimax", weight=0)) == ("objective", 1.0, "")
