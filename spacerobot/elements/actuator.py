@@ -51,15 +51,23 @@ class Actuator(RobotElement):
         Whether it has wheels, whose momentum another actuator may unload.
     has_motors
         Whether it has motors that move relative to their joints, so that encoders there read something else.
+    detects_failures
+        Whether it compares the torques commanded with the motion, so that failures must follow it.
     """
 
     family: ClassVar[str] = "actuator"
     has_wheels: ClassVar[bool] = False
     has_motors: ClassVar[bool] = False
+    detects_failures: ClassVar[bool] = False
 
     @property
     def unloads(self) -> bool:
         """Whether it drives the momentum of the robot's wheels to a goal."""
+        return False
+
+    @property
+    def loses_torque(self) -> bool:
+        """Whether a failure keeps it from delivering torques that are commanded."""
         return False
 
     def wrench_limits(self, *, planar: bool) -> Mapping[Part, Array]:

@@ -267,7 +267,7 @@ def check_elements(scene: Scene) -> None:
         delivered = {
             part for _, _, element in own if isinstance(element, Actuator) for part in element.base_wrench
         }
-        _check_unloading(scene, [(path, part) for _, path, part in own if isinstance(part, Actuator)])
+        _check_order(scene, [(path, part) for _, path, part in own if isinstance(part, Actuator)])
         for _, path, element in own:
             if element.base_wrench and not body.root_joint:
                 message = (
@@ -351,13 +351,17 @@ def check_environment(scene: Scene) -> None:
             )
 
 
-def _check_unloading(scene: Scene, actuators: Sequence[tuple[str, Actuator]]) -> None:
-    """Refuse to unload wheels that are not there, or that stand before what unloads them."""
+def _check_order(scene: Scene, actuators: Sequence[tuple[str, Actuator]]) -> None:
+    """Refuse to unload wheels that are not there or stand before what unloads them, and to miss failures."""
     wheels = [actuator.has_wheels for _, actuator in actuators]
     for place, (path, actuator) in enumerate(actuators):
         if actuator.unloads and (any(wheels[:place]) or not any(wheels[place:])):
             able = [name for name, kind in kinds("actuator").items() if getattr(kind, "has_wheels", False)]
             message = f"unloads wheels, which must be listed after it; give some, of kind {' or '.join(able)}"
+            raise ScenarioError(message, source=scene.source, where=path)
+        early = next((name for name, other in actuators[:place] if other.loses_torque), None)
+        if actuator.detects_failures and early is not None:
+            message = f"sees only failures that are listed after it; found {early} before it, list that later"
             raise ScenarioError(message, source=scene.source, where=path)
 
 

@@ -209,3 +209,13 @@ def test_a_joint_that_locks_is_detected_and_held_once():
 def test_bad_input_is_one_line_at_its_place(options, told):
     with pytest.raises(ScenarioError, match=told):
         small_scene(PLANAR, observed(**options))
+
+
+def test_a_failure_that_it_would_not_see_is_refused():
+    fails = {"f": {"kind": "joint_failure", "joint": "joint_2", "mode": "free", "at": 0.1}}
+    observer = {"o": {"kind": "momentum_observer", "allowance": 0.2}}
+    with pytest.raises(
+        ScenarioError, match=r"actuators\.o: sees only failures .* robots\.one\.actuators\.f before"
+    ):
+        small_scene(PLANAR, {"robots.one.actuators": fails | observer})
+    small_scene(PLANAR, {"robots.one.actuators": observer | fails})

@@ -54,6 +54,11 @@ class JointFailure(Actuator):
         columns = tuple(actuator.columns[joint] for joint in joints)
         return Contribution(drives=(ActuatorDrive(columns, lambda asked: asked * factor),), events=(event,))
 
+    @property
+    def loses_torque(self) -> bool:
+        """Whether its joint's motor fails, not its brake."""
+        return self.mode != "locked"
+
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
         """A joint that the robot does not have, or that another actuator owns."""
         if not matching(robot.joints, self.joint):

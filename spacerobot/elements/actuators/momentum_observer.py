@@ -36,7 +36,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import replace
 from statistics import NormalDist
-from typing import Literal
+from typing import ClassVar, Literal
 
 import casadi as ca
 from pydantic import Field, model_validator
@@ -76,6 +76,7 @@ class MomentumObserver(Actuator):
     """
 
     kind: Literal["momentum_observer"] = "momentum_observer"
+    detects_failures: ClassVar[bool] = True
     joints: str = Field(default="*", description="joints by name; `*` matches any letters")
     side: Literal["base", "tip"] = Field(
         default="base",
@@ -125,6 +126,7 @@ class MomentumObserver(Actuator):
         columns = tuple(actuator.columns[name] for name in names)
 
         def answer(asked: ca.SX) -> Contribution:
+            """States, events and outputs, of the torques that are commanded."""
             law = _Observer(self, actuator, columns, asked)
             found = law.sampled() if self.period is not None else law.continuous()
             (_, residual), threshold = found
