@@ -357,3 +357,16 @@ def test_a_motion_that_shows_most_within_a_limit_of_torque_is_planned(interprete
     tuned = sr.simulate(sr.tune(scene).scene)
     assert np.abs(tuned.array("joint_torque")).max() <= most_nm * 1.001
     assert tuned.array("held_deviation")[-1, 0] < deviations[keeps].min()
+
+
+def test_the_momentum_of_wheels_is_counted():
+    """Wheels hold the base against the arm, so that their momentum is as large as that of the object."""
+    wheels = {"wheels": {"kind": "reaction_wheels", "axes": [[0, 0, 1]], "inertia": 0.05}}
+    held = {"turn": {"kind": "base_attitude", "kp": 40, "kd": 20}}
+    short = {"duration": 0.8, "step": 0.01, "output_step": 0.1}
+    scene = flat(
+        {"simulation": short, "robots.arm.actuators": wheels, "robots.arm.controllers": held}, **NOISE
+    )
+    result = sr.simulate(scene, backend="interpreted")
+    assert np.abs(result.array("wheel_momentum")[-1, 0]).max() > 1
+    assert result.array("held_nees")[-1, 0] < 0.1
