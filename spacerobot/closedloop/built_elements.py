@@ -282,7 +282,7 @@ class LoopBuilder:
             if isinstance(body.config, Robot) and body.config.estimators:
                 built = Contribution()
                 for key, estimator in body.config.estimators.items():
-                    own = estimator.build(self._estimator(body, key, dict(built.estimates)))
+                    own = estimator.build(self._estimator(body, key, built))
                     built = concatenate([built, own])
                 found[body.name] = built
         return found
@@ -291,12 +291,11 @@ class LoopBuilder:
         """From true values to those that filters of a body estimate, by signal."""
         return dict(self.estimators[body.name].estimates) if body.name in self.estimators else {}
 
-    def _estimator(
-        self, body: SceneBody, key: str, made: Mapping[str, Callable[[ca.SX], ca.SX]]
-    ) -> EstimatorContext:
+    def _estimator(self, body: SceneBody, key: str, above: Contribution) -> EstimatorContext:
         """Context of an estimator: it has samples of its own, or reads what controllers read."""
         assert isinstance(body.config, Robot)
-        path, sensors = body.path, body.config.sensors or Sensors()
+        path, sensors, made = body.path, body.config.sensors or Sensors(), dict(above.estimates)
+        monitors = {(name, one.rejects()) for name, one in body.config.estimators.items()}
         columns = tuple(int(self.plant.model.idx_vs[joint]) for joint in body.driven_joints)
         held = self._held(body, body.name, body.root_frame, columns, made)
         affine = self._sensors(body)
@@ -322,6 +321,12 @@ class LoopBuilder:
             """Angular momentum of the robot's wheels."""
             parts = [one.stored for one in self._actuators(body)]
             return sum((wheel.angular for part in parts for wheel in part), ca.SX(3, 1))
+
+        def rejected(signal: str) -> ca.SX:
+            """Whether a monitor of this estimator found that the signal's sensor has failed."""
+            own = sorted(name for name, rejects in monitors if rejects == (key, signal))
+            switch = self.context.constants.switch
+            return either(*(switch(f"{path}.estimators.{name}.detected") for name in own))
 
         def sample(
             signal: str,
@@ -364,6 +369,8 @@ class LoopBuilder:
             late,
             closed,
             stored,
+            lambda name: [one for one in above.innovations if one.filter == f"{body.name}/{name}"],
+            rejected,
         )
 
     def _tip(self, tip: SceneTip, key: str) -> TipContext:

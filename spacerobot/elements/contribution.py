@@ -339,6 +339,36 @@ class AccelerationConstraint:
 
 
 @dataclass(frozen=True)
+class Innovation:
+    """Innovations of a filter by the samples of one signal, for tests of whether its sensor has failed.
+
+    Attributes
+    ----------
+    filter, signal
+        Label of the filter, ``servicer/attitude``, and name of the signal.
+    square
+        Last normalised innovation squared (1x1).
+    size
+        Number of components.
+    used
+        Time of the last sample that was used (1x1) [s], below zero for none.
+    period, delay
+        Between instants at which the filter takes samples, and the first of them (1x1) [s].
+    period_s
+        Of the samples, by the scenario's numbers.
+    """
+
+    filter: str
+    signal: str
+    square: ca.SX
+    size: int
+    used: ca.SX
+    period: ca.SX
+    delay: ca.SX
+    period_s: float
+
+
+@dataclass(frozen=True)
 class Contribution:
     """Contribution of one element to the closed loop; the loop concatenates.
 
@@ -376,6 +406,8 @@ class Contribution:
         Signals that the controllers of its robot read of it instead of a sensor, each with a function from
         the true value to the estimated one; of ``target_position`` and ``target_velocity`` from the true
         place of a point of the target (3x1), world axes.
+    innovations
+        Of a filter, for each signal whose samples it uses.
     fine
         Switches (1x1), each with the longest step [s] while it is 1, infinite for that of the rollout, and
         over how many of these steps grow at the beginning of that time and shrink at its end.
@@ -397,6 +429,7 @@ class Contribution:
     outputs: tuple[Output, ...] = ()
     events: tuple[Event, ...] = ()
     estimates: tuple[tuple[str, Callable[[ca.SX], ca.SX]], ...] = ()
+    innovations: tuple[Innovation, ...] = ()
     fine: tuple[tuple[ca.SX, float, float], ...] = ()
 
 

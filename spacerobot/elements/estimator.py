@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
 import casadi as ca
 
 from spacerobot.arrays import Array
-from spacerobot.elements.contribution import Contribution
+from spacerobot.elements.contribution import Contribution, Innovation
 from spacerobot.elements.measurement import Measurement
 from spacerobot.elements.robot_element import RobotElement, RobotProperties
 from spacerobot.elements.section_context import SectionContext
@@ -107,6 +107,10 @@ class EstimatorContext:
         Whether a tip, by name, holds a link of the target, by name (1x1).
     stored
         Gives the angular momentum (3x1) of the robot's wheels, world axes [N m s].
+    innovations
+        From the key of an estimator above this one to its innovations.
+    rejected
+        Whether a signal's samples are no longer to be used by this estimator, by the signal's name (1x1).
     """
 
     context: SectionContext
@@ -125,6 +129,8 @@ class EstimatorContext:
     late: Callable[[str], float]
     closed: Callable[[str, str], ca.SX]
     stored: Callable[[], ca.SX]
+    innovations: Callable[[str], Sequence[Innovation]]
+    rejected: Callable[[str], ca.SX]
 
 
 class Estimator(RobotElement):
@@ -144,6 +150,10 @@ class Estimator(RobotElement):
 
     def frames(self) -> tuple[str, str] | None:
         """Tip that carries its camera, and link of the target that it sees; None for one without."""
+        return None
+
+    def rejects(self) -> tuple[str, str] | None:
+        """Estimator, by key, and signal that it no longer uses once this one's switch ``detected`` is on."""
         return None
 
     def build(self, robot: EstimatorContext) -> Contribution:

@@ -173,6 +173,7 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
     },
     ("estimator", "target_filter"): {"tip": "tip", "frame": "mate_2"},
     ("estimator", "inertia_filter"): {"tip": "tip", "frame": "mate_1"},
+    ("estimator", "innovation_monitor"): {"filter": "known", "signal": "base_orientation"},
     ("environment", "orbit"): {
         "semi_major_axis": 8.0,
         "planet_radius": 0.5,

@@ -151,7 +151,7 @@ class MomentumObserver(Actuator):
                     )
                 )
             count = sum(switches[1:], switches[0])
-            text = "joints whose failure was detected"
+            text = "failures that were detected"
             outputs.append(Output("failures_detected", count, "1", text, "body", actuator.robot))
             return Contribution(
                 states=tuple(law.states), events=(*law.events, *events), outputs=tuple(outputs)

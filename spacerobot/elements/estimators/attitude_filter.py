@@ -29,8 +29,9 @@ import casadi as ca
 from spacerobot.dynamics.algebra import SymmetricFactors
 from spacerobot.dynamics.rotations import rotation_exp, rotation_log
 from spacerobot.elements.clock import Clock
-from spacerobot.elements.contribution import Contribution, Output, State, memory
+from spacerobot.elements.contribution import Contribution, Innovation, Output, State, memory
 from spacerobot.elements.estimator import Estimator, EstimatorContext
+from spacerobot.elements.event import both, negated
 from spacerobot.elements.kalman import symmetric, triangle, updated
 from spacerobot.elements.measurement import attitude_numbers, attitude_of, turned_by
 from spacerobot.elements.registry import register
@@ -190,7 +191,7 @@ class _AttitudeFilterLaw:
         predicted = ca.if_else(first, ca.mtimes(turned_by(drawn), self.true), predicted)
         spread = ca.if_else(first, self._initial(self._count), spread)
         shown = self.tracker.value.symbol
-        fresh = shown[-1] > self.used.symbol
+        fresh = both(shown[-1] > self.used.symbol, negated(robot.rejected(TRACKER)))
         place = 2 * n if self.late else 0
         rows = ca.SX(n, self._count)
         rows[:, place : place + n] = ca.SX.eye(n)
@@ -239,6 +240,16 @@ class _AttitudeFilterLaw:
             events=(tick,),
             outputs=tuple(self._outputs(found)),
             estimates=((TRACKER, turned), (GYRO, lambda _: spin)),
+            innovations=(self._innovation(),),
+        )
+
+    def _innovation(self) -> Innovation:
+        """Of the star tracker."""
+        robot, errors = self.robot, self.robot.errors(TRACKER)
+        period_s = robot.context.parameters.value(f"{errors.path}.period")
+        instants = robot.errors(GYRO).steady("period"), ca.SX(0)
+        return Innovation(
+            robot.label, TRACKER, self.nis.symbol, self.size, self.used.symbol, *instants, period_s
         )
 
     def _outputs(self, found: ca.SX) -> Iterable[Output]:

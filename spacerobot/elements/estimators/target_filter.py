@@ -33,9 +33,9 @@ from spacerobot.dynamics.algebra import SymmetricFactors, cross, skew
 from spacerobot.dynamics.inertias import shifted_inertia
 from spacerobot.dynamics.rotations import rotation_exp, rotation_log
 from spacerobot.elements.clock import Clock
-from spacerobot.elements.contribution import Contribution, Output, State, memory
+from spacerobot.elements.contribution import Contribution, Innovation, Output, State, memory
 from spacerobot.elements.estimator import Estimator, EstimatorContext
-from spacerobot.elements.event import Event
+from spacerobot.elements.event import Event, both, negated
 from spacerobot.elements.kalman import symmetric, triangle, updated
 from spacerobot.elements.measurement import attitude_numbers, attitude_of, turned_by
 from spacerobot.elements.registry import register
@@ -173,7 +173,7 @@ class _TargetFilterLaw:
         self.mean = memory(f"{label}.mean", whole)
         self.covariance = memory(f"{label}.covariance", triangle(self._initial()))
         self.used = memory(f"{label}.used", ca.SX([-0.5, -0.5]))
-        self.nis = memory(f"{label}.nis", ca.SX.zeros(1))
+        self.nis = memory(f"{label}.nis", ca.SX.zeros(2))
         symbol = ca.SX.sym(f"{label}.now", whole.size1())
         self.now = State(f"{label}.now", symbol, whole, self._rate(symbol))
 
@@ -348,7 +348,7 @@ class _TargetFilterLaw:
         rows[m:, 2 * m : 2 * m + n] = ca.SX.eye(n)
         seen = rotation_log(ca.mtimes(attitude_of(turned[:-1]), ca.mtimes(rotation, self.turn).T))[self.about]
         innovation = ca.vertcat(shown[:m] - place - lever[self.along], seen)
-        total, correction, used = ca.SX(0), ca.SX.zeros(size), []
+        correction, used, squares = ca.SX.zeros(size), [], []
         samples = (
             (slice(0, m), shown, "position_noise", PLACE),
             (slice(m, m + n), turned, "attitude_noise", ATTITUDE),
@@ -357,9 +357,10 @@ class _TargetFilterLaw:
             variance = self._variance(key, signal, away)
             left = innovation[part] - ca.mtimes(rows[part, :], correction)
             step, after, nis = updated(spread, rows[part, :], left, [variance] * left.size1())
-            fresh = value[-1] > self.used.symbol[i]
+            fresh = both(value[-1] > self.used.symbol[i], negated(self.robot.rejected(signal)))
             correction = correction + ca.if_else(fresh, step, 0)
-            spread, total = ca.if_else(fresh, after, spread), total + ca.if_else(fresh, nis, 0)
+            spread = ca.if_else(fresh, after, spread)
+            squares.append(ca.if_else(fresh, nis, 0))
             used.append(ca.if_else(fresh, value[-1], self.used.symbol[i]))
         mean = self._corrected(mean, correction)
         now = mean
@@ -371,7 +372,7 @@ class _TargetFilterLaw:
             (self.mean, mean),
             (self.covariance, triangle(spread)),
             (self.used, ca.vertcat(*used)),
-            (self.nis, total),
+            (self.nis, ca.vertcat(*squares)),
             (self.now, now),
         ]
 
@@ -397,7 +398,17 @@ class _TargetFilterLaw:
             events=events,
             outputs=tuple(self._outputs()),
             estimates=tuple(self._estimates().items()),
+            innovations=tuple(self._innovations()),
         )
+
+    def _innovations(self) -> Iterable[Innovation]:
+        """Of the position and, given that, of the attitude, which are independent."""
+        robot, errors = self.robot, self.robot.errors(PLACE)
+        instants = errors.steady("period"), errors.steady("delay")
+        period_s = robot.context.parameters.value(f"{errors.path}.period")
+        for i, (signal, axes) in enumerate(((PLACE, self.along), (ATTITUDE, self.about))):
+            square, used = self.nis.symbol[i], self.used.symbol[i]
+            yield Innovation(robot.label, signal, square, len(axes), used, *instants, period_s)
 
     def _estimates(self) -> dict[str, Callable[[ca.SX], ca.SX]]:
         """Place and velocity of points (3x1) of the target, its rotation vectors and spin, world axes."""
@@ -458,7 +469,7 @@ class _TargetFilterLaw:
         text = "normalised error squared of target filters"
         yield Output("target_nees", nees, "1", text, "body", name)
         text = "normalised innovation squared of target filters"
-        yield Output("target_nis", self.nis.symbol, "1", text, "body", name)
+        yield Output("target_nis", ca.sum1(self.nis.symbol), "1", text, "body", name)
 
 
 def _summed(sizes: list[int]) -> list[int]:

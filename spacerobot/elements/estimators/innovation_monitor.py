@@ -1,0 +1,134 @@
+"""Detection of a failed sensor by a chi-square test of a filter's innovations.
+
+If model and noise are as the filter assumes, the innovations nu_k of a sensor with m components are white
+with the covariance S_k, and the normalised innovations squared (NIS) nu_k^T S_k^-1 nu_k are independent
+chi-square variables with m degrees of freedom (Mehra and Peschon, Automatica 7, 1971; Bar-Shalom, Li and
+Kirubarajan 2001, 5.4). Their sum over a window of N samples has N m, and is outside of
+
+    chi2^-1(p / 2) ... chi2^-1(1 - p / 2)
+
+with the probability p. A sensor that drifts makes the sum too large. One that is frozen makes it too large
+where the signal moves, and too small where it does not: its noise is always the same. Windows follow each
+other without overlap, so that tests are independent, and false alarms have the rate F = p / (N T) with the
+period T of the samples. A sensor that is lost gives no innovations: that is found by the time since the last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Literal
+
+import casadi as ca
+from pydantic import Field
+
+from spacerobot.elements.clock import Clock
+from spacerobot.elements.contribution import Contribution, Innovation, Output, memory
+from spacerobot.elements.estimator import Estimator, EstimatorContext
+from spacerobot.elements.event import Event, negated
+from spacerobot.elements.registry import register
+from spacerobot.elements.robot_element import RobotProperties
+from spacerobot.errors import ScenarioError, near_names
+from spacerobot.section import Name, quantity
+
+
+@register
+class InnovationMonitor(Estimator):
+    """Detects a failed sensor from a filter's innovations (chi-square test), which then stops using it.
+
+    It is listed after the filter.
+    """
+
+    kind: Literal["innovation_monitor"] = "innovation_monitor"
+    filter: Name = Field(description="filter, by its key in `estimators`")
+    signal: str = Field(description="signal whose samples are tested, as `base_orientation`")
+    window: int = Field(default=10, ge=1, le=10_000, description="N, number of samples of one test [1]")
+    false_alarms: float = quantity("1/h", "F, rate of false alarms", default=0.01, gt=0)
+    silence: float | None = quantity(
+        "s",
+        "time without a sample after which the sensor is lost; not tested if not given",
+        default=None,
+        gt=0,
+    )
+    reject: bool = Field(default=True, description="whether the filter stops using the sensor upon detection")
+
+    def rejects(self) -> tuple[str, str] | None:
+        """Filter and signal."""
+        return (self.filter, self.signal) if self.reject else None
+
+    def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
+        """A silence that is shorter than that between two samples."""
+        sensor = robot.sensors.get(self.signal)
+        if self.silence is None or sensor is None or sensor.errors is None:
+            return
+        least = sensor.errors.period + sensor.errors.delay
+        if self.silence <= least:
+            yield (
+                "silence",
+                f"found {self.silence:g} s, allowed: above period and delay of {self.signal}, {least:g}",
+            )
+
+    def build(self, robot: EstimatorContext) -> Contribution:
+        """The test's memory, its instants, and the event of detection."""
+        tested, context, label = self._innovation(robot), robot.context, robot.label
+        detected, who = context.switch("detected"), f"{robot.robot}/{self.filter}.{self.signal}"
+        lower, upper = self._limits(tested)
+        clock = Clock.of(f"{label}.instants", context.time, tested.period, tested.delay)
+        total, count = (memory(f"{label}.{key}", ca.SX.zeros(1)) for key in ("total", "count"))
+        seen = memory(f"{label}.seen", ca.SX(-0.5))  # time of the last sample that was counted
+        # of the last whole window, in the middle of what is allowed until there is one
+        found = memory(f"{label}.sum", ca.SX(tested.size * self.window))
+        fresh = tested.used > seen.symbol
+        new = total.symbol + ca.if_else(fresh, tested.square, 0)
+        number = count.symbol + fresh
+        whole = number > self.window - 0.5
+        updates = {
+            seen.name: tested.used,
+            total.name: ca.if_else(whole, 0, new),
+            count.name: ca.if_else(whole, 0, number),
+            found.name: ca.if_else(whole, new, found.symbol),
+        }
+        sets, armed = {detected.name(): True}, negated(detected)
+        excess = ca.fmax(found.symbol / upper - 1, 1 - found.symbol / lower)
+        events = [
+            clock.event(f"{label}.counted", "estimated", label, updates, silent=True),
+            Event(f"{label}.detected", "detected", who, excess, armed, sets),
+        ]
+        if self.silence is not None:
+            since = context.time - ca.fmax(tested.used, 0) - context.number("silence")
+            events.append(Event(f"{label}.silent", "detected", who, since, armed, sets, clock=True))
+        text = "sum of normalised innovations squared over the last window"
+        outputs = (
+            Output("innovation_sum", found.symbol, "1", text, "filter", who),
+            Output("innovation_limit", ca.SX(upper), "1", "greatest sum that is no alarm", "filter", who),
+            Output("failures_detected", detected, "1", "failures that were detected", "body", robot.robot),
+        )
+        return Contribution(
+            states=(seen, total, count, found, clock.count), events=tuple(events), outputs=outputs
+        )
+
+    def _innovation(self, robot: EstimatorContext) -> Innovation:
+        """Innovations that it tests."""
+        found = {one.signal: one for one in robot.innovations(self.filter)}
+        if self.signal not in found:
+            key, message = "filter", f"found no filter {self.filter!r} above it"
+            if found:
+                key, message = (
+                    "signal",
+                    f"no innovations of {self.signal!r}; {near_names(self.signal, found)}",
+                )
+            raise ScenarioError(message, where=f"{robot.context.path}.{key}")
+        return found[self.signal]
+
+    def _limits(self, tested: Innovation) -> tuple[float, float]:
+        """Least and greatest sum that is no alarm."""
+        # takes time to load, and a run without monitors needs none of it
+        from scipy.special import chdtri
+
+        passes = min(self.false_alarms * self.window * tested.period_s / 3600, 1.0)
+        freedoms = tested.size * self.window
+        lower, upper = chdtri(freedoms, [1 - passes / 2, passes / 2])
+        return float(lower), float(upper)
+
+    def words(self) -> str:
+        """Signal, filter and window."""
+        return f"tests innovations of {self.signal} in {self.filter}, {self.window} samples each"
