@@ -311,7 +311,8 @@ def _sample(
     if errors.dropout or sensor is not None:
         last = memory(f"{name}.last", observed.sample(observed.shown, ca.SX(-1)))
         if errors.dropout:
-            lost = context.random(f"{name}.dropout", rows, 1, number) < NormalDist().inv_cdf(errors.dropout)
+            far = NormalDist().inv_cdf(1 - errors.dropout / 2)  # both tails: a number of zero loses none
+            lost = ca.fabs(context.random(f"{name}.dropout", rows, 1, number)) > far
             found = ca.if_else(lost, last.symbol, found)
         if sensor is not None:
             found = sensor.shown(last.symbol, found, clock.instant if observed.stamped else None)

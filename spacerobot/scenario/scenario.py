@@ -48,7 +48,12 @@ class Simulation(Section):
     )
 
     noise_draw: float = quantity(
-        "1", "which draw of the sensors' noise, its whole part; campaigns vary it", default=0.0, ge=0, le=1e15
+        "1",
+        "which draw of the sensors' noise, its whole part; -1: none, as filters assume it all the same; "
+        "campaigns vary it",
+        default=0.0,
+        ge=-1,
+        le=1e15,
     )
     noise_seed: float = quantity("1", "of all draws", default=0.0, ge=0, le=1e15)
 

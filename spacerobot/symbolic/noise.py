@@ -3,6 +3,9 @@
 Every number is a function of (seed, draw, sensor, index) alone, by Philox (Salmon and others 2011), so that
 lanes, threads, workers and both engines see the same noise. A rollout reads them through windows of tables
 that no function sees: neither compilation nor setup depends on how many there are.
+
+Below draw 0 all numbers are zero: sensors show what they would without noise, bias and lost samples, while
+filters go on assuming the covariances of the scenario. The model of predictive control is simulated so.
 """
 
 from __future__ import annotations
@@ -16,6 +19,9 @@ from spacerobot.arrays import Array
 
 DRAW, SEED = "simulation.noise_draw", "simulation.noise_seed"
 """Numbers of the scenario: which draw, and of which family."""
+
+NOISELESS = -1.0
+"""The draw of zeros."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +46,9 @@ class NoiseTable:
         return SEED, DRAW
 
     def drawn(self, seed: float, draw: float) -> Array:
-        """The numbers (rows x width,), row by row, of a draw; whole parts count."""
+        """The numbers (rows x width,), row by row, of a draw; whole parts count, below 0 all are zero."""
+        if draw < 0:
+            return np.zeros(self.rows * self.width)
         key = np.array([int(seed), int(draw)], dtype=np.uint64)
         counter = np.array([0, 0, 0, zlib.crc32(self.sensor.encode())], dtype=np.uint64)
         generator = np.random.Generator(np.random.Philox(key=key, counter=counter))

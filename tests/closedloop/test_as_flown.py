@@ -40,7 +40,7 @@ GRADIENTS = {
 
 @pytest.fixture(scope="module")
 def near():
-    scene = load_scene("capture-as-flown", NEAR)
+    scene = load_scene("examples/capture-rendezvous.yaml", NEAR)
     return scene, build_closed_loop(scene)
 
 

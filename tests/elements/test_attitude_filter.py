@@ -54,7 +54,10 @@ def states(rollout, run, name):
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.1, SLOW])
 def test_in_the_plane_it_is_the_conditional_expectation_given_all_that_arrived(delay_s):
-    """One axis is linear: mean and covariance of (angle, bias) follow from one joint Gaussian."""
+    """One axis is linear: mean and covariance of (angle, bias) follow from one joint Gaussian.
+
+    Two turns share each sample of the gyro, whose error is therefore a part of what is chained.
+    """
     rollout = rolled(PLATE, filtered(delay_s), 1.0, backend="interpreted", output_step_s=PERIOD / 2)
     run, after = rollout.run(), slice(1, None, 2)  # after each instant
     rate = states(rollout, run, ".base_spin.measured")[after, 0]
@@ -63,24 +66,26 @@ def test_in_the_plane_it_is_the_conditional_expectation_given_all_that_arrived(d
     begin = np.radians(FIRST_DEG)
     drawn = NoiseTable("chaser/known.begin", 1, 1).drawn(0, 0)[0]
     turned = np.radians(30) + begin * drawn
-    white, walk = GYRO["errors"]["noise"] ** 2 * PERIOD, GYRO["errors"]["bias_walk"] ** 2 * PERIOD
-    noise = [[white + walk * PERIOD**2 / 3, -walk * PERIOD / 2], [-walk * PERIOD / 2, walk]]
-    forcing = np.outer(PERIOD * (rate[1:] + rate[:-1]) / 2, [1, 0])
-    spread = np.diag([begin**2, GYRO["errors"]["bias"] ** 2])
-    mean, covariance = chained([turned, 0], spread, [[1, -PERIOD], [0, 1]], forcing, np.array(noise))
+    sample, walk = GYRO["errors"]["noise"] ** 2 / PERIOD, GYRO["errors"]["bias_walk"] ** 2 * PERIOD
+    noise = walk * np.array([[PERIOD**2 / 3, -PERIOD / 2, 0], [-PERIOD / 2, 1, 0], [0, 0, 0]])
+    noise += sample * np.outer([-PERIOD / 2, 0, 1], [-PERIOD / 2, 0, 1])
+    forcing = np.outer(PERIOD * (rate[1:] + rate[:-1]) / 2, [1, 0, 0])
+    spread = np.diag([begin**2, GYRO["errors"]["bias"] ** 2, sample])
+    transition = np.array([[1, -PERIOD, -PERIOD / 2], [0, 1, 0], [0, 0, 0]])
+    mean, covariance = chained([turned, 0, 0], spread, transition, forcing, noise)
     numbers, bias = states(rollout, run, ".attitude")[after], states(rollout, run, ".bias")[after, 0]
     angle = np.arctan2(numbers[:, 1], numbers[:, 0])
     known = states(rollout, run, ".covariance")[after]
-    places = [0, 1, 3 if delay_s else 2]
+    places = [0, 1, 4 if delay_s else 3]
     for k in range(count):
         # samples that arrived up to now, each of its own instant
         used = sorted({tuple(row) for row in shown[: k + 1] if row[2] >= 0}, key=lambda row: row[2])
-        rows = np.zeros((len(used), 2 * count))
+        rows = np.zeros((len(used), 3 * count))
         for i, (*_, stamp) in enumerate(used):
-            rows[i, 2 * round(stamp / PERIOD)] = 1
+            rows[i, 3 * round(stamp / PERIOD)] = 1
         values = np.array([np.arctan2(row[1], row[0]) for row in used])
         found, left = conditioned(mean, covariance, rows, values, TRACKER**2)
-        own = slice(2 * k, 2 * k + 2)
+        own = slice(3 * k, 3 * k + 2)
         np.testing.assert_allclose([angle[k], bias[k]], found[own], rtol=0, atol=1e-12)
         wanted = left[own, own]
         np.testing.assert_allclose(

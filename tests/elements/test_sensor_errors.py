@@ -64,6 +64,12 @@ def test_samples_are_clipped_quantised_lost_and_late():
     assert np.ptp(early) > 1e-4
 
 
+def test_the_draw_below_zero_has_no_errors():
+    """Not even lost samples, however many there are in other draws."""
+    shown, true = seen(draws=[-1], noise=DENSITY, bias=BIAS, bias_walk=WALK, dropout=0.9)
+    np.testing.assert_allclose(shown[:, 1:], true[:, 1:], atol=1e-12)
+
+
 ERRORS = {"period": 0.02, "delay": 0.03, "noise": 1e-4, "bias": 1e-3, "bias_walk": 1e-4, "dropout": 0.2}
 NOISY = {
     f"{ONE}.sampled": {"period": 0.02},

@@ -25,13 +25,14 @@ from spacerobot.rollout.closed_loop_protocol import LoopParameters
 from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene
 from spacerobot.section import numbers
+from spacerobot.symbolic.noise import DRAW, NOISELESS
 
 Rows = NDArray[np.int64]
 SHORT = 1e-11
 """Length of a rollout after which what is measured at its start is known [s]."""
 
-SILENT = {"offset": 0.0, "scale": 1.0, "noise": 0.0, "bias": 0.0, "bias_walk": 0.0}
-"""Numbers of a sensor without errors."""
+TRUE = {"offset": 0.0, "scale": 1.0}
+"""Numbers of a sensor that shows what there is; the draw of zeros takes its noise and bias away."""
 
 
 @dataclass
@@ -135,7 +136,9 @@ class Computer:
         for place, path in enumerate(loop.parameter_paths):
             model[place] = known.get(path, model[place])
             if ".sensors." in path:
-                model[place] = SILENT.get(path.rpartition(".")[2], model[place])
+                model[place] = TRUE.get(path.rpartition(".")[2], model[place])
+            if path == DRAW:
+                model[place] = NOISELESS
         biases = [1 + i for i, name in enumerate(loop.state_names) if ".bias[" in name]
         first = plant.start[:, 1 : 1 + scene.model.nq].copy()
         return cls(
@@ -171,10 +174,7 @@ class Computer:
         start[:, self.biases] = 0.0
         found = self.plant.roll(p, start, delay).start[:, 1 : 1 + measured.shape[1]]
         if not np.isfinite(found).all():
-            raise SpaceRobotError(
-                f"the plans' own model diverges within their delay of {delay:g} s; its sensors have no "
-                "noise, so give filters what they assume (`attitude_noise`, `rate_noise`, `position_noise`)"
-            )
+            raise SpaceRobotError(f"the plans' own model diverges within their delay of {delay:g} s")
         return found
 
 

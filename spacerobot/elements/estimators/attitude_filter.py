@@ -7,13 +7,16 @@ d about world axes, R_true = exp(d) R, and b_true - b:
     d' = -R (b_true - b) - R n_v,    (b_true - b)' = n_u
 
 About world axes the transition of d is the identity: with A = R exp(T w / 2) T, the midpoint rule for the
-integral of R, and the densities s_v of the gyro's noise and s_u of its walk, over a period
+integral of R, the error n of the gyro's last sample, and the densities s_v of its noise and s_u of its walk,
+over a period
 
-    Phi = [1  -A]    Q = [(s_v^2 T + s_u^2 T^3 / 3) 1    -s_u^2 T A / 2]
-          [0   1]        [ symmetric                      s_u^2 T 1    ]
+    d+ = d - A (b_true - b) - A (n + n+) / 2,    var(n) = s_v^2 / T,
 
-(Farrenkopf 1978; Markley and Crassidis 2014, Eq. 6.93, there about the base's axes). A star tracker gives
-R_m = exp(n) R_true: its innovation is log(R_m R^T) = d + n. One that is late gives that of its own instant,
+and by the walk cov(d) = s_u^2 T^3 / 3, cov(d, b) = -s_u^2 T A / 2, cov(b) = s_u^2 T (Farrenkopf 1978; Markley
+and Crassidis 2014, Eq. 6.93, there about the base's axes). Two turns share each sample, so n is a part of the
+state. White noise s_v^2 T of each turn instead, as if gyros gave means over a period, counts s_v^2 T / 2 too
+much where a star tracker is compared: with a slow, noisy gyro the filter is too cautious. A star tracker has
+R_m = exp(m) R_true: its innovation is log(R_m R^T) = d + m. One that is late gives that of its own instant,
 at which the attitude and its error are copied: the copy's error is a further part of the state, which stays
 as it is, correlated with the others (stochastic cloning, Roumeliotis and Burdick 2002). After an update d is
 moved into R, and reset to zero.
@@ -133,8 +136,7 @@ class _AttitudeFilterLaw:
         self.rate = self._state("rate", ca.SX.zeros(size))  # as measured last
         self.used = self._state("used", ca.SX(-0.5))  # time of the star tracker's last sample that was used
         self.nis = self._state("nis", ca.SX.zeros(1))
-        count = (3 if self.late else 2) * size
-        self.covariance = self._state("covariance", triangle(self._initial(count)))
+        self.covariance = self._state("covariance", triangle(self._initial()))
         self.copied = self._state("copied", ca.SX.zeros(1))  # samples of the star tracker, late ones alone
         self.copy = self._state("copy", self.attitude.initial)
 
@@ -150,13 +152,18 @@ class _AttitudeFilterLaw:
             return self.robot.context.number(key)
         return self.robot.errors(signal).number(own)
 
-    def _initial(self, count: int) -> ca.SX:
+    def _initial(self) -> ca.SX:
         """Covariance at the start."""
-        begin = self.robot.context.number("attitude_deg") * DEGREE
-        deviation = ca.SX.zeros(count)
-        deviation[: self.size] = begin
-        deviation[self.size : 2 * self.size] = self._number("bias", GYRO, "bias")
-        return ca.diag(deviation**2)
+        variance, n = ca.SX.zeros(self._count), self.size
+        variance[:n] = (self.robot.context.number("attitude_deg") * DEGREE) ** 2
+        variance[n : 2 * n] = self._number("bias", GYRO, "bias") ** 2
+        variance[2 * n : 3 * n] = self._sample_variance
+        return ca.diag(variance)
+
+    @property
+    def _sample_variance(self) -> ca.SX:
+        """Of a component of a gyro's sample, its bias apart (1x1) [rad^2/s^2]."""
+        return self._number("rate_noise", GYRO, "noise") ** 2 / self.robot.errors(GYRO).steady("period")
 
     def _predicted(self) -> tuple[ca.SX, ca.SX]:
         """Attitude and covariance at this instant, before its measurements."""
@@ -165,20 +172,23 @@ class _AttitudeFilterLaw:
         turn = period * ((self.rate.symbol + measured) / 2 - self.bias.symbol)
         axes = list(self.axes)
         lever = period * ca.mtimes(attitude, turned_by(turn / 2))[axes, axes]
-        white = self._number("rate_noise", GYRO, "noise") ** 2 * period
+        white = self._sample_variance
         walk = self._number("bias_walk", GYRO, "bias_walk") ** 2 * period
         covariance = symmetric(self.covariance.symbol, self._count)
         transition, noise = ca.SX.eye(self._count), ca.SX(self._count, self._count)
-        transition[:n, n : 2 * n] = -lever
-        noise[:n, :n] = (white + walk * period**2 / 3) * ca.SX.eye(n)
-        noise[:n, n : 2 * n], noise[n : 2 * n, :n] = -walk / 2 * lever, -walk / 2 * lever.T
-        noise[n : 2 * n, n : 2 * n] = walk * ca.SX.eye(n)
+        transition[:n, n : 2 * n], transition[:n, 2 * n : 3 * n] = -lever, -lever / 2
+        transition[2 * n : 3 * n, 2 * n : 3 * n] = ca.SX(n, n)
+        noise[:n, :n] = (white / 4 + walk / 3) * period**2 * ca.SX.eye(n)
+        for first, variance in ((n, walk), (2 * n, white)):
+            own = slice(first, first + n)
+            noise[:n, own], noise[own, :n] = -variance / 2 * lever, -variance / 2 * lever.T
+            noise[own, own] = variance * ca.SX.eye(n)
         spread = ca.mtimes(transition, ca.mtimes(covariance, transition.T)) + noise
         return ca.mtimes(attitude, turned_by(turn)), spread
 
     @property
     def _count(self) -> int:
-        return (3 if self.late else 2) * self.size
+        return (4 if self.late else 3) * self.size
 
     def contribution(self) -> Contribution:
         """States, the event at the gyro's instants, estimates and outputs."""
@@ -189,10 +199,10 @@ class _AttitudeFilterLaw:
         drawn = begin * robot.context.random(f"{robot.label}.begin", 1, n, ca.SX(0))
         predicted, spread = self._predicted()
         predicted = ca.if_else(first, ca.mtimes(turned_by(drawn), self.true), predicted)
-        spread = ca.if_else(first, self._initial(self._count), spread)
+        spread = ca.if_else(first, self._initial(), spread)
         shown = self.tracker.value.symbol
         fresh = both(shown[-1] > self.used.symbol, negated(robot.rejected(TRACKER)))
-        place = 2 * n if self.late else 0
+        place = 3 * n if self.late else 0
         rows = ca.SX(n, self._count)
         rows[:, place : place + n] = ca.SX.eye(n)
         compared = attitude_of(self.copy.symbol) if self.late else predicted
@@ -206,7 +216,7 @@ class _AttitudeFilterLaw:
         correction, after = ca.if_else(fresh, correction, 0), ca.if_else(fresh, after, spread)
         attitude = ca.mtimes(turned_by(correction[:n]), predicted)
         bias = self.bias.symbol + correction[n : 2 * n]
-        measured = self.gyro.value.symbol[:n]
+        measured = self.gyro.value.symbol[:n] - correction[2 * n : 3 * n]
         axes = list(self.axes)
         numbers = self._numbers(attitude)
         updates = [
@@ -221,7 +231,7 @@ class _AttitudeFilterLaw:
             taken = self.tracker.samples.symbol
             new = taken > self.copied.symbol + 0.5
             again = ca.SX.eye(self._count)
-            again[2 * n :, :n], again[2 * n :, 2 * n :] = ca.SX.eye(n), ca.SX(n, n)
+            again[3 * n :, :n], again[3 * n :, 3 * n :] = ca.SX.eye(n), ca.SX(n, n)
             after = ca.if_else(new, ca.mtimes(again, ca.mtimes(after, again.T)), after)
             updates += [(self.copy, ca.if_else(new, numbers, self.copy.symbol)), (self.copied, taken)]
         updates.append((self.covariance, triangle(after)))

@@ -312,6 +312,22 @@ def test_behind_the_delay_a_plan_begins_where_the_model_comes_to(reach, monkeypa
     np.testing.assert_allclose(begun[0][1], np.append(there.q.values, there.v.values), atol=1e-9)
 
 
+def test_filters_assume_the_noise_of_their_sensors_where_plans_predict(reach):
+    """The model's sensors show no noise; filters would divide by covariances of zero."""
+    given = {"errors": {"period": 0.05, "noise": 1e-3, "bias": 1e-3}}
+    scene = reach(
+        *FLIGHT[:1],
+        *FLIGHT[2:],
+        ("plan.duration", 2),
+        ("robots.one.controllers.lead.delay", 0.3),
+        ("robots.one.sensors", {"base_spin": given, "base_orientation": given}),
+        ("robots.one.estimators", {"own": {"kind": "attitude_filter"}}),
+    )
+    flown = simulate_mpc(scene, backend="interpreted")
+    assert flown.summary["mpc"]["plans"] == 2
+    assert np.isfinite(flown.data.q.values).all()
+
+
 def test_a_limit_that_is_violated_already_is_not_to_be_violated_more(reach):
     scene = reach(*FLIGHT, ("plan.limits.base_rotation_deg", 5))
     solver = PlanSolver.of(scene, "interpreted")
