@@ -55,8 +55,8 @@ class Planners:
         driven = self._solver.problem.stage.driven
         if len(driven.names) > len(driven.joints):
             told = (
-                "found an actuator on a base, allowed with kind mpc: only joints are controlled; leave the base "
-                "to its own controller by `limits: {base_torque: 0, base_force: 0}`"
+                "found an actuator on a base, allowed with kind mpc: only joints are controlled; leave the "
+                "base to its own controller by `limits: {base_torque: 0, base_force: 0}`"
             )
             raise ScenarioError(told, source=scene.source, where="plan.limits")
 
