@@ -242,9 +242,16 @@ def test_what_cannot_plan_in_flight_says_so(reach):
     assert fault.value.exit_code == 2
 
 
-@pytest.mark.parametrize("name", ["receding", "docking-receding", "wrong-model"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *(f"examples/{name}.yaml" for name in ("receding", "docking-receding", "wrong-model")),
+        "docking-as-flown",
+        "capture-as-flown",
+    ],
+)
 def test_the_examples_are_read(name):
-    scene = load_scene(f"examples/{name}.yaml")
+    scene = load_scene(name)
     assert not scene.warnings
     assert mpc_settings(scene).period > 0
 
