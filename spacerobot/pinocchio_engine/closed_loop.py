@@ -18,6 +18,7 @@ from spacerobot.closedloop.build import evaluate, section_context, state_names
 from spacerobot.closedloop.events import LoopEvent, rules_of, update_of
 from spacerobot.closedloop.forward_dynamics import ForwardDynamicsResult
 from spacerobot.elements import Contribution
+from spacerobot.numeric_function import NumericFunction
 from spacerobot.pinocchio_engine.dynamics import DynamicsConditions, DynamicsUnknowns
 from spacerobot.pinocchio_engine.mechanical_inputs import InputBuilder, InputPlant, numeric_start
 from spacerobot.pinocchio_engine.mechanical_state import MechanicalState, configuration_rate, coordinates
@@ -72,7 +73,7 @@ class PinocchioLoop:
     """
 
     def __init__(self, scene: Scene) -> None:
-        self.scene, self.model = scene, scene.model
+        self.scene, self.model, self._scratch = scene, scene.model, scene.model.createData()
         parameters = Parameters(dict(numbers(to_document(scene.scenario))))
         context = section_context(scene, parameters)
         plant = InputPlant.of(scene, parameters, context.constants)
@@ -89,8 +90,9 @@ class PinocchioLoop:
         z = ca.vertcat(ca.SX(0, 1), *(state.symbol for state in acting.states))
         self.state_names = state_names(self.model, acting.states)[self.model.nq + self.model.nv :]
         self.parameter_paths = parameters.paths
-        self._constants = ca.Function("c", [parameters.symbols], [constants.expressions])
-        self.c: Array = _numbers(self._constants(parameters.values))
+        prepared = ca.Function("c", [parameters.symbols], [ca.densify(constants.expressions)])
+        self._constants = NumericFunction(prepared)
+        self.c: Array = self._constants(parameters.values)[0]
         self._jumps, self._tables = list(constants.jumps), constants.tables
         self._jump_times = self.c[self._jumps]
         drawn = (t.drawn(*(parameters.value(key) for key in t.keys)) for t in constants.noise)
@@ -121,9 +123,11 @@ class PinocchioLoop:
         updated = update_of(plant, acting, which, unknowns.struck)
         given = [time, ca.vertcat(plant.q, plant.v, z), constants.symbols, plant.inputs.symbols]
         null_space, output, solved = unknowns.null_space, unknowns.output, unknowns.solved
+        self._solved, self._reactions = solved.size1(), unknowns.reaction.size1()
 
-        def function(name: str, arguments: list[ca.SX], *values: ca.SX) -> ca.Function:
-            return ca.Function(name, arguments, ca.cse([ca.densify(value) for value in values]))
+        def function(name: str, arguments: list[ca.SX], *values: ca.SX) -> NumericFunction:
+            made = ca.Function(name, arguments, ca.cse([ca.densify(value) for value in values]))
+            return NumericFunction(made)
 
         self._loads = function("loads", given, *unknowns.loads.values())
         self._early = function("early", [*given, null_space], *unknowns.early)
@@ -153,12 +157,12 @@ class PinocchioLoop:
         z = np.zeros(len(remembers))
         for _ in range(2):
             x = np.concatenate([q, v, z * remembers])
-            z = _numbers(self._start(0.0, x, self.c, inputs))
+            z = self._start(0.0, x, self.c, inputs)[0]
         return np.concatenate([q, v, z])
 
     def change(self, p: Array) -> None:
         """Continue with other parameters (np,), in the order of ``parameter_paths``; switches stay."""
-        switches, self.c = self.switches, _numbers(self._constants(p))
+        switches, self.c = self.switches, self._constants(p)[0]
         self.c[self._switches] = switches
         self._jump_times, self._kept = self.c[self._jumps], {}
 
@@ -190,26 +194,24 @@ class PinocchioLoop:
         Without ``solved`` the unknowns are not asked for.
         """
         q, v, z = self.split(x)
-        state = MechanicalState(self.model, q, v)
+        state = MechanicalState(self.model, q, v, self._scratch)
         x = np.concatenate([state.q, v, z])
         inputs = self._inputs.values(state)
         given = (t, x, self._shown(t, x, inputs, within), inputs)
         if not solved:
-            return EvaluatedInstant(
-                state, given, np.full(self._unknowns.solved.size1(), np.nan), np.full(len(v), np.nan)
-            )
+            return EvaluatedInstant(state, given, np.full(self._solved, np.nan), np.full(len(v), np.nan))
         conditions = self._conditions(state, given)
         parts = [conditions.kept_still(name, size) for name, size in self._unknowns.projections]
         null_space = np.concatenate([np.empty(0), *parts])
         commanded, pushed = self._early(*given, null_space)
-        effort = _numbers(commanded + pushed)
+        effort = commanded + pushed
         outputs, reactions, acceleration = conditions.solve(effort, outputs=True)
         if len(outputs):
             commanded, pushed = self._late(*given, null_space, outputs)
-            effort = _numbers(commanded + pushed)
+            effort = commanded + pushed
         if self._unknowns.then:
             _, reactions, acceleration = conditions.solve(effort, outputs=False)
-        own = reactions[: self._unknowns.reaction.size1()]
+        own = reactions[: self._reactions]
         return EvaluatedInstant(
             state, given, np.concatenate([null_space, outputs, own, acceleration]), acceleration
         )
@@ -231,29 +233,28 @@ class PinocchioLoop:
         """
         now = self.instant(t, x, within)
         q, v, _ = self.split(x)
-        rates = _numbers(self._rates(*now.given, now.solved))
+        rates = self._rates(*now.given, now.solved)[0]
         return np.concatenate([configuration_rate(self._places, q, v), now.acceleration, rates])
 
     def outputs(self, t: float, x: Array, within: float | None = None) -> dict[str, Array]:
         """Outputs by name, column vectors of the closed loop's; arguments and errors as for the rate."""
         now = self.instant(t, x, within)
-        found = self._outputs.call([*now.given, now.solved])
-        return {name: _numbers(value) for name, value in zip(self._output_names, found, strict=True)}
+        return dict(zip(self._output_names, self._outputs(*now.given, now.solved), strict=True))
 
     def guards(self, t: float, x: Array, within: float) -> Array:
         """Guards of all events (ne,), armed or not."""
         now = self.instant(t, x, within, solved=self._guards_see_forces)
-        return _numbers(self._guards(*now.given, now.solved))
+        return self._guards(*now.given, now.solved)[0]
 
     @property
     def armed(self) -> list[int]:
         """Numbers of the events that may happen with the switches as they are."""
-        return [int(number) for number in np.flatnonzero(_numbers(self._armed(self.c)))]
+        return [int(number) for number in np.flatnonzero(self._armed(self.c)[0])]
 
     def gaps(self, x: Array) -> tuple[Array, Array]:
         """Gaps [m] between the shapes of all contacts, and bounds of their rates [m/s] (n,) each."""
         q, v, _ = self.split(x)
-        state, found = MechanicalState(self.model, q, v), list[tuple[float, float]]()
+        state, found = MechanicalState(self.model, q, v, self._scratch), list[tuple[float, float]]()
         for contact in self.scene.contacts:
             for pair in contact.pairs:
                 crown = contact.config.crown
@@ -273,9 +274,9 @@ class PinocchioLoop:
         impact = np.zeros(self._unknowns.impact.size1())
         if self._impacts[number]:
             conditions = self._conditions(now.state, now.given)
-            impact = conditions.strike(self._unknowns.reaction.size1())
+            impact = conditions.strike(self._reactions)
         sampled = self._sampled(now, event.name)
-        after = _numbers(self._update(*now.given, now.solved, impact, sampled, number))
+        after = self._update(*now.given, now.solved, impact, sampled, number)[0]
         self._kept.clear()
         return after
 
@@ -284,8 +285,8 @@ class PinocchioLoop:
         found = [np.zeros(output.size1()) for output in self._unknowns.sampled]
         for place, (name, loads) in enumerate(self._unknowns.laws.items()):
             if name == event:
-                values = self._laws[name].call([*now.given, now.solved])
-                own = {key: value.full() for key, value in zip(loads, values, strict=True)}
+                values = self._laws[name].matrices(*now.given, now.solved)
+                own = dict(zip(loads, values, strict=True))
                 conditions = self._conditions(now.state, now.given)
                 conditions = DynamicsConditions(now.state, {**conditions.loads, **own})
                 outputs = conditions.solve(own["effort"][:, 0], outputs=True)[0]
@@ -295,9 +296,8 @@ class PinocchioLoop:
     def _conditions(
         self, state: MechanicalState, given: tuple[float, Array, Array, Array]
     ) -> DynamicsConditions:
-        found = self._loads.call(list(given))
-        names = self._unknowns.loads
-        return DynamicsConditions(state, {k: value.full() for k, value in zip(names, found, strict=True)})
+        found = self._loads.matrices(*given)
+        return DynamicsConditions(state, dict(zip(self._unknowns.loads, found, strict=True)))
 
     def _shown(self, t: float, x: Array, inputs: Array, within: float | None) -> Array:
         """Constants (nc,) as they hold within an interval: jumps passed or not, rows of tables shown."""
@@ -307,7 +307,7 @@ class PinocchioLoop:
         c = self.c.copy()
         c[self._jumps] = np.where(self._jump_times <= at, -np.inf, np.inf)
         if self._tables:
-            rows = _numbers(self._rows(t, x, c, inputs)).astype(int)
+            rows = self._rows(t, x, c, inputs)[0].astype(int)
             for table in self._tables:
                 if table.noise >= 0:
                     first = table.noise + rows[table.cursor] * table.width
@@ -317,8 +317,3 @@ class PinocchioLoop:
                 c[table.window : table.window + table.width] = c[first : first + table.width]
         self._kept = {at: c}
         return c
-
-
-def _numbers(value: ca.DM) -> Array:
-    found: Array = value.full().ravel()
-    return found

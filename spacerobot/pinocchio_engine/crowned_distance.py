@@ -49,16 +49,17 @@ def shape_distance(
     """
     near = coal_distance(*pair, links)
     normal = np.array(near.normal)
-    if _has_closed_form(*((type(shape.config), shape.config.measures().numel()) for shape in pair)):
+    if _has_closed_form(*(shape.config for shape in pair)):
         return near.min_distance, normal, (near.getNearestPoint1() + near.getNearestPoint2()) / 2
     return crowned_distance(pair, links, crown, normal)
 
 
-@functools.cache
-def _has_closed_form(*kinds: tuple[type[CollisionShape], int]) -> bool:
-    """Whether the distance of two kinds of shapes, with so many measures, has a closed form."""
+@functools.lru_cache(maxsize=1024)
+def _has_closed_form(*shapes: CollisionShape) -> bool:
+    """Whether the distance of two shapes has a closed form."""
     one, other = (
-        Shape(kind, ca.SX.sym("R", 3, 3), ca.SX.sym("p", 3), ca.SX.sym("size", size)) for kind, size in kinds
+        Shape(type(shape), ca.SX.sym("R", 3, 3), ca.SX.sym("p", 3), ca.SX.sym("s", shape.measures().numel()))
+        for shape in shapes
     )
     return is_exact(one, other)
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from spacerobot.arrays import Array
 from spacerobot.closedloop.built_elements import LoopBuilder
@@ -45,7 +46,9 @@ class MechanicalInputs:
 
     matrices: dict[tuple[Any, ...], ca.SX] = field(default_factory=dict)
     _symbols: list[ca.SX] = field(default_factory=list)
-    _readers: list[tuple[Reader, tuple[int, int], tuple[list[int], list[int]]]] = field(default_factory=list)
+    _readers: list[Reader] = field(default_factory=list)
+    _read: int = 0  # entries of what is read
+    _used: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
     def matrix(self, key: tuple[Any, ...], pattern: ca.SX, read: Reader) -> ca.SX:
         """Matrix of inputs where a pattern is not constant; the same key gives the same symbols."""
@@ -56,8 +59,10 @@ class MechanicalInputs:
             for number, place in enumerate(places):
                 found[place] = symbol[number]
             self._symbols.append(symbol)
-            rows, columns = [i for i, _ in places], [j for _, j in places]
-            self._readers.append((read, pattern.shape, (rows, columns)))
+            used = [self._read + i * pattern.size2() + j for i, j in places]
+            self._used = np.concatenate([self._used, np.array(used, dtype=np.int64)])
+            self._readers.append(read)
+            self._read += pattern.numel()
             self.matrices[key] = found
         return self.matrices[key]
 
@@ -68,8 +73,8 @@ class MechanicalInputs:
 
     def values(self, state: MechanicalState) -> Array:
         """Their numbers at a state (n,)."""
-        parts = [np.reshape(read(state), shape)[own] for read, shape, own in self._readers]
-        return np.concatenate([np.empty(0), *parts])
+        parts = [read(state).ravel() for read in self._readers]
+        return np.concatenate([np.empty(0), *parts])[self._used]
 
 
 @dataclass(frozen=True)

@@ -53,10 +53,14 @@ class MechanicalState:
         The scene's ``pinocchio.Model``.
     q, v
         Configuration (nq,), normalised here, and velocity (nv,).
+    scratch
+        ``pinocchio.Data`` for results that are copied at once; a new one if None. To make one takes ten times
+        as long as the algorithms themselves.
     """
 
-    def __init__(self, model: Any, q: Array, v: Array) -> None:
+    def __init__(self, model: Any, q: Array, v: Array, scratch: Any = None) -> None:
         self.model, self.q, self.v = model, pin.normalize(model, q), v
+        self._scratch = model.createData() if scratch is None else scratch
         self.data = model.createData()
         pin.computeJointJacobiansTimeVariation(model, self.data, self.q, v)
         pin.forwardKinematics(model, self.data, self.q, v, np.zeros(model.nv))
@@ -89,7 +93,7 @@ class MechanicalState:
     @functools.cached_property
     def inertia(self) -> Array:
         """Joint-space inertia (nv, nv), by the composite-rigid-body algorithm."""
-        upper = np.triu(pin.crba(self.model, self.model.createData(), self.q))
+        upper = np.triu(pin.crba(self.model, self._scratch, self.q))
         found: Array = upper + np.triu(upper, 1).T
         return found
 
@@ -114,7 +118,7 @@ class MechanicalState:
 
     def free_acceleration(self, effort: Array) -> Array:
         """Acceleration (nv,) under generalized forces (nv,), by the articulated-body algorithm."""
-        return np.array(pin.aba(self.model, self.model.createData(), self.q, self.v, effort))
+        return np.array(pin.aba(self.model, self._scratch, self.q, self.v, effort))
 
     def proximity(self, pair: tuple[SceneShape, SceneShape], crown: float) -> Array:
         """Gap [m], normal and point halfway [m] (7,) of two shapes, by coal's distances."""
@@ -132,7 +136,7 @@ class MechanicalState:
         centres = [
             f.position + f.rotation @ shape.placement[:3, 3] for f, shape in zip(frames, pair, strict=True)
         ]
-        radii = [_radius(shape, crown) for shape in pair]
+        radii = [_radius(shape.config, crown) for shape in pair]
 
         def speed(of: int, at: Array) -> Array:
             """Velocity of a body's material point at a point [m/s]."""
@@ -150,17 +154,11 @@ class MechanicalState:
         return float(min(bounds))
 
 
-@functools.cache
-def _radius_of(kind: type[CollisionShape], measures: tuple[float, ...], crown: float) -> float:
-    shape = Shape(kind, ca.SX.eye(3), ca.SX.zeros(3), ca.SX(ca.DM(measures)))
-    radius = core_radius(shape, crown)
-    return np.inf if radius is None else float(ca.DM(radius))
-
-
-def _radius(shape: SceneShape, crown: float) -> float:
+@functools.lru_cache(maxsize=1024)
+def _radius(config: CollisionShape, crown: float) -> float:
     """Radius [m] about a shape's origin that holds it without its ball; infinite for a half-space."""
-    measures = tuple(ca.DM(shape.config.measures()).full().ravel())
-    return _radius_of(type(shape.config), measures, crown)
+    radius = core_radius(Shape(type(config), ca.SX.eye(3), ca.SX.zeros(3), config.measures()), crown)
+    return np.inf if radius is None else float(ca.DM(radius))
 
 
 def coordinates(model: Any) -> list[tuple[slice, slice]]:

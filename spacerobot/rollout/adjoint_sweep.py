@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from spacerobot.numeric_function import NumericFunction
 from spacerobot.rollout.closed_loop_protocol import Array
 from spacerobot.rollout.coincident_events import Occurrence, SweepNotes
 from spacerobot.rollout.interpreted import DiscreteTrajectory
@@ -32,7 +33,8 @@ class AdjointSweep:
     def __init__(
         self, kernel: Kernel, path: DiscreteTrajectory, instants: CoincidentInstants | None = None
     ) -> None:
-        self._kernel, self._path, self._f = kernel, path, kernel.functions
+        self._kernel, self._path = kernel, path
+        self._f = {name: NumericFunction(function) for name, function in kernel.functions.items()}
         self._happenings = list(path.happenings)
         self._x, self._c = np.empty(0), np.empty(0)
         self._begin = 0.0  # of the time of the event that began the segment
@@ -41,7 +43,7 @@ class AdjointSweep:
     def gradient(self, p: Array, seed: Array, r: Array) -> Array:
         """Gradient (k,) of the costs of parameters p (np,), weighted by a seed (nj,); r are the measures."""
         kernel, path, steps = self._kernel, self._path, self._path.plan.steps
-        rbar, direct = (part.full().ravel() for part in self._f["objective_reverse"](r, p, seed))
+        rbar, direct = self._f["objective_reverse"](r, p, seed)
         first, last = kernel.integrals, kernel.integrals + kernel.peaks
         at_end = (path.end_s, path.x[-1], path.c[-1], rbar[last:])
         self._x, self._c, tbar = self._reverse("final", path.rows[-1], *at_end)
@@ -61,7 +63,7 @@ class AdjointSweep:
         self._events(0)
         if self._notes is not None:
             self._notes.close()
-        found = self._f["setup_reverse"](p, self._x, self._c).full().ravel() + direct
+        found = self._f["setup_reverse"](p, self._x, self._c)[0] + direct
         return np.asarray(found, dtype=np.float64)
 
     def _note(self, thing: Occurrence, step: int) -> None:
@@ -71,8 +73,8 @@ class AdjointSweep:
 
     def _reverse(self, name: str, row: Integers, *arguments: Any) -> tuple[Array, Array, float]:
         """Bars of state, constants and time by the reverse of a function, where tables showed these rows."""
-        x, seen, t = (part.full().ravel() for part in self._f[f"{name}_reverse"](*arguments))
-        c = np.zeros(self._f["setup_reverse"].numel_in("cbar"))
+        x, seen, t = self._f[f"{name}_reverse"](*arguments)
+        c = np.zeros(self._kernel.size("setup_reverse", "cbar"))
         c[: len(seen)] = seen
         gather(self._kernel.tables, row, self._kernel.c_bars, c)
         return x, c, float(t.sum())
@@ -153,9 +155,10 @@ class AdjointSweep:
         slopes = np.zeros((0, len(x)))
         for s in range(method.stages):
             stages.append(x + h * method.a[s, :s] @ slopes)
-            slopes = np.vstack([slopes, f["dynamics"](times[s], stages[s], c)[0].full().ravel()])
-        sum_bar = f["normalise_reverse"](x + h * np.array(method.b) @ slopes, xbar).full().ravel()
-        back, cbar, tbar, hbar = sum_bar.copy(), np.zeros(f["setup_reverse"].numel_in("cbar")), 0.0, 0.0
+            slopes = np.vstack([slopes, f["dynamics"](times[s], stages[s], c)[0]])
+        sum_bar = f["normalise_reverse"](x + h * np.array(method.b) @ slopes, xbar)[0]
+        cbar, tbar, hbar = np.zeros(self._kernel.size("setup_reverse", "cbar")), 0.0, 0.0
+        back = sum_bar.copy()
         bars = np.zeros_like(slopes)
         for s in reversed(range(method.stages)):
             total = method.b[s] * sum_bar + method.a[: method.stages, s] @ bars

@@ -12,9 +12,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
+from spacerobot.numeric_function import NumericFunction
 from spacerobot.rollout.closed_loop_protocol import Array
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.rollout_arrays import (
@@ -109,26 +109,6 @@ class SweepNotes:
         self._counts = False
 
 
-class _Call:
-    """A function of dense vectors, called without conversions."""
-
-    def __init__(self, function: ca.Function) -> None:
-        self._given = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
-        self._found = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
-        self._buffer: Any  # must outlive the calls
-        self._buffer, self._evaluate = function.buffer()
-        for give, arrays in ((self._buffer.set_arg, self._given), (self._buffer.set_res, self._found)):
-            for i, array in enumerate(arrays):
-                if array.size:
-                    give(i, memoryview(array))  # type: ignore[arg-type]
-
-    def __call__(self, *arguments: Any) -> list[Array]:
-        for array, value in zip(self._given, arguments, strict=True):
-            array[...] = value
-        self._evaluate()
-        return [array.copy() for array in self._found]
-
-
 @dataclass(frozen=True)
 class _Step:
     """An event, or jump J as -1 - J; whether its time is its own; and what there was before.
@@ -186,7 +166,7 @@ class CoincidentInstant:
     """
 
     def __init__(
-        self, kernel: Kernel, calls: Mapping[str, _Call], given: tuple[Array, Array], found: Any
+        self, kernel: Kernel, calls: Mapping[str, NumericFunction], given: tuple[Array, Array], found: Any
     ) -> None:
         (c, self._noise), self._kernel, self._f, self._found = given, kernel, calls, found
         self._t, self._c = float(found["last"]), c.copy()
@@ -386,7 +366,7 @@ def judge_orders(kernel: Kernel, p: Array, seed: Array, raw: RolloutArrays) -> N
     instants = raw.instants
     if instants is None or not instants.told.any():
         return
-    calls = {name: _Call(kernel.functions[name]) for name in CALLED if name in kernel.functions}
+    calls = {name: NumericFunction(kernel.functions[name]) for name in CALLED if name in kernel.functions}
     first, last = kernel.integrals, kernel.integrals + kernel.peaks
     for i in np.flatnonzero(
         raw.completed & (instants.told > 0) & (np.isin(raw.log.doubt[:, 0], (0, COINCIDENT)))

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
 
+from spacerobot.numeric_function import NumericFunction
 from spacerobot.rollout.closed_loop_protocol import Array
 from spacerobot.rollout.event_location import RootBracket, TrialStep
 from spacerobot.rollout.interpreted_event import InterpretedEvent
@@ -109,6 +109,9 @@ class HybridRun:
 
     def __post_init__(self) -> None:
         kernel = self.engine.kernel
+        evaluated = ("dynamics", "guards", "values", "update", *(["rows"] if kernel.tables else []))
+        self._f = {name: NumericFunction(kernel.functions[name]) for name in evaluated}
+        self._one_step = NumericFunction(self.engine.steps(1, self.estimate))
         self._begin, self._level = self.x, np.zeros(len(kernel.events))
         self._kinks = np.array([event.kink for event in kernel.events], bool)
         self._gaps, self._speeds = list(kernel.gaps), np.zeros(len(kernel.gaps))
@@ -151,7 +154,7 @@ class HybridRun:
         """Let windows show the rows that hold from here on."""
         kernel = self.engine.kernel
         if kernel.tables:
-            self.row = kernel.functions["rows"](t, self.x, self.c).full().ravel().astype(np.int64)
+            self.row = self._f["rows"](t, self.x, self.c)[0].astype(np.int64)
             fill(kernel.tables, self.row, self.c, kernel.c_slopes, self.noise)
 
     def _longest(self) -> float:
@@ -221,19 +224,15 @@ class HybridRun:
         dh = (slope(last) - begin) / number
         return begin + index * dh, dh
 
-    def _guards(self, t: float, x: Array, rate: Array) -> Iterator[Array]:
-        found = self.engine.kernel.functions["guards"](t, x, self.c, rate)
-        return (part.full().ravel() for part in found)
-
     def _values(self, t: float, x: Array) -> tuple[Array, Array]:
         """Guards, and bounds of the rates of gaps."""
-        g, speed = self.engine.kernel.functions["values"](t, x, self.c)
-        return g.full().ravel(), speed.full().ravel()
+        g, speed = self._f["values"](t, x, self.c)
+        return g, speed
 
     def _at_once(self, t: float) -> int:
         """The event that fires where a step begins, or -1: what another armed before what rose by itself."""
-        rate = self.engine.kernel.functions["dynamics"](t, self.x, self.c)[0].full().ravel()
-        self._first, self._rates = [*self._guards(t, self.x, rate)][:2]
+        rate = self._f["dynamics"](t, self.x, self.c)[0]
+        self._first, self._rates = self._f["guards"](t, self.x, self.c, rate)[:2]
         if self._fresh and self._gaps:
             self._speeds = self._values(t, self.x)[1]
         if self._last >= 0:
@@ -295,9 +294,8 @@ class HybridRun:
 
     def _evaluated(self, t: float, h: float, dt: float, dh: float) -> tuple[_Done, TrialStep]:
         """A step of length h, and the guards along it."""
-        found = self.engine.steps(1, self.estimate)(self.x, t, h, dt, dh, self.c)
-        end, m, error = (value.full().ravel() for value in found[:3])
-        begin, level, powers = self.x, self._level, found[3].full()
+        end, m, error, powers = self._one_step(self.x, t, h, dt, dh, self.c)
+        begin, level = self.x, self._level
 
         def inside(part: float) -> tuple[Array, Array]:
             g, speed = self._values(t + part * h, begin + powers @ part ** np.arange(1, 5))
@@ -426,7 +424,8 @@ class HybridRun:
             slopes = []
             for end, time_slope in zip(ends, (dt, dt + 1.0), strict=True):
                 self.c[rate] = time_slope
-                slopes.append([*self._guards(t + done.length, end, np.zeros_like(end))][2][done.event])
+                found = self._f["guards"](t + done.length, end, self.c, np.zeros_like(end))
+                slopes.append(found[2][done.event])
             self.c[rate] = 0.0
             stretch = -slopes[0] / (slopes[1] - slopes[0])
         done.end = ends[0] + stretch * (ends[1] - ends[0])
@@ -443,7 +442,7 @@ class HybridRun:
                 self._on[i], self._off[i] = t, np.inf
         if kernel.rate is not None:
             self.c[kernel.rate] = slope
-        after = kernel.functions["update"](t, self.x, self.c, event).full().ravel()
+        after = self._f["update"](t, self.x, self.c, event)[0]
         if kernel.rate is not None and not rule.ends:  # final values see what the time does
             self.c[kernel.rate] = 0.0
         if near is not None:

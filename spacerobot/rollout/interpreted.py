@@ -254,7 +254,8 @@ class InterpretedEngine:
             error = error + (h * weight * slope if estimate else 0)
         inside = ca.mtimes(h * ca.horzcat(*slopes[: method.stages]), ca.DM(method.dense))
         inner = inside if kernel.events else ca.MX(nx, 0)
-        return ca.Function("step", [x, t, h, dt, dh, c], [end, peaks, error, inner])
+        found = [ca.densify(value) for value in (end, peaks, error, inner)]
+        return ca.Function("step", [x, t, h, dt, dh, c], found)
 
     def _combined(
         self, x: ca.MX, h: ca.MX, dh: ca.MX, weights: Sequence[float] | Array, slopes: Sequence[ca.MX]

@@ -43,7 +43,8 @@ KNOWS = {
     "spacerobot.closedloop": {"section", "elements", "symbolic", "scenario", "scene", "dynamics", "shapes"},
     "spacerobot.progress": set(),
     "spacerobot.compiled": {"interrupts", "progress"},
-    "spacerobot.rollout": {"compiled"},
+    "spacerobot.numeric_function": set(),
+    "spacerobot.rollout": {"compiled", "numeric_function"},
     "spacerobot.loop_cache": {"closedloop", "compiled", "elements", "scenario", "scene"},
     "spacerobot.pinocchio_engine": {
         "section",
@@ -54,6 +55,7 @@ KNOWS = {
         "scenario",
         "scene",
         "closedloop",
+        "numeric_function",
         "rollout",
     },
     "spacerobot.result": {"files", "interrupts", "elements", "scenario", "scene", "closedloop", "rollout"},

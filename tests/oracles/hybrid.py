@@ -8,6 +8,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from spacerobot.closedloop import ClosedLoop
+from spacerobot.numeric_function import NumericFunction
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,17 @@ class Run:
     c: np.ndarray
     events: list[Happened] = field(default_factory=list)
 
+    def __post_init__(self):
+        self._guards, self._rate = NumericFunction(self.loop.guards), NumericFunction(self.loop.dynamics)
+
+    def guards(self, t: float, x: np.ndarray, c: np.ndarray) -> np.ndarray:
+        """Guards (ne,)."""
+        return self._guards(t, x, c, np.zeros(self.loop.nx))[0]
+
+    def rate(self, t: float, x: np.ndarray, c: np.ndarray) -> np.ndarray:
+        """Rate of the state (nx,)."""
+        return self._rate(t, x, c)[0]
+
     @property
     def names(self) -> list[str]:
         """Names of the events, in turn."""
@@ -48,11 +60,6 @@ class Run:
         return np.array(
             [v for n, v in zip(self.loop.state_names, self.x, strict=True) if n.startswith(f"{name}[")]
         )
-
-
-def guards(loop: ClosedLoop, t: float, x: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Guards (ne,)."""
-    return loop.guards(t, x, c, np.zeros(loop.nx))[0].full().ravel()
 
 
 def fire(run: Run, index: int) -> bool:
@@ -72,12 +79,12 @@ def roll(loop: ClosedLoop, duration: float, changes=None, rtol: float = 1e-10) -
     x, c = (value.full().ravel() for value in loop.setup(loop.parameters(changes)))
     run = Run(loop, 0.0, x, c)
     while True:
-        above = np.flatnonzero(guards(loop, run.t, run.x, run.c) > 0)
+        above = np.flatnonzero(run.guards(run.t, run.x, run.c) > 0)
         while above.size:
             assert len(run.events) < 200, run.names
             if fire(run, int(above[0])):
                 return run
-            above = np.flatnonzero(guards(loop, run.t, run.x, run.c) > 0)
+            above = np.flatnonzero(run.guards(run.t, run.x, run.c) > 0)
         if run.t >= duration:
             return run
         _advance(run, duration, rtol)
@@ -86,14 +93,14 @@ def roll(loop: ClosedLoop, duration: float, changes=None, rtol: float = 1e-10) -
 def _advance(run: Run, duration: float, rtol: float) -> None:
     """To the next event, just past its root, or to the end."""
     loop, c = run.loop, run.c
-    armed = np.isfinite(guards(loop, run.t, run.x, c))
+    armed = np.isfinite(run.guards(run.t, run.x, c))
 
     def highest(t, x):
-        return max(guards(loop, t, x, c)[armed], default=-1.0)
+        return max(run.guards(t, x, c)[armed], default=-1.0)
 
     highest.terminal, highest.direction = True, 1
     found = solve_ivp(
-        lambda t, x: loop.dynamics(t, x, c).full().ravel(),
+        lambda t, x: run.rate(t, x, c),
         (run.t, duration),
         run.x,
         method="DOP853",
@@ -105,6 +112,6 @@ def _advance(run: Run, duration: float, rtol: float) -> None:
     run.t, run.x = float(found.t[-1]), loop.normalise(found.y[:, -1]).full().ravel()
     step = 1e-12
     while found.status == 1 and not highest(run.t, run.x) > 0:  # rounding may leave it just below its root
-        rate = loop.dynamics(run.t, run.x, c).full().ravel()
+        rate = run.rate(run.t, run.x, c)
         run.t, run.x, step = run.t + step, run.x + step * rate, 2 * step
         assert step < 1e-8
