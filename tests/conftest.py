@@ -11,6 +11,9 @@ import pytest
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell has it for what it runs in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# else each of some hundred processes that tests start compiles every module again: 0.3 s of the processor's time
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 os.environ.pop("COLUMNS", None)  # which pytest's workers set: tests of narrow terminals set their own
 
 FIXTURES = {"browser": {"browser"}, "dask": {"dask", "cluster"}}
