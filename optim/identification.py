@@ -31,6 +31,7 @@ from scipy.optimize import least_squares
 
 from optim.json_result import JsonResult
 from spacerobot.arrays import Array
+from spacerobot.dynamics.inertial_parameters import is_realisable
 from spacerobot.errors import SpaceRobotError
 from spacerobot.notebook import html_table
 from spacerobot.result import Result
@@ -435,7 +436,7 @@ def consistent(parameters: Array, spread: Array) -> tuple[Array, bool]:
     tuple
         The parameters, and whether they were moved.
     """
-    if _is_realisable(parameters):
+    if is_realisable(parameters):
         return parameters, False
     root = np.linalg.inv(np.linalg.cholesky(spread))
     mass = max(abs(parameters[0]), 1e-6)
@@ -472,19 +473,6 @@ def _planar(theta: Array) -> Array:
     """Parameters of a planar body (4,) from log mass, centre of mass, and log inertia about that."""
     mass, x, y, about = np.exp(theta[0]), theta[1], theta[2], np.exp(theta[3])
     return np.array([mass, mass * x, mass * y, about + mass * (x**2 + y**2)])
-
-
-def _is_realisable(parameters: Array) -> bool:
-    """Whether the pseudo-inertia is positive definite, as that of every distribution of mass is.
-
-    In a plane: whether mass and moment of inertia about the centre of mass are positive.
-    """
-    if parameters[0] <= 0:
-        return False
-    if parameters.size == len(PLANAR[0]):
-        return bool(_named(parameters)[3] > 0)
-    matrix = pin.PseudoInertia.FromDynamicParameters(parameters).toMatrix()
-    return bool(np.linalg.eigvalsh(matrix).min() > 0)
 
 
 def _named(parameters: Array) -> Array:

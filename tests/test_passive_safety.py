@@ -1,5 +1,7 @@
 """Passive safety: closed forms of straight and orbital drift, independent attitudes, simulated drift."""
 
+import json
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -196,3 +198,59 @@ def test_centres_drift_by_the_linear_equations_of_an_orbit():
     way = solve_ivp(rate, (begin, 3700), np.r_[place, velocity], rtol=1e-11, atol=1e-12).y[:3, -1]
     np.testing.assert_allclose(drifted_centre(place, velocity, begin, 3000.0, n), way, atol=1e-6)
     assert np.linalg.norm(way - place - 3000 * velocity) > 1
+
+
+def test_an_approach_whose_arm_fails_retreats_to_a_hold_that_is_safe(tmp_path):
+    """A detected failure ends the approach; the retreat gains distance, and so does every drift after it."""
+    robot = {
+        "urdf": "short_arm.urdf",
+        "base": {"joint": "planar", "position": [-0.5, 0, 0]},
+        "joints": {f"joint_{i}": {"angle_deg": angle} for i, angle in ((1, 40), (2, 40), (3, -40))},
+        "tips": {"tip": {"pid": {"kp": 60, "ki": 20, "kd": 40}, "amnesia": {"ge": 60, "ta": 4}}},
+        "actuators": {
+            "monitor": {"kind": "momentum_observer", "allowance": 0.05},
+            "jam": {"kind": "joint_failure", "joint": "joint_3", "mode": "weak", "remaining": 0.2, "at": 1.5},
+        },
+    }
+    come = {
+        "kind": "rendezvous",
+        "frame": "mate_1",
+        "standoff": 0.1,
+        "approach_time": 2,
+        "closing_speed": 0.02,
+    }
+    back = {"kind": "line", "displacement": [-0.2, -0.2, 0], "duration": 2}
+    target = {
+        "joint": "planar",
+        "position": [0.8, 0.8, 0],
+        "velocity": [0.01, 0.02, 0],
+        "spin_deg": [0, 0, 2],
+    }
+    document = {
+        "name": "retreat",
+        "robots": {"one": robot},
+        "target": {"urdf": "rectangle.urdf", "base": target | {"spin_deg": [0, 0, 2]}},
+        "phases": {
+            "approach": {
+                "robots": {"one": {"tips": {"tip": {"reference": come}}}},
+                "abort": {"output": "failures_detected", "of": "one", "above": 0.5},
+                "on_abort": "retreat",
+            },
+            "retreat": {"robots": {"one": {"tips": {"tip": {"reference": back}}}}},
+        },
+        "simulation": {"duration": 4.5, "step": 0.02, "output_step": 0.5},
+    }
+    file = tmp_path / "retreat.yaml"
+    file.write_text(json.dumps(document), encoding="utf-8")
+    result = sr.simulate(sr.load_scene(file), backend="interpreted")
+    failed, detected, phase = (event["time_s"] for event in result.summary["events"])
+    assert failed < detected == phase < failed + 0.1
+    found = sr.passive_safety(result, duration_s=30.0)
+    assert (np.diff(found.distance_m[found.time_s > 2]) > 0).all()
+    assert found.distance_m[-1] > 0.3
+    # one that comes on is as near as it is told to, and nearer the longer it drifts
+    document["phases"]["approach"].pop("abort"), document["phases"]["approach"].pop("on_abort")
+    del document["phases"]["retreat"], robot["actuators"]
+    file.write_text(json.dumps(document), encoding="utf-8")
+    comes = sr.passive_safety(sr.simulate(sr.load_scene(file), backend="interpreted"), duration_s=30.0)
+    assert comes.distance_m[-1] < 0.12

@@ -13,7 +13,7 @@ from spacerobot.closedloop.built_elements import LoopBuilder
 from spacerobot.closedloop.closed_loop import ClosedLoop, OutputVariable
 from spacerobot.closedloop.energy import EnergyTerm, build_works, plant_powers, stored_energies
 from spacerobot.closedloop.events import booked, guards_of, rules_of, speeds_of, update_of
-from spacerobot.closedloop.external_impulse import impulse_of, on_bases, unbooked
+from spacerobot.closedloop.external_impulse import impulse_of, on_bases, pushes_of, unbooked
 from spacerobot.closedloop.forward_dynamics import ForwardDynamicsResult, solve_accelerations
 from spacerobot.closedloop.impulse import strike
 from spacerobot.closedloop.initial_state import initial_state
@@ -111,6 +111,8 @@ def evaluate(
     events = tuple(_evaluated(event, acting.sampled, solution.sampled) for event in acting.events)
     events = (*events, *answers.events)
     impulse = impulse_of(plant, [*acting.outside, *on_bases(scene, plant, solution.torque)])
+    delivered = [*solution.driven.outside, *on_bases(scene, plant, solution.torque)]
+    pushed = pushes_of(plant, delivered, builder.pushed)
     powers = (*plant_powers(plant, solution.torque), *acting.powers, *answers.powers, *booked(events))
     works = build_works(powers)
     declared = [
@@ -124,7 +126,7 @@ def evaluate(
     seen = added_up(declared)
     phases = phased(builder, seen)
     variables, outputs = combine(scene, [*seen, *phases.outputs])
-    states = (*acting.states, *impulse.states, *(work.state for work in works), *phases.states)
+    states = (*acting.states, *pushed, *impulse.states, *(work.state for work in works), *phases.states)
     measured = [event for event in phases.events if event.kind == "measured"]
     rest = [event for event in phases.events if event.kind != "measured"]
     acting = replace(acting, states=states, events=(*measured, *events, *rest))
@@ -217,6 +219,7 @@ def _hybrid(builder: LoopBuilder, acting: Contribution, arguments: Mapping[str, 
     guards = {"g": ca.densify(values), "rate": ca.densify(rates), "speed": ca.densify(speeds_of(events))}
     return {
         "switches": tuple(places.values()),
+        "switch_names": tuple(names),
         "events": rules_of(events, names),
         "guards": _function("guards", {**arguments, "xdot": rate}, guards),
         "update": _function("update", {**arguments, "e": which}, {"x_after": ca.densify(updated)}),

@@ -66,6 +66,9 @@ class LoopBuilder:
         What controllers read at instants, by name.
     driven
         What actuators of a robot contribute, by its name, as far as they are built.
+    pushed
+        Impulses of the actuators of bases that estimators count (2 or 3 linear, 1 or 3 angular components),
+        by the base's joint.
     affine
         Offset and scale of the sensors that are read, by path.
     break_point
@@ -79,6 +82,7 @@ class LoopBuilder:
     remembered: dict[str, State] = field(default_factory=dict)
     measurements: dict[str, Measurement] = field(default_factory=dict)
     driven: dict[str, list[Contribution]] = field(default_factory=dict)
+    pushed: dict[int, ca.SX] = field(default_factory=dict)
     affine: dict[str, Affine] = field(default_factory=dict)
     break_point: Callable[[str, Sequence[str], ca.SX], ca.SX] | None = None
 
@@ -328,6 +332,16 @@ class LoopBuilder:
             switch = self.context.constants.switch
             return either(*(switch(f"{path}.estimators.{name}.detected") for name in own))
 
+        def pushed() -> ca.SX:
+            """Impulse of the actuators of its base."""
+            assert isinstance(body.config, Robot)
+            found = ca.SX(6, 1)
+            if any(actuator.base_wrench for _, actuator in body.config.driven_by()):
+                axes = [*self.plant.translation_axes, *(axis + 3 for axis in self.plant.rotation_axes)]
+                symbol = ca.SX.sym(f"{body.name}.pushed", len(axes))
+                found[axes] = self.pushed.setdefault(body.root_joint, symbol)
+            return found
+
         def sample(
             signal: str,
             value: ca.SX,
@@ -371,6 +385,7 @@ class LoopBuilder:
             stored,
             lambda name: [one for one in above.innovations if one.filter == f"{body.name}/{name}"],
             rejected,
+            pushed,
         )
 
     def _tip(self, tip: SceneTip, key: str) -> TipContext:

@@ -97,6 +97,8 @@ class ClosedLoop:
         (t, x, c) -> (row): the present row of each cursor, which changes at jumps and events alone.
     noise
         Random numbers of sensors, which a rollout draws by the parameters that they name.
+    switch_names
+        Names of the switches, in their order.
     """
 
     parameter_paths: tuple[str, ...]
@@ -123,6 +125,7 @@ class ClosedLoop:
     tables: tuple[WindowTable, ...]
     rows: ca.Function
     noise: tuple[NoiseTable, ...] = ()
+    switch_names: tuple[str, ...] = ()
 
     def at(self, t: Any, x: Any, c: Any) -> Any:
         """Constants (nc x 1) with the rows of tables in their windows that hold at an instant.

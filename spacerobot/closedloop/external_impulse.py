@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -31,10 +31,7 @@ def impulse_of(plant: Plant, wrenches: Sequence[Wrench]) -> ExternalImpulse:
     """Impulse of wrenches from outside, linear and angular about the world's origin."""
     if not wrenches:
         return ExternalImpulse()
-    rates = {"linear": ca.SX(3, 1), "angular": ca.SX(3, 1)}
-    for wrench in wrenches:
-        rates["linear"] = rates["linear"] + wrench.force
-        rates["angular"] = rates["angular"] + wrench.torque + cross(wrench.point, wrench.force)
+    rates = dict(zip(KINDS, _about_origin(wrenches), strict=True))
     if plant.planar:
         rates["linear"][2] = 0
         rates["angular"][:2] = 0
@@ -44,6 +41,32 @@ def impulse_of(plant: Plant, wrenches: Sequence[Wrench]) -> ExternalImpulse:
         states.append(State(f"impulse.{kind}", symbol, ca.SX.zeros(3), ca.densify(rates[kind])))
         outputs.append(Output(f"impulse_{kind}", symbol, unit, text))
     return ExternalImpulse(tuple(states), tuple(outputs))
+
+
+def pushes_of(plant: Plant, wrenches: Sequence[Wrench], counted: Mapping[int, ca.SX]) -> tuple[State, ...]:
+    """Impulses of the actuators of bases about the world's origin, as states.
+
+    Parameters
+    ----------
+    plant, wrenches
+        Mechanics, and what actuators deliver to bases from outside.
+    counted
+        Symbols of the states by the base's joint, of components in which the scene moves.
+    """
+    axes, found = [*plant.translation_axes, *(axis + 3 for axis in plant.rotation_axes)], []
+    for joint, symbol in counted.items():
+        rate = ca.vertcat(*_about_origin([wrench for wrench in wrenches if wrench.joint_id == joint]))
+        none = ca.SX.zeros(symbol.numel())
+        found.append(State(symbol[0].name().rpartition("_")[0], symbol, none, ca.densify(rate[axes])))
+    return tuple(found)
+
+
+def _about_origin(wrenches: Iterable[Wrench]) -> tuple[ca.SX, ca.SX]:
+    """Force, and torque about the world's origin (3x1 each), of wrenches together."""
+    force, torque = ca.SX(3, 1), ca.SX(3, 1)
+    for wrench in wrenches:
+        force, torque = force + wrench.force, torque + wrench.torque + cross(wrench.point, wrench.force)
+    return force, torque
 
 
 def on_bases(scene: Scene, plant: Plant, torque: ca.SX) -> Iterator[Wrench]:

@@ -87,9 +87,8 @@ class _Phases:
             moves = both(active, switch)
             yield Event(f"{name}.moving", "moving", settled.of, -room, moves, {turned: False})
         for how, guard, armed in self._conditions(name, phase):
-            yield self._ended(
-                f"{name}.{how}", name, on_timeout if how == "timeout" else following, guard, armed
-            )
+            follows = {"timeout": on_timeout, "abort": phase.on_abort or END}.get(how, following)
+            yield self._ended(f"{name}.{how}", name, follows, guard, armed)
 
     def _conditions(self, name: str, phase: Phase) -> Iterator[Condition]:
         """Ways in which a phase ends, apart from being the phase."""
@@ -99,12 +98,14 @@ class _Phases:
         elif until is not None and until.settled is not None:
             yield "settled", *self._settled(name, until.settled)
         elif until is not None and until.limit is not None:
-            yield "limit", self._limit(context, until.limit), always
+            yield "limit", self._limit(f"{context.path}.until.limit", until.limit), always
         elif until is not None:
             names, switch = until.captured or until.released or (), self.builder.grasp_switch
             kind: Literal["closed", "released"] = "closed" if until.captured else "released"
             armed = both(*(switch(grasp, kind) for grasp in names))
             yield "captured" if until.captured else "released", always, armed
+        if phase.abort is not None:
+            yield "abort", self._limit(context.path + ".abort", phase.abort), always
         if phase.timeout is not None:
             yield "timeout", self.builder.passed() - context.number("timeout"), always
 
@@ -128,10 +129,10 @@ class _Phases:
         since = self.builder.memory("settled_at").symbol
         return self.context.time - since - dwell, self._settling_switch(name)
 
-    def _limit(self, context: SectionContext, limit: Limit) -> ca.SX:
-        """Above zero where an output has passed its limit (1x1)."""
+    def _limit(self, path: str, limit: Limit) -> ca.SX:
+        """Above zero where an output has passed its limit (1x1), which a section at a path states."""
         found = {(output.name, output.label): output.value for output in self.outputs}
-        key, path = (limit.output, limit.of or ""), f"{context.path}.until.limit"
+        key = (limit.output, limit.of or "")
         if key not in found:
             labels = [label for name, label in found if name == limit.output]
             place, told = ("of", limit.of or "none") if labels else ("output", limit.output)
@@ -140,7 +141,7 @@ class _Phases:
             raise ScenarioError(message, source=self.builder.scene.source, where=f"{path}.{place}")
         side = "above" if limit.above is not None else "below"
         sign, value = (1 if limit.above is not None else -1), found[key]
-        most = context.at(path).number(side)
+        most = self.context.at(path).number(side)
         if value.numel() == 1:
             return sign * (value - most)
         return sign * (ca.dot(value, value) - most * ca.fabs(most))

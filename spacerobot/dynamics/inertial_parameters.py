@@ -8,10 +8,15 @@ m c_y, m c_z, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz (Wensing, Niemeyer and Slotine,
 from __future__ import annotations
 
 import casadi as ca
+import numpy as np
+import pinocchio as pin
 
+from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import cross, skew
 
 SIZE = 10
+PLANAR = (0, 1, 2, 9)
+"""Those that a motion in the x-y plane depends on."""
 _PLACES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 """Of the inertia's six entries among the parameters."""
 _NAMED = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -32,6 +37,20 @@ def _entries(matrix: ca.SX, places: tuple[tuple[int, int], ...]) -> ca.SX:
 def _steiner(mass: ca.SX, centre: ca.SX) -> ca.SX:
     """Inertia (3x3) of a point mass at ``centre`` about the origin."""
     return mass * (ca.dot(centre, centre) * ca.SX.eye(3) - ca.mtimes(centre, centre.T))
+
+
+def is_realisable(parameters: Array) -> bool:
+    """Whether a body can have these numbers (10,), or, in a plane, those of :data:`PLANAR` (4,).
+
+    The pseudo-inertia of every distribution of mass is positive definite (Rucker and Wensing, IEEE RA-L 7(2),
+    2022); in a plane mass and moment of inertia about the centre of mass are positive.
+    """
+    if parameters[0] <= 0:
+        return False
+    if parameters.size == len(PLANAR):
+        return bool(parameters[3] > parameters[1:3] @ parameters[1:3] / parameters[0])
+    matrix = pin.PseudoInertia.FromDynamicParameters(parameters).toMatrix()
+    return bool(np.linalg.eigvalsh(matrix).min() > 0)
 
 
 def inertial_parameters(mass: ca.SX, centre: ca.SX, inertia: ca.SX) -> ca.SX:

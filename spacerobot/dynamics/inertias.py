@@ -46,6 +46,21 @@ class Inertias:
             rotational.append(mirror(sparse(spatial[3:, 3:])))
         return cls(tuple(mass), tuple(moment), tuple(rotational))
 
+    def replaced(self, joint: int, parameters: ca.SX) -> Inertias:
+        """The same with other mass properties of one body.
+
+        Parameters
+        ----------
+        joint
+            Id of the joint that carries it.
+        parameters
+            Its inertial parameters in Pinocchio's order (10x1).
+        """
+        mass, moment, (xx, xy, yy, xz, yz, zz) = parameters[0], parameters[1:4], ca.vertsplit(parameters[4:])
+        about = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
+        parts = zip((self.mass, self.moment, self.rotational), (mass, moment, about), strict=True)
+        return Inertias(*((*known[:joint], new, *known[joint + 1 :]) for known, new in parts))
+
     def in_world(self, kinematics: Kinematics, joint_id: int) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Mass properties of a joint's body about the joint origin, world axes.
 

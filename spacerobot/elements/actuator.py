@@ -53,12 +53,15 @@ class Actuator(RobotElement):
         Whether it has motors that move relative to their joints, so that encoders there read something else.
     detects_failures
         Whether it compares the torques commanded with the motion, so that failures must follow it.
+    fails_joints
+        Whether it is a failure of joints.
     """
 
     family: ClassVar[str] = "actuator"
     has_wheels: ClassVar[bool] = False
     has_motors: ClassVar[bool] = False
     detects_failures: ClassVar[bool] = False
+    fails_joints: ClassVar[bool] = False
 
     @property
     def unloads(self) -> bool:

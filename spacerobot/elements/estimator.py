@@ -111,6 +111,9 @@ class EstimatorContext:
         From the key of an estimator above this one to its innovations.
     rejected
         Whether a signal's samples are no longer to be used by this estimator, by the signal's name (1x1).
+    pushed
+        Gives the impulse (6x1) of the actuators of the robot's base since the start, as it is delivered:
+        linear, and angular about the world's origin [N s, N m s].
     """
 
     context: SectionContext
@@ -131,6 +134,7 @@ class EstimatorContext:
     stored: Callable[[], ca.SX]
     innovations: Callable[[str], Sequence[Innovation]]
     rejected: Callable[[str], ca.SX]
+    pushed: Callable[[], ca.SX]
 
 
 class Estimator(RobotElement):

@@ -39,6 +39,12 @@ class Limit(Section):
             raise ValueError("give either `above` or `below`")
         return self
 
+    def words(self) -> str:
+        """It, in a few words."""
+        side = "above" if self.above is not None else "below"
+        of = f" of {self.of}" if self.of else ""
+        return f"when {self.output}{of} is {side} {self.below if self.above is None else self.above:g}"
+
 
 class PhaseEnd(Section):
     """How a phase ends: by one of these."""
@@ -67,10 +73,7 @@ class PhaseEnd(Section):
             held = f" for {self.settled.dwell:g} s" if self.settled.dwell else ""
             return f"when {self.settled.of} moves slower than {self.settled.speed:g} m/s{held}"
         if self.limit is not None:
-            side = "above" if self.limit.above is not None else "below"
-            value = self.limit.above if self.limit.above is not None else self.limit.below
-            of = f" of {self.limit.of}" if self.limit.of else ""
-            return f"when {self.limit.output}{of} is {side} {value:g}"
+            return self.limit.words()
         kind, names = ("captured", self.captured) if self.captured else ("released", self.released)
         return f"when {' and '.join(names or ())} {'is' if len(names or ()) == 1 else 'are'} {kind}"
 
@@ -86,6 +89,10 @@ class Phase(Section):
     on_timeout: Name | None = Field(
         default=None, description="what follows where it ends by `timeout`; as `next` if not given"
     )
+    abort: Limit | None = Field(
+        default=None, description="an output passes a limit, as of a detected failure: it ends at once"
+    )
+    on_abort: Name | None = Field(default=None, description="what follows where it ends by `abort`")
     captures: tuple[Name, ...] | None = Field(
         default=None,
         description="grasps that may close in it, including released ones; if not given, every open grasp "
@@ -112,6 +119,8 @@ class Phase(Section):
     def _check(self) -> Phase:
         if self.on_timeout is not None and self.timeout is None:
             raise ValueError("on_timeout: never followed, for there is no `timeout`")
+        if (self.abort is None) != (self.on_abort is None):
+            raise ValueError("abort: give it with `on_abort`, the phase that follows, or none of them")
         if self.next is not None and self.until is None and self.timeout is None:
             raise ValueError("next: never followed; define the end of the phase by `until` or `timeout`")
         return self
@@ -141,6 +150,24 @@ def successors(phases: Phases) -> dict[str, tuple[str, str]]:
     return found
 
 
+def _following(phases: Phases) -> dict[str, set[str]]:
+    """Phases that may follow each phase at once, however it ends; END among them."""
+    return {
+        name: {*(follows if phases[name].ends else ()), *filter(None, (phases[name].on_abort,))}
+        for name, follows in successors(phases).items()
+    }
+
+
+def reached_from(name: str, phases: Phases) -> set[str]:
+    """Phases that may follow a phase, at once or later."""
+    following, found, left = _following(phases), set[str](), [name]
+    while left:
+        new = following[left.pop()] - found - {END}
+        found |= new
+        left += new
+    return found
+
+
 def ways(name: str, phases: Phases) -> str:
     """How a phase ends and what follows, in words."""
     phase, (following, on_timeout) = phases[name], successors(phases)[name]
@@ -148,6 +175,8 @@ def ways(name: str, phases: Phases) -> str:
     if phase.timeout is not None:
         latest = " at the latest" if phase.until is not None else ""
         found.append(f"after {phase.timeout:g} s{latest} -> {on_timeout}")
+    if phase.abort is not None:
+        found.append(f"abort {phase.abort.words()} -> {phase.on_abort}")
     return "; ".join(found) or "to the end of the simulation"
 
 
@@ -192,7 +221,11 @@ def check_phases(phases: Phases, grasps: Mapping[str, Any], bodies: list[str]) -
         for key, found, allowed in _names(phase, [*phases, END], list(grasps), bodies):
             if found not in allowed:
                 what = (
-                    "phase" if key in ("next", "on_timeout") else "grasp" if "settled" not in key else "body"
+                    "phase"
+                    if key in ("next", "on_timeout", "on_abort")
+                    else "grasp"
+                    if "settled" not in key
+                    else "body"
                 )
                 raise ValueError(f"phases.{name}.{key}: no {what} {found!r}; {near_names(found, allowed)}")
         for grasp in (*(phase.captures or ()), *((phase.until and phase.until.captured) or ())):
@@ -247,7 +280,7 @@ def _names(
     phase: Phase, following: list[str], grasps: list[str], bodies: list[str]
 ) -> Iterator[tuple[str, str, list[str]]]:
     """Names that a phase mentions: key, name, those allowed there."""
-    for key, found in (("next", phase.next), ("on_timeout", phase.on_timeout)):
+    for key, found in (("next", phase.next), ("on_timeout", phase.on_timeout), ("on_abort", phase.on_abort)):
         if found is not None:
             yield key, found, following
     until = phase.until or PhaseEnd(time=1.0)
@@ -262,22 +295,20 @@ def _names(
 
 def _check_reached(phases: Phases) -> None:
     """Refuse phases that nothing leads to."""
-    follows, waiting, reached = successors(phases), [next(iter(phases))], set[str]()
-    while waiting:
-        name = waiting.pop()
-        if name not in reached and name != END:
-            reached.add(name)
-            waiting += follows[name] if phases[name].ends else ()
+    first = next(iter(phases))
+    reached = {first} | reached_from(first, phases)
     for name in phases:
         if name not in reached:
             before = list(phases)[list(phases).index(name) - 1]
             why = f"; {before!r} never ends" if not phases[before].ends else ""
-            raise ValueError(f"phases.{name}: never reached{why}; lead to it by `next` or `on_timeout`")
+            raise ValueError(
+                f"phases.{name}: never reached{why}; lead to it by `next`, `on_timeout` or `on_abort`"
+            )
 
 
 def _check_captured(phases: Phases, grasps: Mapping[str, Any]) -> None:
     """Refuse phases that wait for grasps which are open when they begin and may not close in them."""
-    follows, before = successors(phases), {name: set[str]() for name in phases}
+    follows, before = _following(phases), {name: set[str]() for name in phases}
     before[next(iter(phases))] = {name for name, grasp in grasps.items() if grasp.begins == "closed"}
     held = dict(before)
     for name in [*phases] * len(phases):  # as often as a way through all of them is long

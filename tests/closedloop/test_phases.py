@@ -250,6 +250,12 @@ BAD = {
     ),
     "end": ({"end": {}}, "phases.end", "rename"),
     "on_timeout": ({"one": {"on_timeout": "end"}}, "phases.one.on_timeout", "never followed"),
+    "abort": ({"one": {"on_abort": "end"}}, "phases.one.abort", "give it with `on_abort`"),
+    "abort to": (
+        {"one": {"abort": {"output": "momentum_linear", "above": 1}, "on_abort": "two"}},
+        "phases.one.on_abort",
+        "no phase 'two'",
+    ),
 }
 
 

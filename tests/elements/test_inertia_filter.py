@@ -370,3 +370,39 @@ def test_the_momentum_of_wheels_is_counted():
     result = sr.simulate(scene, backend="interpreted")
     assert np.abs(result.array("wheel_momentum")[-1, 0]).max() > 1
     assert result.array("held_nees")[-1, 0] < 0.1
+
+
+@pytest.mark.parametrize("kind", ["proportional", "pulsed", "base_wrench"])
+def test_the_impulse_of_the_bases_actuators_is_counted(kind):
+    """They hold the base against the arm, so that the momentum changes by as much as the object has."""
+    square = {
+        f"{name}_{sign}": {"position": place, "direction": way}
+        for name, place, way in (("x", [0, 0.3, 0], [1, 0, 0]), ("y", [0.3, 0, 0], [0, 1, 0]))
+        for sign, place, way in (
+            ("a", place, way),
+            ("b", place, [-c for c in way]),
+            ("c", [-c for c in place], way),
+            ("d", [-c for c in place], [-c for c in way]),
+        )
+    }
+    jets = {"kind": "thrusters", "nozzles": square, "thrust": 20}
+    jets |= {"mode": "pulsed", "period": 0.1} if kind == "pulsed" else {}
+    gains = {"kp": 40, "kd": 20}
+    changes = {
+        "simulation": {"duration": 0.8, "step": 0.01, "output_step": 0.1},
+        "robots.arm.actuators": {"jets": {"kind": "base_wrench"} if kind == "base_wrench" else jets},
+        "robots.arm.controllers": {
+            "turn": {"kind": "base_attitude"} | gains,
+            "stay": {"kind": "base_position"} | gains,
+        },
+        "robots.arm.base.position": [3, -2, 0],
+    }
+    result = sr.simulate(flat(changes, **NOISE), backend="interpreted")
+    assert np.abs(result.array("impulse_linear")).max() > 0.5
+    assert np.abs(result.array("impulse_angular")).max() > 0.5
+    np.testing.assert_allclose(
+        result.data.z.sel(controller=[f"arm.pushed[{i}]" for i in range(3)]).values,
+        np.column_stack([result.array("impulse_linear")[:, :2], result.array("impulse_angular")[:, 2:]]),
+        atol=1e-12,
+    )
+    assert result.array("held_nees")[-1, 0] < 0.1

@@ -22,6 +22,7 @@ from optim.planning.formulation.path_constraints import (
     path_rows,
 )
 from optim.planning.formulation.stage import PlanningProblem, Stage
+from spacerobot.arrays import Array
 from spacerobot.elements.goal import Goal, TipGoal
 from spacerobot.elements.grasp import Grasp
 from spacerobot.errors import ScenarioError
@@ -290,4 +291,13 @@ def _problem(
         open_loop=plan.open_loop,
         begin=begin,
         magnitudes=forces,
+        inertia=_inertia(stage),
     )
+
+
+def _inertia(stage: Stage) -> Array:
+    """Inertial parameters of the target as the model has them, where the stage has symbols of them."""
+    target = stage.scene.target
+    if target is None or not stage.inertia.numel():
+        return np.empty(0)
+    return np.array(stage.scene.model.inertias[target.root_joint].toDynamicParameters())

@@ -30,7 +30,9 @@ from spacerobot.dynamics import (
     inverse_dynamics,
     rotation_log,
 )
+from spacerobot.dynamics.inertial_parameters import SIZE
 from spacerobot.dynamics.joints import sparse
+from spacerobot.elements.estimator import HELD_INERTIA
 from spacerobot.elements.plan_instant import BoundedRow
 from spacerobot.scene import Scene
 from spacerobot.scene.grasp_closing import is_rigid
@@ -91,6 +93,13 @@ def spring_forces(scene: Scene, q: ca.SX) -> ca.SX:
     return found
 
 
+def replans_with_an_estimate(scene: Scene) -> bool:
+    """Whether plans are made in flight, and a filter estimates the mass properties of what a tip holds."""
+    robots = scene.scenario.robots.values()
+    flown = any(one.replanning is not None for robot in robots for one in robot.controllers.values())
+    return flown and any(HELD_INERTIA in one.makes for robot in robots for one in robot.estimators.values())
+
+
 @dataclass(frozen=True, eq=False)
 class Stage:
     """A scene at one instant.
@@ -109,6 +118,9 @@ class Stage:
         At (q, v).
     s
         Symbols of positive and negative parts of forces whose magnitudes are a cost (ns).
+    inertia
+        Symbols of the target's inertial parameters (10), Pinocchio's order, where a plan made in flight is
+        handed an estimate of them; none otherwise.
     """
 
     scene: Scene
@@ -122,6 +134,7 @@ class Stage:
     w: ca.SX
     kinematics: Kinematics
     s: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    inertia: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
 
     @classmethod
     def of(cls, scene: Scene, driven: DrivenCoordinates, closed: Sequence[SceneGrasp] | None = None) -> Stage:
@@ -139,7 +152,9 @@ class Stage:
         q, v, a = (ca.SX.sym(n, size) for n, size in (("q", model.nq), ("v", model.nv), ("a", model.nv)))
         u = ca.SX.sym("u", len(driven.columns))
         w = ca.SX.sym("w", sum(len(wrench_axes(scene, grip)) for grip in grips))
-        return cls(scene, driven, grips, springs, q, v, a, u, w, forward_kinematics(model, q, v))
+        inertia = ca.SX.sym("inertia", SIZE if replans_with_an_estimate(scene) else 0)
+        kinematics = forward_kinematics(model, q, v)
+        return cls(scene, driven, grips, springs, q, v, a, u, w, kinematics, inertia=inertia)
 
     @property
     def z(self) -> ca.SX:
@@ -162,7 +177,10 @@ class Stage:
     def balance(self) -> ca.SX:
         """Residual of the equations of motion (nv x 1) [N, N m]."""
         model = self.scene.model
-        force = inverse_dynamics(model, self.kinematics, Inertias.from_model(model), self.a)
+        inertias, target = Inertias.from_model(model), self.scene.target
+        if self.inertia.numel() and target is not None:
+            inertias = inertias.replaced(target.root_joint, self.inertia)
+        force = inverse_dynamics(model, self.kinematics, inertias, self.a)
         force = force + sparse(np.asarray(model.damping)) * self.v + spring_forces(self.scene, self.q)
         for k, column in enumerate(self.driven.columns):
             force[column] -= self.u[k]
@@ -235,6 +253,8 @@ class PlanningProblem:
         Whether the tolerance holds for the replay without feedback too.
     linear_drives
         Whether drives are linear in time in each interval, so that their limits hold by those at its ends.
+    inertia
+        Numbers of the stage's ``inertia``.
     """
 
     stage: Stage
@@ -252,6 +272,13 @@ class PlanningProblem:
     magnitudes: Mapping[str, ca.SX] = field(default_factory=dict)
     open_loop: bool = True
     linear_drives: bool = False
+    inertia: Array = field(default_factory=lambda: np.empty(0))
+
+    def arguments(self, z: Array) -> Array:
+        """Arguments of the functions of instants: instants (n, nz) as columns, the inertia below."""
+        if not self.inertia.size:
+            return z.T
+        return np.vstack([z.T, np.tile(self.inertia[:, None], len(z))])
 
     @property
     def start(self) -> tuple[Array, Array]:

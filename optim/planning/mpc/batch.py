@@ -252,7 +252,18 @@ def build_mpc_rollout(
         Over the signals of ``extended``.
     **options
         As of :func:`spacerobot.rollout.build_rollout`.
+
+    Raises
+    ------
+    ScenarioError
+        If plans are made in another phase than the first one.
     """
+    if flown.phase:
+        raise ScenarioError(
+            f"plans are made in {flown.phase!r}, allowed in batches and campaigns: in the first phase",
+            source=scene.source,
+            where="phases",
+        )
     whole, signals = resumed(extended), measures.signals
     begin, names = ca.SX.sym(BEGIN), [one.name for one in loop.variables if one.name.startswith(MEASURED)]
     switches = ca.SX.sym(SWITCHES, len(extended.switches))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from optim.planning.formulation.formulate import scene_with_plan_model
 from optim.planning.mpc.flown_scene import FlownScene, first_plan
+from optim.planning.mpc.handover import Handover
 from optim.planning.mpc.horizon import ROUNDING
 from optim.planning.mpc.measured_state import Readings, measured_state
 from spacerobot.arrays import Array
@@ -86,10 +87,12 @@ class ControlledPlant(Protocol):
 class PlanMakers(Protocol):
     """Makers of plans; see :class:`optim.planning.mpc.planners.Planners`."""
 
-    def first(self, numbers: Sequence[int], measured: Array) -> list[str]:
+    def first(self, numbers: Sequence[int], measured: Array, inertia: Sequence[Array | None]) -> list[str]:
         """Plan from the start."""
 
-    def replan(self, numbers: Sequence[int], begin: float, measured: Array) -> None:
+    def replan(
+        self, numbers: Sequence[int], begin: float, measured: Array, inertia: Sequence[Array | None]
+    ) -> None:
         """Plan again."""
 
     def points(self, numbers: Sequence[int], now: float) -> list[Array]:
@@ -114,6 +117,8 @@ class Computer:
         Places of biases among time, state and switches.
     first
         Configuration of each simulation at its start (N, nq).
+    handover
+        Where plans begin.
     """
 
     scene: Scene
@@ -123,10 +128,13 @@ class Computer:
     places: Rows
     biases: Rows
     first: Array
+    handover: Handover
 
     @classmethod
-    def of(cls, scene: Scene, flown: FlownScene, plant: ControlledPlant) -> Computer:
-        """Of simulations."""
+    def of(
+        cls, scene: Scene, flown: FlownScene, plant: ControlledPlant, handover: Handover | None = None
+    ) -> Computer:
+        """Of simulations whose plans begin at their start if there is no other handover."""
         loop = plant.loop
         model, own = np.array(loop.parameter_values, dtype=float), scene_with_plan_model(scene)
         known: dict[str, float] = {}
@@ -140,7 +148,9 @@ class Computer:
             if path == DRAW:
                 model[place] = NOISELESS
         biases = [1 + i for i, name in enumerate(loop.state_names) if ".bias[" in name]
-        first = plant.start[:, 1 : 1 + scene.model.nq].copy()
+        first = np.tile(scene.q, (len(plant.start), 1))
+        if handover is None:
+            first = plant.start[:, 1 : 1 + scene.model.nq].copy()
         return cls(
             scene,
             flown,
@@ -149,16 +159,21 @@ class Computer:
             flown.places(loop.parameter_paths),
             np.array(biases, dtype=np.int64),
             first,
+            handover or Handover.at_start(scene),
         )
 
     def measured(self, rows: Rows, readings: Sequence[Readings]) -> Array:
         """Where some simulations seem to be (n, nq + nv)."""
         plan, plant = first_plan(self.scene), self.plant
         found = [
-            measured_state(self.scene, plan, known, plant.start[row, 1:], self.first[row])
+            measured_state(self.scene, plan, known, plant.start[row, 1:], self.first[row], self.handover.held)
             for row, known in zip(rows, readings, strict=True)
         ]
         return np.array(found)
+
+    def inertia(self, readings: Sequence[Readings], measured: Array) -> list[Array | None]:
+        """Inertial parameters of the target as some simulations estimate them; None where they do not."""
+        return [self.handover.inertia(known, state) for known, state in zip(readings, measured, strict=True)]
 
     def predicted(self, rows: Rows, measured: Array, delay: float) -> Array:
         """Where they seem to come to a time [s] later, by the present plans (n, nq + nv).
@@ -197,7 +212,8 @@ def fly(computer: Computer, pilots: PlanMakers, notify: Callable[[str], None] = 
     """
     plant, flown, places = computer.plant, computer.flown, computer.places
     period, delay, end = flown.settings.period, flown.settings.delay, flown.duration_s
-    everyone = np.arange(len(plant.start))
+    everyone, begin = np.arange(len(plant.start)), computer.handover.begin_s
+    end -= begin
 
     def show(rows: Rows, now: float) -> None:
         """Hand the points of the present plans to the controllers."""
@@ -205,30 +221,35 @@ def fly(computer: Computer, pilots: PlanMakers, notify: Callable[[str], None] = 
             plant.parameters[np.ix_(rows, places)] = pilots.points(rows.tolist(), now)
 
     seen = plant.roll(plant.parameters, plant.start, SHORT).readings
-    faults = pilots.first(everyone.tolist(), computer.measured(everyone, seen))
+    measured = computer.measured(everyone, seen)
+    faults = pilots.first(
+        everyone.tolist(), computer.handover.planned(measured), computer.inertia(seen, measured)
+    )
     plant.ended |= np.array([bool(fault) for fault in faults])
     for k in itertools.count():
         now = k * period
         rows = everyone[~plant.over & ~plant.ended]
         if not len(rows) or now >= end * (1 - ROUNDING):
             break
-        notify(f"flying: {now:.3g} of {end:.3g} s, {len(rows)} under predictive control")
+        notify(f"flying: {begin + now:.3g} of {begin + end:.3g} s, {len(rows)} under predictive control")
         show(rows, now)
         if k and flown.replans_at(now + delay):
-            measured = computer.measured(rows, [plant.readings[row] for row in rows])
+            seen = [plant.readings[row] for row in rows]
+            measured = computer.measured(rows, seen)
+            inertia = computer.inertia(seen, measured)
             if delay:
                 measured = computer.predicted(rows, measured, delay)
-            pilots.replan(rows.tolist(), now + delay, measured)
+            pilots.replan(rows.tolist(), now + delay, computer.handover.planned(measured), inertia)
             if delay:
-                plant.advance(rows, min(now + delay, end))
+                plant.advance(rows, begin + min(now + delay, end))
             rows = rows[~plant.ended[rows]]
             show(rows, now + delay)
-        plant.advance(rows, min(now + period, end))
+        plant.advance(rows, begin + min(now + period, end))
     notify("flying: all that follows the plans")
-    last = plant.start[:, 0]
+    last = plant.start[:, 0] - begin
     for now in np.unique(last[~plant.ended]):
         rows = everyone[~plant.ended & (last == now)]
         if now < end * (1 - ROUNDING):
             show(rows, now)
-            plant.advance(rows, end)
+            plant.advance(rows, begin + end)
     return faults

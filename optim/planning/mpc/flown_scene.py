@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,12 +14,13 @@ from optim.planning.formulation.formulate import plan_section
 from optim.planning.mpc.horizon import ROUNDING, Horizon
 from optim.planning.mpc.measured_state import sensors_of
 from optim.planning.transcription.lobatto import Lobatto
+from optim.planning.verification.replay import joint_angle
 from spacerobot.arrays import Array
 from spacerobot.elements.controller import Replanning
 from spacerobot.elements.goal import TipGoal
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.bodies import Robot
-from spacerobot.scenario.phases import successors
+from spacerobot.scenario.phases import reached_from, successors
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scene import Scene, build_scene
 
@@ -56,12 +57,15 @@ class FlownScene:
         Names of each robot's joints in the order of these points, by robot.
     duration_s
         Of the simulation [s]: that of the plan where there are no phases.
+    phase
+        Phase in which plans are made, if another one comes before it.
     """
 
     scene: Scene
     settings: Replanning
     joints: dict[str, tuple[str, ...]]
     duration_s: float
+    phase: str | None = None
 
     @classmethod
     def of(cls, scene: Scene, vary: Collection[str] = ()) -> FlownScene:
@@ -105,7 +109,11 @@ class FlownScene:
             changes[f"{path}.frames"] = {
                 goal.tip: goal.follows for goal in goals if goal.tip.startswith(f"{name}/")
             }
-        return cls(build_scene(scene.scenario, changes, source=scene.source), settings, joints, duration)
+        phase = mpc_phase(scene)
+        if phase == next(iter(scene.scenario.phases), None):
+            phase = None
+        built = build_scene(scene.scenario, changes, source=scene.source)
+        return cls(built, settings, joints, duration, phase)
 
     def places(self, paths: Sequence[str]) -> NDArray[np.int64]:
         """Places among the parameters of a closed loop, by their paths, of what :meth:`numbers` gives."""
@@ -116,6 +124,21 @@ class FlownScene:
             cells = list(itertools.product(TABLES, range(points), range(count)))
             found += [place[f"{path}.begin"], *(place[f"{path}.knots.{t}.{k}.{j}"] for t, k, j in cells)]
         return np.array(found, dtype=np.int64)
+
+    def resting(self, state: Array) -> Array:
+        """The same numbers of no plan: robots rest where they are.
+
+        Parameters
+        ----------
+        state
+            Configuration and velocity (nq + nv, or more).
+        """
+        model, points = self.scene.model, first_plan(self.scene).order // 2 + 1
+        found: list[Array] = []
+        for body in self.scene.robots:
+            angles = [joint_angle(model.joints[joint], state) for joint in body.driven_joints]
+            found += [np.zeros(1), np.tile(angles, points), np.zeros(2 * points * len(angles))]
+        return np.concatenate(found)
 
     def replans_at(self, begin: float) -> bool:
         """Whether a plan is to begin at a time [s]: the last one before the end is kept until there.
@@ -128,14 +151,29 @@ class FlownScene:
         behind = left < ROUNDING * whole and not plan.phases
         return least <= whole and (left > least - ROUNDING * whole or behind)
 
-    def numbers(self, horizon: Horizon, now: float) -> Array:
-        """Begin and points of a plan in the period that begins now [s], of all robots in turn."""
+    def numbers(
+        self, horizon: Horizon, now: float, begin: float = 0.0, locked: Mapping[str, float] | None = None
+    ) -> Array:
+        """Begin and points of a plan in the period that begins now, of all robots in turn.
+
+        Parameters
+        ----------
+        horizon, now
+            The plans, and the time since the first one began [s].
+        begin
+            When the first one began [s].
+        locked
+            Positions of joints that plans do not move [rad or m], by ``robot/joint``.
+        """
         found: list[Array] = []
         for robot, names in self.joints.items():
             knots = horizon.knots(now, self.settings.period, robot)
-            columns = [knots["joints"].index(name) for name in names]
-            tables = [np.array(knots[name])[:, columns].ravel() for name in TABLES]
-            found += [np.array([now]), *tables]
+            rests = {name: (locked or {}).get(f"{robot}/{name}", 0.0) for name in names}
+            for table in TABLES:
+                rows = [dict(zip(knots["joints"], row, strict=True)) for row in knots[table]]
+                still = rests if table == "position" else dict.fromkeys(names, 0.0)
+                knots[table] = [(still | row)[name] for row in rows for name in names]
+            found += [np.array([begin + now]), *(np.array(knots[table]) for table in TABLES)]
         return np.concatenate(found)
 
 
@@ -182,36 +220,45 @@ def mpc_settings(scene: Scene) -> Replanning:
             source=source,
             where=f"{where}.duration",
         )
-    _check_phases(scene)
+    mpc_phase(scene)
     return settings
 
 
-def _check_phases(scene: Scene) -> None:
-    """Refuse phases in which plans are made but the first one.
+def mpc_phase(scene: Scene) -> str | None:
+    """Name of the phase in which plans are made; None without phases.
 
     Raises
     ------
     ScenarioError
-        Naming the first one.
+        If there are several or none, or it comes again.
     """
-    phases = scene.scenario.phases
-    first = next(iter(phases), None)
-    if first is None:
-        return
+    phases, found = scene.scenario.phases, dict[str, None]()
     for name, (robot, (key, _)) in itertools.product(phases, mpc_controllers(scene).items()):
-        own = scene.scenario.during(name).robots[robot]
-        where = f"phases.{name}.robots.{robot}"
-        if name != first:
-            if key in own.controllers:
+        if key in scene.scenario.during(name).robots[robot].controllers:
+            found[name] = None
+            if len(found) > 1:
                 raise ScenarioError(
-                    f"plans are made in the first phase alone; write `{key}: null` here",
+                    f"plans are made in one phase alone, found them in {next(iter(found))!r} too; write "
+                    f"`{key}: null` in one of them",
                     source=scene.source,
-                    where=f"{where}.controllers",
+                    where=f"phases.{name}.robots.{robot}.controllers",
                 )
-        elif key not in own.controllers:
-            told = "rests in the first phase, in which plans are made and flown"
-            raise ScenarioError(told, source=scene.source, where=f"{where}.controllers.{key}")
+    if not phases:
+        return None
+    if not found:
+        told = "none has the controllers of kind mpc, which rest in all of them"
+        raise ScenarioError(told, source=scene.source, where="phases")
+    (phase,) = found
+    for robot, (key, _) in mpc_controllers(scene).items():
+        if key not in scene.scenario.during(phase).robots[robot].controllers:
+            told = "rests in the phase in which plans are made and flown; they move all robots"
+            where = f"phases.{phase}.robots.{robot}.controllers.{key}"
+            raise ScenarioError(told, source=scene.source, where=where)
     for name, follows in successors(phases).items():
-        if first in follows:
-            told = f"leads back to {first!r}; plans are made in it once"
+        if phase in follows and name in reached_from(phase, phases):
+            told = f"leads back to {phase!r}; plans are made in it once"
             raise ScenarioError(told, source=scene.source, where=f"phases.{name}")
+    if phase != next(iter(phases)) and plan_section(scene).phases:
+        told = f"found phases, allowed where plans are made in {phase!r}: none; give the plan's own keys"
+        raise ScenarioError(told, source=scene.source, where="plan.phases")
+    return phase

@@ -79,7 +79,9 @@ class Horizon:
     unfinished: int = 0
 
     @classmethod
-    def of(cls, solver: PlanSolver, measured: Array, min_horizon: float) -> Horizon:
+    def of(
+        cls, solver: PlanSolver, measured: Array, min_horizon: float, inertia: Array | None = None
+    ) -> Horizon:
         """With the first plan, from a first guess.
 
         Parameters
@@ -90,13 +92,16 @@ class Horizon:
             Configuration and velocity at its beginning (nq + nv,), as they seem to be.
         min_horizon
             Shortest time that a plan looks ahead [s].
+        inertia
+            Inertial parameters of the target as they are estimated (10,); those of the model if None.
 
         Raises
         ------
         NoPlanError
             If none is found.
         """
-        own = dataclasses.replace(solver, problem=dataclasses.replace(solver.problem, fixed=measured))
+        problem = with_inertia(dataclasses.replace(solver.problem, fixed=measured), inertia)
+        own = dataclasses.replace(solver, problem=problem)
         request = own.request(refine=False)
         found = solve_request(own, request)
         if found.solution is None:
@@ -114,7 +119,7 @@ class Horizon:
             seconds=[one.seconds for one in found.runs],
         )
 
-    def replan(self, begin: float, measured: Array, iterations: int) -> None:
+    def replan(self, begin: float, measured: Array, iterations: int, inertia: Array | None = None) -> None:
         """Replan from a time on, from the last plan; where that fails, from a first guess.
 
         Where none is found the last one stays.
@@ -127,8 +132,11 @@ class Horizon:
             Configuration and velocity then (nq + nv,), as they seem to be.
         iterations
             At most.
+        inertia
+            Inertial parameters of the target as they are estimated (10,); as before if None.
         """
-        clock, solver, scale = time.perf_counter(), self.solver, self.solution.scale
+        clock, scale = time.perf_counter(), self.solution.scale
+        solver = dataclasses.replace(self.solver, problem=with_inertia(self.solver.problem, inertia))
         problem = self._problem(solver, begin, measured)
         intervals = self._intervals(problem.duration[0])
         program = self._program(solver, problem, intervals)
@@ -199,7 +207,7 @@ class Horizon:
         duration = self.min_horizon if behind else left
         z = np.concatenate(self.at(np.array([begin])), axis=1)[0]
         z[: measured.size] = measured
-        values = solver.instants.call("values", z[:, None])[measured.size :, 0]
+        values = solver.instants.call("values", problem.arguments(z[None, :]))[measured.size :, 0]
         rows = []
         for row, value in zip(problem.path, values, strict=False):
             if behind and row.final_fraction < 1:
@@ -272,6 +280,11 @@ class Horizon:
             "rate": v[:, [driven.columns[k] for k in own]].tolist(),
             "effort": u[:, own].tolist(),
         }
+
+
+def with_inertia(problem: PlanningProblem, inertia: Array | None) -> PlanningProblem:
+    """Problem with an estimate of the target's inertial parameters (10,); as it is if None."""
+    return problem if inertia is None else dataclasses.replace(problem, inertia=inertia)
 
 
 def is_usable(program: NonlinearProgram, found: Solution) -> bool:

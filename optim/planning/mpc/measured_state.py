@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,8 +15,10 @@ from spacerobot.elements.goal import TipGoal
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scenario.sensors import Sensors
 from spacerobot.scene import Scene
-from spacerobot.scene.scene import SceneBody, SceneTip
+from spacerobot.scene.scene import SceneBody, SceneGrasp, SceneTip
 
+HELD = "held_"
+"""Beginning of the names of readings that are estimates of what a tip holds."""
 Readings = Mapping[tuple[str, str], Array]
 """Values by signal and what it is of: ``rpr1/joint_1``, ``rpr1`` or ``rpr1/tip``; none of an ideal sensor."""
 
@@ -47,11 +49,19 @@ def readings_of(variables: Iterable[OutputVariable], outputs: Mapping[str, Array
     return {key: value for key, value in found.items() if np.isfinite(value).all()}
 
 
-def measured_state(scene: Scene, plan: PlanSection, readings: Readings, state: Array, first: Array) -> Array:
+def measured_state(
+    scene: Scene,
+    plan: PlanSection,
+    readings: Readings,
+    state: Array,
+    first: Array,
+    held: Sequence[SceneGrasp] = (),
+) -> Array:
     """State of a scene as the robots' sensors and filters show it.
 
     Joints and floating bases are read by their robots' sensors. Of the target, the mating frames of the goals
-    are seen from where the tips seem to be; where several see it, it is taken to be in the middle.
+    are seen from where the tips seem to be; where several see it, it is taken to be in the middle. A target
+    that is held moves with the tip that holds it.
 
     Parameters
     ----------
@@ -63,6 +73,8 @@ def measured_state(scene: Scene, plan: PlanSection, readings: Readings, state: A
         Begins with the true configuration and velocity (nq + nv, or more).
     first
         Configuration at the start (nq,), from whose attitudes the measured ones are counted.
+    held
+        Grasps that hold the target rigidly.
 
     Returns
     -------
@@ -71,11 +83,19 @@ def measured_state(scene: Scene, plan: PlanSection, readings: Readings, state: A
     """
     model, nq = scene.model, scene.model.nq
     q, v = np.array(state[:nq]), np.array(state[nq : nq + model.nv])
-    start, truth = _moved(model, first, np.zeros(model.nv)), _moved(model, q, v)
+    start, truth = moved(model, first, np.zeros(model.nv)), moved(model, q, v)
     for body in scene.robots:
         _read_joints(scene, body, readings, q, v)
         _read_base(scene, body, readings, start, (q, v))
-    own, tips = _moved(model, q, v), {tip.label: tip for tip in scene.tips}
+    own, tips = moved(model, q, v), {tip.label: tip for tip in scene.tips}
+    for grasp in held[:1]:
+        assert scene.target is not None, "what is held is the target"
+        tip = grasp.tip.frame
+        grip = truth.oMf[tip].actInv(truth.oMi[scene.target.root_joint])
+        twist = grip.actInv(pin.getFrameVelocity(model, own, tip, pin.ReferenceFrame.LOCAL))
+        pose = own.oMf[tip] * grip
+        _place(scene, scene.target, q, v, (pose.translation, pose.rotation, twist.linear, twist.angular))
+        return np.concatenate([q, v])
     seen = [
         _seen(scene, (tips[goal.tip], goal.follows), readings, (start, truth, own))
         for goal in plan.goals.values()
@@ -118,7 +138,7 @@ def _read_base(
     if not body.root_joint or not any((signal, body.name) in readings for signal in signals):
         return
     along, about = scene.translation_axes, scene.rotation_axes
-    data, joint = _moved(scene.model, *motion), body.root_joint
+    data, joint = moved(scene.model, *motion), body.root_joint
     root, twist, first = data.oMi[joint], data.v[joint], start.oMi[joint].rotation
     truth = (
         root.translation,
@@ -134,7 +154,7 @@ def _read_base(
     _place(scene, body, *motion, (place, rotation, rotation.T @ linear, rotation.T @ angular))
 
 
-def _moved(model: Any, q: Array, v: Array) -> Any:
+def moved(model: Any, q: Array, v: Array) -> Any:
     """Pinocchio's data of a configuration and velocity."""
     data = model.createData()
     pin.forwardKinematics(model, data, q, v)

@@ -18,6 +18,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from optim.planning.mpc.flown_scene import FlownScene
+from optim.planning.mpc.handover import Handover
 from optim.planning.mpc.horizon import Horizon
 from optim.planning.search.plan_solver import PlanSolver
 from optim.problem.scene_recipe import SceneRecipe
@@ -41,6 +42,8 @@ class Planners:
         ``auto``, ``compiled`` or ``interpreted``.
     notify
         Told in a few words what begins.
+    begun
+        Places of plans and where they begin, if not at the start of the simulation.
 
     Raises
     ------
@@ -48,8 +51,15 @@ class Planners:
         If the plan does not suit model predictive control.
     """
 
-    def __init__(self, scene: Scene, backend: str = "auto", notify: Notify = lambda _: None) -> None:
-        self._flown = FlownScene.of(scene)
+    def __init__(
+        self,
+        scene: Scene,
+        backend: str = "auto",
+        notify: Notify = lambda _: None,
+        begun: tuple[FlownScene, Handover] | None = None,
+    ) -> None:
+        self._flown, self._handover = begun or (FlownScene.of(scene), Handover.at_start(scene))
+        scene = self._handover.scene
         self._solver = PlanSolver.of(scene, backend, notify, motions=OFTEN)
         self._horizons: dict[int, Horizon] = {}
         driven = self._solver.problem.stage.driven
@@ -60,7 +70,7 @@ class Planners:
             )
             raise ScenarioError(told, source=scene.source, where="plan.limits")
 
-    def first(self, numbers: Sequence[int], measured: Array) -> list[str]:
+    def first(self, numbers: Sequence[int], measured: Array, inertia: Sequence[Array | None]) -> list[str]:
         """Plan simulations from their start, each from a first guess.
 
         Parameters
@@ -69,6 +79,8 @@ class Planners:
             Of the simulations.
         measured
             Configuration and velocity of each at its start (n, nq + nv), as they seem to be.
+        inertia
+            Estimated inertial parameters of the target (10,) of each, None for those of the model.
 
         Returns
         -------
@@ -76,9 +88,9 @@ class Planners:
             Why there is no plan, in words; empty where there is one.
         """
         found = []
-        for number, state in zip(numbers, measured, strict=True):
+        for number, state, known in zip(numbers, measured, inertia, strict=True):
             try:
-                horizon = Horizon.of(self._solver, state, self._flown.settings.min_horizon)
+                horizon = Horizon.of(self._solver, state, self._flown.settings.min_horizon, known)
             except NoPlanError as fault:
                 found.append(fault.message)
                 continue
@@ -86,7 +98,9 @@ class Planners:
             found.append("")
         return found
 
-    def replan(self, numbers: Sequence[int], begin: float, measured: Array) -> None:
+    def replan(
+        self, numbers: Sequence[int], begin: float, measured: Array, inertia: Sequence[Array | None]
+    ) -> None:
         """Plan simulations again, each from its last plan.
 
         Parameters
@@ -97,13 +111,16 @@ class Planners:
             When the plans begin [s].
         measured
             Configuration and velocity of each then (n, nq + nv), as they seem to be.
+        inertia
+            Estimated inertial parameters of the target (10,) of each, None for what was known before.
         """
-        for number, state in zip(numbers, measured, strict=True):
-            self._horizons[number].replan(begin, state, self._flown.settings.iterations)
+        for number, state, known in zip(numbers, measured, inertia, strict=True):
+            self._horizons[number].replan(begin, state, self._flown.settings.iterations, known)
 
     def points(self, numbers: Sequence[int], now: float) -> list[Array]:
         """Points of each plan in the period that begins now [s], as in :meth:`FlownScene.numbers`."""
-        return [self._flown.numbers(self._horizons[number], now) for number in numbers]
+        begin, locked = self._handover.begin_s, self._handover.locked
+        return [self._flown.numbers(self._horizons[number], now, begin, locked) for number in numbers]
 
     def end(self, numbers: Sequence[int]) -> list[dict[str, Any]]:
         """Statistics of each simulation's plans, which are then forgotten."""
@@ -137,13 +154,15 @@ class ParallelPlanners:
         for process in self._processes:
             _send(process, SceneRecipe.of(scene))
 
-    def first(self, numbers: Sequence[int], measured: Array) -> list[str]:
+    def first(self, numbers: Sequence[int], measured: Array, inertia: Sequence[Array | None]) -> list[str]:
         """See :meth:`Planners.first`."""
-        return self._spread("first", numbers, lambda rows: (measured[rows],))
+        return self._spread("first", numbers, lambda rows: (measured[rows], [inertia[row] for row in rows]))
 
-    def replan(self, numbers: Sequence[int], begin: float, measured: Array) -> None:
+    def replan(
+        self, numbers: Sequence[int], begin: float, measured: Array, inertia: Sequence[Array | None]
+    ) -> None:
         """See :meth:`Planners.replan`."""
-        self._spread("replan", numbers, lambda rows: (begin, measured[rows]))
+        self._spread("replan", numbers, lambda rows: (begin, measured[rows], [inertia[row] for row in rows]))
 
     def points(self, numbers: Sequence[int], now: float) -> list[Array]:
         """See :meth:`Planners.points`."""

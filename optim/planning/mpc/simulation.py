@@ -11,6 +11,7 @@ import numpy as np
 
 from optim.planning.mpc.flight import Computer, Ends, Rows, fly
 from optim.planning.mpc.flown_scene import FlownScene
+from optim.planning.mpc.handover import Handover
 from optim.planning.mpc.horizon import ROUNDING
 from optim.planning.mpc.measured_state import readings_of
 from optim.planning.mpc.planners import Planners
@@ -31,6 +32,8 @@ from spacerobot.scene import Scene
 from spacerobot.simulation import CHECKING_TOLERANCE, fired_events
 
 Progress = Callable[[str], None]
+AFTER = 1e-6
+"""Time from the beginning of the phase with plans to that of the first plan [s]."""
 
 
 class SinglePlant:
@@ -131,8 +134,8 @@ def simulate_mpc(scene: Scene, *, backend: str = "auto", progress: Progress | No
     Parameters
     ----------
     scene
-        With a ``plan`` section, and a controller of kind ``mpc`` for each robot, which acts in the first
-        phase where there are phases.
+        With a ``plan`` section, and a controller of kind ``mpc`` for each robot, which acts in one phase
+        where there are phases.
     backend
         ``auto``, ``compiled`` or ``interpreted``.
     progress
@@ -152,7 +155,8 @@ def simulate_mpc(scene: Scene, *, backend: str = "auto", progress: Progress | No
         If no first plan is found.
     """
     began, notify = time.perf_counter(), progress or (lambda _: None)
-    flown, planners = FlownScene.of(scene), Planners(scene, backend, notify)
+    flown = FlownScene.of(scene)
+    planners = None if flown.phase else Planners(scene, backend, notify)
     notify("compiling the closed loop, or finding it compiled")
     loop, simulation = cached_closed_loop(flown.scene), scene.scenario.simulation
     rollout = build_rollout(
@@ -168,10 +172,18 @@ def simulate_mpc(scene: Scene, *, backend: str = "auto", progress: Progress | No
     plant = (
         CheckedPlant(loop, rollout, flown) if checked else SinglePlant(loop, rollout, simulation.output_step)
     )
-    (fault,) = fly(Computer.of(scene, flown, plant), planners, notify)
-    if fault:
-        raise NoPlanError(fault, source=scene.source, where="plan")
-    (told,) = planners.end([0])
+    handover = None
+    if flown.phase:
+        notify(f"simulating what comes before {flown.phase}")
+        handover = _handover(scene, flown, plant, SinglePlant(loop, rollout, simulation.output_step))
+        if handover is not None:
+            planners = Planners(scene, backend, notify, (flown, handover))
+    told: Mapping[str, Any] | None = None
+    if planners is not None:
+        (fault,) = fly(Computer.of(scene, flown, plant, handover), planners, notify)
+        if fault:
+            raise NoPlanError(fault, source=scene.source, where="plan")
+        (told,) = planners.end([0])
     trajectory = plant.trajectory
     whole = build_dataset(scene, trajectory, loop)
     total = time.perf_counter() - began
@@ -179,7 +191,33 @@ def simulate_mpc(scene: Scene, *, backend: str = "auto", progress: Progress | No
     notes = {"toolchain": rollout.summary, "step_error": f"{trajectory.step_error:.1e}"}
     events = build_events(scene, loop, trajectory.events)
     summary = build_summary(scene, whole, trajectory, timing, notes, events)
-    return Result(scene.scenario, whole, summary | {"mpc": statistics(flown.settings, told)})
+    return Result(
+        scene.scenario, whole, summary | ({"mpc": statistics(flown.settings, told)} if told else {})
+    )
+
+
+def _handover(scene: Scene, flown: FlownScene, plant: SinglePlant, scout: SinglePlant) -> Handover | None:
+    """Carry a simulation to where the phase with plans begins; None, and to its end, if it never does.
+
+    A scout finds the instant first, so that until then the controllers' plan is to rest there.
+    """
+    rows, places, begins = np.zeros(1, dtype=np.int64), flown.places(plant.loop.parameter_paths), None
+    scout.parameters[0, places] = flown.resting(scout.start[0, 1:])
+    while begins is None and not scout.ended[0] and scout.start[0, 0] < flown.duration_s * (1 - ROUNDING):
+        scout.advance(rows, min(scout.start[0, 0] + flown.settings.period, flown.duration_s))
+        now, piece = scout.pieces[-1]
+        for one in piece.events:
+            rule = plant.loop.events[one.event]
+            if rule.kind == "phase" and rule.who == flown.phase:
+                begins, state = now + one.time_s, one.after
+    if begins is None:
+        plant.parameters[:] = scout.parameters
+        plant.advance(rows, flown.duration_s)
+        return None
+    plant.parameters[0, places] = flown.resting(state)
+    plant.advance(rows, begins + AFTER)
+    plant.over[:] = False
+    return Handover.at(scene, plant.loop, plant.start[0])
 
 
 def statistics(settings: Replanning, told: Mapping[str, Any]) -> dict[str, Any]:

@@ -132,7 +132,8 @@ def _motion(problem: PlanningProblem, plan: xr.Dataset, file: Path) -> Motion:
     z = np.hstack([q, v, a, drive, w, parts])
     first = stage.q.numel() + stage.v.numel() + stage.a.numel()
     # the drive is what the equations of motion leave without it
-    left = ca.Function("left", [stage.z], [ca.densify(stage.balance[list(stage.driven.columns)])])
-    z[:, first : first + stage.u.numel()] = np.array(left(z.T).full()).T
+    given = ca.vertcat(stage.z, stage.inertia)
+    left = ca.Function("left", [given], [ca.densify(stage.balance[list(stage.driven.columns)])])
+    z[:, first : first + stage.u.numel()] = np.array(left(problem.arguments(z)).full()).T
     mesh = Mesh(tuple(float(knot) for knot in knots / knots[-1]))
     return Motion(problem, Lobatto.of_order(2 * points - 2), mesh, float(knots[-1]), z).split_forces()

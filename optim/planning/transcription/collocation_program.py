@@ -189,11 +189,12 @@ class CollocationProgram:
         scaled = weights.copy()
         scaled[:, : self.nq] *= duration
         scaled[:, self.ncost :] *= duration
-        hessian = self.instants.call("hessian", z.T, scaled.T).T
+        hessian = self.instants.call("hessian", self.problem.arguments(z), scaled.T).T
         goal = np.append(multipliers[self.rows - len(self.problem.goal) :], factor * self.end_weights)
         last = np.zeros(len(self.instants.goal_hessian[0]))
         if goal.size:  # a segment before the last one has neither goal nor costs of its end
-            last = self.instants.call("goal_hessian", z[-1:].T, goal[:, None])[:, 0]
+            at_end = self.problem.arguments(z[-1:])
+            last = self.instants.call("goal_hessian", at_end, goal[:, None])[:, 0]
         # second derivatives by the duration and each instant (points nz,)
         rows, columns = self.instants.jacobian
         entries = self._instant_jacobian(w)
@@ -239,7 +240,7 @@ class CollocationProgram:
 
     def _last(self, name: str, w: Array) -> Array:
         """One of the last instant's functions."""
-        return self.instants.call(name, self.split(w)[0][-1:].T)[:, 0]
+        return self.instants.call(name, self.problem.arguments(self.split(w)[0][-1:]))[:, 0]
 
     def _at(self, w: Array, name: str) -> Array:
         """One of the functions at all points, kept for the last unknowns."""
@@ -248,7 +249,7 @@ class CollocationProgram:
             self._seen = (key, {})
         found = self._seen[1]
         if name not in found:
-            found[name] = self.instants.call(name, self.split(w)[0].T).T
+            found[name] = self.instants.call(name, self.problem.arguments(self.split(w)[0])).T
         return found[name]
 
     def _jacobian_sums(self) -> SparseSums:

@@ -65,7 +65,7 @@ def build_instants(problem: PlanningProblem, backend: str = "auto") -> InstantFu
     CompileError
         If ``compiled`` cannot be had.
     """
-    return _instants(problem.stage.z, _rows(problem), backend)
+    return _instants(problem, _rows(problem), backend)
 
 
 def extended(
@@ -80,9 +80,8 @@ def extended(
     rows
         Added to its path.
     """
-    z = problem.stage.z
     expression = ca.densify(ca.vertcat(*(row.value for row in rows)))
-    added = _instants(z, {"": (expression, implicit_in(rows))}, instants.backend)
+    added = _instants(problem, {"": (expression, implicit_in(rows))}, instants.backend)
     first = problem.stage.rate.numel() + problem.stage.balance.numel() + len(problem.path)
     count = len(rows)
 
@@ -107,7 +106,7 @@ def extended(
 
 def with_values_of(instants: InstantFunctions, problem: PlanningProblem) -> InstantFunctions:
     """Functions with the values, interpreted, of a problem that differs by numbers alone; no derivatives."""
-    values = _instants(problem.stage.z, _rows(problem), "interpreted", derivatives=False)
+    values = _instants(problem, _rows(problem), "interpreted", derivatives=False)
     return dataclasses.replace(instants, call=values.call, backend="interpreted")
 
 
@@ -132,23 +131,26 @@ def _rows(problem: PlanningProblem) -> dict[str, Parts]:
 
 
 def _instants(
-    z: ca.SX, rows: Mapping[str, Parts], backend: str, *, derivatives: bool = True
+    problem: PlanningProblem, rows: Mapping[str, Parts], backend: str, *, derivatives: bool = True
 ) -> InstantFunctions:
-    """Functions of rows of an instant (nz x 1)."""
+    """Functions of rows of an instant; see :meth:`PlanningProblem.arguments`."""
+    z, constant = problem.stage.z, problem.stage.inertia
     # Sharing common parts of derivatives saves 5 % of their evaluation, and takes most of the time in which
     # they are made: where a problem is interpreted, it is left to the values.
     functions, patterns, share = dict[str, ca.Function](), list[Pattern](), backend != "interpreted"
     for prefix, (expression, found) in rows.items():
         symbols = symbols_of(found) if found else None
         if derivatives:
-            own, where = derived(z, expression, prefix, symbols, share=share)
+            own, where = derived(z, expression, prefix, symbols, constant=constant, share=share)
             functions |= own
             patterns += where
         else:
-            functions[f"{prefix}values"] = _function(f"{prefix}values", _inputs(z, symbols), expression)
+            functions[f"{prefix}values"] = _function(
+                f"{prefix}values", _inputs(z, symbols, constant), expression
+            )
         if found:
             given = ca.vertcat(*(one.given for one in found))
-            functions[f"{prefix}given"] = _function(f"{prefix}given", [z], given)
+            functions[f"{prefix}given"] = _function(f"{prefix}given", _inputs(z, None, constant), given)
             functions |= {one.function.name(): one.function for one in found if one.function is not None}
     call, used = _caller(functions, backend)
     none = (np.empty(0, dtype=np.int64),) * 2
@@ -174,15 +176,21 @@ def _held(call: Callable[..., Array], rows: Mapping[str, Parts]) -> Callable[...
 
 
 def derived(
-    z: ca.SX, rows: ca.SX, prefix: str, held: ca.SX | None = None, *, share: bool = True
+    z: ca.SX,
+    rows: ca.SX,
+    prefix: str,
+    held: ca.SX | None = None,
+    *,
+    constant: ca.SX | None = None,
+    share: bool = True,
 ) -> tuple[dict[str, ca.Function], list[Pattern]]:
     """Values and first and second derivatives of rows, and where the derivatives' entries stand.
 
-    The functions are called with z, with the symbols that are held constant, if such are given, and the
-    second derivatives with weights of the rows. With ``share`` derivatives share their common parts, else
-    only those of the values.
+    The functions are called with z and the symbols that are ``constant`` below it, with those that are held
+    constant, if such are given, and the second derivatives with weights of the rows. With ``share``
+    derivatives share their common parts, else only those of the values.
     """
-    weights, given, rows = ca.SX.sym("weights", rows.numel()), _inputs(z, held), ca.cse(rows)
+    weights, given, rows = ca.SX.sym("weights", rows.numel()), _inputs(z, held, constant), ca.cse(rows)
     jacobian = ca.jacobian(rows, z)
     hessian = ca.triu(ca.hessian(ca.dot(weights, rows), z)[0])
     functions = {
@@ -193,9 +201,10 @@ def derived(
     return functions, [_pattern(jacobian), _pattern(hessian)]
 
 
-def _inputs(z: ca.SX, held: ca.SX | None) -> list[ca.SX]:
+def _inputs(z: ca.SX, held: ca.SX | None, constant: ca.SX | None) -> list[ca.SX]:
     """First inputs of functions of rows."""
-    return [z] if held is None else [z, held]
+    first = z if constant is None else ca.vertcat(z, constant)
+    return [first] if held is None else [first, held]
 
 
 def _function(name: str, inputs: list[ca.SX], output: ca.SX, *, share: bool = True) -> ca.Function:

@@ -33,7 +33,7 @@ def command(scenario: ScenarioName, changes: Changes = None) -> None:
     check_size(scene)
     # refuse limits of outputs that there are not: the closed loop alone knows which there are
     phases = scene.scenario.phases.values()
-    if any(phase.until is not None and phase.until.limit is not None for phase in phases):
+    if any(phase.abort or (phase.until is not None and phase.until.limit) for phase in phases):
         from spacerobot.loop_cache import cached_closed_loop
 
         cached_closed_loop(scene)

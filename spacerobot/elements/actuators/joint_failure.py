@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 import casadi as ca
 from pydantic import Field
@@ -23,6 +23,8 @@ from spacerobot.section import matching, quantity
 @register
 class JointFailure(Actuator):
     """Failure of a joint, or of a whole arm, at a time: it locks, swings free, runs on, or loses torque."""
+
+    fails_joints: ClassVar[bool] = True
 
     kind: Literal["joint_failure"] = "joint_failure"
     joint: str = Field(

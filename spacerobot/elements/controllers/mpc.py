@@ -98,6 +98,17 @@ class Mpc(JointPlanController):
                 continue
             for name, value in zip(robot.joint_names, ca.vertsplit(found), strict=True):
                 yield _output(signal, value, "driven_joint", f"{robot.name}/{name}")
+        for tip in robot.tips:
+            if tip.held_inertia is not None:
+                mass, moment, (xx, xy, yy, xz, yz, zz) = (
+                    tip.held_inertia[0],
+                    tip.held_inertia[1:4],
+                    ca.vertsplit(tip.held_inertia[4:]),
+                )
+                yield _output("held_mass", mass, "tip", tip.label)
+                yield _output("held_first_moment", moment, "tip", tip.label)
+                yield _output("held_moments", ca.vertcat(xx, yy, zz), "tip", tip.label)
+                yield _output("held_products", ca.vertcat(xy, xz, yz), "tip", tip.label)
         for tip in (tip for tip in robot.tips if tip.label in self.frames):
             frame = plant.model.getFrameId(f"target/{self.frames[tip.label]}", pin.FrameType.BODY)
             rotation, origin = plant.placement(frame)
@@ -144,7 +155,14 @@ class Mpc(JointPlanController):
 
 def _output(signal: str, value: ca.SX, dimension: str, label: str) -> Output:
     """Measurement as an output."""
-    unit = {"joint_position": "rad or m", "joint_rate": "rad/s or m/s"}.get(signal)
+    unit = {
+        "joint_position": "rad or m",
+        "joint_rate": "rad/s or m/s",
+        "held_mass": "kg",
+        "held_first_moment": "kg m",
+        "held_moments": "kg m^2",
+        "held_products": "kg m^2",
+    }.get(signal)
     text = f"{signal.replace('_', ' ')} as mpc reads it"
     unit = unit or UNITS[signal.rpartition("_")[2]]
     return Output(f"{MEASURED}{signal}", ca.densify(value), unit, text, dimension, label)

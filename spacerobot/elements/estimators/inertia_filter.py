@@ -1,11 +1,12 @@
 """Recursive least squares for the inertial parameters of the object that a tip holds, from momentum.
 
-The robot and the object that it holds are alone: their momentum h about the world's origin is constant
-(wheels' momentum counted). In the coordinates of the base's velocity, with the base's rows H of the robot's
-mass matrix, the tip's Jacobian J (axes of the tip, J_b its columns of the base) and the regressor Y of a
-body's momentum,
+Nothing but the actuators of its base acts on the robot and the object that it holds: their momentum about
+the world's origin (wheels' counted) is h + I, with h constant and the impulse I of these actuators, which is
+known as it is delivered, as accelerometers measure it. In the coordinates of the base's velocity, with the
+base's rows H of the robot's mass matrix, the tip's Jacobian J (axes of the tip, J_b its columns of the base)
+and the regressor Y of a body's momentum,
 
-    J_b^T Y(J v) pi - X h = -(H v + wheels)
+    J_b^T Y(J v) pi - X h = X I - (H v + wheels)
 
 is linear in the object's ten parameters pi (axes of the tip) and in h, which is unknown too (Murotsu and
 others, J. Guidance 17(3), 1994; Ma, Dang and Pham, IEEE TRO 24(5), 2008). No acceleration is needed, and not
@@ -36,6 +37,7 @@ from pydantic import Field
 from spacerobot.dynamics import FreeFloating
 from spacerobot.dynamics.algebra import SymmetricFactors, skew
 from spacerobot.dynamics.inertial_parameters import (
+    PLANAR,
     SIZE,
     in_other_axes,
     inertial_parameters,
@@ -54,8 +56,6 @@ from spacerobot.elements.robot_element import RobotProperties
 from spacerobot.errors import ScenarioError
 from spacerobot.section import Name, Vector, quantity
 
-PLANAR = (0, 1, 2, 9)
-"""Parameters that a motion in the x-y plane depends on."""
 NOISY = {"velocity_noise": "base_velocity", "spin_noise": "base_spin", "rate_noise": "joint_rate"}
 OTHERS = ("base_position", "base_orientation", "joint_position")
 
@@ -136,7 +136,10 @@ class InertiaFilter(Estimator):
 
     def assumptions(self) -> list[str]:
         """Of what it knows."""
-        return ["knows the robot's own masses; nothing but the robot's joints and wheels acts on its object"]
+        return [
+            "knows the robot's own masses, and the impulse that the actuators of its base deliver; nothing "
+            "else acts from outside"
+        ]
 
     def words(self) -> str:
         """Tip and period."""
@@ -153,6 +156,7 @@ class _InertiaFilterLaw:
         model, joint = plant.model, int(plant.model.frames[robot.base_frame].parentJoint)
         self.joint, first = joint, int(model.idx_vs[joint])
         self.base = list(range(first, first + int(model.nvs[joint])))
+        self.axes = [*plant.translation_axes, *(axis + 3 for axis in plant.rotation_axes)]
         self.tip, self.label = robot.tips[config.tip], robot.label
         once, expanded = robot.context.once, robot.context.constants.expanded
         self.assumed = once("assumed", expanded(self._assumed()))
@@ -264,8 +268,7 @@ class _InertiaFilterLaw:
             else:
                 q[at], q[at + 1] = ca.cos(angle), ca.sin(angle)
         whole = ca.vertcat(ca.horzcat(turn, ca.SX(3, 3)), ca.horzcat(-ca.mtimes(turn, skew(place)), turn))
-        axes = [*plant.translation_axes, *(axis + 3 for axis in plant.rotation_axes)]
-        return q, v, ca.mtimes(onto.T, whole)[:, axes], onto
+        return q, v, ca.mtimes(onto.T, whole)[:, self.axes], onto
 
     def _added(self) -> tuple[ca.SX, ca.SX]:
         """Information that an instant adds: triangle of the matrix, and vector."""
@@ -282,7 +285,8 @@ class _InertiaFilterLaw:
         regressor = ca.mtimes(back, momentum_regressor(twist[:3], twist[3:])[:, self.columns])
         wheels = ca.mtimes(onto.T, ca.vertcat(ca.SX(3, 1), robot.stored()))
         rows = ca.horzcat(regressor, -total)
-        left = -ca.mtimes(inertia, v) - wheels - ca.mtimes(regressor, self.start)
+        pushed = ca.mtimes(total, robot.pushed()[self.axes])
+        left = pushed - ca.mtimes(inertia, v) - wheels - ca.mtimes(regressor, self.start)
         whole = inertia + ca.mtimes(back, ca.mtimes(spatial_inertia(self._whole()), jacobian))
         whole = ca.mtimes(whole, plant.spread) if plant.ties.size2() else whole
         variances = ca.SX(count, 1)

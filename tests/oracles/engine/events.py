@@ -260,7 +260,7 @@ def _phase(engine: Engine) -> Iterator[Event]:
 
             yield Event(f"{name}.settling", "settling", settled.of, room_left, settles)
     for how, guard in _conditions(engine):
-        follows = on_timeout if how == "timeout" else following
+        follows = {"timeout": on_timeout, "abort": phase.on_abort}.get(how, following)
         if follows == END:
             yield Event(f"{name}.{how}", "end", name, guard, None)
         else:
@@ -303,6 +303,8 @@ def _conditions(engine: Engine) -> Iterator[tuple[str, Callable[[Moment], float]
         grasp in mode.lives and mode.lives[grasp].released for grasp in until.released or ()
     ):
         yield "released", lambda _: 1.0
+    if phase.abort is not None:
+        yield "abort", _passing(engine, phase.abort)
     if latest is not None:
         yield "timeout", lambda m: m.t - mode.began_at - latest
 
