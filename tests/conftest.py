@@ -11,7 +11,7 @@ import pytest
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell has it for what it runs in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# else each of some hundred processes that tests start compiles every module again: 0.3 s of the processor's time
+# else each process that a test starts compiles every module again, which takes it 0.3 s
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 os.environ.pop("COLUMNS", None)  # which pytest's workers set: tests of narrow terminals set their own

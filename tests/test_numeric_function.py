@@ -26,7 +26,8 @@ def test_every_output_is_that_of_casadis_own_call(function):
     numeric, rng = NumericFunction(function), np.random.default_rng(3)
     calls = [given(rng) for _ in range(3)]
     found = [(numeric(*arguments), numeric.matrices(*arguments)) for arguments in calls]
-    for (short, matrices), arguments in zip(found, calls, strict=True):  # later calls change no earlier result
+    # later calls change no earlier result
+    for (short, matrices), arguments in zip(found, calls, strict=True):
         expected = own_call(function, arguments)
         assert [value.shape for value in matrices] == [(4, 1), (3, 3), (1, 1), (0, 1), (2, 3)]
         assert [value.shape for value in short] == [(4,), (3, 3), (1,), (0,), (2, 3)]
