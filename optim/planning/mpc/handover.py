@@ -16,6 +16,7 @@ from optim.planning.verification.replay import joint_angle
 from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.dynamics.inertial_parameters import PLANAR, is_realisable
+from spacerobot.errors import ScenarioError
 from spacerobot.scenario.bodies import Robot
 from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene, build_scene
@@ -67,13 +68,20 @@ class Handover:
         Raises
         ------
         ScenarioError
-            If the scene cannot be built with what is held and locked then.
+            If a grasp that is closed then is not rigid, or the scene cannot be built with what is locked.
         """
         model, switched = scene.model, dict(zip(loop.switch_names, start[1 + loop.nx :] > 0.5, strict=True))
         state = start[1 : 1 + model.nq + model.nv]
         changes: list[tuple[str, Any]] = [("phases", {})]
         for grasp in scene.grasps:
             closed = switched.get(f"{grasp.path}.closed", grasp.config.begins == "closed")
+            if closed and not is_rigid(grasp):
+                raise ScenarioError(
+                    f"found {grasp.config.kind!r}, whose springs are strained where plans begin; "
+                    "allowed there: rigid grasps",
+                    source=scene.source,
+                    where=grasp.path,
+                )
             changes.append((f"{grasp.path}.begins", "closed" if closed else "open"))
         locked, document = {}, to_document(scene.scenario)
         for body in scene.robots:
@@ -86,12 +94,12 @@ class Handover:
             changes.append((f"{body.path}.actuators", kept))
             for joint in body.driven_joints:
                 name = body.joint_name(model, joint)
-                if not switched.get(f"{body.name}/{name}.held", False):
+                label = f"{body.name}/{name}"
+                if not switched.get(f"{label}.held") or switched.get(f"{label}.runs"):
                     continue
-                angle = joint_angle(model.joints[joint], state)
-                locked[f"{body.name}/{name}"] = angle
-                prismatic = next(one.kind for one in body.description.joints if one.name == name)
-                own = {"offset": angle} if prismatic == "prismatic" else {"angle_deg": np.degrees(angle)}
+                locked[label] = angle = joint_angle(model.joints[joint], state)
+                kind = next(one.kind for one in body.description.joints if one.name == name)
+                own = {"offset": angle} if kind == "prismatic" else {"angle_deg": np.degrees(angle)}
                 changes.append((f"{body.path}.joints.{name}", {"locked": True} | own))
         built = build_scene(scene.scenario, changes, source=scene.source)
         places: tuple[list[int], list[int]] = ([], [])

@@ -141,6 +141,13 @@ def test_a_phase_with_plans_that_never_begins_leaves_the_others():
             {"plan.phases": {"show": {"duration": 1, "goals": {"end": {"still": "arm"}}}}, "plan.goals": {}},
             "plan.phases: found phases",
         ),
+        (
+            {
+                "grasps.left": {"tip": "arm/tip", "frame": "mate_1", "kind": "compliant"},
+                "robots.arm.estimators": {},
+            },
+            "springs are strained",
+        ),
     ],
 )
 def test_what_does_not_fit_a_later_phase_is_refused(changes, message):
