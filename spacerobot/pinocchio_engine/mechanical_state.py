@@ -60,7 +60,7 @@ class MechanicalState:
 
     def __init__(self, model: Any, q: Array, v: Array, scratch: Any = None) -> None:
         self.model, self.q, self.v = model, pin.normalize(model, q), v
-        self._scratch = model.createData() if scratch is None else scratch
+        self._given_scratch = scratch
         self.data = model.createData()
         pin.computeJointJacobiansTimeVariation(model, self.data, self.q, v)
         pin.forwardKinematics(model, self.data, self.q, v, np.zeros(model.nv))
@@ -89,6 +89,10 @@ class MechanicalState:
         """Jacobian of a joint frame (6, nv), linear rows first."""
         found: Array = pin.getJointJacobian(self.model, self.data, joint, _AXES)
         return found
+
+    @functools.cached_property
+    def _scratch(self) -> Any:
+        return self.model.createData() if self._given_scratch is None else self._given_scratch
 
     @functools.cached_property
     def inertia(self) -> Array:

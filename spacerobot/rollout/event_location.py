@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -60,7 +61,7 @@ class TrialStep:
             found = -self.end * h / (3 * (self.end - self._coefficients[1]))
         return np.where(found > 0, found, np.inf)
 
-    @property
+    @functools.cached_property
     def _coefficients(self) -> tuple[Array, Array]:
         """Middle two of the cubics in Bernstein's form, shape (ne,) each."""
         b0, (v1, v2), b3 = self.first, self.inner[:2], self.end
@@ -132,7 +133,7 @@ class TrialStep:
         with np.errstate(all="ignore"):
             return np.asarray(r * r * (r * self.first + 3 * s * b1) + s * s * (3 * r * b2 + s * self.end))
 
-    @property
+    @functools.cached_property
     def _bend(self) -> Array:
         """How much the cubics bend, shape (ne,)."""
         b0, (b1, b2), b3 = self.first, self._coefficients, self.end
@@ -161,9 +162,10 @@ class RootBracket:
             chord = np.divide(before - first, low) if low > 0 else 0.0
             rise = (chord - rate) / low if low > 0 else np.divide(np.divide(after - first, high) - rate, high)
             third = ((np.divide(after - before, high - low) - chord) / high - rise) / high if low > 0 else 0.0
-            a, b = low, high
-            for _ in range(64):
-                s = a + (b - a) / 2
-                above = first + s * (rate + s * (rise + (s - low) * third)) > 0
-                a, b = (a, s) if above else (s, b)
+        # halved with Python's own numbers, which takes a third of the time of NumPy's
+        first, rate, rise, third, a, b = (float(value) for value in (first, rate, rise, third, low, high))
+        for _ in range(64):
+            s = a + (b - a) / 2
+            above = first + s * (rate + s * (rise + (s - low) * third)) > 0
+            a, b = (a, s) if above else (s, b)
         return b

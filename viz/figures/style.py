@@ -15,6 +15,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import LayoutEngine
 
 from spacerobot.errors import ResultError, near_names
 from spacerobot.files import write_bytes
@@ -111,12 +112,7 @@ def styled(function: Callable[P, T]) -> Callable[P, T]:
 @styled
 def to_bytes(figure: Figure, form: str) -> bytes:
     """A figure as a file of the given kind, the same bytes whenever it is written."""
-    layout = figure.get_layout_engine()
-    if is_narrow():
-        _break_texts(figure)
-    if layout is not None:  # once, and not whenever it is written: that takes longer than to draw
-        layout.execute(figure)
-        figure.set_layout_engine(None)
+    lay_out(figure)
     buffer = io.BytesIO()
     undated: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
     with _plain_fonts():
@@ -124,10 +120,23 @@ def to_bytes(figure: Figure, form: str) -> bytes:
     return buffer.getvalue()
 
 
-def _break_texts(figure: Figure) -> None:
+@styled
+def lay_out(figure: Figure) -> None:
+    """Give panels and texts of a figure their final places, as in the files that are written of it."""
+    layout = figure.get_layout_engine()
+    if layout is None:
+        return
+    if is_narrow():
+        _break_texts(figure, layout)
+    # once, and not whenever it is written: that takes longer than to draw
+    layout.execute(figure)
+    figure.set_layout_engine(None)
+
+
+def _break_texts(figure: Figure, layout: LayoutEngine) -> None:
     """Break titles and names of axes into lines that are no longer than their panels."""
     for _ in range(2):  # broken names of axes leave titles less room
-        figure.draw_without_rendering()
+        layout.execute(figure)
         for panel in figure.axes:
             box = panel.get_window_extent()
             titles = (panel.title, panel._left_title)  # type: ignore[attr-defined]

@@ -12,6 +12,7 @@ Rows in which B is zero are a floating base on which nothing acts, and the free 
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -168,12 +169,17 @@ class Stage:
         parts = self.z.numel() - self.s.numel()
         return [*range(first, first + self.u.numel()), *range(parts, self.z.numel())]
 
-    @property
+    @functools.cached_property
     def rate(self) -> ca.SX:
         """Q' (nq x 1)."""
         return configuration_derivative(self.scene.model, self.q, self.v)
 
-    @property
+    @functools.cached_property
+    def rate_function(self) -> ca.Function:
+        """Function of an instant z that gives q'."""
+        return ca.Function("rate", [self.z], [ca.densify(self.rate)])
+
+    @functools.cached_property
     def balance(self) -> ca.SX:
         """Residual of the equations of motion (nv x 1) [N, N m]."""
         model = self.scene.model

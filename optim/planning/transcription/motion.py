@@ -104,8 +104,7 @@ class Motion:
         values, primitives = self.lobatto.values_at(local), self.lobatto.primitives_at(local)
         q, v, *others = self._split(self.z)
         # rates of the configuration of instants
-        rates = ca.Function("rate", [self.problem.stage.z], [ca.densify(self.problem.stage.rate)])
-        rate = np.array(rates(self.z.T).full()).T
+        rate = np.array(self.problem.stage.rate_function(self.z.T).full()).T
         step, first = self.duration_s * self.mesh.widths[n, None], of[:, 0]
         return np.hstack(
             [

@@ -317,7 +317,8 @@ def app():
     return made
 
 
-def test_the_commands(app, small_file, tmp_path):
+def test_the_commands(app, small_file, tmp_path, monkeypatch):
+    monkeypatch.setattr("viz.report.sections.to_bytes", lambda *_: b"<svg/>")  # figures of single results
     runner = CliRunner()
     few = ["--budget", "24", "--runs", "1", "--starts", "1", "--variants", "base", "--sets", "two"]
     asked = [

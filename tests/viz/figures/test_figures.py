@@ -42,7 +42,7 @@ from viz.figures import (
     wheels,
 )
 from viz.figures.ledger import energy_astray
-from viz.figures.style import drawn_for, labels_of, to_bytes
+from viz.figures.style import drawn_for, labels_of, lay_out, to_bytes
 from viz.figures.tips import enlargement
 from viz.figures.wheels import shares
 from viz.page.signals import quantities
@@ -160,7 +160,7 @@ def test_figures_fit_a_journals_columns_with_texts_that_can_be_read(name, width,
     result = request.getfixturevalue(name)
     with drawn_for(width):
         for file, _, figure in draw_all(result):
-            to_bytes(figure, "png")
+            lay_out(figure)
             figure.draw_without_rendering()
             _check_units(figure)
             assert figure.get_figwidth() * 25.4 == pytest.approx(millimetres)

@@ -36,7 +36,10 @@ def told(small, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def page(told):
-    return campaign_page(told[0], quiet)
+    """With figures of the campaign; those of single results are tested where reports of these are."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("viz.report.sections.to_bytes", lambda *_: b"<svg/>")
+        return campaign_page(told[0], quiet)
 
 
 def test_the_page_says_what_the_summary_says(told, page):
