@@ -13,6 +13,8 @@ servicer
     14 joints during the capture, failing as those of the paper: 5 s before their arm's grasp closes, about.
 instant
     Probability that the paper's robots succeed, against the instant of the failure, with its slope.
+crossings
+    The same at one instant with all crossings of the limit by the lines of line sampling.
 """
 
 from __future__ import annotations
@@ -220,6 +222,7 @@ def capture_cell(found: Any, side: str) -> str:
 ROBOT, JOINT, MODE, LIMIT_M = "rpr1", "joint_3", "weak", 4e-3
 INSTANTS = (4.7, 4.8, 4.9, 5.0, 5.1, 5.2, 5.3, 5.4)
 LINES, BEYOND, STEP_S, PLAIN = 64, 6.0, 2e-3, 1024
+GRAZED_S, PARTS, DIFFERENCES_S = 4.8, 240, (2.5e-3, 1e-2)
 
 
 @dataclass(frozen=True)
@@ -246,13 +249,17 @@ class FailureInstant:
         by_draw = self.state.quantity_gradients(draws)[1]
         return -(by_draw[:, :-1] * slopes) @ self.state.cholesky[:-1, :-1], -by_draw[:, -1]
 
-    def probability(self, z: Array, along: Array, *, slope: bool) -> tuple[float, float, float]:
+    def probability(
+        self, z: Array, along: Array, *, slope: bool, parts: int = 1
+    ) -> tuple[float, float, float]:
         """Probability of success by line sampling, its standard error and its slope by the instant [1/s].
 
-        On each line ``z + r along`` the limit is met at r(t), so that success has the probability Phi(r).
-        With ``g(z + r along, t) = 0`` the slope is ``phi(r) r' = -phi(r) (dg/dt) / (along . dg/dz)``: that of
-        the estimate itself, exact where the gradients are (Lu, Song, Yue and Wang, Structural Safety 30,
-        2008).
+        On each line ``z + r along`` the limit is met at some r_i(t): success is on their left where the
+        limit state falls, s_i = 1, on their right where it rises, s_i = -1, so that it has the probability
+        ``sum s_i Phi(r_i)``, and 1 more where it reaches to the end. With ``g(z + r along, t) = 0`` the slope
+        is ``sum s_i phi(r_i) r_i' = -sum s_i phi(r_i) (dg/dt) / (along . dg/dz)``: that of the estimate
+        itself, exact where the gradients are (Lu, Song, Yue and Wang, Structural Safety 30, 2008, who have
+        one r on each line).
 
         Parameters
         ----------
@@ -262,28 +269,29 @@ class FailureInstant:
             Unit vector (k,) along which the limit state falls.
         slope
             Whether it is asked for.
+        parts
+            Number of parts of each line in which the limit is met once at most.
         """
-        ends = [np.full(len(z), sign * BEYOND) for sign in (-1.0, 1.0)]
 
         def value(r: Array, index: Array) -> Array:
             return self.values(z[index.astype(int)] + np.multiply.outer(r, along))
 
-        lines = np.arange(float(len(z)))
-        low, high = (value(end, lines) for end in ends)
-        crosses = (low > 0) & (high <= 0)
-        r = np.where(low <= 0, -np.inf, np.inf)
-        if crosses.any():
-            begins = (ends[0][crosses], ends[1][crosses])
-            tolerances = {"xatol": 1e-7, "fatol": 0}
-            r[crosses] = elementwise.find_root(value, begins, args=(lines[crosses],), tolerances=tolerances).x
-        success, slopes = stats.norm.cdf(r), np.zeros(len(z))
-        if slope and crosses.any():
-            by_score, by_time = self.gradients(z[crosses] + np.multiply.outer(r[crosses], along))
-            slopes[crosses] = -stats.norm.pdf(r[crosses]) * by_time / (by_score @ along)
+        ends, lines = np.linspace(-BEYOND, BEYOND, parts + 1), np.arange(float(len(z)))
+        inside = np.array([value(np.full(len(z), end), lines) > 0 for end in ends]).T
+        line, part = np.nonzero(inside[:, :-1] != inside[:, 1:])
+        sign = np.where(inside[line, part], 1.0, -1.0)
+        success, slopes = inside[:, -1].astype(float), np.zeros(len(z))
+        if line.size:
+            sides, tolerances = (ends[part], ends[part + 1]), {"xatol": 1e-7, "fatol": 0}
+            r = elementwise.find_root(value, sides, args=(line.astype(float),), tolerances=tolerances).x
+            np.add.at(success, line, sign * stats.norm.cdf(r))
+            if slope:
+                by_score, by_time = self.gradients(z[line] + np.multiply.outer(r, along))
+                np.add.at(slopes, line, -sign * stats.norm.pdf(r) * by_time / (by_score @ along))
         return float(success.mean()), float(success.std(ddof=1) / np.sqrt(len(z))), float(slopes.mean())
 
 
-def instant_state() -> RolloutLimitState:
+def instant_state(step_s: float | None = None) -> RolloutLimitState:
     """Limit state over the uncertain parameters of the paper's scenario, the instant of the failure last."""
     nominal = sr.load_scene("paper").scenario.campaign
     assert nominal is not None
@@ -298,42 +306,72 @@ def instant_state() -> RolloutLimitState:
         place: {"fail": failure},
         "campaign.parameters": parameters,
         "campaign.correlation": rows.tolist(),
+        "campaign.step": step_s or nominal.step,
     }
     return build_limit_state(sr.load_scene("paper", changes), "tip_error_peak", LIMIT_M)
 
 
-def instant() -> None:
-    """Print the probability of success, its slope, and the slope by differences on the same lines."""
-    state = instant_state()
+def lines_of(state: RolloutLimitState) -> tuple[Array, Array]:
+    """Points (n, k) of lines across their direction, and that (k,): the steepest at the middle instant."""
     k = len(state.names) - 1
     z = np.random.default_rng(0).standard_normal((LINES, k))
     middle = FailureInstant(state, INSTANTS[len(INSTANTS) // 2])
     along = -middle.gradients(np.zeros((1, k)))[0][0]
     along /= np.linalg.norm(along)
-    plain = np.random.default_rng(1).standard_normal((PLAIN, k))
-    z -= np.outer(z @ along, along)
+    return z - np.outer(z @ along, along), along
+
+
+def by_differences(
+    state: RolloutLimitState, at: float, step_s: float, *lines: Array, parts: int = 1
+) -> float:
+    """Slope of P(success) by differences on the same lines [1/s]."""
+    up, down = (
+        FailureInstant(state, at + sign * step_s).probability(*lines, slope=False, parts=parts)[0]
+        for sign in (1, -1)
+    )
+    return (up - down) / (2 * step_s)
+
+
+def instant() -> None:
+    """Print the probability of success, its slope, and the slope by differences on the same lines."""
+    state = instant_state()
+    z, along = lines_of(state)
+    plain = np.random.default_rng(1).standard_normal((PLAIN, z.shape[1]))
     print(
         *markdown_head(["instant, s", "P(success)", "plain", "slope, 1/s", "by differences, 1/s"]), sep="\n"
     )
     for at in INSTANTS:
         found, error, slope = FailureInstant(state, at).probability(z, along, slope=True)
-        sides = [
-            FailureInstant(state, at + sign * STEP_S).probability(z, along, slope=False)[0]
-            for sign in (1, -1)
-        ]
-        by_difference = (sides[0] - sides[1]) / (2 * STEP_S)
         crude = float(np.mean(FailureInstant(state, at).values(plain) > 0))
         row = (
             f"{at:g}",
             f"{found:.3f} ± {error:.3f}",
             f"{crude:.3f}",
             f"{slope:.3f}",
-            f"{by_difference:.3f}",
+            f"{by_differences(state, at, STEP_S, z, along):.3f}",
         )
         print("| " + " | ".join(row) + " |", flush=True)
 
 
-TABLES = {"paper": paper, "reach": reach, "servicer": servicer, "instant": instant}
+def crossings() -> None:
+    """Print the same with all crossings of each line, at an instant at which lines graze the limit."""
+    lines, head = lines_of(instant_state()), ["step, ms", "P(success)", "slope, 1/s"]
+    print(*markdown_head(head + [f"over {2e3 * step_s:g} ms" for step_s in DIFFERENCES_S]), sep="\n")
+    for step_s in (1e-2, 2.5e-3):
+        state = instant_state(step_s)
+        found, _, slope = FailureInstant(state, GRAZED_S).probability(*lines, slope=True, parts=PARTS)
+        rates = [by_differences(state, GRAZED_S, each, *lines, parts=PARTS) for each in DIFFERENCES_S]
+        row = [f"{1e3 * step_s:g}", f"{found:.3f}", f"{slope:.2f}", *(f"{rate:.2f}" for rate in rates)]
+        print("| " + " | ".join(row) + " |", flush=True)
+
+
+TABLES = {
+    "paper": paper,
+    "reach": reach,
+    "servicer": servicer,
+    "instant": instant,
+    "crossings": crossings,
+}
 
 
 def main(names: Sequence[str]) -> None:
