@@ -105,7 +105,13 @@ class _Finder:
         body = self._body(side, f"no pad nor body/link {side!r}", [*self.scenario.pads], where)
         pattern = side.partition("/")[2]
         names = [link.name for link in body.description.links]
-        links = [link for link in body.description.links if link.name in matching(names, pattern)]
+        named = set(matching(names, pattern))
+        # of a flexible link all pieces
+        links = [
+            link
+            for link in body.description.links
+            if link.name in named or (link.borrowed is not None and link.borrowed[0] in named)
+        ]
         if not links:
             hint = near_names(pattern, names)
             raise self._fault(f"no link {pattern!r} in {body.description.path.name}; {hint}", where)

@@ -32,7 +32,9 @@ URDF = f"""<robot name="boomed"><link name="hub"><inertial><mass value="{HUB}"/>
   <inertia ixx="50" iyy="60" izz="70" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <link name="beam"><inertial><origin xyz="{LENGTH / 2} 0 0"/><mass value="{MASS}"/>
   <inertia ixx="60" iyy="{ROD}" izz="{ROD}" ixy="0" ixz="0" iyz="0"/></inertial>
-  <visual><origin xyz="{LENGTH / 2} 0 0"/><geometry><box size="{LENGTH} 1 0.1"/></geometry></visual></link>
+  <visual><origin xyz="{LENGTH / 2} 0 0"/><geometry><box size="{LENGTH} 1 0.1"/></geometry></visual>
+  <collision><origin xyz="{LENGTH / 2} 0 0"/><geometry><box size="{LENGTH} 1 0.1"/></geometry></collision>
+  </link>
 <joint name="weld" type="JOINT"><parent link="hub"/><child link="beam"/><origin xyz="0.5 0.1 0"/>
   <axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="9" velocity="1"/></joint>
 <link name="end"/><joint name="tip" type="fixed"><parent link="beam"/><child link="end"/>
@@ -379,6 +381,14 @@ def test_shapes_are_cut_at_the_hinges():
     np.testing.assert_allclose(sizes, [[LENGTH / 4, 1, 0.1], [LENGTH / 2, 1, 0.1], [LENGTH / 4, 1, 0.1]])
     centres = [links[name].visuals[0].placement[0, 3] for name in ("beam", "own_1", "own_2")]
     np.testing.assert_allclose(centres, np.array([1 / 8, 1 / 2, 7 / 8]) * LENGTH)
+
+
+def test_a_contact_that_names_a_flexible_link_has_all_its_pieces():
+    ball = {"kind": "sphere", "link": "sat/arm", "position": [-1, 0, 0], "radius": 0.1}
+    touch = {"kind": "hunt_crossley", "between": ["sat/beam", "ball"], "stiffness": 1e4}
+    changes = {"pads": {"ball": ball}, "contacts": {"touch": touch}}
+    (contact,) = scene_of(BOOM | {"segments": 2}, changes=changes).contacts
+    assert [first.label for first, _ in contact.pairs] == ["sat/beam", "sat/own_1", "sat/own_2"]
 
 
 def test_shapes_of_an_appendage_move_with_its_first_mode():
