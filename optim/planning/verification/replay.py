@@ -228,7 +228,8 @@ def tip_errors(motion: Motion, states: Array) -> Mapping[str, Array]:
     """Distance [m] of each planned robot's tips from the plan at each knot (intervals + 1,).
 
     A robot without tips or joints, and an object that is held, count by their root links, whose turning by a
-    radian counts as a metre: a tip at the centre of mass of a base alone does not show how that turns.
+    radian counts as a metre: a tip at the centre of mass of a base alone does not show how that turns. So do
+    the joints of flexible links: one that swings against the driven joint before it hardly moves the tip.
     """
     scene = motion.problem.stage.scene
     model, data = scene.model, scene.model.createData()
@@ -237,16 +238,20 @@ def tip_errors(motion: Motion, states: Array) -> Mapping[str, Array]:
     tips = {tip.label: tip.frame for tip in scene.tips}
     bodies = scene.bodies if motion.problem.stage.grips else scene.robots
     roots = {body.name: body.root_frame for body in bodies if body.name not in led}
-    errors: dict[str, list[float]] = {label: [] for label in (*tips, *roots)}
+    bending = {model.names[joint]: model.joints[joint] for body in bodies for joint in body.passive}
+    errors: dict[str, list[float]] = {label: [] for label in (*tips, *roots, *bending)}
     for planned, found in zip(knots, states[:, : model.nq], strict=True):
         placements = []
         for q in (planned, found):
             pin.framesForwardKinematics(model, data, np.array(q))
             placements.append({label: data.oMf[frame].copy() for label, frame in (tips | roots).items()})
-        for label, values in errors.items():
+        for label, joint in bending.items():
+            errors[label].append(abs(joint_angle(joint, planned) - joint_angle(joint, found)))
+        for label in (*tips, *roots):
             one, other = (placed[label] for placed in placements)
             turned = pin.log3(one.rotation.T @ other.rotation) if label in roots else np.zeros(3)
-            values.append(float(np.linalg.norm(one.translation - other.translation) + np.linalg.norm(turned)))
+            error = np.linalg.norm(one.translation - other.translation) + np.linalg.norm(turned)
+            errors[label].append(float(error))
     return {label: np.array(values) for label, values in errors.items()}
 
 

@@ -104,6 +104,22 @@ def test_least_effort_between_two_rests_with_a_mode(moving, tmp_path):
     assert ends["free"] > 0.3
 
 
+def test_meshes_resolve_a_mode_that_hardly_moves_the_hub(moving, tmp_path):
+    changes = {
+        "robots.sat.flexible.own.participation": [[0.05, 0, 0, 0, 0, 0]],
+        "robots.sat.flexible.own.frequencies": [4 / TIME],
+        "plan.tolerance": 1e-5,
+        "plan.intervals": 3,
+    }
+    found = make_plan(moving(QUIET, changes=changes.items()), backend="interpreted")
+    write(found, tmp_path)
+    flown = simulate(
+        load_scene(tmp_path / FOLLOWED, [("simulation.duration", 2 * TIME)]), backend="interpreted"
+    ).data
+    mode = np.abs(flown.modal_coordinate.values[:, 0])
+    assert mode[flown.time.values > TIME].max() < 0.01 * mode.max()
+
+
 def test_the_energy_of_vibration_is_a_cost(moving):
     weight = 1000.0
     found = make_plan(moving(QUIET, {"base_wrench": 1, "vibration": weight}), backend="interpreted")
