@@ -435,18 +435,20 @@ class LoopBuilder:
         )
 
     def _actuators(self, body: SceneBody) -> list[Contribution]:
-        """Of a robot's actuators, in their order; what unloads wheels sees the momentum of the others'."""
+        """Of a robot's actuators, in their order; some see the momentum of the others' wheels."""
         if body.name in self.driven:
             return self.driven[body.name]
         assert isinstance(body.config, Robot)
         own = dict(body.config.driven_by())
         built = {
-            key: one.build(self._actuator(body, key, one)) for key, one in own.items() if not one.unloads
+            key: one.build(self._actuator(body, key, one)) for key, one in own.items() if not one.sees_wheels
         }
         wheels = sum((momentum for part in built.values() for momentum in part.wheels), ca.SX(3, 1))
+        stored = sum((one.angular for part in built.values() for one in part.stored), ca.SX(3, 1))
         for key, one in own.items():
-            if one.unloads:
-                built[key] = one.build(replace(self._actuator(body, key, one), wheels=wheels))
+            if one.sees_wheels:
+                seen = replace(self._actuator(body, key, one), wheels=wheels, stored=stored)
+                built[key] = one.build(seen)
         self.driven[body.name] = [built[key] for key in own]
         return self.driven[body.name]
 

@@ -69,6 +69,11 @@ class Actuator(RobotElement):
         return False
 
     @property
+    def sees_wheels(self) -> bool:
+        """Whether it uses the momentum of the robot's wheels."""
+        return self.unloads
+
+    @property
     def loses_torque(self) -> bool:
         """Whether a failure keeps it from delivering torques that are commanded."""
         return False

@@ -341,8 +341,9 @@ class ActuatorContext:
         Of the robot's root link in the model.
     base_columns
         Places in v of the floating base, of its linear and then its angular velocity in the root link's axes.
-    wheels
-        Angular momentum (3x1) of the robot's wheels about their axes.
+    wheels, stored
+        Angular momentum (3x1) of the robot's wheels about their axes, and what it has in addition to that of
+        its links, world axes.
     break_point
         From the place, the names and the values (n x 1) of signals to what acts of them: the same, unless the
         loop is linearised with an input there.
@@ -357,6 +358,7 @@ class ActuatorContext:
     base_frame: int
     base_columns: tuple[int, ...]
     wheels: ca.SX = field(default_factory=lambda: ca.SX(3, 1))
+    stored: ca.SX = field(default_factory=lambda: ca.SX(3, 1))
     break_point: Callable[[str, Sequence[str], ca.SX], ca.SX] = unbroken
 
     @property

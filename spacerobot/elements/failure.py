@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import casadi as ca
+from pydantic import Field
 
 from spacerobot.elements.event import Event, negated
 from spacerobot.elements.section_context import SectionContext
@@ -15,6 +16,25 @@ class Failure(Section):
     """Failure at a time."""
 
     at: float = quantity("s", "time of the failure", ge=0)
+
+
+class AllocatedFailure(Failure):
+    """Failure of one of several that share a command."""
+
+    known: bool = Field(
+        default=False, description="whether the allocation leaves it out from then on; it does upon detection"
+    )
+
+
+class ResidualTest(Section):
+    """Test of residuals of momentum; see :mod:`spacerobot.elements.momentum_residual`."""
+
+    period: float = quantity("s", "time between two samples", gt=0)
+    bandwidth: float = quantity("1/s", "K, rate of the residual's lag", default=10.0, gt=0)
+    spin_noise: float = quantity(
+        "rad/s", "standard deviation of a sample of the base's spin", default=0.0, ge=0
+    )
+    false_alarms: float = quantity("1/h", "F, greatest rate of false alarms", default=0.01, gt=0)
 
 
 def failing(

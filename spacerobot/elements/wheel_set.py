@@ -28,15 +28,17 @@ from typing import ClassVar, Literal
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import SymmetricFactors
 from spacerobot.elements.actuator import Actuator
+from spacerobot.elements.clock import Clock
 from spacerobot.elements.context import ActuatorContext
-from spacerobot.elements.contribution import Output
-from spacerobot.elements.event import Event, negated
-from spacerobot.elements.failure import Failure, failing
+from spacerobot.elements.contribution import Contribution, Output
+from spacerobot.elements.event import Event, either, negated
+from spacerobot.elements.failure import AllocatedFailure, ResidualTest, failing
+from spacerobot.elements.momentum_residual import Momenta, sample_noise, sampled_residual
 from spacerobot.elements.robot_element import Part
 from spacerobot.elements.saturation import saturation_events
 from spacerobot.section import quantity
@@ -53,8 +55,8 @@ PULL = 1e-6
 1e-16 / SINGULAR where the free wheels lack a direction. Only where wheels depend on each other."""
 
 
-class WheelFailure(Failure):
-    """Failure of a wheel, unknown to the allocation of torques."""
+class WheelFailure(AllocatedFailure):
+    """Failure of a wheel."""
 
     wheel: int = Field(ge=0, description="number of the wheel, from 0")
     mode: Literal["seized", "off"] = Field(
@@ -62,6 +64,23 @@ class WheelFailure(Failure):
         description="seized: it stops at once and turns with the base; off: its motor gives no torque, and "
         "it coasts against its friction",
     )
+
+
+class WheelDetection(ResidualTest):
+    """Detection of failed wheels, which the allocation then leaves out."""
+
+    speed_noise: float = quantity(
+        "rad/s", "standard deviation of a sample of a wheel's speed", default=0.0, ge=0
+    )
+    allowance: float = quantity(
+        "N m", "residual that errors of the model may cause, on top of noise", default=0.0, ge=0
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> WheelDetection:
+        if not (self.spin_noise or self.speed_noise or self.allowance):
+            raise ValueError("allowance: found 0, allowed: above 0 where samples have no noise")
+        return self
 
 
 class WheelSet(Actuator):
@@ -81,6 +100,9 @@ class WheelSet(Actuator):
 
     failures: tuple[WheelFailure, ...] = Field(
         default=(), max_length=64, description="wheels that fail, each with `wheel`, `at` and `mode`"
+    )
+    detection: WheelDetection | None = Field(
+        default=None, description="detect failed wheels from their momentum, and allocate without them"
     )
 
     @property
@@ -103,6 +125,56 @@ class WheelSet(Actuator):
             works[one.wheel] *= 1 - failed
             events.append(event)
         return works, tuple(events)
+
+    def left_out(self, actuator: ActuatorContext, count: int) -> ca.SX:
+        """Which wheels the allocation leaves out (n x 1): those known to have failed, and those detected."""
+        found, context = ca.SX(count, 1), actuator.context
+        for i, one in enumerate(self.failures):
+            if one.known:
+                failed = context.at(f"{context.path}.failures.{i}").switch("failed")
+                found[one.wheel] = either(found[one.wheel], failed)
+        if self.detection is not None:
+            for i in range(count):
+                found[i] = either(found[i], context.switch(f"detected.{i}"))
+        return found
+
+    def detected(
+        self, actuator: ActuatorContext, motors: WheelMotors, speed: ca.SX, axes: ca.SX, inertia: ca.SX
+    ) -> Contribution:
+        """Residuals of the wheels' momenta ``J (s + a . omega)``, and events of detection.
+
+        Their rates are the commanded torques less friction at these speeds (n x 1), with axes (3 x n) and
+        inertias (n x 1 or 1x1).
+        """
+        section, count, names = self.detection, speed.size1(), names_of(actuator, speed.size1())
+        if section is None:
+            return Contribution()
+        columns, about = turning(actuator)
+        context = actuator.context.at(f"{actuator.context.path}.detection")
+        spin = ca.SX(3, 1)
+        spin[about] = actuator.plant.v[list(columns)]
+
+        def momenta(clock: Clock) -> Momenta:
+            kinds = ["speed_noise"] * count + ["spin_noise"] * len(about)
+            deviations = [ca.SX(1, 1) if context.is_zero(key) else context.number(key) for key in kinds]
+            errors, numbers = sample_noise(context, name, section.period, clock, deviations)
+            turned = ca.SX(3, 1)
+            turned[about] = errors[count:]
+            seen = inertia * (speed + errors[:count] + ca.mtimes(axes.T, spin + turned))
+            return ca.densify(seen), ca.densify(-motors.friction), numbers
+
+        name = f"{actuator.robot}/{actuator.context.path.rpartition('.')[2]}.detection"
+        found = sampled_residual(section, context, name, ca.densify(motors.command), momenta)
+        switches = [actuator.context.switch(f"detected.{i}") for i in range(count)]
+        events, outputs = list[Event](), list[Output]()
+        for i, (who, switch) in enumerate(zip(names, switches, strict=True)):
+            value, limit = found.values[i], found.threshold[i]
+            guard, sets = ca.fabs(value) / limit - 1, {switch.name(): True}
+            events.append(Event(f"{who}.detected", "detected", who, guard, negated(switch), sets))
+            outputs.append(Output("wheel_residual", value, "N m", "torque that wheels miss", "wheel", who))
+        text = "failures that were detected"
+        total = Output("failures_detected", ca.sum1(ca.vertcat(*switches)), "1", text, "body", actuator.robot)
+        return Contribution(states=found.states, events=(*found.events, *events), outputs=(*outputs, total))
 
     def wrong_wheels(self, count: int) -> Iterable[tuple[str, str]]:
         """Failures of wheels that there are not, or that have seized, as of ``faults``."""
@@ -135,13 +207,18 @@ class WheelSet(Actuator):
         Their axes (k x n) have the parts that can turn the base.
         """
         command, count, switches = asked, speed.size1(), list[ca.SX]()
-        pull = ca.SX(0)
+        pull, out = ca.SX(0), self.left_out(actuator, count)
         if self.speed_limit is not None:
             switches = [actuator.context.switch(f"held.{i}") for i in range(count)]
-        if self.speed_limit is not None and _is_redundant(axes):
-            # a held wheel's motor gives its friction, so what others take over is what it would give beyond
-            command = friction + _taken_over(asked - friction, axes, ca.vertcat(*switches))
-            pull = PULL * ca.sum1(ca.fabs(asked - friction))
+        if (switches or out.nnz()) and _is_redundant(axes):
+            # A held wheel's motor gives its friction, so what others take over is what it would give beyond;
+            # one that is left out gives nothing.
+            least = friction * (1 - out)
+            held = ca.vertcat(*(either(out[i], *switches[i : i + 1]) for i in range(count)))
+            command = least + _taken_over(asked - least, axes, held)
+            if switches:
+                pull = PULL * ca.sum1(ca.fabs(asked - friction))
+        command = command * (1 - out)
         events = list[Event]()
         if self.torque_limit is not None:
             limit = actuator.context.number("torque_limit")

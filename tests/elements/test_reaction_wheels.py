@@ -444,3 +444,96 @@ def test_the_servicer_holds_its_attitude_to_a_tenth_of_a_degree():
     assert 0.03 < result.summary["attitude_error"]["servicer"]["max_deg"] < 0.035
     assert float(np.abs(result.data.wheel_torque).max()) < 0.4
     conserved(result)
+
+
+PYRAMID = {"pyramid": {"tilt_deg": 35}, "inertia": WHEEL, "speeds": [20, -20, 15, -15]}
+HELD = {"kp": 2.0, "kd": 2.5, "attitude_deg": [40, -20, 30]}
+
+
+def pyramid_axes():
+    around, tilt = np.radians([0, 90, 180, 270]), np.radians(35)
+    return np.array([np.cos(tilt) * np.cos(around), np.cos(tilt) * np.sin(around), np.full(4, np.sin(tilt))])
+
+
+@pytest.mark.parametrize("mode", ["seized", "off"])
+def test_wheels_that_are_left_share_the_torque_by_the_pseudo_inverse_of_their_axes(folder, mode):
+    """After the failure torques are ``-A'^+ T`` of the other three, in both engines."""
+    failing = {"failures": [{"wheel": 1, "at": 0.5, "mode": mode, "known": True}]}
+    scene = scene_of(folder, PYRAMID | failing, IN_SPACE, HELD, duration=1.5)
+    data = simulate(scene, backend="interpreted").data
+    asked = HELD["kp"] * data.base_attitude_error.values[:, 0]
+    spin = np.array([data.v.sel(velocity=f"v.bus/root[{i}]") for i in (3, 4, 5)]).T
+    rotations = [quaternion_matrix(row[3:7]) for row in data.q.values]
+    asked = np.array([r.T @ e for r, e in zip(rotations, asked, strict=True)]) - HELD["kd"] * spin
+    axes, after = pyramid_axes(), data.time.values > 0.51
+    left = [0, 2, 3]
+    torque = data.wheel_torque.values
+    np.testing.assert_allclose(
+        torque[~after][:-2], -(np.linalg.pinv(axes) @ asked.T).T[~after][:-2], atol=1e-9
+    )
+    expected = -(np.linalg.pinv(axes[:, left]) @ asked.T).T
+    np.testing.assert_allclose(torque[after][:, left], expected[after], atol=1e-6 * np.abs(expected).max())
+    np.testing.assert_array_equal(torque[after][:, 1], 0)
+    assert np.abs(expected[after]).max() > 0.05
+    limited = scene_of(folder, PYRAMID | failing | {"speed_limit": 21}, IN_SPACE, HELD, duration=1.0)
+    result = simulate(limited, backend="interpreted")
+    assert "saturated" in {event["kind"] for event in result.summary["events"]}
+    conserved(result, 1e-9)
+    engine = pinocchio(limited, duration_s=1.0, output_step_s=0.5)
+    seen = result.data.body_rotation.sel(body="bus").sel(time=engine.time, method="nearest")
+    np.testing.assert_allclose(engine.outputs["body_rotation"], seen, atol=1e-7)
+
+
+def quaternion_matrix(q):
+    """Rotation matrix of a quaternion (x, y, z, w)."""
+    (x, y, z), w = q[:3], q[3]
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + 2 * w * cross + 2 * cross @ cross
+
+
+DETECTION = {"period": 0.02, "speed_noise": 1e-3, "spin_noise": 1e-6, "allowance": 5e-3}
+
+
+@pytest.mark.parametrize("urdf", ["bus", "rotors"])
+@pytest.mark.parametrize("mode", ["seized", "off"])
+def test_a_failed_wheel_is_detected_by_name_and_left_out(folder, mode, urdf):
+    wheels = THREE | {"speeds": [3, 4, 5]} if urdf == "bus" else {"kind": "wheel_joints", "joints": "*"}
+    wheels = wheels | {"failures": [{"wheel": 2, "at": 0.51, "mode": mode}], "detection": DETECTION}
+    result = simulate(scene_of(folder, wheels, IN_SPACE, HELD, urdf=urdf), backend="interpreted")
+    events = [e for e in result.summary["events"] if e["kind"] in ("failed", "detected")]
+    assert [(e["kind"], e["who"]) for e in events] == [
+        ("failed", "bus/wheels.2"),
+        ("detected", "bus/wheels.2"),
+    ]
+    assert 0 < events[1]["delay_s"] < 0.5
+    assert result.data.failures_detected.values[-1, 0] == 1
+    after = result.data.time.values > events[1]["time_s"] + 0.01
+    np.testing.assert_array_equal(result.data.wheel_torque.values[after, 2], 0)
+    conserved(result, 1e-8)
+
+
+def test_no_wheel_is_suspected_where_none_fails_and_residuals_are_the_missing_torque(folder):
+    quiet = {"period": 0.002, "bandwidth": 20, "allowance": 100.0}
+    wheels = THREE | {"coulomb": 1e-2, "viscous": 1e-3, "speeds": [3, 4, 5], "detection": quiet}
+    free = scene_of(folder, wheels, IN_SPACE, HELD, duration=0.6)
+    found = simulate(free, backend="interpreted").data
+    assert np.abs(found.wheel_residual.values).max() < 1e-4 * np.abs(found.wheel_torque.values).max()
+    assert not found.failures_detected.values.any()
+    failing = wheels | {"failures": [{"wheel": 1, "at": 0.0, "mode": "off"}]}
+    found = simulate(scene_of(folder, failing, IN_SPACE, HELD, duration=0.6), backend="interpreted").data
+    torque = found.wheel_torque.values
+    # behind the lag, the torque commanded of the wheel that gives none
+    spin = np.array([found.v.sel(velocity=f"v.bus/root[{i}]") for i in (3, 4, 5)]).T
+    rotations = [quaternion_matrix(row[3:7]) for row in found.q.values]
+    turned = np.array(
+        [r.T @ e for r, e in zip(rotations, found.base_attitude_error.values[:, 0], strict=True)]
+    )
+    asked = -(HELD["kp"] * turned - HELD["kd"] * spin)
+    lag, expected, decay = 0.0, [0.0], np.exp(-20 * 0.02)
+    for mean in (asked[1:, 1] + asked[:-1, 1]) / 2:
+        lag = decay * lag - (1 - decay) * mean
+        expected.append(lag)
+    assert np.abs(torque[1:, 1]).max() < 1e-9
+    residual = found.wheel_residual.values[:, 1]
+    np.testing.assert_allclose(residual, expected, atol=0.06 * np.abs(expected).max())
+    assert np.abs(found.wheel_residual.values[:, [0, 2]]).max() < 1e-3 * np.abs(residual).max()

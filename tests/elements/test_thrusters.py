@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.optimize import lsq_linear
+from scipy.optimize import linprog, lsq_linear
 
 import spacerobot as sr
 from spacerobot.closedloop import build_closed_loop
@@ -320,3 +320,140 @@ def test_a_stuck_valve_is_the_same_in_both_engines():
     rollout = rolled(failure, 1.0)[1]
     other = pinocchio_simulate(small_scene(PLATE, failure), duration_s=1.0, output_step_s=0.02)
     np.testing.assert_allclose(rollout.run().state, other.state, atol=1e-8)
+
+
+STEADY = {"robots.one.controllers.turn.feed_forward": 0.0, "robots.one.controllers.stay.feed_forward": 0.0}
+WRENCHES = {
+    "a": [-0.6, 0, 0.12],
+    "b": [-0.6, 0, -0.12],
+    "c": [0.6, 0, -0.12],
+    "d": [0.6, 0, 0.12],
+    "e": [0, -0.6, -0.18],
+    "f": [0, -0.6, 0.18],
+    "g": [0, 0.6, 0.18],
+    "h": [0, 0.8, -0.24],
+}
+"""Force and torque at full thrust, axes of the plate."""
+
+
+WRENCH = np.array(list(WRENCHES.values())).T
+
+
+def commanded(run):
+    """Parts of the thrusters, and the wrench commanded in the plate's axes, at all samples."""
+    c, s, v = run.state[:, 2], run.state[:, 3], run.state[:, 4:7]
+    forces = run.outputs["thruster_force"].reshape(len(c), -1, 3)
+    parts = np.linalg.norm(forces, axis=-1) / np.linalg.norm(WRENCH[:2], axis=0)
+    error, turn = 4 * run.outputs["base_position_error"], 1.575 * run.outputs["base_attitude_error"][:, 2]
+    along = [c * error[:, 0] + s * error[:, 1], c * error[:, 1] - s * error[:, 0], turn]
+    return parts, np.column_stack(along) - np.array([8, 8, 2.1]) * v
+
+
+@pytest.mark.parametrize("opening", [0.0, 0.3, 1.0])
+def test_the_others_do_without_a_thruster_that_is_known_to_have_failed(opening):
+    """What they give is the nearest wrench to what is missing (non-negative least squares), at least cost."""
+    failure = {f"{JETS}.nozzles.a.failure": {"at": 0.51, "opening": opening, "known": True}}
+    run = rolled(STEADY | failure)[1].run()
+    parts, wrench = commanded(run)
+    scales = 1 / np.linalg.norm(WRENCH, axis=1)
+    flows = np.linalg.norm(WRENCH[:2], axis=0)
+    for k in np.flatnonzero(run.time > 0.52)[::5]:
+        assert parts[k, 0] == pytest.approx(opening, abs=1e-12)
+        matrix, missing = scales[:, None] * WRENCH[:, 1:], scales * (wrench[k] - opening * WRENCH[:, 0])
+        best = lsq_linear(matrix, missing, (0, 1), tol=1e-13).x
+        np.testing.assert_allclose(matrix @ parts[k, 1:], matrix @ best, atol=1e-5)
+        cheapest = linprog(flows[1:], A_eq=matrix, b_eq=matrix @ best, bounds=(0, 1))
+        if cheapest.status == 0:
+            assert flows[1:] @ parts[k, 1:] <= 1.01 * cheapest.fun + 1e-5
+
+
+@pytest.mark.parametrize("mode", ["proportional", "pulsed"])
+def test_a_turn_succeeds_if_the_allocation_knows_of_an_open_valve(mode):
+    ends = {}
+    for known in (True, False):
+        failure = {"at": 0.5, "opening": 1.0, "known": known}
+        changes = STEADY | {f"{JETS}.mode": mode, f"{JETS}.nozzles.a.failure": failure}
+        run = rolled(changes, 5.0)[1].run()
+        errors = run.outputs["base_position_error"][-1], run.outputs["base_attitude_error"][-1]
+        ends[known] = [float(np.linalg.norm(error)) for error in errors]
+    assert ends[True][0] < 0.02 < 0.1 < ends[False][0]  # m; the valve pushes for ever
+    assert ends[True][1] < 0.03 < 0.06 < ends[False][1]  # rad
+
+
+TEST = {"period": 0.02, "bandwidth": 20.0, "velocity_noise": 1e-5, "spin_noise": 1e-5}
+TEST |= {"force_allowance": 0.02, "torque_allowance": 0.01}
+
+
+FAILED = {"open": ("a", 1.0), "shut": ("a", 0.0), "other": ("h", 1.0), "none": (None, 0.0)}
+
+
+def failing(nozzle, opening, **changes):
+    found = STEADY | {f"{JETS}.detection": TEST} | changes
+    if nozzle:
+        found[f"{JETS}.nozzles.{nozzle}.failure"] = {
+            "at": 0.31 if nozzle == "h" else 0.11,
+            "opening": opening,
+        }
+    return found
+
+
+@pytest.mark.parametrize(("mode", "failed"), [("proportional", one) for one in FAILED] + [("pulsed", "open")])
+def test_a_failed_thruster_is_detected_by_name_and_left_out(mode, failed):
+    nozzle, opening = FAILED[failed]
+    changes = failing(nozzle, opening, **{f"{JETS}.mode": mode})
+    if failed == "other":  # a slow lag, which passes what an opposite thruster that is shut would miss
+        changes[f"{JETS}.detection.bandwidth"] = 5.0
+    scene = small_scene(PLATE, changes)
+    result = sr.simulate(scene, backend="interpreted")
+    found = [event for event in result.summary["events"] if event["kind"] == "detected"]
+    names = [event["name"] for event in found]
+    valve = f"one/jets.{nozzle}.{'open' if opening else 'shut'}"
+    assert names == (["one/jets.detected", valve] if nozzle else [])
+    assert result.data.failures_detected.values[-1, 0] == (nozzle is not None)
+    if nozzle:
+        assert found[0]["time_s"] < found[1]["time_s"]
+        assert found[1]["delay_s"] < 0.9
+        force = result.data.thruster_residual_force.sel(body="one").values
+        assert np.abs(force).max() > 0.1  # N
+        after = result.data.time.values > found[1]["time_s"] + 0.05
+        assert np.abs(force[after]).max() < 0.02  # it is compensated from then on
+
+
+def test_both_engines_detect_the_same():
+    changes = failing(*FAILED["open"])
+    rollout = rolled(changes, 0.8)[1]
+    other = pinocchio_simulate(small_scene(PLATE, changes), duration_s=0.8, output_step_s=0.02)
+    np.testing.assert_allclose(rollout.run().state, other.state, atol=1e-8)
+    assert "one/jets.a.open" in [event.name for event in other.happened]
+
+
+ARMED = """
+robots:
+  one:
+    urdf: odd_arm.urdf
+    base: {joint: free_flyer, velocity: [0.1, 0, 0], spin_deg: [5, -8, 6], rotation_deg: [20, -30, 40]}
+    joints: {slant: {rate_deg: 10}, round: {rate_deg: -15}, slide: {speed: 0.05}}
+    controllers: {stay: {kind: base_position, kp: 4, kd: 8}, turn: {kind: base_attitude, kp: 2, kd: 2}}
+    actuators:
+      jets:
+        kind: thrusters
+        detection: {period: 0.002, bandwidth: 20, force_allowance: 10, torque_allowance: 10}
+        nozzles:
+          a: {position: [0.3, 0.2, 0], direction: [-1, 0, 0]}
+          b: {position: [0.3, -0.2, 0.1], direction: [0, 1, 1]}
+          c: {position: [-0.3, 0, 0.2], direction: [1, -1, 0]}
+      wheels: {kind: reaction_wheels, pyramid: {}, inertia: 0.05, speeds: [20, -10, 5, 8]}
+simulation: {duration: 0.3, step: 0.002}
+"""
+
+
+def test_the_residual_is_the_missing_wrench_whatever_arm_and_wheels_do():
+    """Of a thruster that is open and hardly commanded: its whole wrench, behind the lag."""
+    failure = {f"{JETS}.nozzles.b.failure": {"at": 0.0, "opening": 1.0}}
+    scene = small_scene(ARMED, failure | {"simulation.output_step": 0.002})
+    data = sr.simulate(scene, backend="interpreted").data
+    force, torque = (data[f"thruster_residual_{key}"].sel(body="one").values for key in ("force", "torque"))
+    assert np.abs(data.joint_velocity.values).max() > 0.1
+    line, lag = np.array([0, 1, 1]) / np.sqrt(2), 1 - np.exp(-20 * data.time.values)
+    np.testing.assert_allclose(force, np.outer(lag, line), atol=5e-3)
+    np.testing.assert_allclose(torque, np.outer(lag, np.cross([0.3, -0.2, 0.1], line)), atol=5e-3)

@@ -14,28 +14,14 @@ inertia of its rotor and s = 1 for the bodies beyond the joint, -1 for those fro
 is the torque that is missing, behind a first-order lag (De Luca and Mattone 2003; Haddadin, De Luca and
 Albu-Schaeffer 2017), here with the momentum of a free-floating base in m: forces on the other side of the
 joint act on m through the joint alone. The bodies of the base side so need no measurement of what the tip
-holds; those beyond the joint none of what acts on the base.
-
-At instants a period T apart, from samples of the velocities and a = exp(-K T),
-
-    r_k = a r_k-1 + (1 - a) ((m_k - m_k-1) / T - mean(tau_commanded - R v_j + s b)),
-
-whose variance follows from the variances s_k^2 of m_k, which are white noise times the rows of the momentum,
-
-    V_k = a^2 V_k-1 + ((1 - a) / T)^2 (s_k^2 + (1 - 2 a) s_k-1^2),
-
-since r_k-1 and m_k-1 have the covariance (1 - a) s_k-1^2 / T for k > 1. A joint has failed where |r_k|
-exceeds z times the root of V_k, and the allowance for errors of the model. With a rate F of false alarms in
-all n joints, a sample may pass by p = F T / n, so z = Phi^-1(1 - p / 2). By Boole's inequality F is an upper
-bound: samples that follow each other are correlated, and several that exceed are one alarm.
+holds; those beyond the joint none of what acts on the base. Its test is that of
+:mod:`spacerobot.elements.momentum_residual`.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import replace
-from statistics import NormalDist
 from typing import ClassVar, Literal
 
 import casadi as ca
@@ -51,20 +37,23 @@ from spacerobot.elements.contribution import (
     ActuatorDrive,
     Contribution,
     Output,
-    State,
     concatenate,
-    memory,
 )
 from spacerobot.elements.event import Event, negated
 from spacerobot.elements.joint_lock import held_joints
+from spacerobot.elements.momentum_residual import (
+    Momenta,
+    Residual,
+    continuous_residual,
+    sample_noise,
+    sampled_residual,
+)
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import RobotProperties
 from spacerobot.errors import near_names
 from spacerobot.section import matching, quantity
 
 NOISES = ("joint_noise", "spin_noise", "velocity_noise")
-TINY = 1e-30
-"""Keeps the root of a variance differentiable where nothing was measured yet."""
 
 
 @register
@@ -127,9 +116,8 @@ class MomentumObserver(Actuator):
 
         def answer(asked: ca.SX) -> Contribution:
             """States, events and outputs, of the torques that are commanded."""
-            law = _Observer(self, actuator, columns, asked)
-            found = law.sampled() if self.period is not None else law.continuous()
-            (_, residual), threshold = found
+            law = _Observer(self, actuator, columns).residual(asked)
+            residual, threshold = law.values, law.threshold
             events, outputs = [], []
             for i, (name, detected) in enumerate(zip(names, switches, strict=True)):
                 label = f"{actuator.robot}/{name}"
@@ -153,9 +141,7 @@ class MomentumObserver(Actuator):
             count = sum(switches[1:], switches[0])
             text = "failures that were detected"
             outputs.append(Output("failures_detected", count, "1", text, "body", actuator.robot))
-            return Contribution(
-                states=tuple(law.states), events=(*law.events, *events), outputs=tuple(outputs)
-            )
+            return Contribution(states=law.states, events=(*law.events, *events), outputs=tuple(outputs))
 
         held = concatenate(contribution for contribution, _, _ in brakes.values())
         return replace(held, drives=(ActuatorDrive(columns, lambda asked: asked, answer),))
@@ -170,12 +156,17 @@ class MomentumObserver(Actuator):
 class _Observer:
     """Momenta, residuals and thresholds of the joints at some columns; see above."""
 
-    def __init__(
-        self, config: MomentumObserver, actuator: ActuatorContext, columns: tuple[int, ...], asked: ca.SX
-    ) -> None:
-        self.config, self.actuator, self.columns, self.asked = config, actuator, columns, asked
+    def __init__(self, config: MomentumObserver, actuator: ActuatorContext, columns: tuple[int, ...]) -> None:
+        self.config, self.actuator, self.columns = config, actuator, columns
         self.name = f"{actuator.robot}/{actuator.context.path.rpartition('.')[2]}"
-        self.states, self.events = list[State](), list[Event]()
+
+    def residual(self, asked: ca.SX) -> Residual:
+        """Residuals of the torques that are commanded (n x 1)."""
+        context = self.actuator.context
+        if self.config.period is None:
+            momenta = (*self._momenta(self.actuator.plant.v), ca.SX(0, 1))
+            return continuous_residual(context, self.name, asked, momenta)
+        return sampled_residual(self.config, context, self.name, asked, self._measured)
 
     def _momenta(self, velocity: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Momentum m and the part of its rate that no commanded torque makes (n x 1 each).
@@ -201,68 +192,17 @@ class _Observer:
             rates.append(sign * bend - plant.damping[column] * velocity[column])
         return ca.densify(ca.vertcat(*momenta)), ca.densify(ca.vertcat(*rates))
 
-    def _allowed(self) -> ca.SX:
-        return ca.repmat(self.actuator.context.number("allowance"), len(self.columns), 1)
-
-    def continuous(self) -> tuple[tuple[ca.SX, ca.SX], ca.SX]:
-        """Momenta and residuals, and thresholds, at any time."""
-        found, rate = self._momenta(self.actuator.plant.v)
-        name = f"{self.name}.explained"
-        explained = ca.SX.sym(name, found.size1())
-        residual = self.actuator.context.number("bandwidth") * (found - explained)
-        self.states = [State(name, explained, found, self.asked + rate + residual)]
-        return (found, residual), self._allowed()
-
-    def sampled(self) -> tuple[tuple[ca.SX, ca.SX], ca.SX]:
-        """The same, held since the last sample."""
-        context, size, plant = self.actuator.context, len(self.columns), self.actuator.plant
-        period = context.steady("period")
-        clock = Clock.of(f"{self.name}.samples", context.time, period)
-        noise, numbers = self._noise(clock)
-        found, rate = self._momenta(plant.v + noise)
-        name, effort, zeros = f"{self.name}.effort", ca.SX.sym(f"{self.name}.effort", size), ca.SX.zeros(size)
-        last, before, residual = (
-            memory(f"{self.name}.{key}", zeros) for key in ("momentum", "rate", "residual")
-        )
-        a = ca.exp(-context.number("bandwidth") * period)
-        a = context.once("decay", context.constants.expanded(a))
-        missed = (found - last.symbol - effort) / period - (rate + before.symbol) / 2
-        first = clock.count.symbol < 0.5
-        after = ca.if_else(first, 0, a * residual.symbol + (1 - a) * missed)
-        self.states = [clock.count, State(name, effort, zeros, self.asked), last, before, residual]
-        updates = {name: zeros, last.name: found, before.name: rate, residual.name: after}
-        threshold = self._allowed()
-        if numbers.numel():
-            rows = ca.jacobian(found, numbers)
-            own = ca.densify(ca.sum2(rows * rows))
-            white, variance = (memory(f"{self.name}.{key}", zeros) for key in ("white", "variance"))
-            scale = ((1 - a) / period) ** 2
-            correlated = 2 * a * (clock.count.symbol > 1.5)  # the first residual is zero
-            grown = a**2 * variance.symbol + scale * (own + (1 - correlated) * white.symbol)
-            self.states += [white, variance]
-            updates |= {white.name: own, variance.name: ca.if_else(first, 0, grown)}
-            assert self.config.period is not None
-            passes = self.config.false_alarms * self.config.period / 3600 / size
-            exceeded = NormalDist().inv_cdf(1 - min(passes, 1.0) / 2)
-            threshold = threshold + exceeded * ca.sqrt(variance.symbol + TINY)
-        self.events = [clock.event(f"{self.name}.sampled", "measured", self.name, updates, silent=True)]
-        return (found, residual.symbol), threshold
-
-    def _noise(self, clock: Clock) -> tuple[ca.SX, ca.SX]:
-        """Errors of the velocities (nv x 1) at a sample, and the normal numbers that they are made of."""
+    def _measured(self, clock: Clock) -> Momenta:
+        """Momenta and their rates from a sample of the velocities."""
         actuator, context = self.actuator, self.actuator.context
         base = actuator.base_columns
         turning = base[2:] if len(base) == 3 else base[3:]
         sources = {"velocity_noise": base[: len(base) - len(turning)], "spin_noise": turning}
         sources["joint_noise"] = tuple(actuator.columns.values())
-        sources = {key: own for key, own in sources.items() if not context.is_zero(key)}
-        places = [(column, key) for key, own in sources.items() for column in own]
-        found = ca.SX(actuator.plant.v.size1(), 1)
-        if not places:
-            return found, ca.SX(0, 1)
+        places = [(column, key) for key, own in sources.items() for column in own if not context.is_zero(key)]
         assert self.config.period is not None
-        rows = math.ceil(context.parameters.value("simulation.duration") / self.config.period) + 2
-        numbers = context.random(self.name, rows, len(places), clock.count.symbol)
-        for i, (column, key) in enumerate(places):
-            found[column] = context.number(key) * numbers[i]
-        return found, numbers
+        deviations = [context.number(key) for _, key in places]
+        errors, numbers = sample_noise(context, self.name, self.config.period, clock, deviations)
+        noise = ca.SX(actuator.plant.v.size1(), 1)
+        noise[[column for column, _ in places]] = errors
+        return (*self._momenta(actuator.plant.v + noise), numbers)

@@ -153,12 +153,16 @@ class ReactionWheels(WheelSet):
             """Everything but what is left to the next actuator."""
             found = motors(asked)
             torque = ca.mtimes(rotation, -ca.mtimes(axes, found.net) - cross(spin, whole))
+            tests = self.detected(actuator, found, speed, axes, inertia)
             return Contribution(
-                states=(State(f"{name}.momentum", own, first, found.net),),
+                states=(State(f"{name}.momentum", own, first, found.net), *tests.states),
                 wrenches=(actuator.on_base(torque=torque),),
                 powers=(PowerTerm("actuator", ca.dot(found.net + found.friction, speed), "in"), *lost),
-                outputs=self.observed(actuator, found, speed, ca.mtimes(rotation, whole)),
-                events=found.events,
+                outputs=(
+                    *self.observed(actuator, found, speed, ca.mtimes(rotation, whole)),
+                    *tests.outputs,
+                ),
+                events=(*found.events, *tests.events),
             )
 
         def left(asked: ca.SX) -> ca.SX:

@@ -25,11 +25,12 @@ from spacerobot.elements.allocation import ThrusterLayout, allocate, largest_box
 from spacerobot.elements.clock import Clock
 from spacerobot.elements.context import ActuatorContext
 from spacerobot.elements.contribution import ActuatorDrive, Contribution, Output, PowerTerm, State, memory
-from spacerobot.elements.event import Event
-from spacerobot.elements.failure import Failure, failing
+from spacerobot.elements.event import Event, either
+from spacerobot.elements.failure import AllocatedFailure, failing
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import Part, RobotProperties
 from spacerobot.elements.saturation import saturation_events
+from spacerobot.elements.thruster_detection import MODES, ThrusterDetection, ThrusterTest
 from spacerobot.section import Name, Section, Vector, quantity
 
 GRAVITY = 9.80665
@@ -46,8 +47,8 @@ def _not_zero(value: Vector) -> Vector:
     return value
 
 
-class StuckValve(Failure):
-    """A valve that stops obeying, unknown to the allocation of thrusters."""
+class StuckValve(AllocatedFailure):
+    """A valve that stops obeying; where the allocation knows, others compensate what it gives."""
 
     opening: float = quantity(
         "1", "part of the thrust from then on; 0: shut, 1: open, between: it leaks", default=0.0, ge=0, le=1
@@ -103,6 +104,10 @@ class Thrusters(Actuator):
         default=None,
         description="unload the robot's wheels instead of delivering the commanded torque, which is left to "
         "later actuators: the wheels",
+    )
+    detection: ThrusterDetection | None = Field(
+        default=None,
+        description="detect failed thrusters from the robot's momentum, and allocate without them",
     )
     steps: int | None = Field(
         default=None,
@@ -162,6 +167,11 @@ class Thrusters(Actuator):
     def unloads(self) -> bool:
         """Whether it unloads wheels."""
         return self.unload is not None
+
+    @property
+    def sees_wheels(self) -> bool:
+        """Whether it unloads wheels, or tests the momentum of the robot, theirs included."""
+        return self.unloads or self.detection is not None
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
         """Nozzles that push a planar base out of its plane."""
@@ -278,7 +288,40 @@ class _Jets:
     def parts(self, asked: ca.SX) -> ca.SX:
         """Fractions of full thrust (n x 1) that best match the command, with minimum propellant."""
         layout, scales, steps = self.layout
-        return allocate(layout, scales * self.wanted(asked), steps)
+        out, given = self.failed
+        wanted = self.wanted(asked)
+        if out.nnz():
+            ready, wanted = 1 - out, wanted - ca.mtimes(self.full[self.rows, :], given)
+            squares = (part * ready[i] for i, part in enumerate(layout.squares))
+            sides = (ca.mtimes(side, ca.diag(ready)) for side in (layout.matrix, layout.gains))
+            layout = ThrusterLayout(*sides, tuple(squares))
+        return allocate(layout, scales * wanted, steps)
+
+    @functools.cached_property
+    def failed(self) -> tuple[ca.SX, ca.SX]:
+        """Which thrusters are known to have failed, and the parts of their thrust they give (n x 1 each)."""
+        context, count = self.actuator.context, len(self.config.nozzles)
+        out, given = ca.SX(count, 1), ca.SX(count, 1)
+        for i, (name, nozzle) in enumerate(self.config.nozzles.items()):
+            if nozzle.failure is not None and nozzle.failure.known:
+                valve = context.at(f"{context.path}.nozzles.{name}.failure")
+                out[i] = valve.switch("failed")
+                given[i] = out[i] * valve.number("opening")
+        if self.test is not None:
+            for mode, part in MODES.items():
+                for i, found in enumerate(self.test.switches(mode)):
+                    given[i] += (1 - out[i]) * found * part
+                    out[i] = either(out[i], found)
+        return out, given
+
+    @functools.cached_property
+    def test(self) -> ThrusterTest | None:
+        """Test of whether they have failed."""
+        if self.config.detection is None:
+            return None
+        names = [f"{self.name}.{name}" for name in self.config.nozzles]
+        full = self.full[self.rows, :]
+        return ThrusterTest(self.config.detection, self.actuator, names, full, self.rows)
 
     def wanted(self, asked: ca.SX) -> ca.SX:
         """Of what is asked for all, or the force, and the torque that takes the wheels' momentum away."""
@@ -293,11 +336,16 @@ class _Jets:
 
     def left(self, asked: ca.SX) -> ca.SX:
         """Residual generalized forces that throttled thrusters leave to the next actuator."""
-        return asked - ca.mtimes(self.full[self.rows, :], self.parts(asked))
+        return asked - ca.mtimes(self.full[self.rows, :], self.expected(self.parts(asked)))
+
+    def expected(self, parts: ca.SX) -> ca.SX:
+        """Parts of their thrust that they give (n x 1), of those commanded, as far as is known."""
+        out, given = self.failed
+        return (1 - out) * parts + given if out.nnz() else parts
 
     def less_pulses(self, asked: ca.SX) -> ca.SX:
         """Residual generalized forces that pulsed thrusters leave to the next actuator."""
-        return asked - ca.mtimes(self.full[self.rows, :], ca.vertcat(*self.firing))
+        return asked - ca.mtimes(self.full[self.rows, :], self.expected(ca.vertcat(*self.firing)))
 
     @functools.cached_property
     def firing(self) -> list[ca.SX]:
@@ -363,7 +411,9 @@ class _Jets:
 
     def _acting(self, parts: ca.SX) -> Contribution:
         """Wrench, power, propellant and outputs of thrusters of which parts are asked (n x 1)."""
-        actuator, (parts, failures) = self.actuator, self._stuck(parts)
+        actuator, expected = self.actuator, self.expected(parts)
+        tests = Contribution() if self.test is None else self.test.contribution(expected)
+        parts, failures = self._stuck(parts)
         rotation, origin = actuator.plant.placement(actuator.base_frame)
         velocity, spin = actuator.plant.velocity(actuator.base_frame)
         whole = ca.SX(6, 1)
@@ -384,9 +434,9 @@ class _Jets:
                 Output("thruster_position", at, "m", "where thrusters push", "thruster", label),
             ]
         return Contribution(
-            states=(State(f"{self.name}.propellant", spent, ca.SX.zeros(1), flow),),
+            states=(State(f"{self.name}.propellant", spent, ca.SX.zeros(1), flow), *tests.states),
             outside=(actuator.on_base(force=force, torque=torque),),
             powers=(PowerTerm("thruster", power, "in"),),
-            outputs=tuple(outputs),
-            events=tuple(failures),
+            outputs=(*outputs, *tests.outputs),
+            events=(*failures, *tests.events),
         )

@@ -10,7 +10,7 @@ import casadi as ca
 from pydantic import Field
 
 from spacerobot.elements.context import ActuatorContext
-from spacerobot.elements.contribution import ActuatorDrive, Contribution, PowerTerm
+from spacerobot.elements.contribution import ActuatorDrive, Contribution, PowerTerm, concatenate
 from spacerobot.elements.joint_lock import held_joints
 from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import RobotProperties
@@ -56,9 +56,11 @@ class WheelJoints(WheelSet):
             lost = (
                 (PowerTerm("actuator", taken, "in"), PowerTerm("wheel_friction", taken)) if rub.nnz() else ()
             )
-            return Contribution(
+            tests = self.detected(actuator, found, speed, axes, inertia)
+            seen = Contribution(
                 powers=lost, outputs=self.observed(actuator, found, speed, whole), events=found.events
             )
+            return concatenate([seen, tests])
 
         drive = ActuatorDrive((*base, *places), deliver, answer, passes_on=base)
         names = self.owns(tuple(columns))
