@@ -35,6 +35,7 @@ from spacerobot.elements.capture_release import living
 from spacerobot.elements.context import Affine, ContactSurface, Held, unbroken
 from spacerobot.elements.contribution import concatenate, gated
 from spacerobot.elements.estimator import HELD_INERTIA, EstimatorContext
+from spacerobot.elements.joint_lock import known_lock
 from spacerobot.elements.measurement import Measurement, Observation, changing, filled
 from spacerobot.elements.reference import DEGREE
 from spacerobot.elements.sampling import periodic
@@ -417,6 +418,12 @@ class LoopBuilder:
 
     def _robot(self, body: SceneBody, key: str) -> RobotContext:
         columns = tuple(int(self.plant.model.idx_vs[joint]) for joint in body.driven_joints)
+        names = tuple(body.joint_name(self.plant.model, joint) for joint in body.driven_joints)
+        assert isinstance(body.config, Robot)
+        lockable = {name for _, one in body.config.driven_by() for name in one.locks(names)}
+        locked = ca.SX(len(names), 1)
+        for i in (i for i, name in enumerate(names) if name in lockable):
+            locked[i] = known_lock(self.context.constants, body.name, names[i])
         return RobotContext(
             self.context.at(f"{body.path}.{key}"),
             self.plant,
@@ -424,7 +431,7 @@ class LoopBuilder:
             name=body.name,
             joints=body.driven_joints,
             columns=columns,
-            joint_names=tuple(body.joint_name(self.plant.model, joint) for joint in body.driven_joints),
+            joint_names=names,
             positions=functools.partial(_positions, body),
             passed=self.passed,
             sensors=self._sensors(body),
@@ -432,6 +439,7 @@ class LoopBuilder:
             base_frame=body.root_frame,
             arm=tuple(int(self.plant.model.idx_vs[joint]) for joint in body.arm_joints),
             tips=tuple(self._tip(tip, "") for tip in self.scene.tips if tip.body.name == body.name),
+            locked=locked,
         )
 
     def _actuators(self, body: SceneBody) -> list[Contribution]:

@@ -25,8 +25,8 @@ of a base, or of joints that are no arm's.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 
@@ -37,6 +37,7 @@ from spacerobot.elements import (
     CommandedTorque,
     Contribution,
     ControlChannel,
+    both,
 )
 from spacerobot.elements.contribution import SampledLaw, concatenate, jointly
 from spacerobot.symbolic import Plant
@@ -87,7 +88,7 @@ def solve_accelerations(plant: Plant, acting: Contribution) -> ForwardDynamicsRe
         if channel.derivative_gain is None:
             torque = torque + ca.mtimes(channel.actuation, channel.command)
     for asked in acting.torques:
-        torque = torque + _projected(plant, asked, acting.channels)
+        torque = torque + _projected(plant, asked, acting)
     first, then = in_turn(acting.drives, ideal)
     commanded = torque
     torque, early = deliver(torque, first, {column for drive in then for column in drive.columns})
@@ -153,19 +154,34 @@ class _Held:
         )
 
 
-def _projected(plant: Plant, asked: CommandedTorque, channels: Sequence[ControlChannel]) -> ca.SX:
+def known_locks(constraints: Iterable[AccelerationConstraint]) -> list[AccelerationConstraint]:
+    """Constraints of joints that are held, active while controllers know of it."""
+    locks = (one for one in constraints if one.known is not None)
+    return [
+        replace(one, active=both(ca.SX(1) if one.active is None else one.active, one.known)) for one in locks
+    ]
+
+
+def _projected(plant: Plant, asked: CommandedTorque, acting: Contribution) -> ca.SX:
     """Torque that was asked for; in the null space, without the part that accelerates the robot's tips.
 
-    Subtracted is ``J^T F`` with the tip force F that cancels the acceleration the tips' feedback would see.
+    Subtracted is ``J^T F`` with the tip force F that cancels the acceleration the tips' feedback would see,
+    with joints held that are known to be.
     """
-    own = [channel for channel in channels if channel.robot == asked.robot and channel.moves_tip]
+    own = [channel for channel in acting.channels if channel.robot == asked.robot and channel.moves_tip]
     if not asked.null_space or not own:
         return asked.value
-    sense = ca.horzcat(*(channel.sense for channel in own), plant.ties)
+    locks = [_Held.of(lock) for lock in known_locks(acting.constraints)]
+    held = [plant.ties, *(lock.sense for lock in locks)]
+    sense = ca.horzcat(*(channel.sense for channel in own), *held)
     actuation = ca.horzcat(*(channel.actuation for channel in own))
-    drive = ca.horzcat(*(channel.drive for channel in own), plant.ties)
+    drive = ca.horzcat(*(channel.drive for channel in own), *held)
     mobility = plant.articulated.negated_mobility
-    force = eliminate(mobility(sense, drive), mobility(sense, plant.reduced(asked.value)))
+    matrix = mobility(sense, drive)
+    first = matrix.size1() - len(locks)
+    for i, lock in enumerate(locks):
+        matrix[first + i, first + i] -= lock.idle
+    force = eliminate(matrix, mobility(sense, plant.reduced(asked.value)))
     return asked.value - ca.mtimes(actuation, force[: actuation.size2()])
 
 

@@ -121,6 +121,11 @@ class Actuator(RobotElement):
         del joints
         return []
 
+    def locks(self, joints: Sequence[str]) -> list[str]:
+        """Those of a robot's joints that it may hold, with the controllers' knowledge."""
+        del joints
+        return []
+
     def owns(self, joints: Sequence[str]) -> list[str]:
         """Those of a robot's joints that are its own, as a wheel's: the arm's controllers do not see them."""
         del joints

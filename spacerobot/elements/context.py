@@ -76,6 +76,8 @@ class RobotContext:
         Places in v of all its joints that no actuator owns, those that mimic others included.
     tips
         Its tips.
+    locked
+        Whether each of its free joints is known to be held (n x 1), structurally zero where none can be.
     """
 
     context: SectionContext
@@ -92,6 +94,7 @@ class RobotContext:
     base_frame: int
     arm: tuple[int, ...]
     tips: tuple[TipContext, ...] = ()
+    locked: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
 
     def read(self, signal: str, value: ca.SX) -> ca.SX:
         """Signal as its sensor gives it.

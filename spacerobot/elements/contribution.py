@@ -313,6 +313,8 @@ class AccelerationConstraint:
         inertia of that; None if there is nothing.
     imposed
         Relative velocity (n x 1) that it drives, ``G v = imposed`` where it does not slip; None for none.
+    known
+        Of a joint that is held: switch (1x1) that is 1 while controllers know that it is; None for others.
     """
 
     directions: tuple[tuple[ca.SX, ca.SX], ...]
@@ -324,6 +326,7 @@ class AccelerationConstraint:
     struck: Callable[[ca.SX, ca.SX], Mapping[str, ca.SX]] | None = None
     compliance: ca.SX | None = None
     imposed: ca.SX | None = None
+    known: ca.SX | None = None
 
     @property
     def size(self) -> int:

@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 
 from spacerobot.arrays import Array
-from spacerobot.closedloop.forward_dynamics import ForwardDynamicsResult, deliver, in_turn
+from spacerobot.closedloop.forward_dynamics import ForwardDynamicsResult, deliver, in_turn, known_locks
 from spacerobot.closedloop.impulse import PlasticImpact, idleness, imposed, masked
 from spacerobot.elements import Contribution, ControlChannel
 from spacerobot.elements.contribution import SampledLaw, concatenate, jointly
@@ -66,10 +66,14 @@ class DynamicsUnknowns:
                 torque = torque - ca.mtimes(actuation, force)
                 self.null_space = ca.vertcat(self.null_space, force)
                 self.projections.append((f"asked_{number}", force.size1()))
+                locks = known_locks(acting.constraints)
+                still = [plant.ties, *(masked(one.sense, one.active) for one in locks)]
+                idle = [ca.SX(force.size1() + plant.ties.size2(), 1), *(idleness(one) for one in locks)]
                 self.loads |= {
                     f"asked_{number}": asked.value,
-                    f"asked_{number}_sense": ca.horzcat(*(one.sense for one in own), plant.ties),
-                    f"asked_{number}_drive": ca.horzcat(*(one.drive for one in own), plant.ties),
+                    f"asked_{number}_sense": ca.horzcat(*(one.sense for one in own), *still),
+                    f"asked_{number}_drive": ca.horzcat(*(one.drive for one in own), *still),
+                    f"asked_{number}_idle": ca.vertcat(*idle),
                 }
         first, self.then = in_turn(acting.drives, self.implicit)
         commanded = torque
@@ -165,7 +169,8 @@ class DynamicsConditions:
         """Forces (size,) that cancel what a commanded torque does to the tips' feedback."""
         sense, drive = self.loads[f"{name}_sense"], self.loads[f"{name}_drive"]
         right = self.mobility(sense, self.loads[name])
-        force = np.linalg.solve(self.mobility(sense, drive), right)
+        matrix = self.mobility(sense, drive) + np.diag(self.loads[f"{name}_idle"][:, 0])
+        force = np.linalg.solve(matrix, right)
         return np.asarray(force[:size, 0], dtype=float)
 
     def solve(self, effort: Array, *, outputs: bool) -> tuple[Array, Array, Array]:

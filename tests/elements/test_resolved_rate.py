@@ -6,10 +6,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+import spacerobot as sr
 from spacerobot.description.planar import PlanarBase, PlanarLink, planar_arm_urdf
 from spacerobot.errors import ScenarioError
+from spacerobot.pinocchio_engine import simulate
 from spacerobot.scene import load_scene
-from tests.oracles.small_scenes import ODD_ARM
+from tests.oracles.small_scenes import ODD_ARM, small_scene
 from tests.oracles.two_engines import Symbolic
 
 PLANAR = """
@@ -121,3 +123,91 @@ def test_what_cannot_be_kept_is_refused(folder, options, change, told):
         change = {f"robots.arm.joints.joint_{i}.locked": True for i in range(3, 7)}
     with pytest.raises(ScenarioError, match=told):
         load_scene(folder / "scenario.yaml", change)
+
+
+LED = "robots.arm.controllers"
+POSTURE = {
+    LED: {},
+    "robots.arm.tips.tip.pid": {"kp": 300, "ki": 0, "kd": 40, "feedback": "inertial"},
+    "robots.arm.joint_pd": {"kp": 0, "kd": 10, "null_space": True},
+}
+LAWS = {"resolved": {}, "null space": POSTURE}
+
+
+def jammed(folder, changes, *, at=0.0, known=True, mode="locked", duration=1.0, engine=False):
+    """Outputs of the arm whose joint 3 is held from a time on; at -1 it is no joint from the start."""
+    failure = {"kind": "joint_failure", "joint": "joint_3", "mode": mode, "at": at, "known": known}
+    own = (
+        {"robots.arm.actuators": {"jam": failure}} if at >= 0 else {"robots.arm.joints.joint_3.locked": True}
+    )
+    scene_of(folder)
+    scene = load_scene(folder / "scenario.yaml", changes | own)
+    if engine:
+        return simulate(scene, duration_s=duration, output_step_s=0.25).outputs
+    return Symbolic(scene).run(duration, 0.25, 0.02).outputs
+
+
+@pytest.mark.parametrize("changes", LAWS.values(), ids=LAWS)
+def test_with_a_joint_known_to_be_locked_it_is_the_law_of_the_arm_without_that_joint(folder, changes):
+    """Of the Jacobian without the joint's column; in both engines."""
+    known, without, unknown = (
+        jammed(folder, changes, **options) for options in ({}, {"at": -1.0}, {"known": False})
+    )
+    for name in ("tip_position", "tip_error", "body_rotation"):
+        np.testing.assert_allclose(known[name], without[name], atol=1e-9, err_msg=name)
+    assert np.abs(unknown["tip_position"] - known["tip_position"]).max() > 1e-6
+    other = jammed(folder, changes, engine=True)
+    np.testing.assert_allclose(other["tip_position"], known["tip_position"], atol=1e-6)
+
+
+@pytest.mark.parametrize(("mode", "most"), [("locked", 2e-6), ("runaway", 1e-9)])
+def test_the_tip_keeps_to_its_reference_with_the_joints_that_are_left(folder, mode, most):
+    ends = {}
+    for known in (True, False):
+        found = jammed(folder, {}, at=0.9, known=known, mode=mode, duration=3.0)
+        ends[known] = float(np.linalg.norm(found["tip_error"], axis=1).max())
+    assert ends[True] < most < 3 * most < ends[False]
+
+
+DOCKING = """
+robots:
+  one:
+    urdf: arm.urdf
+    base: {joint: planar}
+    joints: {joint_1: {angle_deg: 60}, joint_2: {angle_deg: -70}, joint_3: {angle_deg: -30}}
+    tips:
+      tip:
+        reference: {kind: rendezvous, frame: mate_1, standoff: 0.05, approach_time: 1, closing_speed: 0.1,
+                    end_distance: 0}
+    controllers: {lead: {kind: resolved_rate, orientation: false}}
+target:
+  urdf: plate.urdf
+  base: {joint: planar, position: [1.35, 0.35, 0], velocity: [0.02, 0.03, 0], spin_deg: [0, 0, 3]}
+grasps:
+  left: {tip: one/tip, frame: mate_1, kind: compliant, stiffness: 90, damping: 7, begins: open,
+         capture: {distance: 0.002}}
+simulation: {duration: 2, step: 0.01, output_step: 0.1}
+"""
+JAM = {"kind": "joint_failure", "joint": "joint_3", "at": 0.5}
+BRAKED = {"kind": "momentum_observer", "period": 0.01, "allowance": 0.05, "joint_noise": 1e-5}
+
+
+@pytest.mark.parametrize(
+    ("actuators", "captures"),
+    [
+        ({"jam": JAM | {"known": True}}, True),
+        ({"jam": JAM}, False),
+        ({"watch": BRAKED, "jam": JAM | {"mode": "free"}}, True),
+    ],
+    ids=["known", "unknown", "detected and braked"],
+)
+def test_a_docking_succeeds_where_the_law_knows_of_the_lock(actuators, captures):
+    scene = small_scene(DOCKING, {"robots.one.actuators": actuators})
+    events = [event["kind"] for event in sr.simulate(scene, backend="interpreted").summary["events"]]
+    assert ("captured" in events) == captures
+    assert ("detected" in events) == ("watch" in actuators)
+
+
+def test_what_controllers_cannot_know_is_refused():
+    with pytest.raises(ScenarioError, match=r"jam\.known: found true, allowed: where `mode` is locked or"):
+        small_scene(DOCKING, {"robots.one.actuators": {"jam": JAM | {"mode": "free", "known": True}}})

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import ClassVar, Literal
 
 import casadi as ca
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from spacerobot.elements.actuator import Actuator
 from spacerobot.elements.context import ActuatorContext
@@ -18,6 +18,9 @@ from spacerobot.elements.registry import register
 from spacerobot.elements.robot_element import RobotProperties
 from spacerobot.errors import near_names
 from spacerobot.section import matching, quantity
+
+HELD = ("locked", "runaway")
+"""Modes in which a joint is held at a rate."""
 
 
 @register
@@ -41,12 +44,29 @@ class JointFailure(Actuator):
         "1", "part of the torque that is left, where `mode` is `weak`", default=0.5, ge=0, le=1
     )
 
+    known: bool = Field(
+        default=False,
+        description="whether resolved rates and torques in the null space do without the joint from then on, "
+        "where it is held",
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> JointFailure:
+        if self.known and self.mode not in HELD:
+            raise ValueError(f"known: found true, allowed: where `mode` is {' or '.join(HELD)}")
+        return self
+
+    def locks(self, joints: Sequence[str]) -> list[str]:
+        """Joints that controllers know to be held."""
+        return matching(joints, self.joint) if self.known else []
+
     def build(self, actuator: ActuatorContext) -> Contribution:
         """The event, and what holds the joints or reduces their torques from then on."""
         context, joints = actuator.context, matching(actuator.columns, self.joint)
         name = f"{actuator.robot}/{self.joint}"
-        if self.mode in ("locked", "runaway"):
-            found, sets, updates = held_joints(actuator, joints, running=self.mode == "runaway")
+        if self.mode in HELD:
+            running = self.mode == "runaway"
+            found, sets, updates = held_joints(actuator, joints, running=running, known=self.known)
             impact = self.mode == "locked"
             _, event = failing(context, name, sets=sets, updates=updates, impact=impact)
             return replace(found, events=(event,))

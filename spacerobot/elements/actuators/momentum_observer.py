@@ -20,7 +20,7 @@ holds; those beyond the joint none of what acts on the base. Its test is that of
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import ClassVar, Literal
 
@@ -100,6 +100,10 @@ class MomentumObserver(Actuator):
             raise ValueError("allowance: found 0, allowed: above 0 where samples have no noise")
         return self
 
+    def locks(self, joints: Sequence[str]) -> list[str]:
+        """Joints whose brakes it may engage."""
+        return matching(joints, self.joints) if self.brake else []
+
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
         """A pattern that no joint matches, or a base side that is the world."""
         if not matching(robot.joints, self.joints):
@@ -110,7 +114,7 @@ class MomentumObserver(Actuator):
     def build(self, actuator: ActuatorContext) -> Contribution:
         """Torques as commanded, residuals of what becomes of them, and events of detection."""
         names = matching(list(actuator.columns), self.joints)
-        brakes = {name: held_joints(actuator, [name]) for name in names} if self.brake else {}
+        brakes = {name: held_joints(actuator, [name], known=True) for name in names} if self.brake else {}
         switches = [actuator.context.switch(f"detected.{name}") for name in names]
         columns = tuple(actuator.columns[name] for name in names)
 

@@ -7,7 +7,8 @@ entail are
 
 with J* the generalized Jacobian (Umetani and Yoshida 1989) and v_0, v_1 what momentum and other bodies bring.
 The rates wanted lead the tips; before that, if asked for, they keep the base (W r = -v_0): then the tips move
-in the reaction null space (Nenchev, Yoshida and Uchiyama 1992). Joints then accelerate by
+in the reaction null space (Nenchev, Yoshida and Uchiyama 1992). Joints that are known to be
+held leave out their columns: the tasks are those of the other joints. Joints then accelerate by
 
     a = a_ref + g (r_wanted - r),
 
@@ -17,7 +18,7 @@ a_ref being the accelerations that the same tasks want, and torques follow from 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import casadi as ca
@@ -53,7 +54,7 @@ class ResolvedRate(RobotController):
         """Torques."""
         number, columns = robot.context.number, list(robot.columns)
         free = _FreeBase.of(robot)
-        rates = robot.plant.v[columns]
+        rates, locked = robot.plant.v[columns], robot.locked
         tasks = []
         if self.keeps != "nothing":
             # the base keeps still, or does not turn
@@ -74,11 +75,15 @@ class ResolvedRate(RobotController):
         led = [task for tip in robot.tips for task in self._tip_tasks(robot, tip, free)]
         if led:
             tasks.append(_Task.of(led, number("damping")))
+        # Joints that are held keep their rates; the others resolve the tasks with the columns that are left.
+        moving = 1 - locked
+        tasks = [replace(task, rows=ca.mtimes(task.rows, ca.diag(moving))) for task in tasks]
         wanted = _resolved(tasks, [task.wanted - task.velocity for task in tasks], rates)
         ahead = _resolved(tasks, [task.acceleration for task in tasks], ca.SX(rates.shape[0], 1))
         read = robot.read("joint_rate", rates)
-        torque = free.torque(ahead + number("rate_gain") * (wanted - read))
-        return Contribution(torques=(robot.torque(torque + robot.plant.damping[columns] * rates),))
+        torque = free.torque(moving * (ahead + number("rate_gain") * (wanted - read)))
+        torque = moving * (torque + robot.plant.damping[columns] * rates)
+        return Contribution(torques=(robot.torque(torque),))
 
     def _tip_tasks(self, robot: RobotContext, tip: TipContext, free: _FreeBase) -> Iterator[_Task]:
         """The tip follows its reference, in position and, if asked for, in orientation."""
