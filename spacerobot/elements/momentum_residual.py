@@ -93,7 +93,6 @@ def sampled_residual(
     asked: ca.SX,
     momenta: Callable[[Clock], Momenta],
     allowance: ca.SX | None = None,
-    tests: int | None = None,
 ) -> Residual:
     """Residuals held since the last sample; parameters as of :func:`continuous_residual`.
 
@@ -106,9 +105,8 @@ def sampled_residual(
     momenta
         From the clock of the samples to momenta with their noise.
     allowance
-        On top of noise (n x 1), that of the section if not given.
-    tests
-        How many of the residuals are tested, the first ones; all if not given.
+        On top of noise, of the first residuals (m x 1), which alone are tested; that of the section, of all,
+        if not given.
     """
     size, period = asked.size1(), context.steady("period")
     clock = Clock.of(f"{name}.samples", context.time, period)
@@ -123,6 +121,7 @@ def sampled_residual(
     states = [clock.count, State(f"{name}.effort", effort, zeros, asked), last, before, residual]
     updates = {f"{name}.effort": zeros, last.name: found, before.name: rate, residual.name: after}
     threshold = ca.repmat(context.number("allowance"), size, 1) if allowance is None else allowance
+    tests = threshold.size1()
     if numbers.numel():
         rows = ca.jacobian(found, numbers)
         own = ca.densify(ca.sum2(rows * rows))
@@ -133,9 +132,9 @@ def sampled_residual(
         states += [white, variance]
         updates |= {white.name: own, variance.name: ca.if_else(first, 0, grown)}
         assert config.period is not None
-        passes = config.false_alarms * config.period / 3600 / (tests or size)
+        passes = config.false_alarms * config.period / 3600 / tests
         exceeded = NormalDist().inv_cdf(1 - min(passes, 1.0) / 2)
-        threshold = threshold + exceeded * ca.sqrt(variance.symbol + TINY)
+        threshold = threshold + exceeded * ca.sqrt(variance.symbol[:tests] + TINY)
     event = clock.event(f"{name}.sampled", "measured", name, updates, silent=True)
     return Residual(residual.symbol, threshold, tuple(states), (event,))
 

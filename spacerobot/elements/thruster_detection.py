@@ -99,11 +99,9 @@ class ThrusterTest:
         # The parts behind the same lag are the residual of momenta that are zero.
         asked = ca.densify(ca.vertcat(ca.mtimes(self.full, parts), -parts))
         kinds = ["force_allowance" if row < 3 else "torque_allowance" for row in self.rows]
-        allowance = ca.vertcat(*(context.number(kind) for kind in kinds), ca.SX.zeros(count))
-        test = sampled_residual(
-            self.config, context, f"{name}.detection", asked, self._momenta, allowance, size
-        )
-        residual, lagged, limit = test.values[:size], test.values[size:], test.threshold[:size]
+        allowance = ca.vertcat(*(context.number(kind) for kind in kinds))
+        test = sampled_residual(self.config, context, f"{name}.detection", asked, self._momenta, allowance)
+        residual, lagged, limit = test.values[:size], test.values[size:], test.threshold
 
         def excess(left: ca.SX) -> ca.SX:
             return ca.mmax(ca.fabs(left) / limit) - 1
