@@ -25,7 +25,7 @@ def wheels(changes: dict[str, Any]) -> str:
     if not result.completed:
         return f"lost at {result.summary['status']['reached_s']:.1f} s"
     data = result.data
-    error = np.degrees(np.linalg.norm(data.base_attitude_error.values, axis=-1)).ravel()
+    error = np.degrees(np.linalg.norm(data.base_attitude_error.sel(body="servicer").values, axis=-1))
     torque = float(np.abs(data.wheel_torque.values[data.time.values > 5]).max())
     delays = [e.get("delay_s", np.nan) for e in result.summary["events"] if e["kind"] == "detected"]
     found = f"{error[data.time.values > 5].max():.3f} / {error[-1]:.4f} / {torque:.2f}"
