@@ -156,10 +156,11 @@ class _Held:
 
 def known_locks(constraints: Iterable[AccelerationConstraint]) -> list[AccelerationConstraint]:
     """Constraints of joints that are held, active while controllers know of it."""
-    locks = (one for one in constraints if one.known is not None)
-    return [
-        replace(one, active=both(ca.SX(1) if one.active is None else one.active, one.known)) for one in locks
-    ]
+    found = []
+    for one in constraints:
+        if one.known is not None and one.active is not None:
+            found.append(replace(one, active=both(one.active, one.known)))
+    return found
 
 
 def _projected(plant: Plant, asked: CommandedTorque, acting: Contribution) -> ca.SX:

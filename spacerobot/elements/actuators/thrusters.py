@@ -292,9 +292,9 @@ class _Jets:
         wanted = self.wanted(asked)
         if out.nnz():
             ready, wanted = 1 - out, wanted - ca.mtimes(self.full[self.rows, :], given)
-            squares = (part * ready[i] for i, part in enumerate(layout.squares))
-            sides = (ca.mtimes(side, ca.diag(ready)) for side in (layout.matrix, layout.gains))
-            layout = ThrusterLayout(*sides, tuple(squares))
+            matrix, gains = (ca.mtimes(side, ca.diag(ready)) for side in (layout.matrix, layout.gains))
+            squares = tuple(part * ready[i] for i, part in enumerate(layout.squares))
+            layout = ThrusterLayout(matrix, gains, squares)
         return allocate(layout, scales * wanted, steps)
 
     @functools.cached_property
