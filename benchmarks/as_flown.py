@@ -87,8 +87,7 @@ def compare_engines(name: str) -> str:
 def main() -> None:
     """Write both figures, or compare the engines."""
     if sys.argv[1:] == ["engines"]:
-        for name in ("capture-as-flown", "docking-as-flown"):
-            print(compare_engines(name), flush=True)
+        print("\n".join(compare_engines(name) for name in ("capture-as-flown", "docking-as-flown")))
         return
     docking, capture = (Path(word) for word in sys.argv[1:3])
     drawings = {

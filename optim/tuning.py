@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -54,6 +54,9 @@ class TuningResult:
         The scene with these gains, ready for :func:`spacerobot.simulation.simulate`.
     outcome
         Every run.
+    margins
+        Stability margins there that the tuning section names: value and requirement, by kind, loop and
+        instant.
     """
 
     gains: Mapping[str, float]
@@ -62,6 +65,7 @@ class TuningResult:
     message: str
     scene: Scene
     outcome: MethodOutcome
+    margins: Mapping[str, str] = field(default_factory=dict)
 
     def save(self, folder: StrPath) -> None:
         """Write ``tuning.json``, and ``scenario.yaml`` with the gains unless a result of it is there.
@@ -81,7 +85,7 @@ class TuningResult:
             "message": self.message,
             "method": self.outcome.method,
             "runs": [_plain_run(run) for run in self.outcome.runs],
-        }
+        } | ({"margins": dict(self.margins)} if self.margins else {})
         if not (folder / SCENARIO).is_file():
             write_text(folder / SCENARIO, to_yaml(self.scene.scenario))
         write_text(folder / FILE, json.dumps(plain(data), indent=1, allow_nan=False) + "\n")
@@ -103,7 +107,7 @@ class TuningResult:
             outcome = MethodOutcome(data["method"], runs)
         except (OSError, ValueError, LookupError, TypeError) as fault:
             raise ResultError(f"holds no tuning that can be read: {fault}", source=folder / FILE) from None
-        return cls(*numbers, load_scene(folder / SCENARIO), outcome)
+        return cls(*numbers, load_scene(folder / SCENARIO), outcome, data.get("margins", {}))
 
     def __repr__(self) -> str:
         """Objective and how the best run ended, in one line."""
@@ -115,6 +119,7 @@ class TuningResult:
         """Gains and how the best run ended, for notebooks."""
         rows = [("status", self.status), ("objective", f"{self.objective:.6g}")]
         rows += [(name, f"{value:.6g}") for name, value in self.gains.items()]
+        rows += self.margins.items()
         return html_table(f"Tuning of {self.scene.scenario.name}", rows)
 
 
@@ -196,8 +201,12 @@ def tune(
     best, variables = outcome.best, nominal.variables
     values = variables.values(best.u)
     scene = build_scene(nominal.scene.scenario, variables.as_changes(values), source=nominal.scene.source)
+    terms, margins = nominal.terms.margins, dict[str, str]()
+    if terms is not None:
+        found = terms.values(values)
+        margins = {row.name: row.text(one.value) for row, one in zip(terms.rows, found, strict=True)}
     return TuningResult(
-        variables.as_mapping(values), best.objective, best.status, best.message, scene, outcome
+        variables.as_mapping(values), best.objective, best.status, best.message, scene, outcome, margins
     )
 
 

@@ -92,7 +92,8 @@ class _MultiStart:
     def __init__(self, search: Search, settings: NlpSettings, radius: float, starts: int = 1) -> None:
         self._search, self._settings, self._starts = search, settings, starts
         problem = search.problem
-        exact = problem.form == "smooth" and _price(problem.linear_cost) <= len(problem.names)
+        cheap = problem.form == "smooth" and _price(problem.linear_cost) <= len(problem.names)
+        exact = cheap or problem.prefers_exact
         self._manner = DescentSettings(problem.form, exact, radius, settings.iterations, settings.tolerance)
         self._offered: list[EvaluatedPoint] = []
         self._known: list[Array] = []  # starts and optima

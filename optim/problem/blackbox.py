@@ -59,6 +59,11 @@ class ResultProblem:
         return EvaluationCost(rollouts=1)
 
     @property
+    def prefers_exact(self) -> bool:
+        """No."""
+        return False
+
+    @property
     def fingerprint(self) -> str:
         """The tuning problem's, and the function's name: a changed function needs a new journal folder."""
         name = getattr(self.score, "__qualname__", type(self.score).__qualname__)

@@ -64,9 +64,10 @@ class Formulation:
 
     @cached_property
     def constraint_names(self) -> tuple[str, ...]:
-        """One name for each component of each constrained measure."""
-        sizes = self.terms.measures.sizes
-        return tuple(f"{name}.{i}" for name in self.terms.limits for i in range(sizes[name]))
+        """One name for each component of each constrained measure, and each required margin."""
+        sizes, margins = self.terms.measures.sizes, self.terms.margins
+        named = tuple(f"{name}.{i}" for name in self.terms.limits for i in range(sizes[name]))
+        return named if margins is None else (*named, *margins.names)
 
     @cached_property
     def objective_slope(self) -> ca.Function:

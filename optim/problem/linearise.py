@@ -17,11 +17,19 @@ from spacerobot.rollout import Jacobian
 def linearise_all(problem: Formulation, u: Array) -> list[Linearisation]:
     """Objective, constraints and their exact derivatives at points u (N, k) of the unit cube.
 
-    By the adjoint, in lanes, where only the objective's gradient is needed, else by forward sensitivities.
-    Values are NaN where the rollout diverged.
+    By the adjoint, in lanes, where only the objective's gradient is needed, else by forward sensitivities;
+    margins follow. Values are NaN where the rollout diverged.
     """
+    found = _measured(problem, u)
+    if problem.terms.margins is None:
+        return found
+    return [_with_margins(problem, *each) for each in zip(u, found, strict=True)]
+
+
+def _measured(problem: Formulation, u: Array) -> list[Linearisation]:
+    """All but margins."""
     if problem.form != "smooth" or problem.terms.limits:
-        return [linearise(problem, point) for point in u]
+        return [_linearise(problem, point) for point in u]
     found = problem.rollout.gradient_batch(
         problem.names, problem.variables.values(u), costs=[OBJECTIVE], threads=1, orders=False
     )
@@ -30,15 +38,36 @@ def linearise_all(problem: Formulation, u: Array) -> list[Linearisation]:
     return [_plain(float(found.costs[OBJECTIVE][i]), gradients[i]) for i in range(len(u))]
 
 
-def linearise(problem: Formulation, u: Array) -> Linearisation:
-    """The same at one point u (k,)."""
-    if problem.form == "smooth" and not problem.terms.limits:
-        return linearise_all(problem, u[None])[0]
+def _with_margins(problem: Formulation, u: Array, at: Linearisation) -> Linearisation:
+    """A linearisation at a point u (k,) with the margins' constraints and their part of the objective."""
+    terms = problem.terms.margins
+    assert terms is not None
+    found = terms.values(problem.variables.values(u), slopes=True)
+    values = np.array([one.value for one in found])
+    slopes = np.array([one.gradient for one in found]) * problem.variables.slope(u)
+    (g, by_margin), (penalty, weights) = terms.constraints(values), terms.penalty(values)
+    limited = [i for i, row in enumerate(terms.rows) if row.requirement.least is not None]
+    weighed = weights != 0
+    added = weights[weighed] @ slopes[weighed]
+    return replace(
+        at,
+        objective=at.objective + float(penalty),
+        gradient=at.gradient + added,
+        smooth=at.smooth + float(penalty),
+        smooth_gradient=at.smooth_gradient + added,
+        constraints=np.concatenate([at.constraints, g]),
+        constraint_jacobian=np.concatenate([at.constraint_jacobian, by_margin[:, None] * slopes[limited]]),
+    )
+
+
+def _linearise(problem: Formulation, u: Array) -> Linearisation:
+    """All but margins at one point u (k,), by forward sensitivities."""
     values = dict(zip(problem.names, problem.variables.values(u), strict=True))
     sampled = sampled_outputs(problem)
     jacobian = problem.rollout.jacobian(values, wrt=problem.names, outputs=sampled, orders=False)
     if jacobian.trajectory.status != "completed":
-        return _nothing(len(problem.constraint_names), len(u))
+        sizes = problem.terms.measures.sizes
+        return _nothing(sum(sizes[name] for name in problem.terms.limits), len(u))
     slope = problem.variables.slope(u)
     measures, k = jacobian.trajectory.measures, len(slope)
     value = float(jacobian.trajectory.costs[OBJECTIVE])

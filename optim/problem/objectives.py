@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from optim.problem.derived_loop import extend
+from optim.problem.margin_terms import MarginTerms
 from optim.problem.problem import Form
 from optim.problem.quantity_measures import context_of, measure, required_measure, with_added_states
 from spacerobot.arrays import Array
@@ -19,7 +20,7 @@ from spacerobot.scenario import Constraints, Objective
 from spacerobot.scene import Scene
 
 SMALLEST_LENGTH = 1e-9  # m; keeps the distance smooth where the error is zero
-OBJECTIVE = "objective"
+OBJECTIVE, MARGINS = "objective", "margins"
 UNITS = {
     "minimax": (1e3, "mm"),
     "ise": (1.0, "m^2 s"),
@@ -70,12 +71,15 @@ class ObjectiveTerms:
         Limit of each component of each constrained measure, by the measure's name.
     residuals
         ``squares``: outputs and factors w with objective = sum of w times the integral of the squared output.
+    margins
+        Stability margins that are required or weighed; none if None.
     """
 
     measures: Measures
     form: Form
     limits: Mapping[str, float] = field(default_factory=dict)
     residuals: Mapping[str, tuple[float, Array]] = field(default_factory=dict)
+    margins: MarginTerms | None = None
 
 
 def extended_loop(loop: ClosedLoopFunctions, scene: Scene, objective: Objective) -> ClosedLoopFunctions:

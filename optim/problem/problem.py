@@ -153,6 +153,10 @@ class OptimisationProblem(Protocol):
         """Cost of values and rows at one point."""
 
     @property
+    def prefers_exact(self) -> bool:
+        """Whether exact derivatives at each point cost less than differences, whatever rollouts cost."""
+
+    @property
     def fingerprint(self) -> str:
         """Text that differs for any other problem, so that work is never resumed on the wrong one."""
 

@@ -14,7 +14,8 @@ import numpy as np
 from optim.problem import worker_operations
 from optim.problem.derived_loop import tie
 from optim.problem.formulation import Formulation, rollout_of
-from optim.problem.objectives import OBJECTIVE, UserObjective, build_terms, extended_loop
+from optim.problem.margin_terms import build_margin_terms
+from optim.problem.objectives import MARGINS, OBJECTIVE, UserObjective, build_terms, extended_loop
 from optim.problem.problem import Evaluation, EvaluationCost, Linearisation
 from optim.problem.scene_recipe import NewVariables, SceneRecipe, changed_scene, tuning_of, with_variables
 from optim.problem.variables import resolve_variables
@@ -120,16 +121,22 @@ class TuningProblem(Formulation):
         """A rollout, and its samples where the objective is made of any."""
         return EvaluationCost(rollouts=1) if self.form == "smooth" else EvaluationCost(samples=1)
 
+    @property
+    def prefers_exact(self) -> bool:
+        """Where there are margins: a frequency response costs more than derivatives of its extremes."""
+        return self.terms.margins is not None
+
     @cached_property
     def fingerprint(self) -> str:
         """Hash of everything that decides what the numbers are."""
         kernel, grid, v = self.rollout.kernel, self.rollout.grid, self.variables
         numbers = [*self.rollout.values(None), *v.lower, *v.upper, *v.log, grid.duration_s, grid.step_s]
-        limits = sorted(self.terms.limits.items())
+        limits, margins = sorted(self.terms.limits.items()), self.terms.margins
         engine = self.rollout.summary  # another compiler may round otherwise
         digest = hashlib.sha256(repr(([float(x) for x in numbers], v.names, limits, engine)).encode())
         for name in ("setup", "dynamics", "objective"):
             digest.update(kernel.functions[name].serialize().encode())
+        digest.update(b"" if margins is None else margins.fingerprint.encode())
         return digest.hexdigest()
 
     def evaluate(self, u: Array) -> Evaluation:
@@ -193,8 +200,9 @@ class TuningProblem(Formulation):
         ]
 
     def _constraints(self, found: Mapping[str, Array], count: int) -> Array:
-        limits = self.terms.limits
-        return np.column_stack([np.empty((count, 0)), *(found[n] / limit - 1 for n, limit in limits.items())])
+        limits = [found[n] / limit - 1 for n, limit in self.terms.limits.items()]
+        margins = [] if self.terms.margins is None else [found[MARGINS]]
+        return np.column_stack([np.empty((count, 0)), *limits, *margins])
 
 
 def build_problem(
@@ -219,7 +227,7 @@ def build_problem(
         Which of the section's variants; none if None.
     objective
         The user's own: function of the closed loop's signals that gives a scalar measure,
-        ``lambda s: integral(ca.sumsqr(s["tip_error"]))``. Its gradients are exact.
+        ``lambda s: integral(ca.sumsqr(s["tip_error"]))``. Its gradients are exact. Weighed margins are added.
     workers
         Who rolls out: threads of this process if None, or from :func:`optim.workers.dask.open_workers`. The
         answer does not depend on it.
@@ -246,4 +254,5 @@ def build_problem(
     tied = tie(extended, dict(zip(free.names, free.paths, strict=True)), list(free.start))
     terms = build_terms(tied, scene, objective or tuning.objective, tuning.constraints)
     rollout = rollout_of(scene, tied, terms)
+    terms = replace(terms, margins=build_margin_terms(scene, free))
     return TuningProblem(scene, loop, free, terms, rollout, recipe, workers or Threads())

@@ -8,7 +8,7 @@ import numpy as np
 
 from optim.problem.formulation import Formulation
 from optim.problem.linearise import linearise_all, rows_of, sampled_outputs
-from optim.problem.objectives import OBJECTIVE
+from optim.problem.objectives import MARGINS, OBJECTIVE
 from optim.workers import Arrays
 from spacerobot.arrays import Array
 
@@ -16,13 +16,24 @@ from spacerobot.arrays import Array
 def measures(problem: Formulation, rows: Array, *, paths: Sequence[str]) -> Arrays:
     """Objective (N,) and measures (N, n) of rows (N, k) of parameters."""
     batch = problem.rollout.batch(paths, rows, threads=1)
-    return {OBJECTIVE: batch.costs[OBJECTIVE], **batch.measures}
+    return _with_margins(problem, rows, paths, {OBJECTIVE: batch.costs[OBJECTIVE], **batch.measures})
 
 
 def samples(problem: Formulation, rows: Array, *, paths: Sequence[str]) -> Arrays:
     """The same, and the rows (N, n) that the objective is made of."""
     batch = problem.rollout.batch(paths, rows, outputs=sampled_outputs(problem), threads=1)
-    return {OBJECTIVE: batch.costs[OBJECTIVE], "rows": rows_of(problem, batch.outputs), **batch.measures}
+    found = {OBJECTIVE: batch.costs[OBJECTIVE], "rows": rows_of(problem, batch.outputs), **batch.measures}
+    return _with_margins(problem, rows, paths, found)
+
+
+def _with_margins(problem: Formulation, rows: Array, paths: Sequence[str], found: dict[str, Array]) -> Arrays:
+    """Results of rollouts, and the margins' constraints and part of the objective; none on other plants."""
+    terms = problem.terms.margins
+    if terms is None or tuple(paths) != problem.names:
+        return found
+    values = np.array([[one.value for one in terms.values(row)] for row in rows])
+    found[OBJECTIVE] = found[OBJECTIVE] + terms.penalty(values)[0]
+    return found | {MARGINS: terms.constraints(values)[0]}
 
 
 def gradients(problem: Formulation, rows: Array, *, paths: Sequence[str]) -> Arrays:

@@ -82,6 +82,11 @@ class WorstCaseProblem:
         return EvaluationCost(rollouts=1)
 
     @property
+    def prefers_exact(self) -> bool:
+        """No."""
+        return False
+
+    @property
     def fingerprint(self) -> str:
         """Hash of everything that decides what the numbers are."""
         kernel = self.state.rollout.kernel

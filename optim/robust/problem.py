@@ -102,6 +102,11 @@ class RobustProblem:
         """A rollout of each sample, which count as one."""
         return EvaluationCost(rollouts=1)
 
+    @property
+    def prefers_exact(self) -> bool:
+        """No."""
+        return False
+
     @cached_property
     def fingerprint(self) -> str:
         """Hash of everything that decides what the numbers are."""
@@ -253,7 +258,12 @@ def build_robust(
     ScenarioError
         If a section is missing or does not fit, or an uncertain number is a variable as well.
     """
-    tuning_of(scene)
+    if tuning_of(scene).margins:
+        raise ScenarioError(
+            "robust tuning knows no margins; `spacerobot tune` does",
+            source=scene.source,
+            where="tuning.margins",
+        )
     statistic = statistic or Statistic()
     changed = gain_set(changed_scene(scene, variant), {})
     space = resolve_space(changed, campaign_of(changed))

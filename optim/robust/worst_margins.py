@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -162,7 +162,7 @@ def worst_margins(
         except (DivergedError, ScenarioError):
             simulated = float("nan")
         else:
-            (again,) = replace(own, drift=found.drift).sizes(k, None, margin, [worst.loop])
+            (again,) = own.sizes(k, None, margin, [worst.loop])
             simulated = again.value
         cases.append(
             WorstMargin(

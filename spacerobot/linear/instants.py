@@ -45,7 +45,7 @@ def instants(rollout: Rollout, loop: ClosedLoop, at: Iterable[float | str]) -> I
     Parameters
     ----------
     rollout, loop
-        The rollout, and its closed loop.
+        The rollout, and its closed loop; states of the rollout beyond the closed loop's are left out.
     at
         Times [s], and kinds or names of events; of each event the states just before and just after the first
         time that it happens.
@@ -145,4 +145,5 @@ def _switches(loop: ClosedLoop, past: Sequence[FiredEvent]) -> Array:
 def _instant(loop: ClosedLoop, label: str, time_s: float, x: Array, switches: Array) -> Instant:
     c = loop.setup(loop.parameter_values)[1].full().ravel()
     c[list(loop.switches)] = switches
-    return Instant(label, time_s, np.array(x), np.array(loop.at(time_s, x, c), dtype=float).ravel())
+    x = np.array(x[: loop.nx])
+    return Instant(label, time_s, x, np.array(loop.at(time_s, x, c), dtype=float).ravel())

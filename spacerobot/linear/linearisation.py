@@ -389,7 +389,7 @@ class Lineariser:
         ]
         found = LinearSystem(
             instant.label,
-            t,
+            float(np.real(t)),
             A,
             B,
             C,

@@ -57,7 +57,7 @@ class LoopMargins:
     crossover
         Highest frequency at which its gain is one [Hz].
     frequencies
-        Where each margin is found [rad/s], by its name; NaN where it is infinite.
+        Where each margin is found [rad/s], by its name, NaN where it is infinite; and the lowest crossover.
     """
 
     name: str
@@ -250,7 +250,8 @@ def _margins(found: LinearSystem, name: str, omega: Array, response: Array) -> L
         float(delay),
         float(disk),
         float(crossover / (2 * np.pi)),
-        {"gain_up": up, "gain_down": down, "phase": turned, "delay": late, "disk": float(worst)},
+        {"gain_up": up, "gain_down": down, "phase": turned, "delay": late, "disk": float(worst)}
+        | {"crossover": min(crossings, default=np.nan)},
     )
 
 

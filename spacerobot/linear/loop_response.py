@@ -66,7 +66,7 @@ def loop_responses(found: LinearSystem, names: Iterable[str]) -> Iterator[tuple[
     names, poles = list(names), found.poles
     own = {name: found.rates(found.broken(name)[0]) for name in names}
     most = np.pi / found.period_s if found.period_s else np.inf
-    shared = _frequencies(poles, most, np.concatenate([poles, *own.values()]))
+    shared = frequency_grid(poles, most, np.concatenate([poles, *own.values()]))
     kept: dict[int, tuple[list[str], Array]] = {}
     for name in names:
         closed = found.closed(name)
@@ -131,7 +131,7 @@ def response_slopes(closed: Matrices, place: int, s: complex) -> tuple[complex, 
     return complex(-G / (1 + G)), complex(-slope / (1 + G) ** 2)
 
 
-def _frequencies(poles: Array, most: float, reach: Array | None = None) -> Array:
+def frequency_grid(poles: Array, most: float, reach: Array | None = None) -> Array:
     """Frequencies [rad/s] from below the slowest to beyond the fastest pole, dense around resonances.
 
     Parameters

@@ -30,7 +30,8 @@ MARGINS = {"disk": "1", "gain_up": "dB", "gain_down": "dB", "phase": "deg", "del
 """Margins that have derivatives, and their units."""
 
 DRIFT = 3.0
-"""Modes that grow are an instability if they are faster by this factor than those of the nominal system."""
+"""Modes that grow are an instability if they are faster by this factor than those with all loops open, and
+not slower by it than the slowest crossover."""
 
 
 @dataclass(frozen=True)
@@ -67,15 +68,15 @@ class ParametricLinearisation:
         Places among the closed loop's parameters that each variable sets.
     prepared
         (p, t, x, switches) -> (x0, c): initial state, and constants at the instant.
-    drift
-        Growth rate up to which a growing mode is no instability [1/s], at each instant.
+    motion
+        Derivatives (nx + 1, k) of each instant's state and time by the variables; none if states are kept.
     """
 
     lineariser: Lineariser
     instants: tuple[Instant, ...]
     places: tuple[tuple[int, ...], ...]
     prepared: ca.Function
-    drift: tuple[float, ...] = ()
+    motion: tuple[Array, ...] = ()
 
     @classmethod
     def of(
@@ -110,12 +111,7 @@ class ParametricLinearisation:
         x0, c = loop.setup(p)
         c[list(loop.switches)] = switches
         prepared = ca.Function("prepared", [p, t, x, switches], [x0, loop.at(t, x, c)])
-        plain = cls(lineariser, found, places, prepared)
-        slow = [
-            max((abs(mode.pole) for mode in plain.system(k).growing), default=RIGID)
-            for k in range(len(found))
-        ]
-        return replace(plain, drift=tuple(DRIFT * rate for rate in slow))
+        return cls(lineariser, found, places, prepared)
 
     def system(self, k: int, values: Array | None = None, along: int | None = None) -> LinearSystem:
         """Linearised closed loop at an instant.
@@ -137,13 +133,23 @@ class ParametricLinearisation:
             direction = np.zeros(len(p))
             direction[list(self.places[along])] = 1.0
             p = p + 1j * STEP * direction
-        switches = instant.c[list(self.lineariser.loop.switches)]
-        x0, c = evaluate(self.prepared, p, instant.time_s, instant.x, switches)
-        x = x0.ravel() if instant.is_start else instant.x
-        return self.lineariser.at(replace(instant, x=x, c=c.ravel()))
+        t, x, switches = instant.time_s, instant.x, instant.c[list(self.lineariser.loop.switches)]
+        if along is not None and self.motion:
+            moved = 1j * STEP * self.motion[k][:, along]
+            t, x = t + moved[-1], x + moved[:-1]
+        x0, c = evaluate(self.prepared, p, t, x, switches)
+        x = x0.ravel() if instant.is_start else x
+        return self.lineariser.at(replace(instant, time_s=t, x=x, c=c.ravel()))
 
     def sizes(
-        self, k: int, values: Array | None, margin: str, loops: Iterable[str], *, least: bool = False
+        self,
+        k: int,
+        values: Array | None,
+        margin: str,
+        loops: Iterable[str],
+        *,
+        least: bool = False,
+        slopes: bool = True,
     ) -> list[MarginValue]:
         """Margins of loops at an instant, with exact derivatives.
 
@@ -157,17 +163,19 @@ class ParametricLinearisation:
             Break points.
         least
             Whether the loop with the least margin suffices.
+        slopes
+            Whether derivatives are computed; they are empty otherwise.
         """
         system = self.system(k, values)
         found = [one for one in loop_margins(system, loops) if not math.isnan(one.disk)]
         sign = -1.0 if margin == "gain_down" else 1.0
         named = [(sign, margin, one) for one in found]
-        if found and any(abs(mode.pole) > self.drift[k] for mode in system.growing):
+        if found and _is_destabilised(system, found):
             nearest = min(range(len(found)), key=lambda i: found[i].disk)
             named[nearest] = (-1.0, "disk", found[nearest])
         if least:
             named = sorted(named, key=lambda one: one[0] * getattr(one[2], one[1]))[:1]
-        moved = [self.system(k, values, along) for along in range(len(self.places))] if named else []
+        moved = [self.system(k, values, along) for along in range(len(self.places)) if named and slopes]
         return [
             MarginValue(
                 one.name,
@@ -176,6 +184,24 @@ class ParametricLinearisation:
             )
             for sign, kind, one in named
         ]
+
+
+def _is_destabilised(found: LinearSystem, loops: Sequence[LoopMargins]) -> bool:
+    """Whether a mode grows because of the loops.
+
+    Where a loop becomes unstable, L = -1 at the pole: its frequency is a crossover of every loop that has
+    part in it. What grows far more slowly, or with all loops open, is a drift of the motion.
+    """
+    if not found.growing:
+        return False
+    count = len(found.inputs)
+    opening = np.linalg.pinv(np.eye(count) + found.D[:count]) @ found.C[:count]  # w = -y, y = C x + D w
+    opened = replace(found, A=found.A - found.B @ opening)
+    drift = max((abs(mode.pole) for mode in opened.growing), default=RIGID)
+    crossings = [one.frequencies["crossover"] for one in loops if "crossover" in one.frequencies]
+    slow = np.nanmin([*crossings, np.inf])
+    limit = max(DRIFT * drift, slow / DRIFT if math.isfinite(slow) else 0.0)
+    return max(abs(mode.pole) for mode in found.growing) > limit
 
 
 def margin_slope(found: LinearSystem, one: LoopMargins, margin: str) -> float:

@@ -64,7 +64,7 @@ def occurrences(
     Raises
     ------
     ScenarioError
-        If periods have no common multiple with few enough events.
+        If periods have no common multiple with few enough events, or what a delay waits for is not kept.
     """
     places = [i for i, rule in enumerate(loop.events) if rule.clock and not rule.sets]
     counters = [i for i, name in enumerate(loop.state_names) if name.endswith(".count[0]")]
@@ -97,6 +97,11 @@ def occurrences(
             return found, whole
         k = min(k for k, time in times.items() if np.real(time) < soonest + TOGETHER)
         after, by_state, by_input = evaluate(perturbed.update, instant.time_s, x, instant.c, places[k])
+        if np.isnan(after).any():
+            raise ScenarioError(
+                f"{loop.events[places[k]].name}: found a delay that is longer than the scenario's by a "
+                "period or more, allowed: less; give the scenario the longest delay of the range"
+            )
         if np.real(times[k]) > np.real(begin) - TOGETHER:
             found.append(PeriodicUpdate(times[k], by_state, by_input))
         x = advanced(x, after.ravel())

@@ -3,20 +3,37 @@ r"""Disk margin of several loops that change at once, by structured singular val
 With each loop multiplied by its own ``(1 + alpha/2 d_i) / (1 - alpha/2 d_i)``, |d_i| < 1, the closed loop is
 stable for all of them exactly if ``alpha mu(S - I/2) < 1`` at all frequencies (P. Seiler, A. Packard, P.
 Gahinet: An introduction to disk margins, IEEE Control Systems 40(5), 2020), S being the sensitivity of all
-loops together and mu the structured singular value of a diagonal of complex numbers. SLICOT's AB13MD gives an
-upper bound of mu; the spectral radius, and the entries of the diagonal, are lower bounds.
+loops together and mu the structured singular value of a diagonal of complex numbers. With positive diagonals
+``D = exp(x)`` and diagonals U of complex numbers of size one (A. Packard, J. Doyle: The complex structured
+singular value, Automatica 29(1), 1993)
+
+    max over U of rho(M U)  =  mu(M)  <=  min over D of sigma(D M D^-1),
+
+and every U and D gives a bound. The upper one is convex in x; Schatten norms, which are smooth, replace
+the greatest singular value sigma while it is minimised. Frequencies are refined in the order of what is
+known of them, until none can change the answer: the D of one bounds all others, too.
 """
 
 from __future__ import annotations
 
 from fnmatch import fnmatchcase
-from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize
 
+from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError, near_names
 from spacerobot.linear.linearisation import LinearSystem
-from spacerobot.linear.loop_response import AT_ONCE, loop_response
+from spacerobot.linear.loop_response import AT_ONCE, frequency_grid
+
+SCHATTEN = (2, 8, 32)
+"""Half the exponents of the norms that are minimised, one after the other."""
+
+CLOSE = 1e-3
+"""Relative improvement of the upper bound below which frequencies are not refined."""
+
+ASCENTS = 3
+"""Frequencies at which the lower bound is maximised."""
 
 
 def simultaneous_disk_margin(found: LinearSystem, loops: str = "torque/*") -> tuple[float, float]:
@@ -37,9 +54,8 @@ def simultaneous_disk_margin(found: LinearSystem, loops: str = "torque/*") -> tu
     Raises
     ------
     SpaceRobotError
-        If there is no such loop, slycot is not installed, or loops are not invariant in time together.
+        If there is no such loop, or loops are not invariant in time together.
     """
-    slycot = _slycot()
     names = [name for name in found.inputs if fnmatchcase(name, loops)]
     if not names:
         raise SpaceRobotError(f"no break point '{loops}', {near_names(loops, found.inputs)}")
@@ -49,29 +65,88 @@ def simultaneous_disk_margin(found: LinearSystem, loops: str = "torque/*") -> tu
     A, B, C, D = closed[0]
     places, size = [found.inputs.index(name) for name in names], len(names)
     B, C, D = B[:, places], C[places], D[np.ix_(places, places)]
-    omega = np.unique(np.concatenate([loop_response(found, name)[0] for name in names]))
-    lower, distances = 0.0, []
-    for part in np.array_split(found.points(omega), -(-len(omega) // AT_ONCE)):
+    # S has no poles but those of the closed loop
+    most = np.pi / found.period_s if found.period_s else np.inf
+    s, distances = found.points(frequency_grid(found.poles, most)), []
+    for part in np.array_split(s, -(-len(s) // AT_ONCE)):
         states = np.linalg.solve(part[:, None, None] * np.eye(len(A)) - A, B)
         distances.append(C @ states + D + 0.5 * np.eye(size))  # S - I/2, S = I + G
     whole = np.concatenate(distances)
-    lower = float(np.abs(np.linalg.eigvals(whole)).max())
-    lower = max(lower, float(np.abs(np.diagonal(whole, axis1=1, axis2=2)).max()))
-    greatest = np.linalg.svd(whole, compute_uv=False)[:, 0]
-    upper = 0.0
-    for k in np.argsort(-greatest):  # the greatest singular value bounds mu, too
-        if greatest[k] <= max(upper, lower):
-            break
-        upper = max(upper, float(slycot.ab13md(whole[k], np.ones(size, int), np.full(size, 2))[0]))
-    return 1 / max(upper, lower), 1 / lower
+    if not found.period_s:
+        whole = np.concatenate([whole, D[None] + 0.5 * np.eye(size)])  # at infinite frequency
+    upper, lower = greatest_structured_value(whole)
+    return 1 / upper, 1 / lower
 
 
-def _slycot() -> Any:
-    try:
-        import slycot
-    except ImportError:
-        raise SpaceRobotError(
-            "structured singular values need the package slycot; install it by pip install slycot "
-            "(builds with gfortran and OpenBLAS)"
-        ) from None
-    return slycot
+def greatest_structured_value(matrices: Array) -> tuple[float, float]:
+    """Bounds of the greatest structured singular value of matrices (N, n, n), for diagonals of n numbers.
+
+    Returns
+    -------
+    tuple of float
+        The upper, and the lower one.
+    """
+    simple = np.abs(np.linalg.eigvals(matrices)).max(axis=1)
+    simple = np.maximum(simple, np.abs(np.diagonal(matrices, axis1=1, axis2=2)).max(axis=1))
+    lower, x = float(simple.max()), np.zeros(matrices.shape[1])
+    bounds, upper = np.linalg.svd(matrices, compute_uv=False)[:, 0], 0.0
+    while (bounds > max(upper, lower) * (1 + CLOSE)).any():
+        k = int(bounds.argmax())
+        own, x = upper_bound(matrices[k], x, max(upper, lower))
+        bounds[k] = min(bounds[k], own)
+        upper = max(upper, bounds[k])
+        (left,) = np.nonzero(bounds > upper)
+        scaled = matrices[left] * np.exp(x[:, None] - x)
+        bounds[left] = np.minimum(bounds[left], np.linalg.svd(scaled, compute_uv=False)[:, 0])
+        if bounds[k] >= upper:
+            lower = max(lower, lower_bound(matrices[k]))
+    for k in np.argsort(-simple)[:ASCENTS]:
+        lower = max(lower, lower_bound(matrices[k]))
+    return max(float(bounds.max()), lower), lower
+
+
+def upper_bound(M: Array, x: Array, enough: float = 0.0) -> tuple[float, Array]:
+    """Least ``sigma(D M D^-1)``, ``D = exp(x)``, that is found from a first x (n,), and its x.
+
+    Parameters
+    ----------
+    M
+        Matrix (n, n).
+    x
+        First logarithms of the diagonal.
+    enough
+        Value below which the search ends.
+    """
+    least, at = np.inf, x
+
+    def norm(x: Array, p: float) -> tuple[float, Array]:
+        """Logarithm of the Schatten norm with exponent 2 p, and its gradient."""
+        nonlocal least, at
+        U, s, V = np.linalg.svd(M * np.exp(x[:, None] - x))
+        if s[0] < least:
+            least, at = float(s[0]), x.copy()
+        weights = (s / s[0]) ** (2 * p)
+        slope = (np.abs(U) ** 2 - np.abs(V.T) ** 2) @ weights / weights.sum()
+        return float(np.log(s[0]) + np.log(weights.sum()) / (2 * p)), slope
+
+    def stop(_: Array) -> None:
+        if least <= enough:
+            raise StopIteration
+
+    for p in SCHATTEN:
+        if least > enough:
+            minimize(norm, at, args=(p,), jac=True, method="L-BFGS-B", callback=stop)
+    return least, at
+
+
+def lower_bound(M: Array) -> float:
+    """Greatest spectral radius ``rho(M U)``, U a diagonal of numbers of size one, that an ascent finds."""
+
+    def radius(angles: Array) -> tuple[float, Array]:
+        """Negative logarithm of it, and its gradient: d ln(lambda) / d angle_i = i conj(y_i) x_i / (y' x)."""
+        values, right = np.linalg.eig(M * np.exp(1j * angles))
+        k = int(np.abs(values).argmax())
+        left = np.linalg.solve(right.conj().T, np.eye(len(M))[:, k])
+        return -float(np.log(np.abs(values[k]))), (left.conj() * right[:, k]).imag
+
+    return float(np.exp(-minimize(radius, np.zeros(len(M)), jac=True, method="L-BFGS-B").fun))

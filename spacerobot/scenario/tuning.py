@@ -69,6 +69,32 @@ class Constraints(QuantityLimits):
         return {f"max_{key}": each for key, each in limited().items()}
 
 
+class MarginRequirement(Section):
+    """Least stability margin of loops at an instant, or the weight of one loop's margin in the objective."""
+
+    loops: str = Field(default="torque/*", description="break points, `*` for any letters")
+    kind: Literal["disk", "gain_up", "gain_down", "phase", "delay"] = Field(
+        default="disk",
+        description="disk margin [1], growth and fall of the gain [dB], phase [deg], additional delay [s]",
+    )
+    at: float | str = quantity(
+        "s", "time, or an event: the instants just before and just after it", default=0.0
+    )
+    least: float | None = quantity("unit of the kind", "least margin", default=None, gt=0)
+    weight: float | None = quantity(
+        "objective/unit of the kind",
+        "the objective falls by this weight times the margin of one loop",
+        default=None,
+        gt=0,
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> MarginRequirement:
+        if self.least is None and self.weight is None:
+            raise ValueError("found neither `least` nor `weight`, required: at least one of them")
+        return self
+
+
 class Robustness(Section):
     """Plants never tuned for: their numbers are drawn evenly from within a spread of the nominal ones."""
 
@@ -96,6 +122,7 @@ class Tuning(Section):
     )
     objective: Objective = Field(default=Objective(), description="what is to become small")
     constraints: Constraints = Field(default=Constraints(), description="what must not be exceeded")
+    margins: tuple[MarginRequirement, ...] = Field(default=(), description="stability margins of loops")
     robustness: Robustness = Field(default=Robustness(), description="plants on which the outcome is tried")
     methods: tuple[Annotated[str, OneOf(TUNING_METHODS.names)], ...] = Field(
         default=(), description="methods to compare; all if none is given"

@@ -1,9 +1,12 @@
 """Derivatives of margins: central differences of margins that are computed anew, closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from spacerobot.linear.complex_step import derivative
 from spacerobot.linear.loop_margins import loop_margins
 from spacerobot.linear.margin_gradients import MARGINS, ParametricLinearisation, margin_slope
 from tests.linear.scenes import KP, arm_scene
@@ -62,6 +65,23 @@ def test_slopes_on_a_constraint_manifold():
     found = parametric(small_scene(PLANAR, {**pins, "simulation.duration": 0.2}), *paths)
     values = found.lineariser.loop.parameter_values[[place for (place,) in found.places]]
     assert check_slopes(found, values, "torque/one/joint_1", step=1e-4) >= 6
+
+
+def test_slopes_by_the_time_of_an_instant():
+    """Of a tip that is pulled along a line: by time alone, the state kept."""
+    line = {"kind": "line", "displacement": [0.2, 0.1, 0], "duration": 1.0}
+    tips = {"tips": {"tip": {"pid": {"kp": 60, "ki": 20, "kd": 20}, "reference": line}}}
+    found = parametric(arm_scene(2, "planar", robot=tips), f"{HOLD}.kp", at=(0.4,))
+    (instant,) = found.instants
+    moved = replace(found, motion=(np.eye(len(instant.x) + 1)[:, -1:],))
+    exact = derivative(moved.system(0, None, 0).A) - derivative(found.system(0, None, 0).A)
+
+    def A(time_s):
+        return replace(found, instants=(replace(instant, time_s=time_s),)).system(0).A
+
+    slope = (A(0.4 + 1e-5) - A(0.4 - 1e-5)) / 2e-5
+    assert np.abs(slope).max() > 1
+    np.testing.assert_allclose(exact, slope, atol=1e-6 * np.abs(slope).max())
 
 
 def test_gain_slope_in_closed_form():

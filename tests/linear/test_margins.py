@@ -9,7 +9,7 @@ from spacerobot.closedloop import build_closed_loop
 from spacerobot.linear import linearise, margins
 from spacerobot.linear.linearisation import RIGID, LinearSystem
 from spacerobot.linear.loop_margins import loop_margins
-from spacerobot.linear.loop_response import _frequencies, loop_response, responses
+from spacerobot.linear.loop_response import frequency_grid, loop_response, responses
 from spacerobot.rollout import build_rollout
 from tests.linear.scenes import KD, KP, arm_scene
 
@@ -148,7 +148,7 @@ def test_along_the_whole_time():
 def test_poles_at_zero_that_rounding_splits_are_no_resonances():
     """As of a floating base: four zeros of one Jordan block split by the fourth root of rounding."""
     poles = np.array([1.7e-3j, -1.7e-3j, -5e-3, -0.75 + 0.83j, -0.75 - 0.83j])
-    assert _frequencies(poles, np.inf).min() >= RIGID
+    assert frequency_grid(poles, np.inf).min() >= RIGID
 
 
 def random_system(seed, size=7, loops=2):
@@ -187,7 +187,7 @@ def test_frequencies_keep_away_from_a_body_that_spins_freely():
     b, c = np.array([[0.0, 1, 0, 0]]).T, np.array([[-kp, -kd, 0, 0]])
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(4, 4)))[0]  # rounding in every entry
     closed = (turn @ A @ turn.T, turn @ b, c @ turn.T, np.zeros((1, 1)))
-    omega = _frequencies(np.linalg.eigvals(closed[0]), np.inf)
+    omega = frequency_grid(np.linalg.eigvals(closed[0]), np.inf)
     s = 1j * omega
     assert np.abs(omega - spin).min() < 1e-5 * spin
     np.testing.assert_allclose(responses(closed, [0], s)[0], (kd * s + kp) / s**2, rtol=1e-2)

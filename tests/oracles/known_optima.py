@@ -20,6 +20,7 @@ class Known:
     calls: int = 0
     interrupt_at: int = -1
     fingerprint: str = "known"
+    prefers_exact: bool = False
     extra: dict = field(default_factory=dict)
 
     @property

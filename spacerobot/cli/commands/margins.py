@@ -48,7 +48,7 @@ Loops = Annotated[
 ]
 Together = Annotated[
     bool,
-    typer.Option("--together", help="Disk margin of the --loops when all change at once; needs slycot."),
+    typer.Option("--together", help="Disk margin of the --loops when all change at once."),
 ]
 HELP = """Linearise the closed loop; print its poles, and gain, phase, delay and disk margins of every loop.
 

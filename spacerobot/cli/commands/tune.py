@@ -98,6 +98,8 @@ def command(
     name, factor, unit = reading(tuning.objective)
     console().print(f"{method}: {name} {factor * found.objective:.6g} {unit}", markup=False)
     console().print(pairs("gains", rows))
+    if found.margins:
+        console().print(pairs("margins", list(found.margins.items())))
     show_runs(found.outcome.runs, factor)
     if TUNING_METHODS.find(method).shows_trials:
         _show_trials(found)

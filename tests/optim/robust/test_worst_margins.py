@@ -56,6 +56,19 @@ def test_an_instability_within_the_range_is_negative():
     assert found.cases[0].value < 0 < found.cases[0].nominal
 
 
+def test_a_delay_that_outgrows_the_queue_is_refused():
+    """By a period or more longer than the scenario's, it is not kept; a little less is as in a scenario."""
+    scene = arm_scene(1, "planar", **SAMPLED)
+    with pytest.raises(SpaceRobotError, match="delay that is longer than the scenario's by a period or more"):
+        worst_margins(ranged(scene, {"delay": (f"{HOLD}.sampled.delay", 0.02, 0.2)}), backend="interpreted")
+    delay = 0.099  # two periods are kept
+    found = worst_margins(
+        ranged(scene, {"delay": (f"{HOLD}.sampled.delay", 0.02, delay)}), loops=NAME, backend="interpreted"
+    )
+    longest = build_scene(scene.scenario, {f"{HOLD}.sampled.delay": delay}, source=scene.source)
+    assert found.cases[0].value == pytest.approx(own(longest, "disk"), rel=1e-9)
+
+
 def test_names_that_are_wrong():
     scene = ranged(arm_scene(1), {"kd": (f"{HOLD}.kd", 1.0, 60.0)})
     with pytest.raises(SpaceRobotError, match="no margin 'disc'"):
