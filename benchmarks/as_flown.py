@@ -87,7 +87,8 @@ def compare_engines(name: str) -> str:
 def main() -> None:
     """Write both figures, or compare the engines."""
     if sys.argv[1:] == ["engines"]:
-        print("\n".join(compare_engines(name) for name in ("capture-as-flown", "docking-as-flown")))
+        for name in ("capture-as-flown", "docking-as-flown"):
+            print(compare_engines(name), flush=True)
         return
     docking, capture = (Path(word) for word in sys.argv[1:3])
     drawings = {

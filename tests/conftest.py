@@ -113,6 +113,9 @@ LARGE = (
     "tests/docs/",
     "tests/pinocchio_engine/",
     "tests/result/",
+    "tests/rollout/test_edges.py",
+    "tests/rollout/test_event_gradients.py",
+    "tests/rollout/test_events.py",
     "tests/viz/",
 )
 """Where few rollouts take less time than to optimise their code."""
@@ -125,9 +128,11 @@ def _in_a_hurry(request):
     with pytest.MonkeyPatch.context() as patch:
         if request.node.nodeid.startswith(INTERPRETED):
             patch.setenv("SPACEROBOT_COMPILER", "none")
-        if request.node.nodeid.startswith(AS_FOR_USERS):
+        if request.node.nodeid.startswith(LARGE):
+            pass  # as the whole session
+        elif request.node.nodeid.startswith(AS_FOR_USERS):
             patch.delenv("SPACEROBOT_COMPILER_FLAGS")
-        elif not request.node.nodeid.startswith(LARGE):
+        else:
             patch.setenv("SPACEROBOT_COMPILER_FLAGS", "-O1")
         yield
 

@@ -1,13 +1,12 @@
 """Nothing but its own file and the registry knows a kind: others ask an element for what it can do."""
 
 import ast
-from pathlib import Path
 
 import pytest
 
 from spacerobot.elements.registry import FAMILIES, PLANS, kinds
+from tests.oracles.syntax_trees import parsed_modules
 
-ROOT = Path(__file__).parents[2]
 KINDS = {
     kind.__name__: kind
     for family in FAMILIES | PLANS
@@ -59,10 +58,8 @@ def _is_kind(node):
 @pytest.mark.parametrize("package", ["spacerobot", "optim", "viz"])
 def test_no_module_knows_a_kind_of_element_but_its_own(package):
     found = []
-    for path in sorted((ROOT / package).rglob("*.py")):
-        place = path.relative_to(ROOT).as_posix()
+    for place, tree in parsed_modules(package):
         module = place.removesuffix(".py").replace("/", ".")
-        tree = ast.parse(path.read_text(encoding="utf-8"))
         found += [f"{place}:{line}: {text}" for line, text in uses_of_kinds(tree, module)]
     assert found == []
 

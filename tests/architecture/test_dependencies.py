@@ -3,11 +3,12 @@
 import ast
 import re
 import runpy
-from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
+
+from tests.oracles.syntax_trees import parsed
 
 ROOT = Path(__file__).parents[2]
 
@@ -183,11 +184,6 @@ BUILT_ON = {
     "viz.report": {"viz.page", "viz.figures", "optim.comparison"},
 }
 """What each room of tuning and of pictures may import beside the library."""
-
-
-@cache
-def parsed(path):
-    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def nodes(path):

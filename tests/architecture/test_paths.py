@@ -95,7 +95,7 @@ def result():
 
 
 @pytest.mark.parametrize("kind", [str, Like])
-def test_results_are_kept_and_shown_by_any_kind_of_path(result, kind, tmp_path):
+def test_results_are_kept_and_shown_by_any_kind_of_path(result, kind, tmp_path, undrawn):
     home = tmp_path / "r"
     check_folder(kind(home))
     saved = result.save(kind(home))

@@ -7,7 +7,10 @@ from pathlib import Path
 import pytest
 import typer
 
+from tests.oracles.syntax_trees import parsed_modules
+
 ROOT = Path(__file__).parents[2]
+PACKAGES = ("spacerobot", "optim", "viz", "benchmarks")
 
 PRIVATE = {
     r"the house|rooms?|front doors?": "architecture, packages, public interface",
@@ -90,13 +93,6 @@ def test_pages_are_short():
     assert lengths["README.md"] <= 1300
 
 
-def parsed_modules():
-    """Syntax trees of all modules, by their paths."""
-    for package in ("spacerobot", "optim", "viz", "benchmarks"):
-        for path in sorted((ROOT / package).rglob("*.py")):
-            yield path.relative_to(ROOT).as_posix(), ast.parse(path.read_text(encoding="utf-8"))
-
-
 def texts_for_users(tree):
     """String literals with spaces, docstrings left out: messages, labels, descriptions, assumptions."""
     documentation = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
@@ -109,7 +105,7 @@ def texts_for_users(tree):
 def test_texts_for_users_use_the_terms_of_the_field():
     found = [
         f"{path}:{node.lineno}: {words}"
-        for path, tree in parsed_modules()
+        for path, tree in parsed_modules(*PACKAGES)
         for node in texts_for_users(tree)
         if (words := private_words(node.value) + IN_STRINGS.findall(CODE.sub("", node.value)))
     ]
@@ -118,7 +114,7 @@ def test_texts_for_users_use_the_terms_of_the_field():
 
 def test_docstrings_name_their_subject():
     found = []
-    for path, tree in parsed_modules():
+    for path, tree in parsed_modules(*PACKAGES):
         for node in ast.walk(tree):
             if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module):
                 text = ast.get_docstring(node) or ""

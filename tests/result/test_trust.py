@@ -66,7 +66,7 @@ def test_momentum_that_is_not_constant_is_not_judged_and_a_diverged_rollout_is_n
     assert judge(False, ledger(drift=9.0), "") == {"trusted": False, "open": [], "advice": None}
 
 
-def test_an_open_ledger_is_told_in_status_summary_page_and_report(rough):
+def test_an_open_ledger_is_told_in_status_summary_page_and_report(rough, undrawn):
     status = json.loads((rough.folder / "summary.json").read_text())["status"]
     assert status["state"] == "completed"
     assert not status["trusted"]

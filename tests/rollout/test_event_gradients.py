@@ -17,13 +17,6 @@ from tests.rollout.hybrid_loops import Hybrid, Rule, bouncing_ball, dwell, latch
 GRID = {"step_s": 0.05, "output_step_s": 0.1}
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _compile_in_a_hurry():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("SPACEROBOT_COMPILER_FLAGS", "-O0")
-        yield
-
-
 def moved_force():
     """A force that begins at a moving time pushes a mass against a stop, which holds it for a while."""
     return Hybrid(

@@ -46,7 +46,7 @@ def test_a_campaign_from_the_command_line(invoke, small_file, tmp_path):
     assert "holds another campaign" in str(invoke(small_file, "--out", out, "--samples", 31).exception)
 
 
-def test_a_sample_that_no_base_can_close_fails_by_the_grasps_name(invoke, tmp_path):
+def test_a_sample_that_no_base_can_close_fails_by_the_grasps_name(invoke, tmp_path, undrawn):
     """Its own command is refused for the same grasp; the others are simulated."""
     from spacerobot.cli.app import app
     from spacerobot.scene import load_scene
@@ -184,7 +184,8 @@ def test_robust_tuning_from_the_command_line(invoke, small_file, tmp_path):
     assert done.exit_code == 0, done.output
 
 
-def test_a_grid_over_two_parameters_is_a_map(invoke, small_file, tmp_path):
+def test_a_grid_over_two_parameters_is_a_map(invoke, small_file, tmp_path, monkeypatch):
+    monkeypatch.setattr("viz.report.sections.to_bytes", lambda *_: b"<svg/>")  # figures of single results
     mass = {"paths": "target.links.body.mass", "lower": 10, "upper": 50, "levels": 3}
     spin = {"paths": "target.base.spin_deg.2", "lower": -40, "upper": 40, "levels": 5}
     section = {"parameters": {"mass": mass, "spin": spin}, "design": "grid", "step": 0.01}
