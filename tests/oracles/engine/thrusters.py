@@ -73,7 +73,7 @@ class Jets:
         levers = [np.array(nozzle.position) for nozzle in nozzles]
         pushes = [self._given(n, "thrust") * _unit(n) for n in nozzles]
         rows = [0, 1, 5] if len(own) == 3 else list(range(6))
-        full = np.array([np.r_[push, np.cross(r, push)] for r, push in zip(levers, pushes, strict=True)]).T
+        full = np.hstack([pushes, np.cross(levers, pushes)]).T
         flows = np.array(
             [self._given(n, "thrust") / (GRAVITY * self._given(n, "specific_impulse")) for n in nozzles]
         )
