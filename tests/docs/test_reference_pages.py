@@ -63,6 +63,7 @@ INTERNAL = {
     "spacerobot.lazy_names",
     "spacerobot.loop_cache",
     "spacerobot.notebook",
+    "spacerobot.numeric_function",
     "spacerobot.progress",
     "spacerobot.cli",
     "optim.json_values",
