@@ -58,12 +58,8 @@ def rows() -> list[Row]:
             browser.evaluate(text.replace("COUNT", str(PICTURES)))
             spent.append((_browser_ms() - begin) / PICTURES)
         played = _played(browser, file)
-    return [played, *_levels(spent)]
-
-
-def _levels(spent: list[float]) -> list[Row]:
-    """Rows of the processor times of a picture at each level, ms."""
-    return [
+    # Rows of the processor times of a picture at each level, ms.
+    levels = [
         Row(
             f"a picture of the servicer's page in software, level {level} of quality",
             f"{CORES} cores, 20 pictures a second",
@@ -77,6 +73,7 @@ def _levels(spent: list[float]) -> list[Row]:
         )
         for level, ms in enumerate(spent)
     ]
+    return [played, *levels]
 
 
 def _open(browser: Browser, file: Path, state: str) -> None:

@@ -98,7 +98,17 @@ def passive_safety(
         captures = [event["time_s"] for event in result.summary["events"] if event["kind"] == "captured"]
         until_s = min(captures, default=float(time[-1]))
     chosen = np.flatnonzero(time <= until_s)
-    rate = _mean_motion(scene)
+    # mean motion of a circular orbit [rad/s]; 0 without one
+    rate = 0.0
+    for name, environment in scene.scenario.environment.items():
+        own = environment.mean_motion()
+        if own is None:
+            raise ScenarioError(
+                "bodies drift in it by no closed form; allowed for passive safety: circular orbits",
+                source=scene.source,
+                where=f"environment.{name}",
+            )
+        rate = own
     if scene.target is None:
         raise ScenarioError(
             "there is none, and nothing to stay clear of", source=scene.source, where="target"
@@ -112,21 +122,6 @@ def passive_safety(
     ]
     distances, drifted, pairs = zip(*found, strict=True)
     return PassiveSafety(time[chosen], np.array(distances), np.array(drifted), tuple(pairs), duration_s)
-
-
-def _mean_motion(scene: Scene) -> float:
-    """Of a circular orbit [rad/s]; 0 without one."""
-    rate = 0.0
-    for name, environment in scene.scenario.environment.items():
-        own = environment.mean_motion()
-        if own is None:
-            raise ScenarioError(
-                "bodies drift in it by no closed form; allowed for passive safety: circular orbits",
-                source=scene.source,
-                where=f"environment.{name}",
-            )
-        rate = own
-    return rate
 
 
 @dataclass(frozen=True)

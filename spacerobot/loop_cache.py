@@ -48,7 +48,18 @@ def cached_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
     """
     if not only_shipped():
         return build_closed_loop(scene, vary)
-    folder, key = cache.cache_folder(), _key(scene, vary)
+    # Hash of everything that a closed loop is built from.
+    given = {
+        "scenario": to_document(scene.scenario),
+        "urdf": [body.description.sha256 for body in scene.bodies],
+        "model": scene.model.saveToString(),
+        "start": [scene.q.tolist(), scene.v.tolist()],
+        "vary": sorted(vary),
+        "code": _code(),
+        "versions": [ca.CasadiMeta.version(), pin.__version__, np.__version__],
+    }
+    key = hashlib.sha256(json.dumps(given).encode()).hexdigest()[:32]
+    folder = cache.cache_folder()
     path = cache.find(folder, key, SUFFIX)
     if path is not None:
         with contextlib.suppress(OSError):  # removed by another process just now
@@ -65,20 +76,6 @@ def cached_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
         finally:
             Path(place).unlink(missing_ok=True)
     return loop
-
-
-def _key(scene: Scene, vary: Collection[str]) -> str:
-    """Hash of everything that a closed loop is built from."""
-    given = {
-        "scenario": to_document(scene.scenario),
-        "urdf": [body.description.sha256 for body in scene.bodies],
-        "model": scene.model.saveToString(),
-        "start": [scene.q.tolist(), scene.v.tolist()],
-        "vary": sorted(vary),
-        "code": _code(),
-        "versions": [ca.CasadiMeta.version(), pin.__version__, np.__version__],
-    }
-    return hashlib.sha256(json.dumps(given).encode()).hexdigest()[:32]
 
 
 @functools.cache

@@ -366,17 +366,13 @@ def _ready(
         touching = _touching(scene, loop, fault.finest)
         # which joint moves fastest in a rollout, in words
         fastest = fast_words(fastest_joint(build_dataset(scene, fault.finest, loop)))
-        causes = (fault.message, _cause(loop), fastest, *touching, REMEDY)
+        # how stiff the loop is where it begins, and by which gains, in words
+        cause, found = "", find_fastest_rate(loop)
+        if found is not None:
+            by = f", set by {' and '.join(found.gains)}" if found.gains else ""
+            cause = f"the loop's fastest rate at the start is {found.per_s:.3g} 1/s{by}"
+        causes = (fault.message, cause, fastest, *touching, REMEDY)
         raise DivergedError("; ".join(filter(None, causes))) from None
-
-
-def _cause(loop: ClosedLoop) -> str:
-    """How stiff the loop is where it begins, and by which gains, in words."""
-    found = find_fastest_rate(loop)
-    if found is None:
-        return ""
-    by = f", set by {' and '.join(found.gains)}" if found.gains else ""
-    return f"the loop's fastest rate at the start is {found.per_s:.3g} 1/s{by}"
 
 
 def _touching(scene: Scene, loop: ClosedLoop, finest: Trajectory) -> Iterator[str]:

@@ -91,7 +91,9 @@ def write_recording(
     kind = path.suffix.lower()
     if kind not in USUAL:
         raise ResultError(f"no recording {path.suffix!r}; {near_names(kind, USUAL)}", source=path)
-    program = _ffmpeg(path) if kind == ".mp4" else ""
+    program = shutil.which("ffmpeg") if kind == ".mp4" else ""
+    if program is None:
+        raise ResultError("MP4 needs ffmpeg, which is not installed; record a .gif", source=path)
     per_s, size = frames_per_s or USUAL[kind][0], size_px or USUAL[kind][1]
     duration = float(result.data.time.values[-1])
     pace = speed or max(1.0, duration / _LONGEST_S)
@@ -274,13 +276,6 @@ def steady(pictures: Iterable[Image.Image]) -> Iterator[Image.Image]:
             most = ImageChops.lighter(ImageChops.lighter(red, green), blue)
             shown = Image.composite(picture, shown, most.point([255 * (v > _UNSEEN) for v in range(256)]))
         yield shown
-
-
-def _ffmpeg(path: Path) -> str:
-    program = shutil.which("ffmpeg")
-    if program is None:
-        raise ResultError("MP4 needs ffmpeg, which is not installed; record a .gif", source=path)
-    return program
 
 
 def _mp4(program: str, pictures: Iterable[bytes], form: list[str], frames_per_s: float, path: Path) -> bytes:

@@ -111,6 +111,17 @@ def _method(benchmark: ProblemComparison, name: str) -> dict[str, Any]:
     values = np.array([run.objective for run in outcome.runs])
     best, assessed = outcome.best, benchmark.assessments.get(name)
     ranked = name in benchmark.ranked
+    cost, wall_s = spent(outcome), sum(run.seconds for run in outcome.runs)
+    ready = benchmark.readiness
+    readied_s = ready.rollout_s + (
+        ready.gradient_s if TUNING_METHODS.find(outcome.method).uses_gradients else 0.0
+    )
+    effort = {
+        "equivalent_rollouts": benchmark.cost_unit.rollouts(cost),
+        **asdict(cost),
+        "wall_s": wall_s,
+        "wall_with_compilation_s": wall_s + readied_s,
+    }
     return {
         "ranked": ranked,
         "running_times": _running_times(benchmark, name) if ranked else [],
@@ -119,7 +130,7 @@ def _method(benchmark: ProblemComparison, name: str) -> dict[str, Any]:
             where: statistics(column)
             for where, column in zip(directions(benchmark), benchmark.errors[name].T, strict=True)
         },
-        "spent": _spent(benchmark, outcome),
+        "spent": effort,
         "best": {
             "objective": best.objective,
             "feasible": best.feasible,
@@ -138,20 +149,6 @@ def _method(benchmark: ProblemComparison, name: str) -> dict[str, Any]:
 def _running_times(benchmark: ProblemComparison, name: str) -> list[dict[str, Any]]:
     trials = benchmark.trials(name)
     return [asdict(running_time(trials, target)) for target in _targets(benchmark)] if trials else []
-
-
-def _spent(benchmark: ProblemComparison, outcome: MethodOutcome) -> dict[str, Any]:
-    cost, wall_s = spent(outcome), sum(run.seconds for run in outcome.runs)
-    ready = benchmark.readiness
-    readied_s = ready.rollout_s + (
-        ready.gradient_s if TUNING_METHODS.find(outcome.method).uses_gradients else 0.0
-    )
-    return {
-        "equivalent_rollouts": benchmark.cost_unit.rollouts(cost),
-        **asdict(cost),
-        "wall_s": wall_s,
-        "wall_with_compilation_s": wall_s + readied_s,
-    }
 
 
 def _assessment(found: Assessment) -> dict[str, Any]:

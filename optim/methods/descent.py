@@ -178,7 +178,14 @@ class _State:
             self._radius = min(LARGEST, 2 * self._radius)
         self._learn(model, d, trial, slopes)
         if ratio > ACCEPTED:
-            self._move(trial, slopes)
+            self.at, self._failed = trial, 0
+            if slopes is not None:
+                self._renewed(slopes)
+            elif self._manner.form == "smooth" or self.model is None:
+                self.model = None
+            else:
+                self.model = replace(self.model, at=trial, scale=self._scale)
+                self._fresh = False
         else:
             self._failed += 1
             if not self._fresh and self._failed >= STALE:
@@ -245,16 +252,6 @@ class _State:
             share = 0.8 * there / (there - d @ y)
             y = share * y + (1 - share) * bent
         self._curvature = self._curvature - np.outer(bent, bent) / there + np.outer(y, y) / (d @ y)
-
-    def _move(self, trial: EvaluatedPoint, slopes: Array | None) -> None:
-        self.at, self._failed = trial, 0
-        if slopes is not None:
-            self._renewed(slopes)
-        elif self._manner.form == "smooth" or self.model is None:
-            self.model = None
-        else:
-            self.model = replace(self.model, at=trial, scale=self._scale)
-            self._fresh = False
 
 
 def _exact(at: Linearisation, form: Form) -> Array:

@@ -163,14 +163,6 @@ def _beginning(builder: LoopBuilder, acting: Contribution, x: ca.SX) -> tuple[In
     return start, ca.vertcat(start.q, start.v, z)
 
 
-def _gaps(start: InitialState, scene: Scene) -> tuple[ca.SX, dict[str, float]]:
-    """Initial gaps [m] of the grasps that no base closes (n x 1), and the greatest ones allowed, by path."""
-    grasps = open_grasps(scene)
-    gaps = [start.placement(grasp.tip.frame)[1] - start.placement(grasp.frame)[1] for grasp in grasps]
-    found = ca.vertcat(ca.SX(0, 1), *(ca.norm_2(ca.densify(gap)) for gap in gaps))
-    return found, {grasp.path: grasp.config.max_gap for grasp in grasps}
-
-
 def _assemble(builder: LoopBuilder, found: EvaluatedLoop) -> ClosedLoop:
     """Named functions of the finished expressions."""
     context, plant, acting = builder.context, builder.plant, found.acting
@@ -181,7 +173,10 @@ def _assemble(builder: LoopBuilder, found: EvaluatedLoop) -> ClosedLoop:
     derivatives = [state.derivative for state in acting.states]
     rates = ca.vertcat(configuration_derivative(model, q, v), found.acceleration, *derivatives)
     start, beginning = _beginning(builder, acting, x)
-    gaps, max_gaps = _gaps(start, builder.scene)
+    # gaps [m] of the grasps that no base closes
+    grasps = open_grasps(builder.scene)
+    apart = [start.placement(grasp.tip.frame)[1] - start.placement(grasp.frame)[1] for grasp in grasps]
+    gaps = ca.vertcat(ca.SX(0, 1), *(ca.norm_2(ca.densify(gap)) for gap in apart))
     arguments = {"t": context.time, "x": x, "c": c}
     unit = ca.densify(ca.vertcat(normalise(model, q), v, z))
     setup = {"x0": ca.densify(beginning), "c": ca.densify(constants.expressions)}
@@ -198,7 +193,7 @@ def _assemble(builder: LoopBuilder, found: EvaluatedLoop) -> ClosedLoop:
         outputs=_function("outputs", arguments, found.outputs),
         variables=found.variables,
         gaps=_function("gaps", {"p": parameters.symbols}, {"gap": ca.densify(gaps)}),
-        max_gaps=max_gaps,
+        max_gaps={grasp.path: grasp.config.max_gap for grasp in grasps},
         noise=tuple(constants.noise),
         works={work.name: 1 if work.sign == "in" else -1 for work in found.works},
         outside=unbooked(builder.scene),

@@ -42,19 +42,29 @@ def core_outputs(builder: LoopBuilder, torque: ca.SX, stored: Sequence[StoredMom
     """
     for name, (dimension, unit, text) in VECTORS.items():
         yield Output(name, ca.SX(3, 1), unit, text, dimension)
-    found: dict[tuple[str, str], ca.SX] = {}
+    values: dict[tuple[str, str], ca.SX] = {}
     plant = builder.plant
     for tip in builder.scene.tips:
         rotation, origin = plant.placement(tip.frame)
         motion = builder.motions[tip.label]
-        found |= {
+        values |= {
             ("tip_position", tip.label): origin,
             ("tip_velocity", tip.label): plant.velocity(tip.frame)[0],
             ("tip_reference", tip.label): motion.position,
             ("tip_error", tip.label): motion.position - origin,
             ("tip_orientation_error", tip.label): plant.orientation_error(motion.rotation, rotation),
         }
-    values = {**found, **_bodies(builder)}
+    for body in builder.scene.bodies:
+        rotation, origin = plant.placement(body.root_frame)
+        first = builder.start.placement(body.root_frame)[0]
+        rotation0 = builder.context.at(body.path).once("start.rotation", first)
+        p, h = momentum(plant.model, plant.kinematics, plant.inertias, joints=body.subtree, about=ca.SX(3, 1))
+        values |= {
+            ("body_position", body.name): origin,
+            ("body_rotation", body.name): plant.orientation_error(rotation, rotation0),
+            ("body_momentum_linear", body.name): p,
+            ("body_momentum_angular", body.name): h,
+        }
     for part in stored:
         values["body_momentum_angular", part.body] += part.angular
     for (name, label), value in values.items():
@@ -72,23 +82,6 @@ def core_outputs(builder: LoopBuilder, torque: ca.SX, stored: Sequence[StoredMom
     yield Output("joint_torque", torque[columns], "N m or N", "actuator torques", "joint")
     for name, (unit, text) in OBSERVED.items():
         yield Output(name, ca.SX(3, 1), unit, text, "grasp")
-
-
-def _bodies(builder: LoopBuilder) -> dict[tuple[str, str], ca.SX]:
-    found: dict[tuple[str, str], ca.SX] = {}
-    plant = builder.plant
-    for body in builder.scene.bodies:
-        rotation, origin = plant.placement(body.root_frame)
-        first = builder.start.placement(body.root_frame)[0]
-        rotation0 = builder.context.at(body.path).once("start.rotation", first)
-        p, h = momentum(plant.model, plant.kinematics, plant.inertias, joints=body.subtree, about=ca.SX(3, 1))
-        found |= {
-            ("body_position", body.name): origin,
-            ("body_rotation", body.name): plant.orientation_error(rotation, rotation0),
-            ("body_momentum_linear", body.name): p,
-            ("body_momentum_angular", body.name): h,
-        }
-    return found
 
 
 def added_up(outputs: Iterable[Output]) -> list[Output]:

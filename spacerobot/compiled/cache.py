@@ -91,7 +91,18 @@ def store(folder: Path, key: str, built: Path, suffix: str = SUFFIX) -> Path:
     built.chmod(0o600)
     path = folder / f"{key}-{_digest(built)}{suffix}"
     built.replace(path)
-    _prune(folder, suffix)
+    # Remove the least recently used entries of a suffix, and what processes left behind that were killed.
+    for old in folder.glob("buil[dt]-*"):
+        with contextlib.suppress(OSError):
+            if time.time() - old.stat().st_mtime > ABANDONED_S:
+                shutil.rmtree(old) if old.is_dir() else old.unlink()
+    entries = []
+    for old in folder.glob(f"*{suffix}"):
+        with contextlib.suppress(OSError):
+            entries.append((old.stat().st_mtime, old))
+    for _, old in sorted(entries)[: max(0, len(entries) - KEPT)]:
+        with contextlib.suppress(OSError):
+            old.unlink()
     return path
 
 
@@ -131,18 +142,3 @@ def _private_folder() -> Path:
     folder = Path(tempfile.mkdtemp(prefix="spacerobot-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
-
-
-def _prune(folder: Path, suffix: str) -> None:
-    """Remove the least recently used entries of a suffix, and what processes left behind that were killed."""
-    for path in folder.glob("buil[dt]-*"):
-        with contextlib.suppress(OSError):
-            if time.time() - path.stat().st_mtime > ABANDONED_S:
-                shutil.rmtree(path) if path.is_dir() else path.unlink()
-    entries = []
-    for path in folder.glob(f"*{suffix}"):
-        with contextlib.suppress(OSError):
-            entries.append((path.stat().st_mtime, path))
-    for _, path in sorted(entries)[: max(0, len(entries) - KEPT)]:
-        with contextlib.suppress(OSError):
-            path.unlink()

@@ -92,7 +92,11 @@ def cut(sections: Sequence[CodeSection]) -> tuple[list[list[CodePiece]], int]:
         for k in range(0, len(section.statements), section.size)
     ]
     uses = [_uses(statements) for _, _, statements in parts]
-    passed = _passed_on(uses)
+    # registers of each piece that a later one reads
+    wanted, passed = set[str](), list[set[str]]()
+    for read, written in reversed(uses):
+        passed.insert(0, written & wanted)
+        wanted = (wanted - written) | read
     slots = {register: i for i, register in enumerate(sorted(set().union(*passed)))}
     pieces: dict[str, list[CodePiece]] = {section.name: [] for section in sections}
     for (section, k, statements), (read, written), kept in zip(parts, uses, passed, strict=True):
@@ -116,13 +120,3 @@ def _uses(statements: Sequence[str]) -> tuple[set[str], set[str]]:
         if _REGISTER.fullmatch(target.strip()):
             written.add(target.strip())
     return read, written
-
-
-def _passed_on(uses: Sequence[tuple[set[str], set[str]]]) -> list[set[str]]:
-    """Registers of each piece that a later one reads."""
-    wanted: set[str] = set()
-    passed = []
-    for read, written in reversed(uses):
-        passed.append(written & wanted)
-        wanted = (wanted - written) | read
-    return passed[::-1]

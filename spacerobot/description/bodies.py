@@ -136,16 +136,11 @@ def odd_bodies(bodies: Sequence[RigidBody], *, floating: bool) -> list[str]:
                 f"link {body.name!r}: no body has principal inertias {_listed(principal)} kg m^2: "
                 "the largest exceeds the sum of the others"
             )
-    return warnings + (_light_base(bodies) if floating else [])
-
-
-def _light_base(bodies: Sequence[RigidBody]) -> list[str]:
     base, rest = bodies[0], bodies[1:]
-    warnings = []
-    if any(base.mass < _TINY_BASE * body.mass for body in rest):
+    if floating and any(base.mass < _TINY_BASE * body.mass for body in rest):
         warnings.append(f"link {base.name!r}: the base has only {base.mass:g} kg, other links far more")
     inertia = _principal(base.inertia)[0]
-    if any(inertia < _TINY_BASE * _principal(body.inertia)[0] for body in rest):
+    if floating and any(inertia < _TINY_BASE * _principal(body.inertia)[0] for body in rest):
         warnings.append(f"link {base.name!r}: the base has only {inertia:.3g} kg m^2, other links far more")
     return warnings
 

@@ -79,7 +79,11 @@ def held(
         if reaction.sense is not None:
             gain, sense = ca.repmat(-part, len(axes), 1), reaction.sense[:, axes]
         if reaction.momentum is not None:
-            states.append(_filter(robot, reaction.momentum[axes]))
+            value = reaction.momentum[axes]
+            label = f"{robot.name}/{robot.key}.filter"
+            found = ca.SX.sym(label, value.size1())
+            lag = (value - found) / robot.context.number("filter_time")
+            states.append(State(label, found, value, lag))
             command = command + part * states[-1].derivative
     actuation = actuation[:, axes]
     drive = reduced(robot, actuation)
@@ -95,13 +99,6 @@ def held(
         channels=(channel,),
         outputs=() if brakes_only else (Output(called, error, unit, text, "body", robot.name),),
     )
-
-
-def _filter(robot: RobotContext, value: ca.SX) -> State:
-    """State that follows a value (n x 1) with the time constant ``filter_time``, and begins at it."""
-    name = f"{robot.name}/{robot.key}.filter"
-    found = ca.SX.sym(name, value.size1())
-    return State(name, found, value, (value - found) / robot.context.number("filter_time"))
 
 
 def reduced(robot: RobotContext, efforts: ca.SX) -> ca.SX:

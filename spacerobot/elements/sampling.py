@@ -112,7 +112,9 @@ def periodic(config: Sampling, context: SectionContext, name: str, continuous: C
     whole: dict[bool, list[ca.SX]] = {False: forces, True: []}
     for torque in continuous.torques:
         whole[torque.null_space].append(torque.value)
-    torques, events, robot = [], [], _robot(continuous)
+    torques, events = [], []
+    # whose actuators are asked
+    robot = next((one.robot for one in (*continuous.channels, *continuous.torques)), "")
     for null_space, parts in whole.items():
         asked = sum(parts[1:], parts[0]) if parts else ca.SX(0, 1)
         rows = sorted(set(asked.sparsity().row()))
@@ -155,12 +157,6 @@ def periodic(config: Sampling, context: SectionContext, name: str, continuous: C
         sampled=tuple(laws),
         events=(*continuous.events, tick, *events),
     )
-
-
-def _robot(contribution: Contribution) -> str:
-    """Whose actuators are asked."""
-    names = [channel.robot for channel in contribution.channels]
-    return [*names, *(torque.robot for torque in contribution.torques), ""][0]
 
 
 def _advanced(state: State, period: ca.SX) -> ca.SX:

@@ -75,18 +75,6 @@ def _fired(raw: RolloutArrays, kernel: Kernel, p: Array) -> tuple[FiredEvent, ..
     return tuple(found)
 
 
-def _events_of(raw: RolloutArrays, kernel: Kernel) -> BatchEvents | None:
-    if not kernel.events:
-        return None
-    return BatchEvents(
-        count=frozen(raw.log.fired),
-        event=frozen(raw.log.event),
-        time_s=frozen(raw.log.when),
-        ended_at_s=frozen(np.where(raw.fate == ENDED, raw.reached, np.nan)),
-        chattering=frozen(raw.fate == CHATTERING),
-    )
-
-
 def batch_of(
     raw: RolloutArrays,
     engine: KernelEngine,
@@ -97,6 +85,15 @@ def batch_of(
 ) -> Batch:
     """Every rollout of ``raw``, which holds the named outputs."""
     kernel = engine.kernel
+    events = None
+    if kernel.events:
+        events = BatchEvents(
+            count=frozen(raw.log.fired),
+            event=frozen(raw.log.event),
+            time_s=frozen(raw.log.when),
+            ended_at_s=frozen(np.where(raw.fate == ENDED, raw.reached, np.nan)),
+            chattering=frozen(raw.fate == CHATTERING),
+        )
     return Batch(
         costs={name: frozen(raw.cost[:, i]) for i, name in enumerate(kernel.costs)},
         measures={name: frozen(raw.r[:, where]) for name, where in kernel.measures.items()},
@@ -111,7 +108,7 @@ def batch_of(
         lanes=engine.lanes,
         threads=threads,
         wall_s=wall_s,
-        events=_events_of(raw, kernel),
+        events=events,
     )
 
 

@@ -160,12 +160,14 @@ def build_kernel(
     }
     functions |= _hybrid(loop, at, state, sums, prepared)
     functions["objective"], costs = _objective(measures, loop.parameter_paths, p)
+    limits = [POSITION_LIMIT] * loop.nq + [VELOCITY_LIMIT] * loop.nv
+    scale = 1 / np.array(limits + [CONTROLLER_LIMIT] * (loop.nz + count))
     return Kernel(
         functions,
         nx,
         count,
         peaks.numel(),
-        _scale(loop, count),
+        scale,
         slices({name: loop.outputs.numel_out(name) for name in loop.outputs.name_out()}),
         slices(measures.sizes),
         costs,
@@ -221,12 +223,6 @@ def _setup(loop: ClosedLoopFunctions, p: ca.SX, integrals: int, used: Sequence[s
     start = ca.vertcat(x0, ca.SX.zeros(integrals))
     c = ca.vertcat(c0, *[p[order[path]] for path in used])
     return sx_function("setup", {"p": p}, {"x0": start, "c": c})
-
-
-def _scale(loop: ClosedLoopFunctions, integrals: int) -> Array:
-    """One over how far each state may go."""
-    limits = [POSITION_LIMIT] * loop.nq + [VELOCITY_LIMIT] * loop.nv
-    return 1 / np.array(limits + [CONTROLLER_LIMIT] * (loop.nz + integrals))
 
 
 def entries(column: ca.SX, places: slice | Sequence[int]) -> ca.SX:

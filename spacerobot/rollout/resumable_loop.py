@@ -39,7 +39,11 @@ def resumed(loop: Any) -> Any:
         c[place] -= begin
     t, x, xdot, e = ca.SX.sym("t"), ca.SX.sym("x", nx), ca.SX.sym("xdot", nx), ca.SX.sym("e")
     held = ca.SX.sym("c", c.numel() + 1)
-    at = (t + held[-1], x, _whole(held, jumps))
+    # Constants as the loop has them, with its jumps in the time of the whole.
+    whole = held[:-1]
+    for place in jumps:
+        whole[place] += held[-1]
+    at = (t + held[-1], x, whole)
     given, names = [t, x, held], ["t", "x", "c"]
     return dataclasses.replace(
         loop,
@@ -100,14 +104,6 @@ def joined(pieces: Sequence[tuple[float, Trajectory]]) -> Trajectory:
         ),
         ended_at_s=None if ended is None else pieces[-1][0] + ended,
     )
-
-
-def _whole(held: ca.SX, jumps: Sequence[int]) -> ca.SX:
-    """Constants as the loop has them, with its jumps in the time of the whole."""
-    c = held[:-1]
-    for place in jumps:
-        c[place] += held[-1]
-    return c
 
 
 def _all(function: ca.Function, arguments: Sequence[ca.SX]) -> list[ca.SX]:

@@ -45,6 +45,14 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str
     setup, reached = _setup(kernel, wrt)
     places = tuple(nc + reached.index(jump) if jump in reached else -1 for jump in kernel.jumps)
     rate = nc + len(reached) if _moves(kernel, reached) else None
+    # Where each measure and its derivative lie: each kind is followed by its derivatives.
+    found: dict[str, slice] = {}
+    ends = (0, kernel.integrals, kernel.integrals + kernel.peaks, kernel.size("objective", "r"))
+    for begin, end in pairwise(ends):
+        for name, where in kernel.measures.items():
+            if begin <= where.start and where.stop <= end:
+                found[name] = slice(where.start + begin, where.stop + begin)
+                found[DERIVATIVE + name] = slice(where.start + end, where.stop + end)
     return Kernel(
         _functions(kernel, outputs, setup, reached),
         2 * n,
@@ -52,7 +60,7 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str
         kernel.peaks,
         np.concatenate([kernel.scale[:n], np.zeros(n), kernel.scale[n:], np.zeros(count)]),
         slices({name: kernel.outputs[name].stop - kernel.outputs[name].start for name in outputs}),
-        _doubled_measures(kernel),
+        found,
         (),
         kernel.closure,
         kernel.method,
@@ -152,15 +160,3 @@ def _along(value: ca.SX, variables: ca.SX, direction: ca.SX) -> ca.SX:
 
 def _no_costs(r: int, p: int) -> ca.Function:
     return sx_function("objective", {"r": ca.SX.sym("r", r), "p": ca.SX.sym("p", p)}, {"J": ca.SX(0, 1)})
-
-
-def _doubled_measures(kernel: Kernel) -> dict[str, slice]:
-    """Where each measure and its derivative lie: each kind is followed by its derivatives."""
-    found: dict[str, slice] = {}
-    ends = (0, kernel.integrals, kernel.integrals + kernel.peaks, kernel.size("objective", "r"))
-    for begin, end in pairwise(ends):
-        for name, where in kernel.measures.items():
-            if begin <= where.start and where.stop <= end:
-                found[name] = slice(where.start + begin, where.stop + begin)
-                found[DERIVATIVE + name] = slice(where.start + end, where.stop + end)
-    return found

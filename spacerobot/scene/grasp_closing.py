@@ -82,7 +82,25 @@ def find_closings(
     ScenarioError
         If bases wait for each other, or a grasp does not involve the body it shall place.
     """
-    gives = _asked_for(bodies, grasps, source)
+    # Grasp that each base with ``close_grasp`` gives way to, by name of the body.
+    by_name = {grasp.name: grasp for grasp in grasps}
+    gives = {
+        body.name: by_name[body.base.close_grasp] for body in bodies if body.base.close_grasp is not None
+    }
+    for body in bodies:
+        grasp = gives.get(body.name)
+        if grasp is not None and body.name not in ("target", grasp.tip.body.name):
+            raise ScenarioError(
+                f"grasp {grasp.name!r} holds {grasp.tip.label!r}, not a tip of {body.name!r}",
+                source=source,
+                where=f"{body.path}.base.close_grasp",
+            )
+        if grasp is not None and grasp.config.begins == "open":
+            raise ScenarioError(
+                f"grasp {grasp.name!r} begins open, so it places nothing; give a `position`",
+                source=source,
+                where=f"{body.path}.base.close_grasp",
+            )
     grasps = begun(grasps)
     target = next((body for body in bodies if body.name == "target"), None)
     asked = dict(gives)
@@ -126,31 +144,6 @@ def open_grasps(scene: Scene) -> tuple[SceneGrasp, ...]:
 def has_loops(scene: Scene) -> bool:
     """Whether a rigid grasp is left that no base closes."""
     return any(is_rigid(grasp) for grasp in open_grasps(scene))
-
-
-def _asked_for(
-    bodies: Sequence[SceneBody], grasps: Sequence[SceneGrasp], source: Path | None
-) -> dict[str, SceneGrasp]:
-    """Grasp that each base with ``close_grasp`` gives way to, by name of the body."""
-    by_name = {grasp.name: grasp for grasp in grasps}
-    found = {
-        body.name: by_name[body.base.close_grasp] for body in bodies if body.base.close_grasp is not None
-    }
-    for body in bodies:
-        grasp = found.get(body.name)
-        if grasp is not None and body.name not in ("target", grasp.tip.body.name):
-            raise ScenarioError(
-                f"grasp {grasp.name!r} holds {grasp.tip.label!r}, not a tip of {body.name!r}",
-                source=source,
-                where=f"{body.path}.base.close_grasp",
-            )
-        if grasp is not None and grasp.config.begins == "open":
-            raise ScenarioError(
-                f"grasp {grasp.name!r} begins open, so it places nothing; give a `position`",
-                source=source,
-                where=f"{body.path}.base.close_grasp",
-            )
-    return found
 
 
 def _followed(name: str, grasp: SceneGrasp) -> str:

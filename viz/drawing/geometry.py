@@ -44,15 +44,12 @@ def surface(geometry: Geometry) -> TriangleMesh:
     else:
         polar = np.linspace(np.pi, 0, _SIDES // 2 + 1)
         profile = list(zip(geometry.size[0] * np.sin(polar), geometry.size[0] * np.cos(polar), strict=True))
-    return _turned(np.array(profile))
-
-
-def _turned(profile: Array) -> TriangleMesh:
-    """Surface of a profile (k, 2) of radii and heights, from below to above, that is turned about z."""
+    # Surface of a profile (k, 2) of radii and heights, from below to above, that is turned about z.
+    outline = np.array(profile)
     angle = np.linspace(0, 2 * np.pi, _SIDES, endpoint=False)
-    rings = [np.outer(profile[:, 0], np.cos(angle)), np.outer(profile[:, 0], np.sin(angle))]
-    vertices = np.stack([*rings, np.repeat(profile[:, 1:], _SIDES, axis=1)], axis=-1).reshape(-1, 3)
-    below = (_SIDES * np.arange(len(profile) - 1)[:, None] + np.arange(_SIDES)).ravel()
+    rings = [np.outer(outline[:, 0], np.cos(angle)), np.outer(outline[:, 0], np.sin(angle))]
+    vertices = np.stack([*rings, np.repeat(outline[:, 1:], _SIDES, axis=1)], axis=-1).reshape(-1, 3)
+    below = (_SIDES * np.arange(len(outline) - 1)[:, None] + np.arange(_SIDES)).ravel()
     beside = below - below % _SIDES + (below + 1) % _SIDES
     above, across = below + _SIDES, beside + _SIDES
     triangles = np.concatenate([np.stack([below, beside, across], 1), np.stack([below, across, above], 1)])

@@ -65,7 +65,13 @@ def mesh_file(geometry: Geometry) -> MeshFile:
 def load_mesh(file: MeshFile) -> TriangleMesh:
     """All of a mesh file, by the library that Pinocchio uses, or of a convex hull."""
     if file.path is None:
-        return _hull(np.array(file.corners) * file.scale)
+        # Convex hull of points (n, 3), whose triangles Qhull gives in either sense.
+        points = np.array(file.corners) * file.scale
+        hull = ConvexHull(points)
+        a, b, c = (points[hull.simplices[:, k]] for k in range(3))
+        inward = np.sum(np.cross(b - a, c - a) * hull.equations[:, :3], axis=1) < 0
+        triangles = np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)
+        return _compact(points, triangles.astype(np.int64), None)
     model = read_mesh(file.path, file.scale)
     vertices = np.array(model.vertices(), dtype=np.float64).reshape(-1, 3)
     triangles = list(map(model.tri_indices, range(model.num_tris)))
@@ -125,15 +131,6 @@ def _face_colours(part: Any, linear: bool) -> Array:
     colour = np.asarray(look.material.main_color[:3], dtype=np.float64)
     shown = 255 * (colour / 255) ** (1 / 2.2) if linear else colour
     return np.tile(shown, (len(part.faces), 1))
-
-
-def _hull(corners: Array) -> TriangleMesh:
-    """Convex hull of points (n, 3), whose triangles Qhull gives in either sense."""
-    hull = ConvexHull(corners)
-    a, b, c = (corners[hull.simplices[:, k]] for k in range(3))
-    inward = np.sum(np.cross(b - a, c - a) * hull.equations[:, :3], axis=1) < 0
-    triangles = np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)
-    return _compact(corners, triangles.astype(np.int64), None)
 
 
 def shown_meshes(files: Iterable[MeshFile]) -> dict[MeshFile, TriangleMesh]:

@@ -132,7 +132,12 @@ def scene_nodes(scene: Scene) -> tuple[Node, ...]:
     A body's root is a node even without shapes; of a body without any, all joints are.
     """
     nodes = []
-    pads = _pads(scene)
+    # Pads of contacts: the body and joint that carry each, and what is seen of it.
+    pairs = [pair for contact in scene.contacts for pair in contact.pairs]
+    pads = []
+    for shape in dict.fromkeys(shape for pair in pairs for shape in pair if shape.path is not None):
+        body = scene.model.frames[shape.frame].name.partition("/")[0]
+        pads += [(body, shape.joint, solid) for solid in pad_solids(scene, shape, pairs)]
     for body in scene.bodies:
         links = body.description.links
         seen = any(link.visuals for link in links)
@@ -152,16 +157,6 @@ def scene_nodes(scene: Scene) -> tuple[Node, ...]:
             by_joint.setdefault(int(joint), [])
         nodes += [Node(j, body.name, j == root, tuple(solids)) for j, solids in sorted(by_joint.items())]
     return tuple(nodes)
-
-
-def _pads(scene: Scene) -> list[tuple[str, int, DrawnSolid]]:
-    """Pads of contacts: the body and joint that carry each, and what is seen of it."""
-    pairs = [pair for contact in scene.contacts for pair in contact.pairs]
-    found = []
-    for shape in dict.fromkeys(shape for pair in pairs for shape in pair if shape.path is not None):
-        body = scene.model.frames[shape.frame].name.partition("/")[0]
-        found += [(body, shape.joint, solid) for solid in pad_solids(scene, shape, pairs)]
-    return found
 
 
 def pad_solids(

@@ -50,7 +50,14 @@ def figures_of(benchmark: Data, precisions: list[float]) -> Iterator[tuple[str, 
         }
         yield "sensitivities", sensitivities(list(benchmark["variables"]), shares, quantity="the objective")
     if benchmark["baseline"] is not None:
-        yield "robustness", _robustness(benchmark)
+        factor, unit = benchmark["unit"]["factor"], benchmark["unit"]["name"]
+        designs = {"untuned": benchmark["baseline"]}
+        designs |= {name: method["best"] for name, method in benchmark["methods"].items()}
+        samples = {
+            name: factor * np.array(design["other_plants"]["values"], dtype=float)
+            for name, design in designs.items()
+        }
+        yield "robustness", robustness(samples, quantity="objective", unit=unit)
 
 
 def _time(time: Data) -> list[float]:
@@ -60,14 +67,3 @@ def _time(time: Data) -> list[float]:
 def _gaps(trial: Data, best: float | None) -> list[tuple[float, float]]:
     """Cost and distance from the best known value, relative to it."""
     return [(cost, (value - best) / abs(best) if best else value) for cost, value in trial["history"]]
-
-
-def _robustness(benchmark: Data) -> Drawing:
-    factor, unit = benchmark["unit"]["factor"], benchmark["unit"]["name"]
-    designs = {"untuned": benchmark["baseline"]}
-    designs |= {name: method["best"] for name, method in benchmark["methods"].items()}
-    samples = {
-        name: factor * np.array(design["other_plants"]["values"], dtype=float)
-        for name, design in designs.items()
-    }
-    return robustness(samples, quantity="objective", unit=unit)

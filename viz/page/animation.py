@@ -97,10 +97,16 @@ def shown_data(
     scale = float(np.linalg.norm(high - low))
     force = max(greatest_force(one.result) for one in shown)
     view = view_of(shown[0].result, shown[0].scene)
+    # Warnings that belong beside the picture.
+    found = []
+    for one in shown:
+        who = f"{one.label}: " if len(shown) > 1 else ""
+        found += [who + line for line in notices(one.result, one.scene)]
+    warnings = list(dict.fromkeys(found))
     return {
         "title": title or _title([one.label for one in shown]),
         "about": _about(shown),
-        "notices": _notices(shown),
+        "notices": warnings,
         "planar": shown[0].scene.planar,
         "towards": rounded(view.towards),
         "shots": shots(shown[0].result, shown[0].scene, shown[0].motion, view, (low, high)),
@@ -273,15 +279,6 @@ def _about(shown: Sequence[AnimatedResult]) -> str:
     about = scenario.description if len(names) == 1 and scenario.description else ""
     text = f"{kind}, {scenario.simulation.duration:g} s, simulated by {engine}"
     return f"{about} ({text})" if about else text
-
-
-def _notices(shown: Sequence[AnimatedResult]) -> list[str]:
-    """Warnings that belong beside the picture."""
-    found = []
-    for one in shown:
-        who = f"{one.label}: " if len(shown) > 1 else ""
-        found += [who + line for line in notices(one.result, one.scene)]
-    return list(dict.fromkeys(found))
 
 
 def notices(result: Result, scene: Scene) -> list[str]:

@@ -54,7 +54,10 @@ def _metrics(result: Result) -> Iterator[tuple[str, tuple[float | None, str]]]:
             max(-axis["min_m"], axis["max_m"]) for tip in errors for k, axis in tip.items() if k != "norm"
         ]
         rows.append(("tip_error_peak", 1e3 * max(peaks), "mm"))
-        rows.append(("tip_error_rms", 1e3 * _rms(result), "mm"))
+        time = result.data.time.values
+        squares = (result.data.tip_error.sel(tip=result.led_tips).values ** 2).sum(axis=(1, 2))
+        rms = float(np.sqrt(np.trapezoid(squares, time) / (time[-1] - time[0]))) if len(time) > 1 else 0.0
+        rows.append(("tip_error_rms", 1e3 * rms, "mm"))
     if summary["target"]:
         rows.append(("target_rotation_peak", summary["target"]["max_rotation_deg"], "deg"))
     if summary["bases"]:
@@ -78,13 +81,6 @@ def _metrics(result: Result) -> Iterator[tuple[str, tuple[float | None, str]]]:
         rows.append(("capture_time", max(captured), "s"))
     for key, value, unit in rows:
         yield key, (float(value) if done and np.isfinite(value) else None, unit)
-
-
-def _rms(result: Result) -> float:
-    """Root of the time's mean of the squared errors of all tips that are led together, m."""
-    time = result.data.time.values
-    squares = (result.data.tip_error.sel(tip=result.led_tips).values ** 2).sum(axis=(1, 2))
-    return float(np.sqrt(np.trapezoid(squares, time) / (time[-1] - time[0]))) if len(time) > 1 else 0.0
 
 
 def differences(documents: Sequence[Any]) -> list[tuple[str, list[str]]]:

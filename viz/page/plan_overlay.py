@@ -48,7 +48,11 @@ def beside_its_plan(flown: Result, scene: Scene, plan: xr.Dataset) -> dict[str, 
         raise ResultError("was not flown by this plan: its bodies are others", source=flown.folder)
     data = animation(flown, title=f"{flown.scenario.name}: the plan, followed")
     (run,) = data["runs"]
-    motion = _motion(scene, plan)
+    # The plan's motion in frames; between its points configurations are splined.
+    end = float(plan.time.values[-1])
+    time = np.linspace(0.0, end, max(2, round(end * FRAMES_PER_S) + 1))
+    q = _over(plan.time.values, plan.q.values, time)
+    motion = place(scene, SceneGeometry.of(scene), q, time)
     ghost = run | {
         "label": "plan",
         "pale": True,
@@ -67,14 +71,6 @@ def beside_its_plan(flown: Result, scene: Scene, plan: xr.Dataset) -> dict[str, 
         for node, own in zip(run["nodes"], scene_nodes(flown.scene()), strict=True)
     ]
     return data | {"runs": [run | {"nodes": nodes}, ghost], "over": True}
-
-
-def _motion(scene: Scene, plan: xr.Dataset) -> BodyMotion:
-    """The plan's motion in frames; between its points configurations are splined."""
-    end = float(plan.time.values[-1])
-    time = np.linspace(0.0, end, max(2, round(end * FRAMES_PER_S) + 1))
-    q = _over(plan.time.values, plan.q.values, time)
-    return place(scene, SceneGeometry.of(scene), q, time)
 
 
 def _over(time: Array, values: Array, wanted: Array) -> Array:

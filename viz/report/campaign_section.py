@@ -188,17 +188,9 @@ def _spread(shown: CampaignReport) -> str:
         spreads.append(
             SampleSpread(samples, quantity_of(metric), unit, None if most is None else factor * most)
         )
-    text = _percentiles(shown.summary)
-    if not spreads:
-        return text
-    note = "The share of samples (upwards) that stay below a value (to the right); the marks are 50 and 95 %."
-    return _figure(distributions(spreads), note) + text
-
-
-def _percentiles(summary: Mapping[str, Any]) -> str:
-    """Percentiles of every number that is kept, folded away."""
+    # Percentiles of every number that is kept, folded away.
     text = ""
-    for name, told in summary["gains"].items():
+    for name, told in shown.summary["gains"].items():
         rows = []
         for row in told["metrics"]:
             factor, unit = unit_scale(row["unit"])
@@ -208,7 +200,10 @@ def _percentiles(summary: Mapping[str, Any]) -> str:
         percents = [f"{q['percent']:g} %" for q in told["metrics"][0]["percentiles"]]
         inside = table(["", "unit", *percents, "largest"], rows)
         text += f"<details><summary>percentiles with the gains {escape(name)}</summary>{inside}</details>"
-    return text
+    if not spreads:
+        return text
+    note = "The share of samples (upwards) that stay below a value (to the right); the marks are 50 and 95 %."
+    return _figure(distributions(spreads), note) + text
 
 
 def _matters(summary: Mapping[str, Any]) -> str:

@@ -167,7 +167,16 @@ def ledger(subject: Subject) -> str | None:
     rows: list[list[str]] = []
     for result, label in zip(subject.results, subject.labels, strict=True):
         momentum, energy = result.summary["ledger"]["momentum"], result.summary["ledger"]["energy"]
-        rows.append([label, *_momentum(momentum), *_energy(energy)])
+        names = ("actuator_work_j", "stored_change_j", "joint_loss_j", "grasp_loss_j", "constraint_work_j")
+        numbers = [f"{energy[name]:.4g}" for name in names]
+        balance = [*numbers, f"{energy['largest_residual_j']:.2g} ({energy['relative_residual']:.1g})"]
+        drifts = [f"not conserved: {momentum['reason']}"] * 2
+        if momentum["conserved"]:
+            drifts = [
+                f"{momentum[kind][f'drift_{unit}']:.2g} {text} ({momentum[kind]['relative_drift']:.1g})"
+                for kind, unit, text in (("linear", "n_s", "N s"), ("angular", "n_m_s", "N m s"))
+            ]
+        rows.append([label, *drifts, *balance])
     headings = [
         "result",
         "linear momentum drift",
@@ -246,18 +255,3 @@ def _engine(summary: Any) -> str:
     engine = summary["engine"]
     step = f", steps of {engine['step_s'] * 1e3:g} ms" if engine["step_s"] else ""
     return f"{engine['name']} ({engine['backend']}){step}; {summary['timing_s']['rollout'] * 1e3:.0f} ms"
-
-
-def _momentum(momentum: Any) -> list[str]:
-    if not momentum["conserved"]:
-        return [f"not conserved: {momentum['reason']}"] * 2
-    return [
-        f"{momentum[kind][f'drift_{unit}']:.2g} {text} ({momentum[kind]['relative_drift']:.1g})"
-        for kind, unit, text in (("linear", "n_s", "N s"), ("angular", "n_m_s", "N m s"))
-    ]
-
-
-def _energy(energy: Any) -> list[str]:
-    names = ("actuator_work_j", "stored_change_j", "joint_loss_j", "grasp_loss_j", "constraint_work_j")
-    numbers = [f"{energy[name]:.4g}" for name in names]
-    return [*numbers, f"{energy['largest_residual_j']:.2g} ({energy['relative_residual']:.1g})"]

@@ -62,7 +62,7 @@ def keep(
     ScenarioError, DescriptionError, DivergedError
         If the design cannot be simulated.
     """
-    path = place(folder, name, "" if what == "result" else "yaml" if what == "scenario" else _ending(what))
+    path = place(folder, name, {"result": "", "scenario": "yaml", "page": "html"}.get(what, what))
     scene = origin.build(changes)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -113,31 +113,24 @@ def as_yaml(value: Any) -> str:
     return flow(value)
 
 
-def _ending(what: str) -> str:
-    return "html" if what == "page" else what
-
-
 def _scenario(path: Path, scene: Scene, origin: Origin, changes: Mapping[str, Any], _: Tell) -> None:
     """The file that the scenario came from with what changed, if that reads back to the same scene."""
     pairs = dict([*origin.given, *changes.items()])
     source = origin.scene.source
     if source is not None and source.is_file():
-        text = edited(source.read_text(encoding="utf-8"), pairs | _urdfs(scene, path.parent))
+        # URDFs by dotted path as a scenario in a folder names them: those that do not ship, relative to it.
+        document, start = to_document(scene.scenario), path.parent.resolve()
+        files = {path: file for path, file in leaves(document) if path.endswith(".urdf") and file}
+        urdfs = {
+            path: Path(os.path.relpath(file, start)).as_posix()
+            for path, file in files.items()
+            if Path(file).is_absolute() and Path(file).anchor == start.anchor
+        }
+        text = edited(source.read_text(encoding="utf-8"), pairs | urdfs)
         if text is not None and _same(text, path, scene):
             write_text(path, text)
             return
     write_text(path, f"# Written by spacerobot studio, every value given.\n{to_yaml(scene.scenario)}")
-
-
-def _urdfs(scene: Scene, folder: Path) -> dict[str, str]:
-    """URDFs by dotted path as a scenario in a folder names them: those that do not ship, relative to it."""
-    document, start = to_document(scene.scenario), folder.resolve()
-    files = {path: file for path, file in leaves(document) if path.endswith(".urdf") and file}
-    return {
-        path: Path(os.path.relpath(file, start)).as_posix()
-        for path, file in files.items()
-        if Path(file).is_absolute() and Path(file).anchor == start.anchor
-    }
 
 
 def _same(text: str, path: Path, scene: Scene) -> bool:

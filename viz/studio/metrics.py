@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from optim.campaign.rollouts.metrics import CampaignMetrics, build_campaign_metrics
+from optim.campaign.rollouts.metrics import build_campaign_metrics
 from optim.problem.objectives import ReducedObjective
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.errors import SpaceRobotError, near_names
@@ -113,7 +113,7 @@ def build_metrics(loop: ClosedLoop, scene: Scene) -> Metrics:
     totals, singles = list[Metric](), list[Metric]()
     for name, labels in kept.labels.items():
         quantity, parts = find_quantity(name), list(dict.fromkeys(labels))
-        unit, factor = _shown(_unit(kept, name))
+        unit, factor = _shown(next(column.unit for column in kept.columns if column.metric == name))
         known, every = (unit, factor, name), tuple(range(len(labels)))
         text, lasts = quantity.description, kept.duration_s
         totals.append(Metric(name, quantity.label, text, *known, every, lasts))
@@ -128,10 +128,6 @@ def build_metrics(loop: ClosedLoop, scene: Scene) -> Metrics:
 
     named = {name: measure for name, measure in kept.measures.named.items() if name in kept.labels}
     return Metrics(found, replace(kept.measures, named=named, costs=costs))
-
-
-def _unit(kept: CampaignMetrics, name: str) -> str:
-    return next(column.unit for column in kept.columns if column.metric == name)
 
 
 def _shown(unit: str) -> tuple[str, float]:

@@ -32,23 +32,11 @@ def draw(campaign: Campaign) -> Array:
     if not campaign.sampler.reaches_bounds:
         u = np.clip(u, INSIDE, 1 - INSIDE)
     if campaign.correlation is not None:
-        u = correlate(u, np.array(campaign.correlation))
+        # a Gaussian copula's dependence in place of none
+        scores = ndtri(u) @ np.linalg.cholesky(np.array(campaign.correlation)).T
+        u = np.clip(ndtr(scores), INSIDE, 1 - INSIDE)
     columns = [quantiles(p, column) for p, column in zip(campaign.parameters.values(), u.T, strict=True)]
     return np.ascontiguousarray(np.column_stack(columns))
-
-
-def correlate(u: Array, correlation: Array) -> Array:
-    """Points (N, k) of the unit cube with a Gaussian copula's dependence in place of none.
-
-    Parameters
-    ----------
-    u
-        Independent points, strictly inside.
-    correlation
-        Of the normal scores (k, k).
-    """
-    z = ndtri(u) @ np.linalg.cholesky(correlation).T
-    return np.asarray(np.clip(ndtr(z), INSIDE, 1 - INSIDE))
 
 
 def quantiles(parameter: UncertainParameter, u: Array) -> Array:

@@ -96,7 +96,17 @@ def link_pairs(scene: Scene) -> list[LinkPair]:
         return []
     model, found = scene.model, list[LinkPair]()
     by_link = {body.name: _by_link(scene, body) for body in scene.bodies}
-    data, meant = model.createData(), _meant(scene)
+    # joints whose links may collide: of tips and the mating frames that they come to, and of contacts
+    tips = {tip.label: tip.joint for tip in scene.tips}
+    meant = {frozenset((grasp.tip.joint, grasp.joint)) for grasp in scene.grasps}
+    meant |= {frozenset(shape.joint for shape in pair) for one in scene.contacts for pair in one.pairs}
+    for plan in plan_section(scene).by_phase.values():
+        for goal in plan.goals.values():
+            if isinstance(goal, TipGoal) and goal.follows and goal.tip in tips:
+                frame = model.getFrameId(f"target/{goal.follows}", pin.FrameType.BODY)
+                if frame < model.nframes:  # what there is not is refused where the plan is formulated
+                    meant.add(frozenset((tips[goal.tip], int(model.frames[frame].parentJoint))))
+    data = model.createData()
     pin.centerOfMass(model, data, scene.q, scene.v)
     drifts = {body.name: _Drift.of(scene, body, data) for body in scene.bodies}
     longest = sum(plan.duration.upper for plan in plan_section(scene).by_phase.values())
@@ -261,17 +271,3 @@ def _by_link(scene: Scene, body: SceneBody) -> dict[str, tuple[Solid, ...]]:
         for link in body.description.links
         if link.collisions and len(own[link.name]) == len(link.collisions)
     }
-
-
-def _meant(scene: Scene) -> set[frozenset[int]]:
-    """Joints whose links may collide: of tips and the mating frames that they come to, and of contacts."""
-    tips = {tip.label: tip.joint for tip in scene.tips}
-    found = {frozenset((grasp.tip.joint, grasp.joint)) for grasp in scene.grasps}
-    found |= {frozenset(shape.joint for shape in pair) for one in scene.contacts for pair in one.pairs}
-    for plan in plan_section(scene).by_phase.values():
-        for goal in plan.goals.values():
-            if isinstance(goal, TipGoal) and goal.follows and goal.tip in tips:
-                frame = scene.model.getFrameId(f"target/{goal.follows}", pin.FrameType.BODY)
-                if frame < scene.model.nframes:  # what there is not is refused where the plan is formulated
-                    found.add(frozenset((tips[goal.tip], int(scene.model.frames[frame].parentJoint))))
-    return found

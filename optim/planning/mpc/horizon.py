@@ -138,10 +138,18 @@ class Horizon:
         clock, scale = time.perf_counter(), self.solution.scale
         solver = dataclasses.replace(self.solver, problem=with_inertia(self.solver.problem, inertia))
         problem = self._problem(solver, begin, measured)
-        intervals = self._intervals(problem.duration[0])
+        left_s = problem.duration[0]
+        whole = self.solver.plan.intervals
+        intervals = max(min(whole, FEWEST), int(np.ceil(whole * left_s / self.first_duration_s - ROUNDING)))
         program = self._program(solver, problem, intervals)
         later = self.program.parts(self.solution.w)[1:] if isinstance(self.program, PhaseChain) else []
-        warm, ahead = self._carried(program, self._gone(begin)), self._ahead(program, begin)
+        # Part of the present plan that is over where the next one begins, if both end together.
+        gone = (
+            (begin - self.begin_s) / self.motion.duration_s
+            if begin < self.first_duration_s * (1 - ROUNDING)
+            else 0.0
+        )
+        warm, ahead = self._carried(program, gone), self._ahead(program, begin)
         found = solve(program, np.concatenate([ahead, *later]), warm, iterations=min(iterations, PATIENCE))
         spent = found.iterations
         if not is_usable(program, found) and spent < iterations:
@@ -220,19 +228,6 @@ class Horizon:
                 high = high if value <= high else value + ROOM
             rows.append(dataclasses.replace(row, final_fraction=last, lower=low, upper=high))
         return dataclasses.replace(problem, path=tuple(rows), fixed=measured, duration=(duration,) * 3)
-
-    def _intervals(self, left: float) -> int:
-        """How many intervals of about the first plan's length there are in a time [s]."""
-        whole = self.solver.plan.intervals
-        return max(min(whole, FEWEST), int(np.ceil(whole * left / self.first_duration_s - ROUNDING)))
-
-    def _gone(self, begin: float) -> float:
-        """Part of the present plan that is over where the next one begins, if both end together."""
-        return (
-            (begin - self.begin_s) / self.motion.duration_s
-            if begin < self.first_duration_s * (1 - ROUNDING)
-            else 0.0
-        )
 
     def _ahead(self, chain: NonlinearProgram, begin: float) -> Array:
         """Unknowns of what is left of the present plan, and on as everything moves at its end."""

@@ -9,7 +9,6 @@ All that follows is as in the scenario.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -123,7 +122,23 @@ def _in_phases(planned: PlanSolution, document: Document) -> Document:
     order = [*flown, *([left] if rest is not None else []), *(name for name in own if name not in flown)]
     phases |= {last: end} | ({} if rest is None else {left: rest})
     phases = {name: phases[name] for name in order}
-    _track(planned, document, phases, flown)
+    # Give each robot what follows each phase of the plan, and rests in all others, in place.
+    taken = {name for robot in planned.scene.scenario.robots.values() for name in robot.controllers}
+    before = {name: dict(robot) for name, robot in document["robots"].items()}
+    for k, now in enumerate(flown):
+        key = _unused("plan" if len(flown) == 1 else f"plan_{now}", taken)
+        for name, robot in document["robots"].items():
+            resting = {name: _resting(before[name])}
+            phases[now]["robots"] = overlay(phases[now]["robots"], resting)
+            tracking = _tracking(planned, name, k, key)
+            others = [phase for other, phase in phases.items() if other != now]
+            if len(flown) == 1 and not _has_controllers(before[name]):
+                others = []  # joints of one that has none stay where the plan leaves them
+            for phase in others:
+                phase["robots"] = overlay(phase["robots"], {name: {"controllers": dict.fromkeys(tracking)}})
+            robot["controllers"] = {**robot["controllers"], **tracking}
+    for name, robot in document["robots"].items():
+        robot["actuators"] = _actuated(planned, name, robot["actuators"])
     for phase in phases.values():  # what they change of controllers that the document no longer has
         for name, robot in phase["robots"].items():
             kept = document["robots"][name]["controllers"]
@@ -150,26 +165,6 @@ def _closing(document: Document, phase: Document, now: float, duration: float) -
     for name in captured:
         before = document["grasps"][name]["capture"]
         document["grasps"][name]["capture"] = {"at": now, **{k: before[k] for k in ("axis", "mated_deg")}}
-
-
-def _track(planned: PlanSolution, document: Document, phases: Document, flown: Sequence[str]) -> None:
-    """Give each robot what follows each phase of the plan, and rests in all others, in place."""
-    taken = {name for robot in planned.scene.scenario.robots.values() for name in robot.controllers}
-    before = {name: dict(robot) for name, robot in document["robots"].items()}
-    for k, now in enumerate(flown):
-        key = _unused("plan" if len(flown) == 1 else f"plan_{now}", taken)
-        for name, robot in document["robots"].items():
-            resting = {name: _resting(before[name])}
-            phases[now]["robots"] = overlay(phases[now]["robots"], resting)
-            tracking = _tracking(planned, name, k, key)
-            others = [phase for other, phase in phases.items() if other != now]
-            if len(flown) == 1 and not _has_controllers(before[name]):
-                others = []  # joints of one that has none stay where the plan leaves them
-            for phase in others:
-                phase["robots"] = overlay(phase["robots"], {name: {"controllers": dict.fromkeys(tracking)}})
-            robot["controllers"] = {**robot["controllers"], **tracking}
-    for name, robot in document["robots"].items():
-        robot["actuators"] = _actuated(planned, name, robot["actuators"])
 
 
 def _parted(own: Document, duration: float, left: str) -> tuple[Document, Document | None]:

@@ -100,7 +100,24 @@ def dataset(planned: PlanSolution) -> xr.Dataset:
     }
     coordinates |= ({"drive": list(drives)} if drives else {}) | ({"grip": grips} if grips else {})
     held, sides = constraint_variables(phased_motion, planned.names)
-    return xr.Dataset(variables | held, coordinates | sides, _attributes(planned))
+    motion, verification = planned.motion, planned.verification
+    text = to_yaml(planned.scene.scenario)
+    attributes = {
+        "scenario": hashlib.sha256(text.encode()).hexdigest(),
+        "spacerobot": spacerobot.__version__,
+        "status": "saddle point" if verification.saddle else "solved",
+        "interpolation": "lobatto",
+        "points": motion.lobatto.points,
+        "intervals": sum(motion.intervals for motion in planned.phased_motion.motions),
+        "order": 2 * motion.lobatto.points - 2,
+        "duration_s": planned.phased_motion.duration_s,
+        "cost": planned.cost,
+        "residual": verification.residual,
+        "barrier": planned.solution.barrier,
+        "replay_error_m": verification.replay_error_m,
+        "followed_error_m": verification.followed_error_m,
+    }
+    return xr.Dataset(variables | held, coordinates | sides, attributes)
 
 
 def _over_time(scene: Scene, motion: Motion, drives: Mapping[str, int], grips: list[str]) -> dict[str, Any]:
@@ -109,7 +126,19 @@ def _over_time(scene: Scene, motion: Motion, drives: Mapping[str, int], grips: l
     driven, count = stage.driven, len(stage.driven.joints)
     columns = list(driven.columns[:count])
     q, v, a, u = motion.q, motion.v, motion.a, motion.u
-    tips = _tips(scene, q, v)
+    # Motion of all tips (n, tips, 3), world axes.
+    model, data = scene.model, scene.model.createData()
+    tips = {name: np.zeros((len(q), len(scene.tips), 3)) for name, _, _ in TIP_MOTION}
+    world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    for i, (at, rate) in enumerate(zip(q, v, strict=True)):
+        pin.forwardKinematics(model, data, np.array(at), np.array(rate))
+        pin.updateFramePlacements(model, data)
+        for k, tip in enumerate(scene.tips):
+            twist = pin.getFrameVelocity(model, data, tip.frame, world)
+            tips["tip_position"][i, k] = data.oMf[tip.frame].translation
+            tips["tip_velocity"][i, k] = twist.linear
+            tips["tip_rotation"][i, k] = pin.log3(data.oMf[tip.frame].rotation)
+            tips["tip_spin"][i, k] = twist.angular
     variables: dict[str, Any] = {
         "q": (("time", "configuration"), q, _told("m, rad or 1", "configuration in Pinocchio's coordinates")),
         "v": (("time", "velocity"), v, _told("m/s or rad/s", "velocity, of a base in its own axes")),
@@ -247,43 +276,6 @@ def read(folder: StrPath) -> tuple[xr.Dataset, dict[str, Any]]:
 def is_plan(folder: Path) -> bool:
     """Whether a folder is a plan's."""
     return (folder / SUMMARY).is_file()
-
-
-def _attributes(planned: PlanSolution) -> dict[str, Any]:
-    motion, verification = planned.motion, planned.verification
-    text = to_yaml(planned.scene.scenario)
-    return {
-        "scenario": hashlib.sha256(text.encode()).hexdigest(),
-        "spacerobot": spacerobot.__version__,
-        "status": "saddle point" if verification.saddle else "solved",
-        "interpolation": "lobatto",
-        "points": motion.lobatto.points,
-        "intervals": sum(motion.intervals for motion in planned.phased_motion.motions),
-        "order": 2 * motion.lobatto.points - 2,
-        "duration_s": planned.phased_motion.duration_s,
-        "cost": planned.cost,
-        "residual": verification.residual,
-        "barrier": planned.solution.barrier,
-        "replay_error_m": verification.replay_error_m,
-        "followed_error_m": verification.followed_error_m,
-    }
-
-
-def _tips(scene: Scene, q: Array, v: Array) -> dict[str, Array]:
-    """Motion of all tips (n, tips, 3), world axes."""
-    model, data = scene.model, scene.model.createData()
-    found = {name: np.zeros((len(q), len(scene.tips), 3)) for name, _, _ in TIP_MOTION}
-    world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    for i, (at, rate) in enumerate(zip(q, v, strict=True)):
-        pin.forwardKinematics(model, data, np.array(at), np.array(rate))
-        pin.updateFramePlacements(model, data)
-        for k, tip in enumerate(scene.tips):
-            motion = pin.getFrameVelocity(model, data, tip.frame, world)
-            found["tip_position"][i, k] = data.oMf[tip.frame].translation
-            found["tip_velocity"][i, k] = motion.linear
-            found["tip_rotation"][i, k] = pin.log3(data.oMf[tip.frame].rotation)
-            found["tip_spin"][i, k] = motion.angular
-    return found
 
 
 def _unit(scene: Scene, joints: tuple[int, ...], either: str) -> str:

@@ -184,7 +184,11 @@ def plan_result(
     assert result.verification is not None
     assert result.solution is not None
     phased_motion = solver.phased_motion(request, result)
-    terms, solver = _terms(phased_motion), solver.keeping_apart(result.apart)
+    terms = dict[str, float]()
+    for motion in phased_motion.motions:
+        for term, value in integrals(motion).items():
+            terms[term] = terms.get(term, 0.0) + motion.problem.weights[term] * value
+    solver = solver.keeping_apart(result.apart)
     runs = [one for task, a in found.items() if task.startswith(f"{name}, start") for one in a.runs]
     return PlanSolution(
         solver.scene,
@@ -201,15 +205,6 @@ def plan_result(
         pairs=len(solver.pairs),
         kept_apart=tuple(dict.fromkeys((one.first, one.second) for one in result.apart)),
     )
-
-
-def _terms(phased_motion: PhasedMotion) -> dict[str, float]:
-    """Parts of the cost by name, of all phases."""
-    found: dict[str, float] = {}
-    for motion in phased_motion.motions:
-        for name, value in integrals(motion).items():
-            found[name] = found.get(name, 0.0) + motion.problem.weights[name] * value
-    return found
 
 
 def integrals(motion: Motion) -> dict[str, float]:

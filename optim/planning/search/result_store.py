@@ -65,31 +65,28 @@ class ResultStore:
         if self.folder is None or late or not (result.runs or result.solution):
             return  # what time ended may come farther another time
         buffer = io.BytesIO()
-        np.savez(buffer, allow_pickle=False, **_arrays(result))
+        told: dict[str, Any] = {
+            "runs": [vars(solve) for solve in result.runs],
+            "meshes": [mesh.knots for mesh in result.meshes],
+            "cost": result.cost,
+            "cause": result.cause,
+            "apart": [vars(one) for one in result.apart],
+            "solution": None,
+            "verification": None if result.verification is None else dataclasses.asdict(result.verification),
+        }
+        found = {}
+        if result.solution is not None:
+            parts = vars(result.solution)
+            found = {name: parts[name] for name in ARRAYS}
+            told["solution"] = {name: value for name, value in parts.items() if name not in ARRAYS}
+        arrays = found | {"told": np.array(json.dumps(plain(told)))}
+        np.savez(buffer, allow_pickle=False, **arrays)
         write_bytes(self._file(request), buffer.getvalue())
 
     def _file(self, request: SolveRequest) -> Path:
         assert self.folder is not None
         text = f"{spacerobot.__version__} {self.fingerprint} {request.key}"
         return self.folder / f"plan-{hashlib.sha256(text.encode()).hexdigest()[:32]}.npz"
-
-
-def _arrays(result: SolveResult) -> dict[str, Any]:
-    told: dict[str, Any] = {
-        "runs": [vars(solve) for solve in result.runs],
-        "meshes": [mesh.knots for mesh in result.meshes],
-        "cost": result.cost,
-        "cause": result.cause,
-        "apart": [vars(one) for one in result.apart],
-        "solution": None,
-        "verification": None if result.verification is None else dataclasses.asdict(result.verification),
-    }
-    found = {}
-    if result.solution is not None:
-        parts = vars(result.solution)
-        found = {name: parts[name] for name in ARRAYS}
-        told["solution"] = {name: value for name, value in parts.items() if name not in ARRAYS}
-    return found | {"told": np.array(json.dumps(plain(told)))}
 
 
 def _attempt(stored: dict[str, Any]) -> SolveResult:

@@ -171,16 +171,13 @@ def determined(pattern: sparse.csc_matrix, equal: Mask, free: Mask) -> tuple[Pla
     squares = np.array(by_row[row_ends[2] : row_ends[3]], dtype=np.int64)
     known = np.array(by_column[column_ends[1] : column_ends[2]], dtype=np.int64)
     pairs, over = part[squares], by_column[: column_ends[1]]
-    left_out = _reached(pairs[:, known].T, pairs[:, over].sum(axis=1))
-    kept = np.setdiff1d(np.argsort(known), left_out, assume_unique=True)
-    return rows[squares[kept]], columns[known[kept]]
-
-
-def _reached(graph: sparse.csr_matrix, begin: Array) -> Places:
-    """Nodes of a graph from row to column that are reached from those that count, these included."""
+    graph = pairs[:, known].T
+    begin = pairs[:, over].sum(axis=1)
     first = sparse.csr_matrix(np.ravel(begin))
     whole = sparse.bmat([[None, first], [sparse.csr_matrix((graph.shape[0], 1)), graph]], format="csr")
-    return np.asarray(breadth_first_order(whole, 0, return_predecessors=False))[1:] - 1
+    left_out = np.asarray(breadth_first_order(whole, 0, return_predecessors=False))[1:] - 1
+    kept = np.setdiff1d(np.argsort(known), left_out, assume_unique=True)
+    return rows[squares[kept]], columns[known[kept]]
 
 
 def _part(pattern: sparse.csc_matrix, rows: Mask, columns: Mask) -> tuple[Places, sparse.csc_matrix]:

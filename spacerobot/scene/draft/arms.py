@@ -100,28 +100,6 @@ def ends(description: Description) -> list[str]:
     return [link.name for link in description.links if link.name not in parents]
 
 
-def choose_tip(description: Description, wanted: str | None) -> str:
-    """The link asked for, or the only end there is.
-
-    Raises
-    ------
-    ScenarioError
-        If there is no such link, or several ends.
-    """
-    names, file = [link.name for link in description.links], description.path.name
-    if wanted is not None:
-        if wanted not in names:
-            raise ScenarioError(f"no link {wanted!r} in {file}; {near_names(wanted, names)}", where="--tip")
-        return wanted
-    found = ends(description)
-    if len(found) != 1:
-        shown = ", ".join(found[:12]) + (", ..." if len(found) > 12 else "")
-        raise ScenarioError(
-            f"name the link of {file} that holds the target; its ends: {shown}", where="--tip"
-        )
-    return found[0]
-
-
 def make_arm(name: str, named: tuple[str, Description], tip: str | None) -> DraftArm:
     """Arm with a chain and a posture.
 
@@ -131,7 +109,18 @@ def make_arm(name: str, named: tuple[str, Description], tip: str | None) -> Draf
         If it has no such tip, or the URDF cannot be simulated.
     """
     urdf, description = named
-    link = choose_tip(description, tip)
+    file = description.path.name
+    if tip is None:
+        found = ends(description)
+        if len(found) != 1:
+            shown = ", ".join(found[:12]) + (", ..." if len(found) > 12 else "")
+            message = f"name the link of {file} that holds the target; its ends: {shown}"
+            raise ScenarioError(message, where="--tip")
+        link = found[0]
+    else:
+        link, names = tip, [link.name for link in description.links]
+        if tip not in names:
+            raise ScenarioError(f"no link {tip!r} in {file}; {near_names(tip, names)}", where="--tip")
     above = {joint.child: joint for joint in description.joints}
     chain, at = list[UrdfJoint](), link
     while at in above:
@@ -139,8 +128,7 @@ def make_arm(name: str, named: tuple[str, Description], tip: str | None) -> Draf
         at = above[at].parent
     chain = [joint for joint in reversed(chain) if joint.kind != "fixed"]
     if not chain:
-        message = f"no moving joint leads to {link!r} in {description.path.name}"
-        raise ScenarioError(message, where="--tip")
+        raise ScenarioError(f"no moving joint leads to {link!r} in {file}", where="--tip")
     of_chain = {joint.name for joint in chain}
     others = [j.name for j in description.joints if j.kind != "fixed" and j.name not in of_chain]
     locked: Document = {other: {"locked": True} for other in others}
