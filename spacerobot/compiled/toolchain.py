@@ -149,7 +149,21 @@ def _toolchain(variable: str, wish: str) -> Toolchain | None:
 
 
 def _described(command: tuple[str, ...], version: str) -> Toolchain:
-    processor = _processor()
+    # Model and flags of the first processor; what Python knows about it where /proc does not exist.
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        text = ""
+    wanted = re.compile(r"^(model name|flags|CPU implementer|CPU part|Features)\s*:\s*(.*)$", re.MULTILINE)
+    first = text.split("\n\n", 1)[0]
+    found = [value for _, value in wanted.findall(first)]
+    if not found and sys.platform == "darwin":
+        asked = ["sysctl", "-n", "machdep.cpu.brand_string", "machdep.cpu.features"]
+        done = subprocess.run(asked, capture_output=True, text=True, check=False)
+        found = done.stdout.lower().splitlines()
+    processor = " | ".join(
+        [platform.machine(), *found] if found else [platform.machine(), platform.processor()]
+    )
     lanes = _lanes(processor)
     symbols, libraries = _vector_maths(lanes)
     if platform.machine().lower() not in ("x86_64", "amd64"):
@@ -172,22 +186,6 @@ def _version(command: tuple[str, ...]) -> str | None:
     except (OSError, subprocess.SubprocessError):
         return None
     return done.stdout.splitlines()[0].strip() if done.stdout.strip() else None
-
-
-def _processor() -> str:
-    """Model and flags of the first processor; what Python knows about it where /proc does not exist."""
-    try:
-        text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        text = ""
-    wanted = re.compile(r"^(model name|flags|CPU implementer|CPU part|Features)\s*:\s*(.*)$", re.MULTILINE)
-    first = text.split("\n\n", 1)[0]
-    found = [value for _, value in wanted.findall(first)]
-    if not found and sys.platform == "darwin":
-        asked = ["sysctl", "-n", "machdep.cpu.brand_string", "machdep.cpu.features"]
-        done = subprocess.run(asked, capture_output=True, text=True, check=False)
-        found = done.stdout.lower().splitlines()
-    return " | ".join([platform.machine(), *found] if found else [platform.machine(), platform.processor()])
 
 
 def _lanes(processor: str) -> int:

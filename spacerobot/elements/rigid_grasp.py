@@ -32,8 +32,12 @@ class RigidGrasp(Grasp):
         """Acceleration constraint, of exactly the rank that the grasp has."""
         plant, relative = grasp.plant, relative_motion(grasp)
         rate = grasp.context.number("stabilisation")
-        linear, angular = _drift(grasp)
-        linear, angular = linear - relative.rest.acceleration, angular - relative.rest.angular_acceleration
+        # relative acceleration at zero joint acceleration, linear and angular (3x1 each)
+        tip_drift, mate_drift = plant.drift(grasp.tip_frame), plant.drift(grasp.mate_frame)
+        tip_velocity, mate = plant.velocity(grasp.tip_frame)[0], plant.velocity(grasp.mate_frame)
+        linear = tip_drift[0] - mate_drift[0] - cross(mate_drift[1], apart(grasp)[0])
+        linear = linear - cross(mate[1], tip_velocity - mate[0]) - relative.rest.acceleration
+        angular = tip_drift[1] - mate_drift[1] - relative.rest.angular_acceleration
         along = list(plant.translation_axes)
         drift = [(linear + 2 * rate * relative.velocity + rate**2 * relative.gap)[along]]
         directions = [unit_load(axis, rotation=False) for axis in along]
@@ -55,13 +59,3 @@ class RigidGrasp(Grasp):
         sense, slips = ca.horzcat(*loads), ca.vertcat(*slip)
         constraint = AccelerationConstraint(tuple(directions), sense, ca.vertcat(*drift), slips, answer)
         return Contribution(constraints=(constraint,))
-
-
-def _drift(grasp: GraspContext) -> tuple[ca.SX, ca.SX]:
-    """Relative acceleration at zero joint acceleration, linear and angular (3x1 each)."""
-    plant = grasp.plant
-    tip_drift, mate_drift = plant.drift(grasp.tip_frame), plant.drift(grasp.mate_frame)
-    tip_velocity, mate = plant.velocity(grasp.tip_frame)[0], plant.velocity(grasp.mate_frame)
-    gap = apart(grasp)[0]
-    linear = tip_drift[0] - mate_drift[0] - cross(mate_drift[1], gap) - cross(mate[1], tip_velocity - mate[0])
-    return linear, tip_drift[1] - mate_drift[1]

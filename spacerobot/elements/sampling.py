@@ -114,7 +114,8 @@ def periodic(config: Sampling, context: SectionContext, name: str, continuous: C
         whole[torque.null_space].append(torque.value)
     torques, events = [], []
     # whose actuators are asked
-    robot = next((one.robot for one in (*continuous.channels, *continuous.torques)), "")
+    names = [channel.robot for channel in continuous.channels]
+    robot = [*names, *(torque.robot for torque in continuous.torques), ""][0]
     for null_space, parts in whole.items():
         asked = sum(parts[1:], parts[0]) if parts else ca.SX(0, 1)
         rows = sorted(set(asked.sparsity().row()))

@@ -210,7 +210,16 @@ def _of_body(scene: Scene, body: SceneBody) -> list[str]:
     locked = [name for name, joint in (config.joints if config else {}).items() if joint.locked]
     if locked:
         found.append(f"{body.path}: locked where they begin: {', '.join(locked)}")
-    found += _changed_masses(body)
+    changed = []
+    for link in body.description.links:
+        given = body.config.links.get(link.name)
+        if given is not None and given.mass != link.mass and given.inertia_at_mass is not None:
+            changed.append(link.name)
+    if changed:
+        found.append(
+            f"{body.path}: inertia scaled with the mass, which is not the URDF's (give `inertia` if it "
+            f"shall not be): {', '.join(changed)}"
+        )
     if not isinstance(body.config, Robot):
         return found
     controlled = any(any(tip.config.elements()) for tip in scene.tips if tip.body is body)
@@ -222,18 +231,3 @@ def _of_body(scene: Scene, body: SceneBody) -> list[str]:
     if not any(actuator.limits(names) for _, actuator in body.config.driven_by()):
         found.append(f"{body.path}: torques are not limited")
     return found
-
-
-def _changed_masses(body: SceneBody) -> list[str]:
-    """Links whose mass is not the URDF's, so that their inertia is scaled with it."""
-    changed = []
-    for link in body.description.links:
-        given = body.config.links.get(link.name)
-        if given is not None and given.mass != link.mass and given.inertia_at_mass is not None:
-            changed.append(link.name)
-    if not changed:
-        return []
-    return [
-        f"{body.path}: inertia scaled with the mass, which is not the URDF's (give `inertia` if it shall not "
-        f"be): {', '.join(changed)}"
-    ]

@@ -212,7 +212,10 @@ def dome_warnings(scene: Scene) -> list[str]:
             continue
         for gap, pair in zip(gaps(scene, contact), contact.pairs, strict=True):
             crown = contact.config.crown
-            depth = _within_domes(scene, pair, crown) if gap < _domes(pair, crown) else 0.0
+            # no domes of two shapes are higher [m]
+            extents = (shape.config.extent()[1] for shape in pair if not shape.config.is_halfspace)
+            near = gap < 3**0.5 * crown * sum(extents)
+            depth = _within_domes(scene, pair, crown) if near else 0.0
             if depth > TOUCHING:
                 found.append(
                     f"{contact.path}: {pair[0].label} and {pair[1].label} begin {depth:.2g} m inside the "
@@ -220,12 +223,6 @@ def dome_warnings(scene: Scene) -> list[str]:
                     "`crown`"
                 )
     return found
-
-
-def _domes(pair: tuple[SceneShape, SceneShape], crown: float) -> float:
-    """No domes of two shapes are higher [m]."""
-    found = (shape.config.extent()[1] for shape in pair if not shape.config.is_halfspace)
-    return 3**0.5 * crown * sum(found)
 
 
 def _within_domes(scene: Scene, pair: tuple[SceneShape, SceneShape], crown: float) -> float:

@@ -87,19 +87,19 @@ def find_closings(
     gives = {
         body.name: by_name[body.base.close_grasp] for body in bodies if body.base.close_grasp is not None
     }
-    for body in bodies:
-        grasp = gives.get(body.name)
-        if grasp is not None and body.name not in ("target", grasp.tip.body.name):
+    for one in bodies:
+        held = gives.get(one.name)
+        if held is not None and one.name not in ("target", held.tip.body.name):
             raise ScenarioError(
-                f"grasp {grasp.name!r} holds {grasp.tip.label!r}, not a tip of {body.name!r}",
+                f"grasp {held.name!r} holds {held.tip.label!r}, not a tip of {one.name!r}",
                 source=source,
-                where=f"{body.path}.base.close_grasp",
+                where=f"{one.path}.base.close_grasp",
             )
-        if grasp is not None and grasp.config.begins == "open":
+        if held is not None and held.config.begins == "open":
             raise ScenarioError(
-                f"grasp {grasp.name!r} begins open, so it places nothing; give a `position`",
+                f"grasp {held.name!r} begins open, so it places nothing; give a `position`",
                 source=source,
-                where=f"{body.path}.base.close_grasp",
+                where=f"{one.path}.base.close_grasp",
             )
     grasps = begun(grasps)
     target = next((body for body in bodies if body.name == "target"), None)

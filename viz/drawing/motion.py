@@ -135,9 +135,9 @@ def scene_nodes(scene: Scene) -> tuple[Node, ...]:
     # Pads of contacts: the body and joint that carry each, and what is seen of it.
     pairs = [pair for contact in scene.contacts for pair in contact.pairs]
     pads = []
-    for shape in dict.fromkeys(shape for pair in pairs for shape in pair if shape.path is not None):
-        body = scene.model.frames[shape.frame].name.partition("/")[0]
-        pads += [(body, shape.joint, solid) for solid in pad_solids(scene, shape, pairs)]
+    for pad in dict.fromkeys(shape for pair in pairs for shape in pair if shape.path is not None):
+        owner = scene.model.frames[pad.frame].name.partition("/")[0]
+        pads += [(owner, pad.joint, solid) for solid in pad_solids(scene, pad, pairs)]
     for body in scene.bodies:
         links = body.description.links
         seen = any(link.visuals for link in links)

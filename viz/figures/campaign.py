@@ -101,7 +101,20 @@ def _draw(panel: Axes, spread: SampleSpread, *, numbers: bool) -> None:
                 told = f"  {100 * level:g} % below {text}"
                 panel.annotate(told, (value, level), fontsize=7, va="top", color="0.25")
         if 0 < len(finite) < len(values) and not numbers:
-            _lost(panel, len(finite) / len(values), len(values) - len(finite), k, alone)
+            # Say at the right edge where a curve ends short of all runs because some diverged.
+            end = len(finite) / len(values)
+            lost = len(values) - len(finite)
+            colour = BAD if alone else COLOURS[k % len(COLOURS)]
+            panel.axhline(end, color=colour, linewidth=0.8, linestyle=":")
+            panel.annotate(
+                f"{lost} diverged",
+                (1, end),
+                xycoords=("axes fraction", "data"),
+                fontsize=7,
+                color=colour,
+                ha="right",
+                va="bottom",
+            )
     every = np.concatenate(drawn) if drawn else np.empty(0)
     if np.isfinite(every).any():
         _scale(panel, every[np.isfinite(every)], spread)
@@ -129,21 +142,6 @@ def _told(marks: Mapping[float, float], count: int, finite: int, unit: str) -> s
     parts = [f"{100 * level:g} % below {text} {unit}" for level, text in _apart(marks).items()]
     lost = [f"{count - finite} diverged"] if finite < count else []
     return ", ".join([f"{count} runs", *parts, *lost])
-
-
-def _lost(panel: Axes, share: float, lost: int, k: int, alone: bool) -> None:
-    """Say at the right edge where a curve ends short of all runs because some diverged."""
-    colour = BAD if alone else COLOURS[k % len(COLOURS)]
-    panel.axhline(share, color=colour, linewidth=0.8, linestyle=":")
-    panel.annotate(
-        f"{lost} diverged",
-        (1, share),
-        xycoords=("axes fraction", "data"),
-        fontsize=7,
-        color=colour,
-        ha="right",
-        va="bottom",
-    )
 
 
 def _scale(panel: Axes, finite: Array, spread: SampleSpread) -> None:

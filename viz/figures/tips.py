@@ -64,7 +64,14 @@ def tip_paths(*results: Result) -> Drawing:
             panel.set_title(
                 title if len(results) == 1 else f"{title}, {label}", pad=24 if is_narrow() else 16
             )
-    _one_scale(list(axes.flat))
+    # Let a metre be as long in all panels, each around its own middle.
+    drawn = list(axes.flat)
+    wide, high = np.max([panel.dataLim.size for panel in drawn], axis=0)
+    for panel in drawn:
+        (left, bottom), (right, top) = panel.dataLim.min, panel.dataLim.max
+        across, up = (left + right) / 2, (bottom + top) / 2
+        panel.update_datalim([(across + k * wide / 2, up + k * high / 2) for k in (-1, 1)])
+        panel.autoscale_view()
     legend_above(figure, *axes.flat)
     return figure
 
@@ -83,16 +90,6 @@ def planes(results: Sequence[Result]) -> list[tuple[int, int]]:
     if reach[third] > _FLAT * reach[first]:
         found.append((first, third))
     return [(min(pair), max(pair)) for pair in found]
-
-
-def _one_scale(axes: Sequence[Axes]) -> None:
-    """Let a metre be as long in all panels, each around its own middle."""
-    wide, high = np.max([panel.dataLim.size for panel in axes], axis=0)
-    for panel in axes:
-        (left, bottom), (right, top) = panel.dataLim.min, panel.dataLim.max
-        across, up = (left + right) / 2, (bottom + top) / 2
-        panel.update_datalim([(across + k * wide / 2, up + k * high / 2) for k in (-1, 1)])
-        panel.autoscale_view()
 
 
 def _path(panel: Axes, result: Result, tip: str, plane: tuple[int, int]) -> None:

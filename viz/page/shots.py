@@ -73,7 +73,13 @@ def shots(
             holding = {tip.partition("/")[0] for tip in tips}
             smallest = min(_size(only(motion, body), row, box) for body in (scene.target.name, *holding))
             reach = min(_NEAR * smallest, _MOST * _size(motion, row, box))
-            points = _around(held.mates[row], max(reach, _LEAST * float(np.linalg.norm(box[1] - box[0]))))
+            # corners (8, 3) of a box around the mating frames, that reaches far enough beyond their middle
+            mates = held.mates[row]
+            beyond = max(reach, _LEAST * float(np.linalg.norm(box[1] - box[0])))
+            middle = (mates.min(axis=0) + mates.max(axis=0)) / 2
+            half = np.maximum(np.ptp(mates, axis=0) / 2 * 1.3, beyond)
+            corners = np.meshgrid(*np.stack([middle - half, middle + half]).T)
+            points = np.stack(corners).reshape(3, -1).T
             seen = view if scene.planar else grasp_view(held, row, view)
         found.append(
             {"time": float(begin), "points": [rounded(p) for p in points], "towards": rounded(seen.towards)}
@@ -92,11 +98,3 @@ def _between(motion: BodyMotion, first: int, last: int) -> BodyMotion:
     return replace(
         motion, time=motion.time[part], position=motion.position[part], quaternion=motion.quaternion[part]
     )
-
-
-def _around(points: Array, reach: float) -> Array:
-    """Corners (8, 3) of a box around points (n, 3), and as far beyond their middle as it shall reach, m."""
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    half = np.maximum(np.ptp(points, axis=0) / 2 * 1.3, reach)
-    corners = np.meshgrid(*np.stack([middle - half, middle + half]).T)
-    return np.stack(corners).reshape(3, -1).T

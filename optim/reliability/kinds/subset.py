@@ -10,7 +10,6 @@ import numpy as np
 from optim.reliability.design_points import DesignPoint
 from optim.reliability.estimator import ProbabilityEstimate, ProbabilityEstimator, SamplingEffort
 from optim.reliability.limit_state import MOST_SCORE, LimitState
-from spacerobot.arrays import Array
 from spacerobot.registry import registered
 
 SHARE = 0.1  # of the samples that enter the next level
@@ -54,41 +53,30 @@ class SubsetSimulation(ProbabilityEstimator):
             if share == 0:
                 return ProbabilityEstimate(0.0, np.inf)
             probability *= share
-            variance += _relative_variance(inside, share)
+            # squared coefficient of variation of the share of correlated samples, Au and Beck's Eq. 28 and 29
+            length = len(inside)
+            centred = inside - share
+            start = float(np.mean(centred**2))
+            gamma = 0.0
+            for lag in range(1, length):
+                correlation = float(np.mean(centred[lag:] * centred[:-lag])) / start if start > 0 else 0.0
+                gamma += 2 * (1 - lag / length) * correlation
+            variance += (1 - share) / (share * inside.size) * max(1.0, 1 + gamma)
             if level <= 0 or spent + kept * (steps - 1) > effort.budget:
                 break
             seeds, at = z[inside], values[inside]
-            z, values = _chains(state, seeds, at, level, steps, rng)
+            # Markov chains below the level: states (steps, chains, k) and their values (steps, chains)
+            path, found = [seeds], [at]
+            for _ in range(steps - 1):
+                drawn = rng.standard_normal(seeds.shape)
+                trial = CORRELATION * path[-1] + np.sqrt(1 - CORRELATION**2) * drawn
+                trial = np.clip(trial, -MOST_SCORE, MOST_SCORE)
+                value = state.values(trial)
+                accepted = value < level
+                path.append(np.where(accepted[:, None], trial, path[-1]))
+                found.append(np.where(accepted, value, found[-1]))
+            z, values = np.array(path), np.array(found)
             spent += len(seeds) * (steps - 1)
         if level > 0:
             return ProbabilityEstimate(0.0, np.inf)
         return ProbabilityEstimate(probability, float(np.sqrt(variance)))
-
-
-def _chains(
-    state: LimitState, z: Array, values: Array, level: float, steps: int, rng: np.random.Generator
-) -> tuple[Array, Array]:
-    """States (steps, chains, k) of Markov chains below a level, and their values (steps, chains)."""
-    path, found = [z], [values]
-    for _ in range(steps - 1):
-        trial = CORRELATION * path[-1] + np.sqrt(1 - CORRELATION**2) * rng.standard_normal(z.shape)
-        trial = np.clip(trial, -MOST_SCORE, MOST_SCORE)
-        value = state.values(trial)
-        accepted = value < level
-        path.append(np.where(accepted[:, None], trial, path[-1]))
-        found.append(np.where(accepted, value, found[-1]))
-    return np.array(path), np.array(found)
-
-
-def _relative_variance(inside: np.typing.NDArray[np.bool_], share: float) -> float:
-    """Squared coefficient of variation of the share of correlated samples (steps, chains); Au and Beck's
-    Eq. 28 and 29.
-    """
-    steps = len(inside)
-    centred = inside - share
-    start = float(np.mean(centred**2))
-    gamma = 0.0
-    for lag in range(1, steps):
-        correlation = float(np.mean(centred[lag:] * centred[:-lag])) / start if start > 0 else 0.0
-        gamma += 2 * (1 - lag / steps) * correlation
-    return (1 - share) / (share * inside.size) * max(1.0, 1 + gamma)
