@@ -289,7 +289,12 @@ def _rolled(scene: Scene, rollout: Rollout, design: Mapping[str, float]) -> _Run
         found = f"error {choice.error:.1e}, of a single step {choice.step_error:.1e}"
         notes["step_chosen"] = f"{found}, tolerance {choice.tolerance:g}"
     ready = time.perf_counter()
-    fine, every = _every_step(rollout.grid)
+    # the same steps with a sample at each, or at as many as there is room for
+    grid = rollout.grid
+    fewest = math.ceil(grid.steps / MOST_INSTANTS)
+    stride = next(n for n in range(min(fewest, grid.every), grid.every + 1) if grid.every % n == 0)
+    every = grid.every // stride
+    fine = TimeGrid(grid.duration_s, grid.intervals * every, stride)
     trajectory = dataclasses.replace(rollout, grid=fine).run(design, estimate=True)
     if rollout.choice is None:
         notes["step_error"] = f"{trajectory.step_error:.1e}"
@@ -301,14 +306,6 @@ def _rolled(scene: Scene, rollout: Rollout, design: Mapping[str, float]) -> _Run
             )
             scene = dataclasses.replace(scene, warnings=(*scene.warnings, told))
     return _Run(scene, ready, trajectory, every, notes)
-
-
-def _every_step(grid: TimeGrid) -> tuple[TimeGrid, int]:
-    """The same steps with a sample at each, or at as many as there is room for, and how many to a sample."""
-    fewest = math.ceil(grid.steps / MOST_INSTANTS)
-    stride = next(n for n in range(min(fewest, grid.every), grid.every + 1) if grid.every % n == 0)
-    every = grid.every // stride
-    return TimeGrid(grid.duration_s, grid.intervals * every, stride), every
 
 
 def _check(scene: Scene, loop: ClosedLoop, tell: Progress) -> _Run:

@@ -183,17 +183,25 @@ class Falsification(JsonResult):
     def rows(self) -> list[tuple[str, str]]:
         """Outcome and parameters, as text."""
         verdict = "exceeded" if self.is_falsified else "kept, as far as was found"
+        random = f"{self.random.value:.6g} {self.unit}"
+        if np.isnan(self.random.value):
+            random = "all simulations diverged"
+        lost = ", ".join(f"{name} {value:.6g}" for name, value in (self.diverged_at or {}).items())
         return [
             (f"limit of {self.quantity}", f"{self.limit:g} {self.unit}: {verdict}"),
             ("at the medians", f"{self.nominal:.6g} {self.unit}"),
             ("worst, by gradients", f"{self.worst.value:.6g} {self.unit}"),
-            ("worst, by random search at equal cost", self._told_random()),
+            ("worst, by random search at equal cost", random),
             ("cost", self.cost),
             *(
                 (name, f"{value:.6g}, percentile {self.worst.percentiles[name]:.3g}")
                 for name, value in self.worst.parameters.items()
             ),
-            *([("diverged", self._told_diverged())] if self.diverged_at is not None else []),
+            *(
+                [("diverged", f"{self.diverged} simulations, the first at {lost}")]
+                if self.diverged_at is not None
+                else []
+            ),
         ]
 
     @classmethod
@@ -203,14 +211,6 @@ class Falsification(JsonResult):
         for case in cases.values():
             case["value"] = np.nan if case["value"] is None else case["value"]  # as JSON has it
         return cls(**found | {key: WorstCase(**case) for key, case in cases.items()})
-
-    def _told_random(self) -> str:
-        value = self.random.value
-        return "all simulations diverged" if np.isnan(value) else f"{value:.6g} {self.unit}"
-
-    def _told_diverged(self) -> str:
-        at = ", ".join(f"{name} {value:.6g}" for name, value in (self.diverged_at or {}).items())
-        return f"{self.diverged} simulations, the first at {at}"
 
     def scene(self, scene: Scene) -> Scene:
         """The scene with the worst parameters."""

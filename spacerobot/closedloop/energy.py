@@ -77,19 +77,13 @@ def stored_energies(scene: Scene, plant: Plant, acting: Contribution) -> tuple[O
     springs = ca.SX(1, 1) if acting.energy is None else acting.energy
     if plant.stiffness.nnz():
         springs = springs + ca.dot(plant.stiffness * plant.deflection, plant.deflection) / 2
+    potential, gravity = ca.SX(1, 1), scene.scenario.gravity
+    for body in scene.bodies if any(gravity) else ():
+        for joint in body.subtree:
+            mass, moment, _ = plant.inertias.in_world(plant.kinematics, joint)
+            potential = potential - ca.dot(ca.SX(gravity), mass * plant.kinematics.origin[joint] + moment)
     return (
         Output("energy_kinetic", kinetic, "J", "kinetic energy"),
         Output("energy_spring", springs, "J", "energy held in springs"),
-        Output("energy_potential", _potential(scene, plant), "J", "potential energy of gravity"),
+        Output("energy_potential", potential, "J", "potential energy of gravity"),
     )
-
-
-def _potential(scene: Scene, plant: Plant) -> ca.SX:
-    total, gravity = ca.SX(1, 1), scene.scenario.gravity
-    if not any(gravity):
-        return total
-    for body in scene.bodies:
-        for joint in body.subtree:
-            mass, moment, _ = plant.inertias.in_world(plant.kinematics, joint)
-            total = total - ca.dot(ca.SX(gravity), mass * plant.kinematics.origin[joint] + moment)
-    return total

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import get_args
 
@@ -195,20 +194,17 @@ class _Checker:
                 )
 
     def _error(self, element: etree._Element, message: str) -> DescriptionError:
-        return DescriptionError(message, source=self._source, where=" ".join(_path(element)))
-
-
-def _path(element: etree._Element) -> Iterator[str]:
-    """The named element that holds ``element``, then ``element`` itself, then its line."""
-    ancestors = [element, *element.iterancestors()]
-    for ancestor in reversed(ancestors):
-        name = ancestor.get("name")
-        if ancestor is element or (name and ancestor.tag in ("link", "joint")):
-            tag = str(ancestor.tag)
-            if ancestor.prefix and "}" in tag:
-                tag = f"{ancestor.prefix}:{tag.partition('}')[2]}"
-            yield f"{tag} {_shorten(name)!r}" if name else f"<{tag}>"
-    yield f"(line {element.sourceline})"
+        """Error at an element, with the named element that holds it and its line."""
+        where = []
+        for ancestor in reversed([element, *element.iterancestors()]):
+            name = ancestor.get("name")
+            if ancestor is element or (name and ancestor.tag in ("link", "joint")):
+                tag = str(ancestor.tag)
+                if ancestor.prefix and "}" in tag:
+                    tag = f"{ancestor.prefix}:{tag.partition('}')[2]}"
+                where.append(f"{tag} {_shorten(name)!r}" if name else f"<{tag}>")
+        where.append(f"(line {element.sourceline})")
+        return DescriptionError(message, source=self._source, where=" ".join(where))
 
 
 def _shorten(text: str) -> str:

@@ -54,7 +54,19 @@ def judge(
         ``trusted``, what is ``open`` in words, which contacts are too ``deep`` if any, ``advice`` (None where
         nothing is open).
     """
-    found = [*_drifts(ledger["momentum"]), *_residual(ledger["energy"])] if completed else []
+    found = list[str]()
+    if completed:
+        momentum, energy, parts = ledger["momentum"], ledger["energy"], list[str]()
+        for kind, unit in KINDS if momentum["conserved"] else ():
+            told = momentum[kind]
+            drift = told[f"drift_{unit}"] / max(told[f"largest_partial_{unit}"], LEAST_MOMENTUM)
+            if not drift <= MOST_DRIFT:
+                parts.append(f"{share(drift)} {kind}")
+        if parts:
+            found.append(f"momentum drift {', '.join(parts)}")
+        residual = energy["largest_residual_j"] / max(energy["largest_energy_j"], LEAST_ENERGY)
+        if not residual <= MOST_RESIDUAL:
+            found.append(f"energy residual {share(residual)}")
     return {
         "trusted": completed and not found and not deep,
         "open": found,
@@ -109,23 +121,6 @@ def least_between(values: Array, time: Array) -> float:
     bend = (slopes[1] - slopes[0]) / steps.sum()
     slope = (slopes[0] * steps[1] + slopes[1] * steps[0]) / steps.sum()
     return float(values[k] - (slope**2 / (4 * bend) if bend > 0 else 0.0))
-
-
-def _drifts(momentum: Mapping[str, Any]) -> list[str]:
-    if not momentum["conserved"]:
-        return []
-    parts = []
-    for kind, unit in KINDS:
-        told = momentum[kind]
-        drift = told[f"drift_{unit}"] / max(told[f"largest_partial_{unit}"], LEAST_MOMENTUM)
-        if not drift <= MOST_DRIFT:
-            parts.append(f"{share(drift)} {kind}")
-    return [f"momentum drift {', '.join(parts)}"] if parts else []
-
-
-def _residual(energy: Mapping[str, Any]) -> list[str]:
-    residual = energy["largest_residual_j"] / max(energy["largest_energy_j"], LEAST_ENERGY)
-    return [] if residual <= MOST_RESIDUAL else [f"energy residual {share(residual)}"]
 
 
 def advise(engine: Mapping[str, Any], tolerance: float, fastest: Mapping[str, Any]) -> str:

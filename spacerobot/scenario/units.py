@@ -25,7 +25,9 @@ def unit_at(scenario: Scenario, path: str) -> str:
     node: Any = scenario
     unit, turns = "SI", False
     while path:
-        key = _first(node, path)
+        # a key that itself holds dots is one segment
+        longer = [key for key in node if f"{path}.".startswith(f"{key}.")] if isinstance(node, dict) else []
+        key = max(longer, key=len, default=path.partition(".")[0])
         path = path[len(key) + 1 :]
         if isinstance(node, Section):
             found = type(node).unit_of(key, rotation=turns)
@@ -37,11 +39,3 @@ def unit_at(scenario: Scenario, path: str) -> str:
             node = node[key] if isinstance(node, dict) else node[int(key)]
         turns = turns or (isinstance(node, TipController) and node.controls(key) == "rotation")
     return unit
-
-
-def _first(node: Any, path: str) -> str:
-    """First segment of a path; a key that itself holds dots is one segment."""
-    keys = (
-        [key for key in node if path == key or path.startswith(f"{key}.")] if isinstance(node, dict) else []
-    )
-    return max(keys, key=len, default=path.partition(".")[0])

@@ -174,8 +174,15 @@ def _draw(results: Sequence[Result], error: _Error, names: Sequence[str]) -> Dra
         for panel, name in zip(row, names, strict=False):
             # Errors of a tip along an axis, over the paper's bands.
             published = is_of_the_paper(results[0]) and error is _POSITION
-            if published:
-                _bands(panel, tip, name)
+            if published and (tip, name) in AXES:
+                place = AXES.index((tip, name))
+                fill: dict[str, Any] = {"color": PAPER_FILL, "linewidth": 0, "zorder": 0}
+                panel.axhspan(*FIGURE_7_MM[place], **fill, label="published, Fig. 7 (PID + amnesia)")
+                look: dict[str, Any] = {"color": PAPER_LINE, "linewidth": 0.8, "linestyle": (0, (3, 2))}
+                for value, caption in zip(
+                    FIGURE_10_MM[place], ("published, Fig. 10 (GA-tuned)", None), strict=True
+                ):
+                    panel.axhline(value, **look, zorder=1, label=caption)
             for index, (result, label) in enumerate(zip(results, labels_of(results), strict=True)):
                 values = error.of(result, tip)[:, "xyz".index(name)]
                 text = f"simulated: {label}" if published else label
@@ -192,7 +199,14 @@ def _draw(results: Sequence[Result], error: _Error, names: Sequence[str]) -> Dra
         for panel in axes.flat:
             mark_phases(panel, results[0], named=panel is axes[0, 0])
     below_last(axes)
-    _limit(signed, results, error)
+    if not all(result.completed for result in results):
+        # keep what happened before a divergence readable: its last instants leave the panel
+        shown = [result.data[error.variable].values * error.factor for result in results]
+        calm = max(
+            float(np.abs(v if r.completed else v[: max(2, int(0.8 * len(v)))]).max())
+            for v, r in zip(shown, results, strict=True)
+        )
+        signed[0, 0].set_ylim(-2 * max(calm, 1.0), 2 * max(calm, 1.0))
     legend_above(figure, axes[0, 0], columns=3)
     return figure
 
@@ -213,29 +227,3 @@ def _sizes(panel: Axes, results: Sequence[Result], error: _Error, tip: str) -> N
     panel.set_title(f"{tip}, size")
     panel.set_ylabel(f"size of {error.text} [{error.unit}]")
     panel.set_xlabel("time [s]")
-
-
-def _bands(panel: Axes, tip: str, name: str) -> None:
-    """Draw the values that the paper prints for this tip and axis, if it does."""
-    if (tip, name) not in AXES:
-        return
-    seventh, tenth = FIGURE_7_MM[AXES.index((tip, name))], FIGURE_10_MM[AXES.index((tip, name))]
-    fill: dict[str, Any] = {"color": PAPER_FILL, "linewidth": 0, "zorder": 0}
-    panel.axhspan(*seventh, **fill, label="published, Fig. 7 (PID + amnesia)")
-    look: dict[str, Any] = {"color": PAPER_LINE, "linewidth": 0.8, "linestyle": (0, (3, 2)), "zorder": 1}
-    for value, label in zip(tenth, ("published, Fig. 10 (GA-tuned)", None), strict=True):
-        panel.axhline(value, **look, label=label)
-
-
-def _limit(
-    axes: np.ndarray[tuple[int, int], np.dtype[np.object_]], results: Sequence[Result], error: _Error
-) -> None:
-    """Keep what happened before a divergence readable: its last instants leave the panel."""
-    if all(result.completed for result in results):
-        return
-    values = [result.data[error.variable].values * error.factor for result in results]
-    calm = max(
-        float(np.abs(v if r.completed else v[: max(2, int(0.8 * len(v)))]).max())
-        for v, r in zip(values, results, strict=True)
-    )
-    axes[0, 0].set_ylim(-2 * max(calm, 1.0), 2 * max(calm, 1.0))

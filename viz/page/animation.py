@@ -97,7 +97,13 @@ def shown_data(
     scale = float(np.linalg.norm(high - low))
     force = max(greatest_force(one.result) for one in shown)
     view = view_of(shown[0].result, shown[0].scene)
-    # Warnings that belong beside the picture.
+    # description of the shown results, for a reader who does not know the scenario
+    first, engine = shown[0], shown[0].result.summary["engine"]["name"]
+    scenario, kind = first.result.scenario, "planar" if first.scene.planar else "spatial"
+    words = f"{kind}, {scenario.simulation.duration:g} s, simulated by {engine}"
+    if scenario.description and len({one.result.scenario.name for one in shown}) == 1:
+        words = f"{scenario.description} ({words})"
+    # warnings that belong beside the picture
     found = []
     for one in shown:
         who = f"{one.label}: " if len(shown) > 1 else ""
@@ -105,7 +111,7 @@ def shown_data(
     warnings = list(dict.fromkeys(found))
     return {
         "title": title or _title([one.label for one in shown]),
-        "about": _about(shown),
+        "about": words,
         "notices": warnings,
         "planar": shown[0].scene.planar,
         "towards": rounded(view.towards),
@@ -269,16 +275,6 @@ def _near(shown: AnimatedResult, low: Array, high: Array) -> Array:
 
 def _title(labels: Sequence[str]) -> str:
     return " and ".join(labels) if len(labels) <= FIRST_SHOWN else f"{labels[0]} and {len(labels) - 1} others"
-
-
-def _about(shown: Sequence[AnimatedResult]) -> str:
-    """Description of the shown results, for a reader who does not know the scenario."""
-    first, engine = shown[0], shown[0].result.summary["engine"]["name"]
-    scenario, kind = first.result.scenario, "planar" if first.scene.planar else "spatial"
-    names = {one.result.scenario.name for one in shown}
-    about = scenario.description if len(names) == 1 and scenario.description else ""
-    text = f"{kind}, {scenario.simulation.duration:g} s, simulated by {engine}"
-    return f"{about} ({text})" if about else text
 
 
 def notices(result: Result, scene: Scene) -> list[str]:

@@ -17,7 +17,7 @@ from spacerobot.result import Result
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scene import Scene
 from spacerobot.scene.contacts import find_pairs
-from viz.drawing.motion import BodyMotion, DrawnSolid, SceneGeometry, pad_solids, place, scene_nodes
+from viz.drawing.motion import DrawnSolid, SceneGeometry, pad_solids, place, scene_nodes
 from viz.page.animation import FRAMES_PER_S, animation
 from viz.page.meshcat_scene import packed, poses, rounded, solid_data
 
@@ -53,6 +53,10 @@ def beside_its_plan(flown: Result, scene: Scene, plan: xr.Dataset) -> dict[str, 
     time = np.linspace(0.0, end, max(2, round(end * FRAMES_PER_S) + 1))
     q = _over(plan.time.values, plan.q.values, time)
     motion = place(scene, SceneGeometry.of(scene), q, time)
+    target = None
+    if run["target"] is not None and scene.target is not None:
+        bases = [(node.body, node.is_base) for node in motion.nodes]
+        target = packed(motion.position[:, bases.index((scene.target.name, True))])
     ghost = run | {
         "label": "plan",
         "pale": True,
@@ -60,7 +64,7 @@ def beside_its_plan(flown: Result, scene: Scene, plan: xr.Dataset) -> dict[str, 
         "time": packed(motion.time),
         "poses": poses(motion),
         "tips": packed(_over(plan.time.values, plan.tip_position.values, motion.time)),
-        "target": _target(scene, motion, run["target"]),
+        "target": target,
         "fine_time": packed(plan.time.values),
         "errors": [],
         "quantities": list(_curves(run["quantities"], plan)),
@@ -77,14 +81,6 @@ def _over(time: Array, values: Array, wanted: Array) -> Array:
     """Values between rows; where two phases meet, one of two rows of the same time is taken."""
     first = np.append(True, np.diff(time) > 0)
     return np.asarray(CubicSpline(time[first], values[first], axis=0)(wanted))
-
-
-def _target(scene: Scene, motion: BodyMotion, flown: Any) -> Any:
-    """Path of the target's root, where there is a target."""
-    if flown is None or scene.target is None:
-        return None
-    names = [(node.body, node.is_base) for node in motion.nodes]
-    return packed(motion.position[:, names.index((scene.target.name, True))])
 
 
 def _curves(quantities: list[dict[str, Any]], plan: xr.Dataset) -> Iterator[dict[str, Any]]:

@@ -84,7 +84,13 @@ def instant_limits(stage: Stage, given: Limits) -> tuple[Array, Array]:
 
 def path_rows(stage: Stage, plan: PlanSection) -> list[BoundedRow]:
     """Path constraints in addition to the limits of z, without those that a search added."""
-    rows = [*_hold_rows(stage), *wheel_rows(stage, plan)]
+    # acceleration constraints of closed rigid grasps
+    names = [f"{grip.name}.{axis}" for grip in stage.grips for axis in wrench_axes(stage.scene, grip)]
+    rows = [
+        BoundedRow(f"hold of {name}", "m/s^2 or rad/s^2", value, 0.0, 0.0)
+        for name, value in zip(names, ca.vertsplit(stage.parting), strict=True)
+    ]
+    rows += wheel_rows(stage, plan)
     for section, name, limit in plan.every_limit():
         if not name.startswith(PREFIX):
             rows += limit_rows(stage, plan, section, name, limit)
@@ -154,10 +160,3 @@ def _bases(scene: Scene, given: Limits) -> Iterator[tuple[str, int, float]]:
         for k, axis in enumerate(axes):
             if limits[axis]:
                 yield f"{body.name}/base.{AXES[axis]}", first + k, float(limits[axis])
-
-
-def _hold_rows(stage: Stage) -> Iterator[BoundedRow]:
-    """Acceleration constraints of closed rigid grasps."""
-    names = [f"{grip.name}.{axis}" for grip in stage.grips for axis in wrench_axes(stage.scene, grip)]
-    for name, value in zip(names, ca.vertsplit(stage.parting), strict=True):
-        yield BoundedRow(f"hold of {name}", "m/s^2 or rad/s^2", value, 0.0, 0.0)

@@ -98,12 +98,22 @@ def _in_phases(planned: PlanSolution, document: Document) -> Document:
     own = scenario.phases or {flown[0]: Phase()}
     phases = {name: phase.model_dump(mode="json") for name, phase in own.items()}
     phased_motion, last = planned.phased_motion, flown[-1]
-    closing = flown if len(flown) > 1 and _is_captured(planned, last) else flown[:-1]
+    closing = flown[:-1]
+    if len(flown) > 1:  # the plan may end where all is mated that its last phase is to capture
+        goals, ending = plan_section(planned.scene).by_phase[last].goals, scenario.phases[last].until
+        caught = (ending.captured or ()) if ending is not None else ()
+        if caught and all(mated(scenario.grasps[name], goals) for name in caught):
+            closing = flown
     for k, name in enumerate(closing):
-        motion = phased_motion.motions[k]
-        _closing(
-            document, phases[name], float(phased_motion.begins[k]) + motion.duration_s, motion.duration_s
-        )
+        # a planned phase ends after its duration, with what it captures closed then
+        phase, duration = phases[name], phased_motion.motions[k].duration_s
+        captured = (phase["until"] or {}).get("captured") or []
+        until = {"captured": captured} if captured else {"time": duration}
+        phase |= {"until": until, "timeout": None, "on_timeout": None, "captures": captured}
+        for grasp in captured:
+            capture = {key: document["grasps"][grasp]["capture"][key] for key in ("axis", "mated_deg")}
+            at = float(phased_motion.begins[k]) + duration
+            document["grasps"][grasp]["capture"] = {"at": at, **capture}
     end, left = phases.pop(last), _unused(f"{last}_wait", set(phases))
     rest, (next_phase, on_timeout) = None, successors(own)[last]
     if last not in closing:
@@ -147,24 +157,6 @@ def _in_phases(planned: PlanSolution, document: Document) -> Document:
                 del own[key]
     document["phases"] = phases
     return document
-
-
-def _is_captured(planned: PlanSolution, last: str) -> bool:
-    """Whether the plan ends where all is mated that its last phase is to capture."""
-    scenario, goals = planned.scene.scenario, plan_section(planned.scene).by_phase[last].goals
-    until = scenario.phases[last].until
-    captured = (until.captured or ()) if until is not None else ()
-    return bool(captured) and all(mated(scenario.grasps[name], goals) for name in captured)
-
-
-def _closing(document: Document, phase: Document, now: float, duration: float) -> None:
-    """Let a planned phase end after its duration, with what it captures closed then, in place."""
-    captured = (phase["until"] or {}).get("captured") or []
-    until = {"captured": captured} if captured else {"time": duration}
-    phase |= {"until": until, "timeout": None, "on_timeout": None, "captures": captured}
-    for name in captured:
-        before = document["grasps"][name]["capture"]
-        document["grasps"][name]["capture"] = {"at": now, **{k: before[k] for k in ("axis", "mated_deg")}}
 
 
 def _parted(own: Document, duration: float, left: str) -> tuple[Document, Document | None]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -287,8 +286,12 @@ def check_reach(problem: PlanningProblem, plan: PlanSection, tips: dict[str, Sce
         )
         for q in qs:
             pin.framesForwardKinematics(scene.model, data, q)
-            away = np.array(place(q)).ravel() - _centre(problem, tip, data, q)
-            nearest = min(nearest, float(np.linalg.norm(away)))
+            # centre of mass of a floating robot, or origin of a fixed one's root link
+            centre, root = data.oMf[tip.body.root_frame].translation, tip.body.root_joint
+            if root:
+                pin.centerOfMass(scene.model, data, q)
+                centre = data.oMi[root].act(data.com[root])
+            nearest = min(nearest, float(np.linalg.norm(np.array(place(q)).ravel() - centre)))
         if nearest > allowed * (1 + 1e-6):
             raise ScenarioError(
                 f"out of reach: at its nearest the goal is {nearest:.4g} m from {tip.body.name}'s centre of "
@@ -305,13 +308,3 @@ def _greatest_distance(problem: PlanningProblem, tip: SceneTip) -> float:
     if not tip.body.root_joint:
         return length
     return length + com_from_base(scene, tip.body)
-
-
-def _centre(problem: PlanningProblem, tip: SceneTip, data: Any, q: Array) -> Array:
-    """Centre of mass of a floating robot, or origin of a fixed one's root link [m]."""
-    scene = problem.stage.scene
-    if not tip.body.root_joint:
-        return np.asarray(data.oMf[tip.body.root_frame].translation)
-    pin.centerOfMass(scene.model, data, q)
-    root = tip.body.root_joint
-    return np.asarray(data.oMi[root].act(data.com[root]))
