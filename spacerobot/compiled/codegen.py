@@ -58,7 +58,6 @@ def source_of(
     *,
     cold: Collection[str] = (),
     lanes: int = 1,
-    struct: str = "Generated",
 ) -> GeneratedSource:
     """C++ of some functions.
 
@@ -75,8 +74,6 @@ def source_of(
         Names of those that run seldom, and shall rather compile fast.
     lanes
         How many evaluations one call will carry, which decides the order of operations.
-    struct
-        Name of the C++ struct.
 
     Raises
     ------
@@ -106,8 +103,8 @@ def source_of(
         members += found[0]
         parts += found[1]
     declared = [f"{HIDDEN} {piece.head};" for piece in parts]
-    exports = [_export(name, function, struct) for name, function in functions.items()]
-    text = "\n".join([*declared, f"struct {struct} {{", *members, "};", *exports, ""])
+    exports = [_export(name, function) for name, function in functions.items()]
+    text = "\n".join([*declared, "struct Generated {", *members, "};", *exports, ""])
     return GeneratedSource(text, tuple(parts))
 
 
@@ -226,9 +223,9 @@ def _member(name: str, function: ca.Function, parameters: Sequence[str], lines: 
     return "\n".join([f"enum {{ {', '.join(sizes)} }};", f"{head} {{", *lines, "}"])
 
 
-def _export(name: str, function: ca.Function, struct: str) -> str:
+def _export(name: str, function: ca.Function) -> str:
     arguments = [f"arg[{i}]" for i in range(function.n_in())] + [f"res[{i}]" for i in range(function.n_out())]
     return (
         f'extern "C" void call_{name}(const real* const* arg, real* const* res) '
-        f"{{ {struct}::{name}({', '.join(arguments)}); }}"
+        f"{{ Generated::{name}({', '.join(arguments)}); }}"
     )

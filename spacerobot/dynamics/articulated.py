@@ -113,7 +113,6 @@ class ArticulatedBody:
         model: pinocchio.Model,
         kinematics: Kinematics,
         inertias: Inertias,
-        rotor_inertia: ca.SX | None = None,
     ) -> ArticulatedBody:
         """Eliminate every joint, from the leaves to the roots.
 
@@ -121,11 +120,8 @@ class ArticulatedBody:
         ----------
         model, kinematics, inertias
             The system and its posture.
-        rotor_inertia
-            Inertia of the rotors reflected to the velocity coordinates, nv; ``None`` takes the model's
-            ``armature``.
         """
-        rotor = sparse_rotor_inertia(model, rotor_inertia)
+        rotor = sparse_rotor_inertia(model)
         bodies = [inertias.rotated(motion.body, index) for index, motion in enumerate(kinematics.local)]
         spatial = [_rigid(*body) for body in bodies]
         eliminations: list[_Elimination] = []

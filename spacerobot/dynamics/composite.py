@@ -26,7 +26,7 @@ def mass_matrix(
         Inertia of the rotors reflected to the velocity coordinates, nv; ``None`` takes the model's
         ``armature``.
     """
-    rotor = sparse_rotor_inertia(model, rotor_inertia)
+    rotor = sparse_rotor_inertia(model) if rotor_inertia is None else rotor_inertia
     composite = [inertias.in_world(kinematics, index) for index in range(model.njoints)]
     matrix = ca.SX(model.nv, model.nv)
     for joint in reversed(kinematics.joints):

@@ -95,10 +95,8 @@ class Inertias:
         )
 
 
-def sparse_rotor_inertia(model: pinocchio.Model, rotor_inertia: ca.SX | None) -> ca.SX:
-    """Reflected rotor inertia, nv, sparse; the model's ``armature`` unless given."""
-    if rotor_inertia is not None:
-        return rotor_inertia
+def sparse_rotor_inertia(model: pinocchio.Model) -> ca.SX:
+    """Inertia of the rotors reflected to the velocity coordinates, nv, sparse: the model's ``armature``."""
     return ca.SX(ca.sparsify(ca.DM(model.armature)))
 
 

@@ -68,7 +68,6 @@ def kinetic_energy(
     kinematics: Kinematics,
     inertias: Inertias,
     joints: Iterable[int] | None = None,
-    rotor_inertia: ca.SX | None = None,
 ) -> ca.SX:
     """Kinetic energy of bodies and of the rotors that drive them.
 
@@ -78,16 +77,13 @@ def kinetic_energy(
         The system and its motion.
     joints
         Joint ids whose bodies count; ``None`` means all.
-    rotor_inertia
-        Inertia of the rotors reflected to the velocity coordinates, nv; ``None`` takes the model's
-        ``armature``.
 
     Returns
     -------
     casadi.SX
         J, 1x1.
     """
-    rotor = sparse_rotor_inertia(model, rotor_inertia)
+    rotor = sparse_rotor_inertia(model)
     doubled = ca.SX(1, 1)
     for index in _chosen(model, joints):
         push, turn = _body_momentum(kinematics, inertias, index)

@@ -19,7 +19,6 @@ def inverse_dynamics(
     inertias: Inertias,
     acceleration: ca.SX,
     wrenches: Iterable[Wrench] = (),
-    rotor_inertia: ca.SX | None = None,
 ) -> ca.SX:
     """Generalised force that an acceleration takes: ``M a + h - sum J^T f``, with the model's gravity.
 
@@ -31,16 +30,13 @@ def inverse_dynamics(
         v-dot in Pinocchio's velocity coordinates, nv; may be sparse.
     wrenches
         Applied forces and couples.
-    rotor_inertia
-        Inertia of the rotors reflected to the velocity coordinates, nv; ``None`` takes the model's
-        ``armature``.
 
     Returns
     -------
     casadi.SX
         Generalised force in velocity coordinates (N, N m), nv.
     """
-    rotor = sparse_rotor_inertia(model, rotor_inertia)
+    rotor = sparse_rotor_inertia(model)
     forces = [-load for load in applied_loads(model, kinematics, wrenches)]
     carried = [ca.SX(6, 1)] * model.njoints  # acceleration beyond that at zero joint acceleration
     for joint in kinematics.joints:

@@ -76,11 +76,11 @@ def page(payload: Mapping[str, Any], *, connect: str = "'none'") -> str:
     return fill(_web("page.html"), parts)
 
 
-def policy(connect: str = "'none'", *, style: str = "'unsafe-inline'", entry: str = PLAYER) -> str:
+def policy(connect: str = "'none'", *, entry: str = PLAYER) -> str:
     """Content Security Policy: only the player's own scripts run, and nothing is fetched."""
     scripts = " ".join(map(script_hash, (meshcat_script(), _web(CHARTS), player_script(entry))))
     return (
-        f"default-src 'none'; script-src {scripts}; style-src {style}; img-src data: blob:; "
+        f"default-src 'none'; script-src {scripts}; style-src 'unsafe-inline'; img-src data: blob:; "
         f"connect-src {connect}; base-uri 'none'; form-action 'none'"
     )
 

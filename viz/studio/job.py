@@ -40,13 +40,9 @@ class SearchFound:
         """Plain data for the page."""
         best = {"values": dict(self.values), "objective": self.objective} if self.curve else None
         about = {"progress": self.progress, "message": self.message, "start": self.start}
-        return {**about, "best": best, "curve": [list(point) for point in thinned(self.curve)]}
-
-
-def thinned(curve: Sequence[tuple[float, float]], most: int = 300) -> Sequence[tuple[float, float]]:
-    """At most about so many points of a curve, the last one included."""
-    every = max(1, len(curve) // most)
-    return [*curve[:-1:every], *curve[-1:]]
+        # at most about 300 points of the curve, the last one included
+        curve = [*self.curve[: -1 : max(1, len(self.curve) // 300)], *self.curve[-1:]]
+        return {**about, "best": best, "curve": [list(point) for point in curve]}
 
 
 PAUSE_S = 0.1
