@@ -20,7 +20,15 @@ def marks() -> dict[str, tuple[str, str]]:
 
 def show(summary: Mapping[str, Any]) -> None:
     """Print the results of a campaign: probability of failure, percentiles, sensitivities, worst samples."""
-    from viz.report.campaign_text import depends, drawn, mixed, stepping, unfinished
+    from viz.report.campaign_text import (
+        depends,
+        drawn,
+        mixed,
+        quantity_of,
+        stepping,
+        unfinished,
+        why_worst,
+    )
 
     level = f"{100 * summary['confidence']:g} %"
     for warning in (unfinished(summary), *summary["doubts"]):
@@ -49,8 +57,9 @@ def show(summary: Mapping[str, Any]) -> None:
             console().print(table(title, *_map(told["map"], summary["parameters"])))
         worst = told["worst"][0]
         draws = ", ".join(f"{key} {drawn(summary, key, value)}" for key, value in worst["draw"].items())
+        why = why_worst(worst) or f"by its {quantity_of(worst['metric'])}"
         console().print()
-        prose(f"{name}: worst sample, {worst['sample']}, {_why(worst)}: {draws}")
+        prose(f"{name}: worst sample, {worst['sample']}, {why}: {draws}")
         # to be copied as one line
         console().print(f"reproduce: {worst['command']}\n", markup=False, soft_wrap=True)
     for note in filter(None, (mixed(summary), stepping(summary))):
@@ -58,19 +67,6 @@ def show(summary: Mapping[str, Any]) -> None:
         console().print()
     if summary["against"]:
         console().print(table(f"on the same samples, {level} intervals in brackets", *_against(summary)))
-
-
-def _why(worst: Mapping[str, Any]) -> str:
-    """Reason why a sample is the worst."""
-    from viz.report.campaign_text import quantity_of
-
-    if worst["unclosed"]:
-        return str(worst["unclosed"])
-    if worst["diverged_at_s"] is not None:
-        return f"diverged after {worst['diverged_at_s']:.3g} s"
-    if worst["missed"]:
-        return "a capture missed"
-    return f"by its {quantity_of(worst['metric'])}"
 
 
 Rows = tuple[list[str], list[list[str]]]

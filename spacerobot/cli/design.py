@@ -20,11 +20,12 @@ def make(scene: Scene, points: int, out: Path | None, **how: Any) -> tuple[Desig
     study = make_study(scene, points, **how)
     if out is None:
         return study, to_data(study)
-    from viz.figures.design_study import write_study
+    from viz.figures.design_study import study as drawn
+    from viz.figures.style import write_drawings
 
     how["progress"]("writing the design and its plan")
     data = write(study, out)
-    write_study(data, out)
+    write_drawings([("design", drawn(data))], out / "figures")
     return study, data
 
 

@@ -38,11 +38,12 @@ def make(scene: Scene, wanted: FrontRequest, out: Path | None, **how: Any) -> di
     front = make_front(scene, wanted, **how)
     if out is None:
         return to_data(front)
-    from viz.figures.pareto_front import write_front
+    from viz.figures.pareto_front import front as drawn
+    from viz.figures.style import write_drawings
 
     how["progress"]("writing the plans")
     data = write(front, out)
-    write_front(data, out)
+    write_drawings([("front", drawn(data))], out / "figures")
     return data
 
 

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from viz.figures.style import COLOURS, Drawing, legend_over, panels, styled, write_drawings
+from viz.figures.style import COLOURS, Drawing, legend_over, panels, styled
 
-FIGURE = "design"
 TANGENT = 0.35
 """Half a tangent's width, in distances between two designs."""
 
@@ -55,14 +53,3 @@ def study(data: Mapping[str, Any]) -> Drawing:
     axes[0, 0].set_title(f"{data['scenario']}: optimal cost by design")
     legend_over(axes[0, 0], columns=3)
     return figure
-
-
-def write_study(data: Mapping[str, Any], folder: Path) -> None:
-    """Write the figure as PDF and PNG to ``figures``.
-
-    Raises
-    ------
-    ResultError
-        If a file cannot be written.
-    """
-    write_drawings([(FIGURE, study(data))], folder / "figures")

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
-from viz.figures.style import COLOURS, Drawing, legend_over, panels, styled, unit_scale, write_drawings
-
-FIGURE = "front"
+from viz.figures.style import COLOURS, Drawing, legend_over, panels, styled, unit_scale
 
 
 @styled
@@ -59,14 +56,3 @@ def front(data: Mapping[str, Any]) -> Drawing:
     panel.set_title(f"{data['scenario']}: {' and '.join(name.replace('_', ' ') for name in names)}")
     legend_over(panel, columns=3)
     return figure
-
-
-def write_front(data: Mapping[str, Any], folder: Path) -> None:
-    """Write the figure as PDF and PNG to ``figures``.
-
-    Raises
-    ------
-    ResultError
-        If a file cannot be written.
-    """
-    write_drawings([(FIGURE, front(data))], folder / "figures")

@@ -37,6 +37,7 @@ from viz.report.campaign_text import (
     quantity_of,
     stepping,
     unfinished,
+    why_worst,
     with_gains,
 )
 from viz.report.report import SECTIONS, ReportSection, page, report
@@ -285,12 +286,8 @@ def _worst(shown: CampaignReport) -> str:
 
 
 def _reason(row: Mapping[str, Any], summary: Mapping[str, Any]) -> str:
-    if row["unclosed"]:
-        return str(row["unclosed"])
-    if row["diverged_at_s"] is not None:
-        return f"diverged after {row['diverged_at_s']:.3g} s"
-    if row["missed"]:
-        return "a capture missed"
+    if why := why_worst(row):
+        return why
     metric = row["metric"]
     rows = next(iter(summary["gains"].values()))["metrics"]
     factor, unit = unit_scale(next(one["unit"] for one in rows if one["metric"] == metric))

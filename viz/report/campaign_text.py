@@ -124,3 +124,12 @@ def unfinished(summary: Mapping[str, Any]) -> str | None:
         f"Not finished: {summary['samples']} of {summary['of']} samples are complete. The first samples of a "
         "design need not cover it evenly; start the campaign again to continue."
     )
+
+
+def why_worst(row: Mapping[str, Any]) -> str:
+    """Reason why a sample is the worst, if it is not a number."""
+    if row["unclosed"]:
+        return str(row["unclosed"])
+    if row["diverged_at_s"] is not None:
+        return f"diverged after {row['diverged_at_s']:.3g} s"
+    return "a capture missed" if row["missed"] else ""

@@ -12,7 +12,8 @@ from optim.planning.studies.design_study import make_study
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
 from tests.optim.planning.test_independent_checks import RAIL, to
-from viz.figures.design_study import write_study
+from viz.figures.design_study import study as drawn
+from viz.figures.style import write_drawings
 
 D, W = 1.5, 0.5
 BEST = (36 * D**2 / W) ** 0.25
@@ -92,7 +93,7 @@ def test_what_it_leaves_is_written_and_drawn(study, tmp_path):
     assert json.loads((tmp_path / "design.json").read_text()) == data
     assert data["variables"]["mass"]["unit"] == "kg"
     assert data["variables"]["mass"]["where"] == "at its lower bound"
-    write_study(data, tmp_path)
+    write_drawings([("design", drawn(data))], tmp_path / "figures")
     assert (tmp_path / "figures" / "design.png").stat().st_size > 5000
     assert (tmp_path / "followed.yaml").is_file()
 
