@@ -90,14 +90,9 @@ def error_bands_mm(summary: Mapping[str, Any]) -> list[tuple[float, float]]:
     return [(errors[tip][axis]["min_m"] * 1e3, errors[tip][axis]["max_m"] * 1e3) for tip, axis in AXES]
 
 
-def largest_error_mm(summary: Mapping[str, Any]) -> float:
-    """Largest absolute tip error over tips and axes [mm]."""
-    return max(abs(value) for band in error_bands_mm(summary) for value in band)
-
-
 def note(variant: Variant, summary: Mapping[str, Any]) -> str:
     """How a variant stands to the paper, in a few words."""
-    largest = largest_error_mm(summary)
+    largest = max(abs(value) for band in error_bands_mm(summary) for value in band)
     if not variant.amnesia:
         times = largest / PID_ONLY_MM
         return f"largest {largest:.3g} mm: {times:.2g} times the paper's"

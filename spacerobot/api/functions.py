@@ -54,18 +54,13 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
     ScenarioError
         If the scenario cannot be simulated by its engine, or its result does not fit into the memory.
     """
-    if uses_mpc(scene):
+    controllers = [one for robot in scene.scenario.robots.values() for one in robot.controllers.values()]
+    is_resumable = scene.scenario.simulation.engine != "cvodes"
+    if is_resumable and any(one.replanning is not None for one in controllers):
         from optim.planning.mpc.simulation import simulate_mpc
 
         return simulate_mpc(scene, backend=backend, progress=progress)
     return _simulate(scene, backend=backend, progress=progress)
-
-
-def uses_mpc(scene: Scene) -> bool:
-    """Whether a robot of a scene is under model predictive control, by an engine that can be resumed."""
-    controllers = [one for robot in scene.scenario.robots.values() for one in robot.controllers.values()]
-    is_resumable = scene.scenario.simulation.engine != "cvodes"
-    return is_resumable and any(one.replanning is not None for one in controllers)
 
 
 def campaign(

@@ -52,24 +52,20 @@ def root_link(links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], source: Pa
         raise DescriptionError(f"{len(roots)} links have no parent ({listed}), allowed is one", source=source)
     if not roots:
         raise DescriptionError("every link has a parent: the joints close a loop", source=source)
-    lost = {link.name for link in links} - reached_from(roots[0], joints)
+    # the root and all links below it
+    children: dict[str, list[str]] = defaultdict(list)
+    for joint in joints:
+        children[joint.parent].append(joint.child)
+    reached, waiting = {roots[0]}, [roots[0]]
+    while waiting:
+        for child in children[waiting.pop()]:
+            if child not in reached:
+                reached.add(child)
+                waiting.append(child)
+    lost = {link.name for link in links} - reached
     if lost:
         joint = parent_joint[min(lost)]
         raise DescriptionError(
             f"closes a loop that {roots[0]!r} does not reach", source=source, where=f"joint {joint.name!r}"
         )
     return roots[0]
-
-
-def reached_from(start: str, joints: Sequence[UrdfJoint]) -> set[str]:
-    """Names of ``start`` and of all links below it."""
-    children: dict[str, list[str]] = defaultdict(list)
-    for joint in joints:
-        children[joint.parent].append(joint.child)
-    reached, waiting = {start}, [start]
-    while waiting:
-        for child in children[waiting.pop()]:
-            if child not in reached:
-                reached.add(child)
-                waiting.append(child)
-    return reached

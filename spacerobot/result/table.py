@@ -55,7 +55,16 @@ def headline(summary: Mapping[str, Any], data: xr.Dataset) -> list[Row]:
     engine_words = (
         f"{engine['name']} ({engine['backend']}){step}, {timing['rollout'] * 1e3:.0f} ms for the rollout{why}"
     )
-    return rows + ledger_rows(summary["ledger"]) + [("engine", engine_words)]
+    ledger = summary["ledger"]
+    momentum, energy = ledger["momentum"], ledger["energy"]
+    if momentum["conserved"]:
+        drifts = (f"{momentum[kind]['relative_drift']:.1e} {kind}" for kind in ("linear", "angular"))
+        kept = ", ".join(drifts) + " (of the largest partial momentum)"
+    else:
+        kept = f"not conserved: {momentum['reason']}"
+    balance = f"open by {energy['relative_residual']:.1e} (of the largest energy)"
+    conserved = [("momentum drift", kept), ("energy balance", balance)]
+    return rows + conserved + [("engine", engine_words)]
 
 
 def _span(low: float, high: float) -> str:
@@ -92,18 +101,6 @@ def status_text(status: Mapping[str, Any]) -> str:
 def cause_words(status: Mapping[str, Any]) -> str:
     """Why a rollout ended, as it follows its status; empty where nothing is known."""
     return f": {status['cause']}" if status.get("cause") else ""
-
-
-def ledger_rows(ledger: Mapping[str, Any]) -> list[Row]:
-    """Conservation of momentum and the energy balance."""
-    momentum, energy = ledger["momentum"], ledger["energy"]
-    if momentum["conserved"]:
-        drifts = (f"{momentum[kind]['relative_drift']:.1e} {kind}" for kind in ("linear", "angular"))
-        kept = ", ".join(drifts) + " (of the largest partial momentum)"
-    else:
-        kept = f"not conserved: {momentum['reason']}"
-    balance = f"open by {energy['relative_residual']:.1e} (of the largest energy)"
-    return [("momentum drift", kept), ("energy balance", balance)]
 
 
 def _peak(peak: Mapping[str, Any], key: str, unit: str, place: str) -> str:

@@ -65,15 +65,11 @@ def oblique(azimuth_deg: float = _AZIMUTH_DEG, elevation_deg: float = _ELEVATION
 def view_of(result: Result, scene: Scene) -> View:
     """Where a result is seen from: planar scenes from above, others from where arms are hidden least."""
     rows = len(result.data.time)
-    chosen = [0, rows // 2, rows - 1, *capture_rows(result)]
-    return TOP if scene.planar else _clearest(sample_motion(result, scene, chosen))
-
-
-def capture_rows(result: Result) -> list[int]:
-    """Rows of a result's data at which grasps are captured, each once, in time."""
     times = [e["time_s"] for e in result.summary.get("events", ()) if e["kind"] == "captured"]
-    rows = np.searchsorted(result.array("time"), times).clip(0, len(result.data.time) - 1)
-    return sorted({int(row) for row in rows})
+    places = np.searchsorted(result.array("time"), times).clip(0, len(result.data.time) - 1)
+    captured = sorted({int(row) for row in places})
+    chosen = [0, rows // 2, rows - 1, *captured]
+    return TOP if scene.planar else _clearest(sample_motion(result, scene, chosen))
 
 
 def grasp_view(motion: BodyMotion, frame: int, usual: View) -> View:

@@ -42,7 +42,13 @@ def constraint_variables(
         for name, own in places.items()
     }
     coordinates: dict[str, Any] = {"side": SIDES}
-    if drives := drive_limits(phased_motion):
+    # axes of bases that are driven in any phase, and the greatest force or torque of each [N, N m].
+    drives: dict[str, float] = {}
+    for driven in (motion.problem.stage.driven for motion in phased_motion.motions):
+        for name, limit in zip(driven.names, driven.limits, strict=True):
+            if name not in driven.names[: len(driven.joints)]:
+                drives[name] = max(drives.get(name, 0.0), float(limit))
+    if drives:
         variables["base_wrench_limit"] = (
             ("drive", "side"),
             np.array([(-most, most) for most in drives.values()]),
@@ -68,16 +74,6 @@ def constraint_variables(
             "constraint_unit": ("constraint_name", [one.unit for one in found]),
         }
     return variables, coordinates
-
-
-def drive_limits(phased_motion: PhasedMotion) -> dict[str, float]:
-    """Axes of bases that are driven in any phase, and the greatest force or torque of each [N, N m]."""
-    found: dict[str, float] = {}
-    for driven in (motion.problem.stage.driven for motion in phased_motion.motions):
-        for name, limit in zip(driven.names, driven.limits, strict=True):
-            if name not in driven.names[: len(driven.joints)]:
-                found[name] = max(found.get(name, 0.0), float(limit))
-    return found
 
 
 @dataclass(frozen=True, eq=False)

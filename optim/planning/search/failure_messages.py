@@ -91,7 +91,25 @@ def infeasibility_message(elastic: ElasticProgram, solution: Solution, status: s
             "least violation; "
             f"violated most where the search ended: {largest_violations(program, w)}; {hints}"
         )
-    limits = active_limits(program, _with_durations(elastic, solution))
+    # limits of unknowns that hold most, by name
+    pressed = _with_durations(elastic, solution)
+    pulls, times, first, (low, high) = dict[str, float](), dict[str, float](), 0, program.bounds()
+    for one in phase_programs(program):
+        own = slice(first, first + one.size)
+        limit = np.where(pressed[own] > 0, high[own], low[own])
+        fixed = low[own] == high[own]
+        fixed[-1] = False  # a duration that is given is a limit, too
+        pull = np.where(np.isfinite(limit) & ~fixed, np.abs(pressed[own]), 0.0)
+        pull = pull * np.maximum(np.abs(np.where(np.isfinite(limit), limit, 0.0)), 1e-3)
+        per_point = pull[:-1].reshape(one.points, one.nz).sum(axis=0)
+        for k, (name, _) in limit_names(one.problem).items():
+            pulls[name] = pulls.get(name, 0.0) + float(per_point[k])
+        times[f"the duration (at most {high[own][-1]:g} s)"] = float(pull[-1]) * (pressed[own][-1] > 0)
+        first += one.size
+    most = max(pulls.values(), default=0.0)
+    worst = sorted(pulls, key=lambda name: -pulls[name])[:NAMED]
+    named = [name for name in worst if most > VIOLATED and pulls[name] >= SHARE * most]
+    limits = named + [name for name, pull in times.items() if pull > VIOLATED]
     held = f", held back by {', '.join(limits)}" if limits else ""
     return (
         "infeasible, as far as can be seen from this first guess: the least violation leaves "
@@ -120,35 +138,6 @@ def largest_violations(program: NonlinearProgram, w: Array) -> str:
     worst = sorted(found.items(), key=lambda item: -item[1][0])
     named = [f"{name} ({value:.2g} {unit})" for name, (value, unit) in worst if value > VIOLATED][:NAMED]
     return ", ".join(named) or "nothing"
-
-
-def active_limits(program: NonlinearProgram, multipliers: Array) -> list[str]:
-    """Limits of unknowns that hold most, by name.
-
-    Parameters
-    ----------
-    program
-        What was solved.
-    multipliers
-        Of the limits of its unknowns (size,).
-    """
-    pulls, times, first, (low, high) = dict[str, float](), dict[str, float](), 0, program.bounds()
-    for one in phase_programs(program):
-        own = slice(first, first + one.size)
-        limit = np.where(multipliers[own] > 0, high[own], low[own])
-        fixed = low[own] == high[own]
-        fixed[-1] = False  # a duration that is given is a limit, too
-        pull = np.where(np.isfinite(limit) & ~fixed, np.abs(multipliers[own]), 0.0)
-        pull = pull * np.maximum(np.abs(np.where(np.isfinite(limit), limit, 0.0)), 1e-3)
-        per_point = pull[:-1].reshape(one.points, one.nz).sum(axis=0)
-        for k, (name, _) in limit_names(one.problem).items():
-            pulls[name] = pulls.get(name, 0.0) + float(per_point[k])
-        times[f"the duration (at most {high[own][-1]:g} s)"] = float(pull[-1]) * (multipliers[own][-1] > 0)
-        first += one.size
-    most = max(pulls.values(), default=0.0)
-    worst = sorted(pulls, key=lambda name: -pulls[name])[:NAMED]
-    named = [name for name in worst if most > VIOLATED and pulls[name] >= SHARE * most]
-    return named + [name for name, pull in times.items() if pull > VIOLATED]
 
 
 def _with_durations(elastic: ElasticProgram, solution: Solution) -> Array:
