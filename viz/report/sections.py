@@ -170,12 +170,13 @@ def ledger(subject: Subject) -> str | None:
         names = ("actuator_work_j", "stored_change_j", "joint_loss_j", "grasp_loss_j", "constraint_work_j")
         numbers = [f"{energy[name]:.4g}" for name in names]
         balance = [*numbers, f"{energy['largest_residual_j']:.2g} ({energy['relative_residual']:.1g})"]
-        drifts = [f"not conserved: {momentum['reason']}"] * 2
         if momentum["conserved"]:
             drifts = [
                 f"{momentum[kind][f'drift_{unit}']:.2g} {text} ({momentum[kind]['relative_drift']:.1g})"
                 for kind, unit, text in (("linear", "n_s", "N s"), ("angular", "n_m_s", "N m s"))
             ]
+        else:
+            drifts = [f"not conserved: {momentum['reason']}"] * 2
         rows.append([label, *drifts, *balance])
     headings = [
         "result",
