@@ -74,9 +74,7 @@ def register(kind: Kind) -> Kind:
     family = getattr(kind, "family", None)
     if family not in _HOMES or not issubclass(kind, Element):
         raise SpaceRobotError(f"family {family!r}, {near_names(str(family), _HOMES)}", where=where)
-    annotation = kind.model_fields["kind"].annotation
-    values = get_args(annotation) if get_origin(annotation) is Literal else ()
-    name = str(values[0]) if values else ""
+    name = kind_of(kind)
     if not name:
         raise SpaceRobotError('no kind; write `kind: Literal["name"] = "name"`', where=where)
     if not kind.__doc__:
@@ -91,6 +89,13 @@ def register(kind: Kind) -> Kind:
     for listener in _LISTENERS:
         listener()
     return kind
+
+
+def kind_of(element: type[Element]) -> str:
+    """Name of a kind in a scenario; empty if it has none."""
+    annotation = element.model_fields["kind"].annotation
+    values = get_args(annotation) if get_origin(annotation) is Literal else ()
+    return str(values[0]) if values else ""
 
 
 def kinds(family: str) -> Mapping[str, type[Element]]:
