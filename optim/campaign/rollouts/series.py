@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from spacerobot.arrays import Array
-from spacerobot.closedloop import ClosedLoop, OutputVariable
+from spacerobot.closedloop import ClosedLoop
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.quantities.joint_torque import torque_unit
 from spacerobot.scenario import Campaign
@@ -96,13 +96,19 @@ def build_recording(loop: ClosedLoop, scene: Scene, wanted: Sequence[str], time_
     """
     sizes = {name: loop.outputs.numel_out(name) for name in loop.outputs.name_out()}
     variables = {variable.name: variable for variable in loop.variables}
+    joints = sorted(joint for body in scene.bodies for joint in body.arm_joints)
+    joint_names = [str(scene.model.names[joint]) for joint in joints]
+    labels: Mapping[str, Sequence[str]] = {"joint": joint_names, "axis": AXES}
     found = []
     for name in wanted:
         if name not in sizes:
             raise ScenarioError(f"no signal {name!r}; {near_names(name, sizes)}", where="campaign.series")
         if not sizes[name]:
             raise ScenarioError(f"{name}: this scene has nothing that it is of", where="campaign.series")
-        components, unit = _described(variables[name], scene)
+        variable = variables[name]
+        parts = itertools.product(*(labels.get(dimension, variable.labels) for dimension in variable.dims))
+        components = [" ".join(part) for part in parts]
+        unit = torque_unit(scene) if name == "joint_torque" else variable.unit
         if len(components) != sizes[name]:
             raise ValueError(f"{name} has {sizes[name]} components, {len(components)} are named")
         found.append(RecordedSignal(name, tuple(components), unit))
@@ -127,13 +133,3 @@ def check_size(recording: SignalRecording, samples: int, sets: int) -> None:
             f"{MOST_BYTES / 1e9:g} GB; keep fewer signals or raise series_step",
             where="campaign.series",
         )
-
-
-def _described(variable: OutputVariable, scene: Scene) -> tuple[list[str], str]:
-    """Names of the components of an output, and their unit."""
-    joints = sorted(joint for body in scene.bodies for joint in body.arm_joints)
-    joint_names = [str(scene.model.names[joint]) for joint in joints]
-    labels: Mapping[str, Sequence[str]] = {"joint": joint_names, "axis": AXES}
-    parts = itertools.product(*(labels.get(dimension, variable.labels) for dimension in variable.dims))
-    unit = torque_unit(scene) if variable.name == "joint_torque" else variable.unit
-    return [" ".join(part) for part in parts], unit

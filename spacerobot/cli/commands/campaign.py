@@ -19,7 +19,6 @@ from spacerobot.registry import COMMANDS
 
 if TYPE_CHECKING:
     from optim.campaign.run import CampaignProgress
-    from spacerobot.scene import Scene
 
 Folder = Annotated[
     Path,
@@ -79,11 +78,19 @@ def command(
     from optim.campaign import ROLLING_OUT, LocalExecutor, ScenarioSource, run_campaign, summarise
     from optim.campaign.cluster import DaskExecutor
     from optim.campaign.rollouts.gain_sets import gain_sets
+    from optim.campaign.sampling.parameter_space import campaign_of
+    from spacerobot.errors import ScenarioError
     from spacerobot.files import write_text
-    from spacerobot.scene import load_scene
+    from spacerobot.scene import build_scene, load_scene
 
     given = parse_changes(changes)
-    scene = _with_samples(load_scene(scenario, given), samples)
+    scene = load_scene(scenario, given)
+    section = campaign_of(scene)
+    if samples is not None:
+        if section.sampler.is_factorial:
+            message = f"a grid's samples follow from its levels: here {section.count}; set campaign.levels"
+            raise ScenarioError(message, source=scene.source, where="--samples")
+        scene = build_scene(scene.scenario, {"campaign.samples": samples}, source=scene.source)
     chosen = gain_sets(scene, gains or [])
     with progress("reading") as tell:
 
@@ -126,21 +133,6 @@ def command(
         with progress("simulating the worst samples") as tell:
             played = playing.campaign(out, tell, found.evaluator)
         serve(played.data, port)
-
-
-def _with_samples(scene: Scene, samples: int | None) -> Scene:
-    """Scene with another number of samples, refused where the design decides it."""
-    from optim.campaign.sampling.parameter_space import campaign_of
-    from spacerobot.errors import ScenarioError
-    from spacerobot.scene import build_scene
-
-    campaign = campaign_of(scene)
-    if samples is None:
-        return scene
-    if campaign.sampler.is_factorial:
-        message = f"a grid's samples follow from its levels: here {campaign.count}; set campaign.levels"
-        raise ScenarioError(message, source=scene.source, where="--samples")
-    return build_scene(scene.scenario, {"campaign.samples": samples}, source=scene.source)
 
 
 COMMANDS.add(Command.of("campaign", command, HELP, place=12), __name__)
