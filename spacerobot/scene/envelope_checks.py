@@ -21,7 +21,9 @@ def envelope_warnings(scene: Scene) -> list[str]:
     within one of the target's.
     """
     living = [grasp for grasp in scene.grasps if grasp.config.begins == "open"]
-    if len(living) < len(scene.grasps) or not _undisturbed(scene):
+    acted_on = any(isinstance(body.config, Robot) and body.config.actuators for body in scene.bodies)
+    outside = scene.contacts or any(scene.scenario.gravity) or scene.scenario.environment or acted_on
+    if len(living) < len(scene.grasps) or outside:
         return []
     distant = [told for told in (_too_far(scene, grasp) for grasp in living) if told]
     # one that captures moves what the others reach for
@@ -69,12 +71,6 @@ def mating_warnings(scene: Scene) -> list[str]:
 
 def _angles(values: Sequence[float]) -> str:
     return f"[{', '.join(f'{value:g}' for value in values)}]"
-
-
-def _undisturbed(scene: Scene) -> bool:
-    """Whether nothing acts from outside or between bodies that has not been captured."""
-    acted_on = any(isinstance(body.config, Robot) and body.config.actuators for body in scene.bodies)
-    return not (scene.contacts or any(scene.scenario.gravity) or scene.scenario.environment or acted_on)
 
 
 def _too_far(scene: Scene, grasp: SceneGrasp) -> str | None:

@@ -235,17 +235,14 @@ def _links(given: Document, description: Description, *, path: str, source: Path
             from_urdf["inertia"] = [float(inertia[i, j]) for i, j in places]
             if link.mass > 0 and inertia.any():
                 from_urdf["inertia_at_mass"] = float(link.mass)
-        filled[link.name] = _scaled(from_urdf | own)
+        found = from_urdf | own
+        # an inertia that belongs to another mass is scaled to the link's own
+        mass, belongs = found["mass"], found.get("inertia_at_mass")
+        if belongs is not None and belongs != mass:
+            found["inertia"] = [value * (mass / belongs) for value in found["inertia"]]
+            found["inertia_at_mass"] = mass or None
+        filled[link.name] = found
     return filled
-
-
-def _scaled(link: Document) -> Document:
-    """A link whose inertia, where it belongs to another mass, is scaled to its own."""
-    mass, belongs = link["mass"], link.get("inertia_at_mass")
-    if belongs is None or belongs == mass:
-        return link
-    inertia = [value * (mass / belongs) for value in link["inertia"]]
-    return link | {"inertia": inertia, "inertia_at_mass": mass or None}
 
 
 def _joints(given: Document, description: Description, *, path: str, source: Path | None) -> Document:
@@ -260,20 +257,16 @@ def _joints(given: Document, description: Description, *, path: str, source: Pat
         for key in [key for key in (*_STATES, "torque_limit") if key in own]:
             if follows or (key in _STATES and key not in state):
                 where = f"{path}.joints.{joint.name}.{key}"
-                raise ScenarioError(_not_for(joint, state, follows=follows), source=source, where=where)
+                why = f"not for a {joint.kind} joint; use {' and '.join(state)}"
+                if follows and joint.mimic is not None:
+                    why = f"this joint mimics {joint.mimic.joint!r}; give that one's, or `locked: true`"
+                raise ScenarioError(why, source=source, where=where)
         from_urdf: Document = {} if joint.mimic is not None else dict.fromkeys(state, 0.0)
         from_urdf["damping"] = float(joint.damping)
         if 0 < joint.effort < NO_LIMIT and joint.mimic is None:
             from_urdf["torque_limit"] = float(joint.effort)
         filled[joint.name] = from_urdf | own
     return filled
-
-
-def _not_for(joint: UrdfJoint, state: Sequence[str], *, follows: bool) -> str:
-    """Why a joint may not be given this key of its state."""
-    if follows and joint.mimic is not None:
-        return f"this joint mimics {joint.mimic.joint!r}; give that one's, or `locked: true`"
-    return f"not for a {joint.kind} joint; use {' and '.join(state)}"
 
 
 def _by_name(

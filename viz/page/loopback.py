@@ -43,7 +43,13 @@ class Loopback:
     """Bytes that a page's message may have; a longer one ends its connection."""
 
     def __init__(self, port: int = FIRST_PORT) -> None:
-        self._sockets, self.port = _bind(port)
+        for free in range(port, min(port + PORTS, 65536)):
+            with suppress(OSError):
+                self._sockets = tornado.netutil.bind_sockets(free, address=ADDRESS)
+                break
+        else:
+            raise SpaceRobotError(f"no free port from {port} to {port + PORTS - 1} for the live viewer")
+        self.port = int(self._sockets[0].getsockname()[1])
         self._streams: set[Stream] = set()
         started = threading.Event()
         self._loop = asyncio.new_event_loop()
@@ -174,16 +180,6 @@ class _Nowhere(LocalRequestHandler):
     def prepare(self) -> None:
         super().prepare()
         raise tornado.web.HTTPError(404)
-
-
-def _bind(first: int) -> tuple[list[Any], int]:
-    for port in range(first, min(first + PORTS, 65536)):
-        try:
-            sockets = tornado.netutil.bind_sockets(port, address=ADDRESS)
-            return sockets, int(sockets[0].getsockname()[1])
-        except OSError:
-            continue
-    raise SpaceRobotError(f"no free port from {first} to {first + PORTS - 1} for the live viewer")
 
 
 def _quiet(_: tornado.web.RequestHandler) -> None:

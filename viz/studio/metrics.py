@@ -113,7 +113,8 @@ def build_metrics(loop: ClosedLoop, scene: Scene) -> Metrics:
     totals, singles = list[Metric](), list[Metric]()
     for name, labels in kept.labels.items():
         quantity, parts = find_quantity(name), list(dict.fromkeys(labels))
-        unit, factor = _shown(next(column.unit for column in kept.columns if column.metric == name))
+        unit = next(column.unit for column in kept.columns if column.metric == name)
+        unit, factor = {"m": ("mm", MILLIMETRES), "kg": ("g", 1e3)}.get(unit, (unit, 1.0))
         known, every = (unit, factor, name), tuple(range(len(labels)))
         text, lasts = quantity.description, kept.duration_s
         totals.append(Metric(name, quantity.label, text, *known, every, lasts))
@@ -128,8 +129,3 @@ def build_metrics(loop: ClosedLoop, scene: Scene) -> Metrics:
 
     named = {name: measure for name, measure in kept.measures.named.items() if name in kept.labels}
     return Metrics(found, replace(kept.measures, named=named, costs=costs))
-
-
-def _shown(unit: str) -> tuple[str, float]:
-    """Unit in which a page shows numbers, and the factor to it."""
-    return {"m": ("mm", MILLIMETRES), "kg": ("g", 1e3)}.get(unit, (unit, 1.0))

@@ -73,12 +73,10 @@ class Leaf:
         if self.kind == "number" and not isinstance(value, dict | list | None):
             told = self._fault(value)
         else:
-            told = f"{near_names(str(value), self.choices)}" if self._is_strange(value) else ""
+            strange = self.choices and isinstance(value, str) and value not in self.choices
+            told = near_names(str(value), self.choices) if strange else ""
         if told:
             raise ScenarioError(f"found {value!r}, {told}", where=self.path)
-
-    def _is_strange(self, value: Any) -> bool:
-        return bool(self.choices) and isinstance(value, str) and value not in self.choices
 
     def _fault(self, value: Any) -> str:
         if isinstance(value, bool | str) or not abs(value) < LARGEST:
