@@ -1,4 +1,4 @@
-"""``python -m benchmarks.flexible``: flexible links beside Exudyn and closed forms, and missions with panels.
+"""``python -m benchmarks.flexible [TABLE ...]``: flexible links beside Exudyn and closed forms, and missions.
 
 Exudyn (``pip install exudyn``) models the beam by ANCF cable elements; without it its column is empty. The
 free hub is a matrix of masses on the first node's coordinates (x, y, slope), exact for small motions.
@@ -6,8 +6,9 @@ free hub is a matrix of masses on the first node's coordinates (x, y, slope), ex
 
 from __future__ import annotations
 
+import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -163,17 +164,15 @@ def norm(values: Array) -> float:
 
 def envisat() -> list[str]:
     """Envisat captured and brought to rest, with its solar array rigid and flexible."""
-    mass, length = 340.0, 14.0
     head = ["array, Hz", "capture, s", "rest, s", "force at the grip, N", "torque at the grip, N m"]
     head += ["servicer turns, deg", "end of the array moves, mm", "in the last 10 s, mm"]
     rows = markdown_head(head)
     for f in (None, 0.2, 0.1, 0.05):
-        array = panel("body", [4.2, 0, -3.4], [1, 0, 0], mass, length, f or 1.0)
-        scene = load_scene("envisat", {"target.flexible": {"array": array}} if f else {})
+        scene = captor(f)
         data = sr.simulate(scene, backend="interpreted").data
         time, moved = data["time"].values, ["", ""]
         if f:  # the mass-normalised shape is 2 / sqrt(m) at the end
-            end = 2e3 / np.sqrt(mass) * np.abs(data["modal_coordinate"].values)
+            end = 1e3 * ENDS["Envisat"] * np.abs(data["modal_coordinate"].values)
             moved = [f"{end.max():.1f}", f"{end[time > time[-1] - 10].max():.1f}"]
         cells = [f"{f:g}" if f else "rigid", f"{np.nanmax(data['grasp_captured_at'].values):.2f}"]
         cells += [f"{time[-1]:.1f}", f"{norm(data['grasp_force'].values):.2f}"]
@@ -185,19 +184,11 @@ def envisat() -> list[str]:
 
 def ets7() -> list[str]:
     """The chaser with wheels, its panels rigid and flexible: attitude and margins while the hand moves."""
-    source = find_scenario("ets7")
-    document = read_document(source)
-    chaser = document["robots"]["wheels"]
     head = ["panels, Hz", "hand error, um", "base turns, mdeg", "turned 8 s after the motion, mdeg"]
     head += ["modes with little damping, Hz", "disk margin about x", "delay margin, s"]
     rows = markdown_head(head)
     for f in (None, 1.0, 0.25, 0.1):
-        panels = {
-            name: panel("base", [0, 1.05 * side, 0], [0, side, 0], 60.0, 5.8, f or 1.0)
-            for name, side in (("left", 1), ("right", -1))
-        }
-        robot = chaser | ({"flexible": panels} if f else {})
-        scene = build_scene(validate(document | {"robots": {"wheels": robot}}, source=source), source=source)
+        scene = chaser(f)
         data = sr.simulate(scene, backend="interpreted").data
         turned = 1e3 * np.degrees(np.linalg.norm(data["body_rotation"].values[:, 0], axis=-1))
         (linear,) = linearise(scene, [10.0], backend="interpreted")
@@ -210,50 +201,94 @@ def ets7() -> list[str]:
     return rows
 
 
-BOOM_STIFFNESS = 5e6
-"""Of the SSRMS's booms [N m^2]: assumed, that of a carbon-fibre tube, 0.35 m wide and 3 mm thick, 100 GPa."""
-SLOW: dict[str, Any] = {
-    "pid": {"kp": 2000, "ki": 100, "feedback": "inertial"},
-    "orientation_pid": {"kp": 25000, "ki": 1500, "feedback": "inertial"},
+def chaser(f: float | None) -> Scene:
+    """ETS-VII's chaser with wheels, its panels at a clamped frequency [Hz], or rigid."""
+    source = find_scenario("ets7")
+    document = read_document(source)
+    panels = {
+        name: panel("base", [0, 1.05 * side, 0], [0, side, 0], 60.0, 5.8, f or 1.0)
+        for name, side in (("left", 1), ("right", -1))
+    }
+    robot = document["robots"]["wheels"] | ({"flexible": panels} if f else {})
+    return build_scene(validate(document | {"robots": {"wheels": robot}}, source=source), source=source)
+
+
+def captor(f: float | None) -> Scene:
+    """Envisat and its servicer, the solar array at a clamped frequency [Hz], or rigid."""
+    array = panel("body", [4.2, 0, -3.4], [1, 0, 0], 340.0, 14.0, f or 1.0)
+    return load_scene("envisat", {"target.flexible": {"array": array}} if f else {})
+
+
+def station(rigid: str) -> Scene:
+    """SSRMS of the scenario ``ssrms-flexible``, but for its parts that are rigid."""
+    changes: dict[str, Any] = {}
+    if "booms" in rigid:
+        changes["robots.ssrms.flexible"] = {}
+    if "joints" in rigid:
+        changes |= {"robots.ssrms.actuators": {}, "robots.ssrms.sensors": {}}
+    return load_scene("ssrms-flexible", changes)
+
+
+MISSIONS: tuple[tuple[str, str, tuple[float, ...], Callable[[], Scene]], ...] = (
+    ("SSRMS", "nothing", (0.0, 57.0, 125.0), lambda: station("booms, joints")),
+    ("SSRMS", "booms", (0.0, 57.0, 125.0), lambda: station("joints")),
+    ("SSRMS", "joints", (0.0, 57.0, 125.0), lambda: station("booms")),
+    ("SSRMS", "booms and joints", (0.0, 57.0, 125.0), lambda: station("")),
+    ("ETS-VII", "nothing", (10.0,), lambda: chaser(None)),
+    ("ETS-VII", "panels, 0.1 Hz", (10.0,), lambda: chaser(0.1)),
+    ("Envisat", "nothing", (), lambda: captor(None)),
+    ("Envisat", "array, 0.05 Hz", (), lambda: captor(0.05)),
+)
+"""Missions, what is flexible, times [s] at which margins of torques are found (if any), and scenes."""
+ENDS = {"ETS-VII": 2 / np.sqrt(60.0), "Envisat": 2 / np.sqrt(340.0)}
+"""Deflection of the end of a panel of uniform mass by its mass-normalised coordinate [kg^(-1/2)]."""
+
+
+def missions() -> Iterator[str]:
+    """Each mission rigid and flexible; the cost is the time of a rollout over that of the rigid one."""
+    head = ["mission", "flexible", "capture, s", "tip error, mm", "base turns, mdeg", "joint torque, N m"]
+    head += ["force at the grip, N", "torque, N m", "end bends, mm (in the last 5 s)", "at rest, s"]
+    yield from markdown_head([*head, "least disk margin", "delay margin, s", "cost"])
+    rigid_s = 1.0
+    for mission, flexible, at, make in MISSIONS:
+        scene = make()
+        sr.simulate(scene)  # compiled, for the time
+        result = sr.simulate(scene)
+        data, cells = result.data, [mission, flexible]
+        timing = result.summary["timing_s"]["rollout"]
+        rigid_s = timing if flexible == "nothing" else rigid_s
+        grips, turns = bool(scene.grasps), scene.robots[0].root_joint > 0
+        cells.append(f"{np.nanmax(data['grasp_captured_at'].values):.2f}" if grips else "")
+        follows = mission != "Envisat"  # its tip has no reference
+        cells.append(f"{1e3 * norm(data['tip_error'].values):.3g}" if follows else "")
+        turned = 1e3 * np.degrees(norm(data["body_rotation"].values[:, 0]))
+        cells += [f"{turned:.6g}" if turns else "", f"{np.abs(data['joint_torque'].values).max():.4g}"]
+        for part in ("grasp_force", "grasp_torque"):
+            cells.append(f"{norm(data[part].values):.3g}" if grips else "")
+        bent = np.zeros((data.sizes["time"], 0))
+        if "deflection" in data:
+            bent = 1e3 * np.linalg.norm(data["deflection"].values, axis=-1)
+        if "modal_coordinate" in data:
+            bent = 1e3 * ENDS[mission] * np.abs(data["modal_coordinate"].values)
+        last = bent[data["time"].values > data["time"].values[-1] - 5]
+        cells.append(f"{bent.max():.3g} ({last.max():.3g})" if bent.size else "")
+        cells.append(f"{data['time'].values[-1]:.1f}" if grips else "")
+        loops = [
+            loop
+            for linear in (linearise(scene, at) if at else ())
+            for loop in loop_margins(linear, [name for name in linear.inputs if name.startswith("torque/")])
+        ]
+        cells += [f"{min(one.disk for one in loops):.2f}" if loops else ""]
+        cells += [f"{min(one.delay for one in loops):.2g}" if loops else ""]
+        yield f"| {' | '.join([*cells, f'{timing / rigid_s:.1f}'])} |"
+
+
+TABLES: Mapping[str, Callable[[], Iterable[str]]] = {
+    table.__name__: table for table in (frequencies, ets7, envisat, missions)
 }
-"""Gains of the loaded arm, a tenth of those of the scenario, whose loops excite the booms."""
-
-
-def booms() -> dict[str, Any]:
-    """Sections of the SSRMS's booms, one segment each, 25 kg/m; damping 2 % at 1.3 Hz."""
-    own = {"kind": "beam", "segments": 1, "bending_stiffness": BOOM_STIFFNESS, "damping_time": 5e-3}
-    own |= {"mass_per_length": 25.0}
-    upper = own | {"link": "link_3", "start": [0, -0.2375, 0], "end": [7.11, -0.2375, 0]}
-    return {"upper": upper, "lower": own | {"link": "link_4", "end": [7.11, 0, 0]}}
-
-
-def ssrms() -> list[str]:
-    """The SSRMS captures and stops its load, with rigid and with flexible booms, both with slow gains."""
-    head = "| booms | capture, s | force at the grapple, N | torque, N m | joint torque, N m "
-    head += "| upper, lower boom bend, mm | largest after 50 s, mm | time to 10 % of the peak, s |"
-    rows, tip = [head, "|" + "---|" * 8], "robots.ssrms.tips.end_effector"
-    changes: dict[str, Any] = {f"{tip}.{key}.feedback": "base" for key in SLOW}
-    for phase in ("stop", "carry", "halt"):
-        changes |= {f"phases.{phase}.{tip}.{key}": gains for key, gains in SLOW.items()}
-    changes |= {"simulation.duration": 115, "simulation.step": 0.01}
-    for name, more in (("rigid", {}), ("flexible", {"robots.ssrms.flexible": booms()})):
-        data = sr.simulate(load_scene("ssrms", changes | more), backend="interpreted").data
-        caught, moved = float(np.nanmax(data["grasp_captured_at"].values)), [""] * 3
-        if more:
-            since = data["time"].values - caught
-            bent = 1e3 * np.linalg.norm(data["deflection"].values, axis=-1)[since > 0]
-            since, peak = since[since > 0], bent.max(axis=0)
-            lasts = [since[bent[:, k] > 0.1 * peak[k]].max() for k in range(2)]
-            late = bent[since > 50].max(axis=0)
-            moved = [", ".join(f"{value:.2f}" for value in peak), ", ".join(f"{value:.2f}" for value in late)]
-            moved += [", ".join(f"{value:.0f}" for value in lasts)]
-        loads = [norm(data[f"grasp_{part}"].values) for part in ("force", "torque")]
-        loads += [float(np.abs(data["joint_torque"].values[data["time"].values > caught]).max())]
-        cells = [name, f"{caught:.2f}", *(f"{value:.1f}" for value in loads), *moved]
-        rows.append(f"| {' | '.join(cells)} |")
-    return rows
-
 
 if __name__ == "__main__":
-    for table in (frequencies, ets7, envisat, ssrms):
-        print("\n".join(table()), "\n", flush=True)
+    for name in sys.argv[1:] or TABLES:
+        for row in TABLES[name]():
+            print(row, flush=True)
+        print()

@@ -66,3 +66,17 @@ def test_the_page_states_what_is_flown():
             "largest speed of the tip, m/s": np.linalg.norm(speed, axis=1).max(),
         },
     )
+
+
+def test_the_engines_agree_on_flexible_booms_and_joints():
+    short = {"simulation.duration": 0.4, "simulation.output_step": 0.1, "simulation.tolerance": 1e-9}
+    own, other = (
+        sr.simulate(
+            sr.load_scene("ssrms-flexible", short | {"simulation.engine": engine}), backend="interpreted"
+        ).data
+        for engine in ("casadi", "pinocchio")
+    )
+    assert np.abs(own.deflection.values).max() > 1e-7
+    for name in ("joint_velocity", "deflection", "motor_speed", "motor_torque"):
+        size = np.abs(own[name].values).max()
+        np.testing.assert_allclose(other[name].values, own[name].values, rtol=0, atol=1e-6 * size)
