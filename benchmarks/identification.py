@@ -26,6 +26,11 @@ SURE = {f"{HELD}.mass_deviation": 1e-6, f"{HELD}.com_deviation": 1e-7, f"{HELD}.
 TRUE = {"mass": 140, "com": [0.02, -0.01, 0.02], "inertia": [28.5, 27.1, 24.2, 0.6, -0.4, 0.5]}
 LAWS = ("pid", "amnesia", "orientation_pid", "orientation_amnesia")
 GOAL_M, GOAL_DEG = np.array([2.0375, 0.51, 0.15]), [-25, 36, -72]
+JAM = {"kind": "joint_failure", "joint": "left_joint_3", "mode": "locked", "at": 20}
+JAMMED = {
+    "robots.servicer.actuators": {"jam": JAM},
+    "plan.goals": {"there": {"tip": "servicer/left_tip", "position": GOAL_M.tolist()}},
+}
 CASES: dict[str, dict[str, Any]] = {
     "known": {f"{HELD}.{key}": value for key, value in TRUE.items()} | SURE,
     "assumed, not identified": SURE,
@@ -152,8 +157,9 @@ def replanned() -> None:
     """Print the errors of the object that is carried by plans made in flight."""
     print("\n| object in the plans | position [mm] | orientation [mrad] | plans | without solution |")
     print("|---|---|---|---|---|")
-    for name in ("known", "assumed, not identified", "identified"):
-        result = sr.simulate(sr.load_scene("caught-unknown", replanning() | CASES[name]))
+    cases = {name: CASES[name] for name in ("known", "assumed, not identified", "identified")}
+    for name, changes in (cases | {"identified, joint locked, orientation free": JAMMED}).items():
+        result = sr.simulate(sr.load_scene("caught-unknown", replanning() | changes))
         (place, turn), told = at_goal(result), result.summary["mpc"]
         row = f"{1e3 * place:.1f} | {1e3 * turn:.1f} | {told['plans']} | {told['missed']}"
         print(f"| {name} | {row} |", flush=True)
