@@ -216,12 +216,13 @@ def chaser(f: float | None) -> Scene:
 def captor(f: float | None) -> Scene:
     """Envisat and its servicer, the solar array at a clamped frequency [Hz], or rigid."""
     array = panel("body", [4.2, 0, -3.4], [1, 0, 0], 340.0, 14.0, f or 1.0)
-    return load_scene("envisat", {"target.flexible": {"array": array}} if f else {})
+    changes: dict[str, Any] = {"target.flexible": {"array": array}} if f else {}
+    return load_scene("envisat", changes | {"simulation.output_step": FINE_S})
 
 
 def station(rigid: str) -> Scene:
     """SSRMS of the scenario ``ssrms-flexible``, but for its parts that are rigid."""
-    changes: dict[str, Any] = {}
+    changes: dict[str, Any] = {"simulation.output_step": FINE_S}
     if "booms" in rigid:
         changes["robots.ssrms.flexible"] = {}
     if "joints" in rigid:
@@ -240,6 +241,8 @@ MISSIONS: tuple[tuple[str, str, tuple[float, ...], Callable[[], Scene]], ...] = 
     ("Envisat", "array, 0.05 Hz", (), lambda: captor(0.05)),
 )
 """Missions, what is flexible, times [s] at which margins of torques are found (if any), and scenes."""
+FINE_S = 0.01
+"""Between outputs of missions with captures, whose largest forces last less than 0.1 s."""
 ENDS = {"ETS-VII": 2 / np.sqrt(60.0), "Envisat": 2 / np.sqrt(340.0)}
 """Deflection of the end of a panel of uniform mass by its mass-normalised coordinate [kg^(-1/2)]."""
 
