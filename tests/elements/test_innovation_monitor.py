@@ -116,6 +116,12 @@ def test_position_and_attitude_of_a_camera_are_told_apart():
         (event,) = detections(result.summary)
         assert event["who"] == f"chaser/seen.{failed}"
         assert result.data.failures_detected.sel(body="chaser").values[-1] == 1
+        places = {"target_position": 0, "target_orientation": 1}
+        z = result.data.z
+        used = {signal: z.sel({z.dims[1]: f"chaser/seen.used[{i}]"}) for signal, i in places.items()}
+        end, after = result.data.time.values[-1], float(event["time_s"])
+        assert used[failed].values[-1] <= after < end - 1
+        assert used[other].values[-1] > end - 1
 
 
 @pytest.mark.parametrize(("text", "delay_s"), [(attitude.PLATE, 0.1), (attitude.BOX, 0.0)])
