@@ -1,4 +1,7 @@
-"""CasADi functions evaluated with NumPy arrays, without CasADi's conversion of each argument and result."""
+"""Interpreted CasADi functions of NumPy arrays, without CasADi's conversion of each argument and result.
+
+:mod:`spacerobot.compiled.numpy_function` has compiled ones, which need a compiler.
+"""
 
 from __future__ import annotations
 

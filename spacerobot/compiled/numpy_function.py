@@ -1,4 +1,7 @@
-"""A compiled function that takes and gives NumPy arrays, with as little in between as Python allows."""
+"""A compiled function that takes and gives NumPy arrays, with as little in between as Python allows.
+
+:mod:`spacerobot.numeric_function` has interpreted ones, which need no compiler.
+"""
 
 from __future__ import annotations
 

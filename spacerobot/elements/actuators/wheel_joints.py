@@ -52,6 +52,7 @@ class WheelJoints(WheelSet):
             return ca.vertcat(left, found.net + friction - rub)
 
         def answer(asked: ca.SX) -> Contribution:
+            """Friction's power, what is observed of the wheels, and tests of whether they have failed."""
             found, taken = motors(asked), ca.dot(rub, speed)
             lost = (
                 (PowerTerm("actuator", taken, "in"), PowerTerm("wheel_friction", taken)) if rub.nnz() else ()
