@@ -22,13 +22,15 @@ def headline(summary: Mapping[str, Any], data: xr.Dataset) -> list[Row]:
         rows.append(("outcome", summary["outcome"]))
     rows += [(f"missed {grasp}", why["words"]) for grasp, why in summary.get("missed", {}).items()]
     led = {t: axes for t, axes in summary["tip_error"].items() if t not in summary.get("unled_tips", ())}
+    # plans of MPC replace the references of tips: a distance from them is no control error
+    error = "tip from its reference" if "mpc" in summary else "tip error"
     for tip, axes in led.items():
         shown = ["x", "y"] if "body_angle" in data else ["x", "y", "z"]
         unit, factor = _unit_of(axes["norm"]["rms_m"])
         spans = ", ".join(
             f"{axis} {_span(axes[axis]['min_m'] * factor, axes[axis]['max_m'] * factor)}" for axis in shown
         )
-        rows.append((f"tip error {tip}", f"{spans} {unit} (rms {axes['norm']['rms_m'] * factor:.3f} {unit})"))
+        rows.append((f"{error} {tip}", f"{spans} {unit} (rms {axes['norm']['rms_m'] * factor:.3f} {unit})"))
     if summary["target"] is not None:
         rows.append(("object turned by at most", f"{summary['target']['max_rotation_deg']:.4g} deg"))
     for base, motion in summary["bases"].items():

@@ -92,6 +92,13 @@ def test_a_small_axis_keeps_three_figures_beside_a_large_one(result, low, high, 
     assert told == f"x {text}, y -4.000 .. +4.000 mm (rms 3.000 mm)"
 
 
+def test_with_predictive_control_tips_have_a_distance_from_their_reference(result):
+    summary = dict(result.summary) | {"mpc": {"plans": 11}}
+    names = [name for name, _ in headline(summary, result.data)]
+    assert "tip from its reference arm/tip" in names
+    assert not any(name.startswith("tip error") for name in names)
+
+
 @pytest.mark.parametrize(("metres", "text"), [(3e-4, "0.300 mm"), (3e-7, "0.300 um"), (3e-10, "0.300 nm")])
 def test_small_errors_have_digits(result, metres, text):
     summary = copy.deepcopy(dict(result.summary))
