@@ -70,7 +70,7 @@ def at(solver: PlanSolver, rate: float) -> PlanSolver:
     """The solver at another rate, by which only the start of the motion differs."""
     scene = scene_at(rate)
     problem = dataclasses.replace(solver.problem, fixed=np.concatenate([scene.q, scene.v]))
-    return dataclasses.replace(solver, problem=problem)
+    return solver.with_first(problem=problem)
 
 
 def solved(solver: PlanSolver, near: SolveResult) -> tuple[SolveResult | None, dict[str, Any]]:

@@ -43,7 +43,20 @@ def base_wrench_limits(limits: Mapping[str, PlanLimit], body: SceneBody, planar:
     """Limits of a floating base."""
     asked = section_base_limits(limits)
     most, told = np.zeros(6), dict[str, None]()
-    own = _actuated(body, planar)
+    # Greatest force and torque by axis, each with the actuators that they are of. Actuators act one after the
+    # other, so that limits are joined from the last one on. Wheels count where nothing else gives a part.
+    own: dict[WrenchPart, tuple[Array, str]] = {}
+    driven_by = body.config.driven_by() if isinstance(body.config, Robot) else ()
+    acting = [(where.rpartition(".")[2], one) for where, one in driven_by]
+    for name, one in reversed([named for named in acting if named[1].momentum_storage() is None]):
+        for part, values in one.wrench_limits(planar=planar).items():
+            after, names = own.get(part, (None, ""))
+            joined = values if after is None else one.joined_limits(values, after)
+            own[part] = joined, f"{name} and {names}" if names else name
+    for name, one in acting:
+        if one.momentum_storage() is not None:
+            for part, values in one.wrench_limits(planar=planar).items():
+                own.setdefault(part, (values, name))
     if only_wheels(body) is not None and asked.get("force"):
         own = {"torque": own["torque"]}
     for part, first in PARTS.items():
@@ -75,25 +88,3 @@ def limiting_actuators(scene: Scene, plans: Iterable[PlanSection]) -> dict[str, 
         for body in bodies
     }
     return {name: ", ".join(filter(None, own)) for name, own in told.items() if any(own)}
-
-
-def _actuated(body: SceneBody, planar: bool) -> dict[WrenchPart, tuple[Array, str]]:
-    """Greatest force and torque by axis, each with the actuators that they are of.
-
-    Actuators act one after the other, so that limits are joined from the last one on. Wheels count where
-    nothing else gives a part.
-    """
-    found: dict[WrenchPart, tuple[Array, str]] = {}
-    if not isinstance(body.config, Robot):
-        return found
-    own = [(where.rpartition(".")[2], one) for where, one in body.config.driven_by()]
-    for name, one in reversed([named for named in own if named[1].momentum_storage() is None]):
-        for part, values in one.wrench_limits(planar=planar).items():
-            after, names = found.get(part, (None, ""))
-            joined = values if after is None else one.joined_limits(values, after)
-            found[part] = joined, f"{name} and {names}" if names else name
-    for name, one in own:
-        if one.momentum_storage() is not None:
-            for part, values in one.wrench_limits(planar=planar).items():
-                found.setdefault(part, (values, name))
-    return found

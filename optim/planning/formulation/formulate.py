@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from optim.planning.formulation.arms_at_rest import rest_rows
 from optim.planning.formulation.costs import cost_terms, magnitudes, split_rows
 from optim.planning.formulation.goals import goal_rows
 from optim.planning.formulation.grasps import closed_grasps
@@ -22,7 +21,6 @@ from optim.planning.formulation.path_constraints import (
     path_rows,
 )
 from optim.planning.formulation.stage import PlanningProblem, Stage
-from spacerobot.arrays import Array
 from spacerobot.elements.goal import Goal, TipGoal
 from spacerobot.elements.grasp import Grasp
 from spacerobot.errors import ScenarioError
@@ -144,7 +142,46 @@ def formulate_phases(scene: Scene) -> tuple[PhaseProblem, ...]:
     ):
         impact = bool(found) and any(is_rigid(grasp) and grasp not in before for grasp in closed)
         with located_in_phase(whole, name):
-            found.append(PhaseProblem(name, plan, _problem(scene, plan, closed, begins=not found), impact))
+            stage = Stage.of(scene, driven_coordinates(scene, plan.limits), closed)
+            forces = magnitudes(stage, plan)
+            parts = ca.SX.sym("s", 2 * sum(each.numel() for each in forces.values()))
+            stage = dataclasses.replace(stage, s=parts)
+            lower, upper = instant_limits(stage, plan.limits)
+            goals = tuple(goal_rows(stage, plan.goals))
+            terms, ends = cost_terms(stage, plan, forces)
+            span, target = plan.duration, scene.target
+            # of the target as the model has them, where the stage has symbols of them
+            inertia = np.empty(0)
+            if target is not None and stage.inertia.numel():
+                inertia = np.array(scene.model.inertias[target.root_joint].toDynamicParameters())
+            fixed = np.concatenate([scene.q, close_velocity(scene) if stage.grips and not found else scene.v])
+            begin, beginning = initial_conditions(stage, plan, fixed, (lower, upper))
+            if found:  # one that does not begin the plan begins where the one before it ends
+                begin = (np.full(fixed.size, -np.inf), np.full(fixed.size, np.inf))
+            problem = PlanningProblem(
+                stage=stage,
+                path=(
+                    *path_rows(stage, plan),
+                    *split_rows(stage, forces),
+                    *beginning,
+                    *avoidance_rows(stage, plan),
+                ),
+                goal=goals,
+                terms=terms,
+                ends=ends,
+                weights={"time": plan.costs["time"].weight if "time" in plan.costs else 0.0}
+                | {name: plan.costs[name].weight for name in (*terms, *ends)},
+                lower=lower,
+                upper=upper,
+                duration=(span.lower, span.upper, span.guess or (span.lower + span.upper) / 2),
+                fixed=fixed,
+                tolerance=plan.tolerance,
+                open_loop=plan.open_loop,
+                begin=begin,
+                magnitudes=forces,
+                inertia=inertia,
+            )
+            found.append(PhaseProblem(name, plan, problem, impact))
         before = closed
     return tuple(found)
 
@@ -202,7 +239,8 @@ def closed_grasps_by_phase(scene: Scene, whole: PlanSection) -> Iterator[tuple[S
     Raises
     ------
     ScenarioError
-        If a phase ends with a grasp captured whose tip no goal brings to its mating frame.
+        If a phase ends with a grasp captured whose tip no goal brings to its mating frame, or with strained
+        springs.
     """
     closed, open_ = {grasp.name: grasp for grasp in closed_grasps(scene)}, {g.name: g for g in scene.grasps}
     for name, plan in whole.by_phase.items():
@@ -213,9 +251,33 @@ def closed_grasps_by_phase(scene: Scene, whole: PlanSection) -> Iterator[tuple[S
         captured = (phase.until.captured or ()) if phase is not None and phase.until is not None else ()
         if name == [*whole.by_phase][-1]:
             return  # what closes behind the plan, closes as the scenario says
-        for grasp in captured:
-            _check_mated(scene, open_[grasp], plan.goals, name)
-            closed[grasp] = open_[grasp]
+        for grasp in (open_[own] for own in captured):
+            # refuse a capture that no goal leads to, or a spring that would be strained by it
+            config, where = grasp.config, f"plan.phases.{name}.goals"
+            mating = mated(config, plan.goals)
+            if not mating:
+                raise ScenarioError(
+                    f"the phase ends with {grasp.name!r} captured, so a goal must bring {config.tip!r} to "
+                    f"{config.frame!r}: give `{{tip: {config.tip}, frame: {config.frame}}}`",
+                    source=scene.source,
+                    where=where,
+                )
+            goal = plan.goals[mating[0]]
+            if isinstance(goal, TipGoal) and not goal.is_exact:
+                raise ScenarioError(
+                    f"found a tolerance of the pose, where {grasp.name!r} closes on the mating frame; "
+                    "leave it out",
+                    source=scene.source,
+                    where=f"{where}.{mating[0]}",
+                )
+            if not is_rigid(grasp) and isinstance(goal, TipGoal) and goal.end_distance:
+                raise ScenarioError(
+                    f"found a standoff, where {grasp.name!r} closes and its springs are at rest; "
+                    "leave it out",
+                    source=scene.source,
+                    where=f"{where}.{mating[0]}.standoff",
+                )
+            closed[grasp.name] = grasp
 
 
 def mated(grasp: Grasp, goals: Mapping[str, Goal]) -> list[str]:
@@ -225,79 +287,3 @@ def mated(grasp: Grasp, goals: Mapping[str, Goal]) -> list[str]:
         for name, goal in goals.items()
         if isinstance(goal, TipGoal) and (goal.tip, goal.follows) == (grasp.tip, grasp.frame)
     ]
-
-
-def _check_mated(scene: Scene, grasp: SceneGrasp, goals: Mapping[str, Goal], phase: str) -> None:
-    """Refuse a capture that no goal leads to, or a spring that would be strained by it."""
-    config, where = grasp.config, f"plan.phases.{phase}.goals"
-    mating = mated(config, goals)
-    if not mating:
-        raise ScenarioError(
-            f"the phase ends with {grasp.name!r} captured, so a goal must bring {config.tip!r} to "
-            f"{config.frame!r}: give `{{tip: {config.tip}, frame: {config.frame}}}`",
-            source=scene.source,
-            where=where,
-        )
-    goal = goals[mating[0]]
-    if isinstance(goal, TipGoal) and not goal.is_exact:
-        raise ScenarioError(
-            f"found a tolerance of the pose, where {grasp.name!r} closes on the mating frame; leave it out",
-            source=scene.source,
-            where=f"{where}.{mating[0]}",
-        )
-    if not is_rigid(grasp) and isinstance(goal, TipGoal) and goal.end_distance:
-        raise ScenarioError(
-            f"found a standoff, where {grasp.name!r} closes and its springs are at rest; leave it out",
-            source=scene.source,
-            where=f"{where}.{mating[0]}.standoff",
-        )
-
-
-def _problem(
-    scene: Scene, plan: PlanSection, closed: tuple[SceneGrasp, ...], *, begins: bool
-) -> PlanningProblem:
-    """Of one phase; one that does not begin the plan begins where the one before it ends."""
-    stage = Stage.of(scene, driven_coordinates(scene, plan.limits), closed)
-    forces = magnitudes(stage, plan)
-    parts = ca.SX.sym("s", 2 * sum(each.numel() for each in forces.values()))
-    stage = dataclasses.replace(stage, s=parts)
-    lower, upper = instant_limits(stage, plan.limits)
-    goals = [row for name, goal in plan.goals.items() for row in goal_rows(stage, name, goal)]
-    goals += rest_rows(stage, plan.goals)
-    terms, ends = cost_terms(stage, plan, forces)
-    span = plan.duration
-    fixed = np.concatenate([scene.q, close_velocity(scene) if stage.grips and begins else scene.v])
-    begin, beginning = initial_conditions(stage, plan, fixed, (lower, upper))
-    if not begins:
-        begin = (np.full(fixed.size, -np.inf), np.full(fixed.size, np.inf))
-    return PlanningProblem(
-        stage=stage,
-        path=(
-            *path_rows(stage, plan),
-            *split_rows(stage, forces),
-            *beginning,
-            *avoidance_rows(stage, plan),
-        ),
-        goal=tuple(goals),
-        terms=terms,
-        ends=ends,
-        weights={"time": plan.costs["time"].weight if "time" in plan.costs else 0.0}
-        | {name: plan.costs[name].weight for name in (*terms, *ends)},
-        lower=lower,
-        upper=upper,
-        duration=(span.lower, span.upper, span.guess or (span.lower + span.upper) / 2),
-        fixed=fixed,
-        tolerance=plan.tolerance,
-        open_loop=plan.open_loop,
-        begin=begin,
-        magnitudes=forces,
-        inertia=_inertia(stage),
-    )
-
-
-def _inertia(stage: Stage) -> Array:
-    """Inertial parameters of the target as the model has them, where the stage has symbols of them."""
-    target = stage.scene.target
-    if target is None or not stage.inertia.numel():
-        return np.empty(0)
-    return np.array(stage.scene.model.inertias[target.root_joint].toDynamicParameters())

@@ -74,7 +74,25 @@ def spring_wrench(scene: Scene, kinematics: Kinematics, grasp: SceneGrasp) -> tu
     gap, twist, velocity, spin = (ca.SX(3, 1) for _ in range(4))
     gap[along], velocity[along] = _gap(scene, kinematics, grasp)[along], rate[: len(along)]
     if turns:
-        twist[about], spin[about] = _twist(scene, kinematics, grasp), rate[len(along) :]
+        # rotation vector from where the springs are at rest, world axes
+        held, mate = (
+            frame_placement(scene.model, kinematics, frame)[0] for frame in (grasp.tip.frame, grasp.frame)
+        )
+        # orientation of a tip in the mating frame where rotational springs are at rest (3x3)
+        capture = grasp.config.capture
+        if grasp.config.begins == "open":
+            rest = np.asarray(
+                pin.rpy.rpyToMatrix(np.radians(capture.mated_deg if capture else (0.0, 0.0, 0.0)))
+            )
+        else:
+            data = scene.model.createData()
+            pin.framesForwardKinematics(scene.model, data, np.array(scene.q))
+            rest = np.asarray(data.oMf[grasp.frame].rotation.T @ data.oMf[grasp.tip.frame].rotation)
+        wanted = ca.mtimes(mate, exact_directions(rest))
+        relative = ca.mtimes(wanted.T, held)
+        flat = ca.atan2(relative[1, 0], relative[0, 0])
+        twist[about] = flat if scene.planar else ca.mtimes(wanted, rotation_log(relative))
+        spin[about] = rate[len(along) :]
     tip = Displacement(gap, twist, velocity, spin)
     force, torque = config.spring_wrench(lambda key: ca.SX(getattr(config, key)), tip)
     return -force[along], -torque[about] if turns else ca.SX(0, 1)
@@ -86,23 +104,3 @@ def _gap(scene: Scene, kinematics: Kinematics, grasp: SceneGrasp) -> ca.SX:
         frame_placement(scene.model, kinematics, frame)[1] for frame in (grasp.tip.frame, grasp.frame)
     )
     return tip - mate
-
-
-def _twist(scene: Scene, kinematics: Kinematics, grasp: SceneGrasp) -> ca.SX:
-    """Rotation vector from where the springs are at rest to a tip's orientation, world axes [rad]."""
-    tip, mate = (
-        frame_placement(scene.model, kinematics, frame)[0] for frame in (grasp.tip.frame, grasp.frame)
-    )
-    # orientation of a tip in the mating frame where rotational springs are at rest (3x3)
-    capture = grasp.config.capture
-    if grasp.config.begins == "open":
-        rest = np.asarray(pin.rpy.rpyToMatrix(np.radians(capture.mated_deg if capture else (0.0, 0.0, 0.0))))
-    else:
-        data = scene.model.createData()
-        pin.framesForwardKinematics(scene.model, data, np.array(scene.q))
-        rest = np.asarray(data.oMf[grasp.frame].rotation.T @ data.oMf[grasp.tip.frame].rotation)
-    wanted = ca.mtimes(mate, exact_directions(rest))
-    relative = ca.mtimes(wanted.T, tip)
-    if scene.planar:
-        return ca.atan2(relative[1, 0], relative[0, 0])
-    return ca.mtimes(wanted, rotation_log(relative))

@@ -11,8 +11,7 @@ from optim.planning.formulation.stage import Stage
 from spacerobot.arrays import Array
 from spacerobot.elements.plan_instant import BoundedRow
 from spacerobot.errors import ScenarioError
-from spacerobot.scenario.plan import FreeStart, JointStartRange, PlanSection
-from spacerobot.scene.scene import SceneBody
+from spacerobot.scenario.plan import PlanSection
 
 Sides = tuple[Array, Array]
 """Least and greatest configuration and velocity at the start (nq + nv,)."""
@@ -39,7 +38,8 @@ def initial_conditions(
     """
     if not plan.start:
         return None, []
-    least, greatest = fixed.copy(), fixed.copy()
+    model, source = stage.scene.model, stage.scene.source
+    sides = least, greatest = fixed.copy(), fixed.copy()
     rows: list[BoundedRow] = []
     for name, room in plan.start.items():
         where = f"plan.start.{name}"
@@ -51,14 +51,37 @@ def initial_conditions(
             if getattr(given, key) is None:
                 raise ScenarioError(
                     f"{urdf.name} is {urdf.kind}: give `{key}`",
-                    source=stage.scene.source,
+                    source=source,
                     where=f"{where}.joints",
                 )
-            rows += _free_joint(stage, joint, given, (least, greatest))
+            own, reach = model.joints[joint], np.radians(given.angle_deg or 0.0) + (given.offset or 0.0)
+            if own.nq == 2:
+                rows.append(_turned(stage, own.idx_q, reach, sides, f"start of {model.names[joint]}"))
+            else:
+                least[own.idx_q] -= reach
+                greatest[own.idx_q] += reach
         if room.places:
-            rows += _free_base(stage, body, room, (least, greatest), where)
+            if not body.root_joint:
+                raise ScenarioError(
+                    f"the base of {body.name!r} is fixed; give it `joint: planar` or `free_flyer` to "
+                    "place it",
+                    source=source,
+                    where=where,
+                )
+            own = model.joints[body.root_joint]
+            if (own.nv == 3 and room.position[2]) or (own.nv == 6 and room.rotation_deg):
+                key = "position" if own.nv == 3 else "rotation_deg"
+                told = (
+                    "a planar base stays in its plane" if own.nv == 3 else "only a planar base begins turned"
+                )
+                raise ScenarioError(told, source=source, where=f"{where}.{key}")
+            axes = 2 if own.nv == 3 else 3
+            least[own.idx_q : own.idx_q + axes] -= room.position[:axes]
+            greatest[own.idx_q : own.idx_q + axes] += room.position[:axes]
+            if room.rotation_deg:
+                turn = np.radians(room.rotation_deg)
+                rows.append(_turned(stage, own.idx_q + 2, turn, sides, f"start of {body.name}'s base"))
     # refuse a free placement where something counts from it, and free starts of what is held
-    source = stage.scene.source
     if stage.grips:
         raise ScenarioError(
             f"grasp {stage.grips[0].name!r} begins closed, so the start is given by it",
@@ -76,39 +99,6 @@ def initial_conditions(
     lower, upper = (side[: fixed.size] for side in limits)
     least = np.maximum(least, np.minimum(lower, fixed))
     return (least, np.minimum(greatest, np.maximum(upper, fixed))), rows
-
-
-def _free_joint(stage: Stage, joint: int, given: JointStartRange, sides: Sides) -> list[BoundedRow]:
-    own, name = stage.scene.model.joints[joint], stage.scene.model.names[joint]
-    if own.nq == 2:
-        return [_turned(stage, own.idx_q, np.radians(given.angle_deg or 0.0), sides, f"start of {name}")]
-    reach = np.radians(given.angle_deg or 0.0) + (given.offset or 0.0)
-    sides[0][own.idx_q] -= reach
-    sides[1][own.idx_q] += reach
-    return []
-
-
-def _free_base(stage: Stage, body: SceneBody, room: FreeStart, sides: Sides, where: str) -> list[BoundedRow]:
-    scene = stage.scene
-    if not body.root_joint:
-        raise ScenarioError(
-            f"the base of {body.name!r} is fixed; give it `joint: planar` or `free_flyer` to place it",
-            source=scene.source,
-            where=where,
-        )
-    own = scene.model.joints[body.root_joint]
-    if (own.nv == 3 and room.position[2]) or (own.nv == 6 and room.rotation_deg):
-        key = "position" if own.nv == 3 else "rotation_deg"
-        told = "a planar base stays in its plane" if own.nv == 3 else "only a planar base begins turned"
-        raise ScenarioError(told, source=scene.source, where=f"{where}.{key}")
-    axes = 2 if own.nv == 3 else 3
-    sides[0][own.idx_q : own.idx_q + axes] -= room.position[:axes]
-    sides[1][own.idx_q : own.idx_q + axes] += room.position[:axes]
-    if not room.rotation_deg:
-        return []
-    return [
-        _turned(stage, own.idx_q + 2, np.radians(room.rotation_deg), sides, f"start of {body.name}'s base")
-    ]
 
 
 def _turned(stage: Stage, place: int, reach: float, sides: Sides, name: str) -> BoundedRow:

@@ -11,10 +11,10 @@ import numpy as np
 import pinocchio as pin
 
 from optim.planning.formulation.base_reactions import base_reactions
-from optim.planning.formulation.lookup import find_frame, find_robot, find_still, find_tip, joints_named
+from optim.planning.formulation.lookup import find_robot, joints_named
 from optim.planning.formulation.reaction_wheels import wheel_driven_bases
 from optim.planning.formulation.stage import Stage, spring_forces
-from spacerobot.dynamics import Inertias, forward_kinematics, kinetic_energy
+from spacerobot.dynamics import Inertias, forward_kinematics, kinetic_energy, rotation_log
 from spacerobot.dynamics.joints import exact_directions, sparse
 from spacerobot.elements.collision_shape import Wrap
 from spacerobot.elements.goal import Goal
@@ -60,30 +60,36 @@ class InstantView:
 
     def tip(self, label: str, key: str = "tip") -> MovingFrame:
         """A tip, by robot/tip."""
-        return self._frame(find_tip(self.stage.scene, label, f"{self.where}.{key}").frame)
+        tips = {tip.label: tip for tip in self.stage.scene.tips}
+        return self._frame(self._named(tips, f"tip {label!r}", label, key).frame)
 
     def mating(self, link: str, key: str = "frame") -> MovingFrame:
         """A link of the target."""
-        return self._frame(find_frame(self.stage.scene, link, f"{self.where}.{key}"))
+        scene = self.stage.scene
+        if scene.target is None:
+            raise self.fault("there is no target", key)
+        links = {one.name: f"target/{one.name}" for one in scene.target.description.links}
+        label = self._named(links, f"link {link!r} in the target's URDF", link, key)
+        return self._frame(int(scene.model.getFrameId(label, pin.FrameType.BODY)))
 
     def root(self, body: str, key: str) -> tuple[ca.SX, ca.SX]:
         """Velocity and spin of a floating root link, its own axes."""
-        model = self.stage.scene.model
-        joint = find_still(self.stage.scene, body, f"{self.where}.{key}").root_joint
+        model, bodies = self.stage.scene.model, {one.name: one for one in self.stage.scene.bodies}
+        joint = self._named(bodies, f"body {body!r}", body, key).root_joint
+        if not joint:
+            raise self.fault(f"the base of {body!r} is fixed, so it is always at rest", key)
         first, size = int(model.idx_vs[joint]), int(model.nvs[joint])
         middle = first + size - (3 if size == 6 else 1)
         return self.stage.v[first:middle], self.stage.v[middle : first + size]
 
     def base(self, robot: str, key: str) -> MovingFrame:
         """The floating root link of a robot."""
-        scene, where = self.stage.scene, f"{self.where}.{key}"
-        body = find_robot(scene, robot, where)
+        body = find_robot(self.stage.scene, robot, f"{self.where}.{key}")
         if not body.root_joint:
-            raise ScenarioError(
+            raise self.fault(
                 f"the base of {robot!r} is fixed, so its attitude never changes; give it `joint: free_flyer` "
                 "or `planar`",
-                source=scene.source,
-                where=where,
+                key,
             )
         return self._frame(body.root_frame)
 
@@ -96,7 +102,10 @@ class InstantView:
 
     def turned(self, wanted: ca.SX, found: ca.SX) -> ca.SX:
         """Rotation vector from one orientation to another."""
-        return self.stage.turned(wanted, found)
+        relative = ca.mtimes(wanted.T, found)
+        if self.stage.scene.planar:
+            return ca.atan2(relative[1, 0], relative[0, 0])
+        return rotation_log(relative)
 
     def fault(self, message: str, key: str) -> ScenarioError:
         """Error that names the place of a key of the section."""
@@ -105,10 +114,8 @@ class InstantView:
     def link(self, label: str, key: str = "link") -> MovingFrame:
         """A link of a robot, by robot/link."""
         scene, (robot, _, link) = self.stage.scene, label.partition("/")
-        links = [one.name for one in find_robot(scene, robot, f"{self.where}.{key}").description.links]
-        if link not in links:
-            told = f"no link {link!r}; {near_names(link, links)}"
-            raise ScenarioError(told, source=scene.source, where=f"{self.where}.{key}")
+        body = find_robot(scene, robot, f"{self.where}.{key}")
+        self._named({one.name: one for one in body.description.links}, f"link {link!r}", link, key)
         return self._frame(int(scene.model.getFrameId(label, pin.FrameType.BODY)))
 
     def joint_states(self) -> dict[str, JointCoordinate]:
@@ -124,19 +131,16 @@ class InstantView:
         for pattern in sorted(given, key=lambda pattern: "*" not in pattern):
             matched = matching(names, pattern)
             if not matched:
-                told = f"no joint {pattern!r}; {near_names(pattern, names)}"
-                raise ScenarioError(told, source=self.stage.scene.source, where=f"{self.where}.{key}")
+                raise self.fault(f"no joint {pattern!r}; {near_names(pattern, names)}", key)
             found |= dict.fromkeys(matched, given[pattern])
         return found
 
     def flexible(self, body: str, key: str) -> dict[str, tuple[ca.SX, ca.SX]]:
         """Position and rate of each joint of a body's flexible links."""
-        scene, where = self.stage.scene, f"{self.where}.{key}"
-        bodies = {one.name: one.passive for one in scene.bodies if one.passive}
-        if body not in bodies:
-            told = f"no flexible links of {body!r}; {near_names(body, bodies)}"
-            raise ScenarioError(told, source=scene.source, where=where)
-        joints = {scene.model.names[joint]: scene.model.joints[joint] for joint in bodies[body]}
+        model, bodies = self.stage.scene.model, {one.name: one.passive for one in self.stage.scene.bodies}
+        flexible = {name: passive for name, passive in bodies.items() if passive}
+        own = self._named(flexible, f"flexible links of {body!r}", body, key)
+        joints = {model.names[joint]: model.joints[joint] for joint in own}
         return {name: (self.stage.q[one.idx_q], self.stage.v[one.idx_v]) for name, one in joints.items()}
 
     def vibration_energy(self) -> ca.SX:
@@ -167,7 +171,7 @@ class InstantView:
                 if base == f"{body.name}/base":
                     wrench[AXES.index(axis)], limits[AXES.index(axis)] = value, limit
             began = exact_directions(np.array(ca.DM(still.rotation[root])))
-            turn[list(self.turns)] = stage.turned(began, moving.rotation[root])
+            turn[list(self.turns)] = self.turned(began, moving.rotation[root])
             shift = moving.origin[root] - ca.SX(ca.DM(still.origin[root]))
             frame = self._frame(body.root_frame)
             found[body.name] = PlannedBase(frame, turn, shift, wrench[:3], wrench[3:], limits[:3], limits[3:])
@@ -204,7 +208,13 @@ class InstantView:
     def gaps(self, between: tuple[str, str], wrap: Wrap | None) -> Iterator[tuple[str, ca.SX, Implicit]]:
         """Distances of pairs of shapes."""
         for first, second in find_pairs(self.stage.scene, between, wrap, self.where):
-            yield f"{first.label} to {second.label}", *shape_distance(self.stage, first, second)
+            gap = held_gap(self._shape(first), self._shape(second))
+            yield f"{first.label} to {second.label}", *gap
+
+    def _named(self, there: Mapping[str, T], words: str, name: str, key: str) -> T:
+        if name not in there:
+            raise self.fault(f"no {words}; {near_names(name, there)}", key)
+        return there[name]
 
     def _joint(self, name: str, joint: int) -> JointCoordinate:
         own, stage = self.stage.scene.model.joints[joint], self.stage
@@ -220,18 +230,12 @@ class InstantView:
     def _frame(self, frame: int) -> MovingFrame:
         return MovingFrame(*self.stage.placement(frame), *self.stage.velocity(frame))
 
-
-def shape_distance(stage: Stage, first: SceneShape, second: SceneShape) -> tuple[ca.SX, Implicit]:
-    """Distance of two shapes (1x1) [m], and what an iteration finds for it."""
-    return held_gap(_shape(stage, first), _shape(stage, second))
-
-
-def _shape(stage: Stage, shape: SceneShape) -> Shape:
-    """A shape where its link is."""
-    rotation, origin = stage.placement(shape.frame)
-    return Shape(
-        type(shape.config),
-        ca.mtimes(rotation, exact_directions(shape.placement[:3, :3])),
-        origin + ca.mtimes(rotation, sparse(shape.placement[:3, 3])),
-        shape.config.measures(),
-    )
+    def _shape(self, shape: SceneShape) -> Shape:
+        """A shape where its link is."""
+        rotation, origin = self.stage.placement(shape.frame)
+        return Shape(
+            type(shape.config),
+            ca.mtimes(rotation, exact_directions(shape.placement[:3, :3])),
+            origin + ca.mtimes(rotation, sparse(shape.placement[:3, 3])),
+            shape.config.measures(),
+        )

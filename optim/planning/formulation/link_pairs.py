@@ -27,14 +27,13 @@ from optim.planning.formulation.formulate import plan_section
 from optim.planning.formulation.path_constraints import PREFIX
 from spacerobot.arrays import Array
 from spacerobot.elements import create
-from spacerobot.elements.collision_shape import Wrap, wrapping_shapes
+from spacerobot.elements.collision_shape import wrapping_shapes
 from spacerobot.elements.goal import TipGoal
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import Scene
 from spacerobot.scene.contacts import coal_distance, find_pairs
 from spacerobot.scene.overlaps import Solid, overlap_depth, solids
 from spacerobot.scene.reference_checks import com_from_base, joint_from_base
-from spacerobot.scene.scene import SceneBody
 
 ALLOWED = 1e-4
 """[m] Overlap between the points of a mesh that is allowed, as of keep-out zones."""
@@ -92,15 +91,22 @@ def link_pairs(scene: Scene) -> list[LinkPair]:
     scene
         With a ``plan`` section.
     """
-    if not plan_section(scene).collision_avoidance:
+    plans = plan_section(scene)
+    if not plans.collision_avoidance:
         return []
     model, found = scene.model, list[LinkPair]()
-    by_link = {body.name: _by_link(scene, body) for body in scene.bodies}
+    by_link: dict[str, dict[str, tuple[Solid, ...]]] = {body.name: {} for body in scene.bodies}
+    for body in scene.bodies:
+        known = list(solids(scene, body))
+        for link in body.description.links:
+            own = tuple(solid for solid in known if solid.link == link.name)
+            if link.collisions and len(own) == len(link.collisions):  # all of its meshes can be read
+                by_link[body.name][f"{body.name}/{link.name}"] = own
     # joints whose links may collide: of tips and the mating frames that they come to, and of contacts
     tips = {tip.label: tip.joint for tip in scene.tips}
     meant = {frozenset((grasp.tip.joint, grasp.joint)) for grasp in scene.grasps}
     meant |= {frozenset(shape.joint for shape in pair) for one in scene.contacts for pair in one.pairs}
-    for plan in plan_section(scene).by_phase.values():
+    for plan in plans.by_phase.values():
         for goal in plan.goals.values():
             if isinstance(goal, TipGoal) and goal.follows and goal.tip in tips:
                 frame = model.getFrameId(f"target/{goal.follows}", pin.FrameType.BODY)
@@ -108,8 +114,29 @@ def link_pairs(scene: Scene) -> list[LinkPair]:
                     meant.add(frozenset((tips[goal.tip], int(model.frames[frame].parentJoint))))
     data = model.createData()
     pin.centerOfMass(model, data, scene.q, scene.v)
-    drifts = {body.name: _Drift.of(scene, body, data) for body in scene.bodies}
-    longest = sum(plan.duration.upper for plan in plan_section(scene).by_phase.values())
+    # Centre of mass of each body at the start (3,) [m] and its velocity (3,) [m/s], and the greatest distance
+    # of each joint's origin from it [m], infinite where it is driven; the world's origin for a fixed base.
+    centres, reaches = dict[str, tuple[Array, Array]](), dict[str, dict[int, float]]()
+    for body in scene.bodies:
+        if not body.root_joint:
+            reaches[body.name] = {joint: joint_from_base(scene, body, joint) for joint in (0, *body.joints)}
+            centres[body.name] = np.zeros(3), np.zeros(3)
+            continue
+        driven = body is not scene.target and any(
+            base_wrench_limits(phase.limits, body, scene.planar).largest.any()
+            for phase in plans.by_phase.values()
+        )
+        grasped = any(
+            body in (grasp.tip.body, scene.target) and (plans.phases or grasp.config.begins == "closed")
+            for grasp in scene.grasps
+        )
+        falls = bool(np.any(model.gravity.linear))
+        placed = body.name in plans.start and plans.start[body.name].places
+        least = np.inf if driven or grasped or falls or placed else com_from_base(scene, body)
+        place, root = data.oMi[body.root_joint], body.root_joint
+        reaches[body.name] = {joint: least + joint_from_base(scene, body, joint) for joint in body.subtree}
+        centres[body.name] = place.act(data.com[root]), place.rotation @ data.vcom[root]
+    longest = sum(plan.duration.upper for plan in plans.by_phase.values())
     for one, other in itertools.combinations_with_replacement(scene.bodies, 2):
         if one is other:
             links = list(itertools.combinations(by_link[one.name].items(), 2))
@@ -121,8 +148,15 @@ def link_pairs(scene: Scene) -> list[LinkPair]:
                 continue
             if joints[0] == model.parents[joints[1]] or joints[1] == model.parents[joints[0]]:
                 continue
-            if one is not other and not _may_meet(drifts[one.name], own, drifts[other.name], others, longest):
-                continue
+            if one is not other:  # refuse those that cannot come near within the longest duration
+                radii = [
+                    max(reach[s.joint] + float(np.linalg.norm(s.centre)) + s.radius for s in parts)
+                    for reach, parts in ((reaches[one.name], own), (reaches[other.name], others))
+                ]
+                away, rate = (b - a for a, b in zip(centres[one.name], centres[other.name], strict=True))
+                when = np.clip(-(away @ rate) / max(float(rate @ rate), 1e-300), 0.0, longest)
+                if np.linalg.norm(away + when * rate) > sum(radii):
+                    continue
             places = [data.oMi[joint] for joint in joints]
             if max(overlap_depth(*both, *places) for both in itertools.product(own, others)) <= 0:
                 found.append(LinkPair(first, second, (own, others)))
@@ -180,94 +214,28 @@ def keep_apart(scene: Scene, entered: Sequence[Collision]) -> Scene:
         If a pair's shapes have no distance that is positive where the motion begins.
     """
     plan = plan_section(scene)
-    zones = dict(plan.keep_out)
+    zones, data = dict(plan.keep_out), scene.model.createData()
+    pin.framesForwardKinematics(scene.model, data, scene.q)
     for one in entered:
         number = next(k for k in itertools.count(1) if f"{PREFIX}_{k}" not in zones)
-        given = {"between": (one.first, one.second), "only": one.only, "wrap": _wrap(scene, one)}
+        between = one.first, one.second
+        # around meshes and cylinders, so that the shapes of the two links are apart at the start
+        for wrap in (None, *wrapping_shapes()):  # the nearest to the shape first
+            try:
+                pairs = find_pairs(scene, between, wrap, "plan.keep_out")
+            except ScenarioError:
+                continue  # a mesh without a shape around it
+            placed = [(pairs[k], [data.oMf[shape.frame] for shape in pairs[k]]) for k in one.only]
+            if min(coal_distance(*pair, places).min_distance for pair, places in placed) > ALLOWED:
+                break
+        else:
+            raise ScenarioError(
+                f"{one.words()} in the plan, and primitives around their shapes at the start, so that "
+                "nothing keeps them apart; name pads in `keep_out`, or give `collision_avoidance: false`",
+                source=scene.source,
+                where="plan",
+            )
+        given = {"between": between, "only": one.only, "wrap": wrap}
         zones[f"{PREFIX}_{number}"] = create("plan_limit", "keep_out", **given)
     scenario = scene.scenario.model_copy(update={"plan": plan.model_copy(update={"keep_out": zones})})
     return dataclasses.replace(scene, scenario=scenario)
-
-
-def _wrap(scene: Scene, entered: Collision) -> Wrap | None:
-    """Shape around meshes and cylinders with which the shapes of two links are apart at the start."""
-    data, between = scene.model.createData(), (entered.first, entered.second)
-    pin.framesForwardKinematics(scene.model, data, scene.q)
-    for wrap in (None, *wrapping_shapes()):  # the nearest to the shape first
-        try:
-            pairs = find_pairs(scene, between, wrap, "plan.keep_out")
-        except ScenarioError:
-            continue  # a mesh without a shape around it
-        own = [pairs[k] for k in entered.only]
-        gaps = [coal_distance(*pair, [data.oMf[shape.frame] for shape in pair]).min_distance for pair in own]
-        if min(gaps) > ALLOWED:
-            return wrap
-    raise ScenarioError(
-        f"{entered.words()} in the plan, and primitives around their shapes at the start, so that nothing "
-        "keeps them apart; name pads in `keep_out`, or give `collision_avoidance: false`",
-        source=scene.source,
-        where="plan",
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _Drift:
-    """How far a body may come.
-
-    Attributes
-    ----------
-    centre, velocity
-        Of its centre of mass at the start (3,) [m], (3,) [m/s]; the world's origin for a fixed base.
-    joints
-        Greatest distance of each joint's origin from that centre, by joint [m]; infinite where it is driven.
-    """
-
-    centre: Array
-    velocity: Array
-    joints: dict[int, float]
-
-    @classmethod
-    def of(cls, scene: Scene, body: SceneBody, data: Any) -> _Drift:
-        """Of a body, with Pinocchio's data of the start."""
-        plan, root = plan_section(scene), body.root_joint
-        if not root:
-            own = {joint: joint_from_base(scene, body, joint) for joint in (0, *body.joints)}
-            return cls(np.zeros(3), np.zeros(3), own)
-        driven = body is not scene.target and any(
-            base_wrench_limits(phase.limits, body, scene.planar).largest.any()
-            for phase in plan.by_phase.values()
-        )
-        grasped = any(
-            body in (grasp.tip.body, scene.target) and (plan.phases or grasp.config.begins == "closed")
-            for grasp in scene.grasps
-        )
-        falls = bool(np.any(scene.model.gravity.linear))
-        placed = body.name in plan.start and plan.start[body.name].places
-        least = np.inf if driven or grasped or falls or placed else com_from_base(scene, body)
-        joints = {joint: least + joint_from_base(scene, body, joint) for joint in body.subtree}
-        place = data.oMi[root]
-        return cls(place.act(data.com[root]), place.rotation @ data.vcom[root], joints)
-
-
-def _may_meet(
-    one: _Drift, own: Sequence[Solid], other: _Drift, others: Sequence[Solid], longest: float
-) -> bool:
-    """Whether shapes of two bodies may come near within the longest duration [s]."""
-    radii = [
-        max(drift.joints[s.joint] + float(np.linalg.norm(s.centre)) + s.radius for s in solids)
-        for drift, solids in ((one, own), (other, others))
-    ]
-    away, rate = other.centre - one.centre, other.velocity - one.velocity
-    when = np.clip(-(away @ rate) / max(float(rate @ rate), 1e-300), 0.0, longest)
-    return bool(np.linalg.norm(away + when * rate) <= sum(radii))
-
-
-def _by_link(scene: Scene, body: SceneBody) -> dict[str, tuple[Solid, ...]]:
-    """Collision shapes of a body by body/link; of links all of whose meshes can be read."""
-    known = list(solids(scene, body))
-    own = {link.name: tuple(one for one in known if one.link == link.name) for link in body.description.links}
-    return {
-        f"{body.name}/{link.name}": own[link.name]
-        for link in body.description.links
-        if link.collisions and len(own[link.name]) == len(link.collisions)
-    }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 
 import casadi as ca
 import numpy as np
@@ -55,10 +55,16 @@ def driven_coordinates(scene: Scene, given: Limits) -> DrivenCoordinates:
             joints.append(int(joint))
             own = body.config.joints[body.joint_name(scene.model, joint)].torque_limit
             limits.append(min(own or np.inf, _least(given, planned, "torque")))
-    for base_axis, column, most in _bases(scene, given):
-        names.append(base_axis)
-        columns.append(column)
-        limits.append(most)
+    for body in scene.robots:
+        if not body.root_joint:
+            continue
+        first, size = int(scene.model.idx_vs[body.root_joint]), int(scene.model.nvs[body.root_joint])
+        most = base_wrench_limits(given, body, size == 3).largest
+        for k, axis in enumerate((0, 1, 5) if size == 3 else range(6)):
+            if most[axis]:
+                names.append(f"{body.name}/base.{AXES[axis]}")
+                columns.append(first + k)
+                limits.append(float(most[axis]))
     return DrivenCoordinates(tuple(names), tuple(columns), np.array(limits, dtype=float), tuple(joints))
 
 
@@ -145,18 +151,3 @@ def planned_joint(scene: Scene, body: SceneBody, joint: int) -> PlannedJoint:
 def _least(given: Limits, joint: PlannedJoint, key: JointQuantity) -> float:
     """The lowest of all limits of a joint's rate or torque; infinite where there is none."""
     return min((limit.joint_limits(joint).get(key, np.inf) for limit in given.values()), default=np.inf)
-
-
-def _bases(scene: Scene, given: Limits) -> Iterator[tuple[str, int, float]]:
-    """Name, velocity and limit of each axis of a floating base that is driven."""
-    for body in scene.robots:
-        if not body.root_joint:
-            continue
-        first, size = int(scene.model.idx_vs[body.root_joint]), int(scene.model.nvs[body.root_joint])
-        axes, limits = (
-            (0, 1, 5) if size == 3 else range(6),
-            base_wrench_limits(given, body, size == 3).largest,
-        )
-        for k, axis in enumerate(axes):
-            if limits[axis]:
-                yield f"{body.name}/base.{AXES[axis]}", first + k, float(limits[axis])

@@ -48,8 +48,6 @@ class WheelDrivenBase:
 
     Attributes
     ----------
-    robot
-        Its name.
     wheels
         The set.
     momenta
@@ -60,7 +58,6 @@ class WheelDrivenBase:
         Torque that the base is to ask for, gyroscopic torque of the wheels included (3x1) [N m].
     """
 
-    robot: str
     wheels: MomentumStorage
     momenta: ca.SX
     speeds: ca.SX
@@ -74,11 +71,30 @@ class WheelDrivenBase:
 
 def wheel_driven_bases(stage: Stage) -> dict[str, WheelDrivenBase]:
     """Robots whose bases wheels alone drive, by name."""
-    found = {}
-    for body in stage.scene.robots:
+    scene, found = stage.scene, {}
+    for body in scene.robots:
         wheels, driven = only_wheels(body), stage.driven.of_base(body.name)
-        if wheels is not None and driven and all(axis.startswith("t") for axis in driven):
-            found[body.name] = _turned(stage, body, wheels)
+        if wheels is None or not driven or not all(axis.startswith("t") for axis in driven):
+            continue
+        axes, inertia = wheels.axes, wheels.inertia
+        first, size = int(scene.model.idx_vs[body.root_joint]), int(scene.model.nvs[body.root_joint])
+        about, columns = ([2], [first + 2]) if size == 3 else ([0, 1, 2], [first + k for k in (3, 4, 5)])
+        start = close_velocity(scene) if any(is_rigid(grasp) for grasp in closed_grasps(scene)) else scene.v
+        before = forward_kinematics(scene.model, ca.SX(np.array(scene.q)), ca.SX(np.array(start)))
+        spins = np.zeros(3)
+        spins[about] = np.array(start)[columns]
+        began = inertia * (axes.T @ spins + wheels.speeds)
+        turn = np.array(ca.DM(before.rotation[body.root_joint]))
+        whole = np.array(ca.DM(_angular(scene, body, before))).ravel() + turn @ axes @ began
+        left = sparse(whole) - _angular(scene, body, stage.kinematics)
+        carried = ca.mtimes(stage.kinematics.rotation[body.root_joint].T, left)
+        momenta = sparse(began) + ca.mtimes(sparse(np.linalg.pinv(axes)), carried - sparse(axes @ began))
+        spin, torque = ca.SX(3, 1), ca.SX(3, 1)
+        spin[about] = stage.v[columns]
+        for k, axis in zip(about, ("tx", "ty", "tz") if size == 6 else ("tz",), strict=True):
+            torque[k] = stage.u[stage.driven.names.index(f"{body.name}/base.{axis}")]
+        speeds = momenta / inertia - ca.mtimes(sparse(axes.T), spin)
+        found[body.name] = WheelDrivenBase(wheels, momenta, speeds, torque + cross(spin, carried))
     return found
 
 
@@ -131,28 +147,6 @@ def commanded_base_wrench(stage: Stage) -> ca.SX:
         own = found.get(robot)
         asked.append(stage.u[k] if own is None else own.commanded["xyz".index(axis[1])])
     return ca.vertcat(ca.SX(0, 1), *asked)
-
-
-def _turned(stage: Stage, body: SceneBody, wheels: MomentumStorage) -> WheelDrivenBase:
-    scene, axes, inertia = stage.scene, wheels.axes, wheels.inertia
-    first, size = int(scene.model.idx_vs[body.root_joint]), int(scene.model.nvs[body.root_joint])
-    about, columns = ([2], [first + 2]) if size == 3 else ([0, 1, 2], [first + k for k in (3, 4, 5)])
-    start = close_velocity(scene) if any(is_rigid(grasp) for grasp in closed_grasps(scene)) else scene.v
-    before = forward_kinematics(scene.model, ca.SX(np.array(scene.q)), ca.SX(np.array(start)))
-    spins = np.zeros(3)
-    spins[about] = np.array(start)[columns]
-    began = inertia * (axes.T @ spins + wheels.speeds)
-    turn = np.array(ca.DM(before.rotation[body.root_joint]))
-    whole = np.array(ca.DM(_angular(scene, body, before))).ravel() + turn @ axes @ began
-    left = sparse(whole) - _angular(scene, body, stage.kinematics)
-    carried = ca.mtimes(stage.kinematics.rotation[body.root_joint].T, left)
-    momenta = sparse(began) + ca.mtimes(sparse(np.linalg.pinv(axes)), carried - sparse(axes @ began))
-    spin, torque = ca.SX(3, 1), ca.SX(3, 1)
-    spin[about] = stage.v[columns]
-    for k, axis in zip(about, ("tx", "ty", "tz") if size == 6 else ("tz",), strict=True):
-        torque[k] = stage.u[stage.driven.names.index(f"{body.name}/base.{axis}")]
-    speeds = momenta / inertia - ca.mtimes(sparse(axes.T), spin)
-    return WheelDrivenBase(body.name, wheels, momenta, speeds, torque + cross(spin, carried))
 
 
 def _angular(scene: Scene, body: SceneBody, kinematics: Kinematics) -> ca.SX:

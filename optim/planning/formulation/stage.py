@@ -29,7 +29,6 @@ from spacerobot.dynamics import (
     frame_placement,
     frame_velocity,
     inverse_dynamics,
-    rotation_log,
 )
 from spacerobot.dynamics.inertial_parameters import SIZE
 from spacerobot.dynamics.joints import sparse
@@ -216,13 +215,6 @@ class Stage:
     def velocity(self, frame: int) -> tuple[ca.SX, ca.SX]:
         """Linear and angular velocity of a frame's origin (3x1 each) [m/s, rad/s]."""
         return frame_velocity(self.scene.model, self.kinematics, frame)
-
-    def turned(self, wanted: ca.SX, found: ca.SX) -> ca.SX:
-        """Rotation vector from one orientation to another (3x1, or about z alone in a plane) [rad]."""
-        relative = ca.mtimes(wanted.T, found)
-        if self.scene.planar:
-            return ca.atan2(relative[1, 0], relative[0, 0])
-        return rotation_log(relative)
 
 
 @dataclass(frozen=True, eq=False)

@@ -107,7 +107,11 @@ class MpcRollout:
         planners = self.planners(count)
         faults = fly(Computer.of(self.scene, self.flown, plant), planners)
         told = [statistics(self.flown.settings, one) if one else {} for one in planners.end(range(len(rows)))]
-        plans = {f"mpc_{key}": np.array([[_total(one.get(key))] for one in told]) for key in STATISTICS}
+        # no number where there was no plan
+        plans = {
+            f"mpc_{key}": np.array([[float(np.sum(one.get(key, np.nan)))] for one in told])
+            for key in STATISTICS
+        }
         plant.diverged_at[[bool(fault) for fault in faults]] = 0.0
         for array in (*plant.measures.values(), *plant.outputs.values()):
             array[np.isfinite(plant.diverged_at)] = np.nan
@@ -281,8 +285,3 @@ def build_mpc_rollout(
     named[STATE] = final(ca.vertcat(signals.x, switches))
     rollout = build_rollout(whole, measures=Measures(known, named, costs=lambda _r, _p: {}), **options)
     return MpcRollout(scene, flown, loop, extended, rollout, measures)
-
-
-def _total(value: Any) -> float:
-    """Number of a statistic; NaN where there was no plan."""
-    return float("nan") if value is None else float(np.sum(value))

@@ -20,6 +20,7 @@ from optim.planning.mpc.flown_scene import FlownScene, first_plan
 from optim.planning.mpc.handover import Handover
 from optim.planning.mpc.horizon import ROUNDING
 from optim.planning.mpc.measured_state import Readings, measured_state
+from optim.planning.mpc.planners import ParallelPlanners, Planners
 from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError
 from spacerobot.rollout.closed_loop_protocol import LoopParameters
@@ -82,21 +83,6 @@ class ControlledPlant(Protocol):
 
     def advance(self, rows: Rows, until: float) -> None:
         """Carry some simulations on to a time [s]."""
-
-
-class PlanMakers(Protocol):
-    """Makers of plans; see :class:`optim.planning.mpc.planners.Planners`."""
-
-    def first(self, numbers: Sequence[int], measured: Array, inertia: Sequence[Array | None]) -> list[str]:
-        """Plan from the start."""
-
-    def replan(
-        self, numbers: Sequence[int], begin: float, measured: Array, inertia: Sequence[Array | None]
-    ) -> None:
-        """Plan again."""
-
-    def points(self, numbers: Sequence[int], now: float) -> list[Array]:
-        """Points of the present plans."""
 
 
 @dataclass(frozen=True)
@@ -193,7 +179,11 @@ class Computer:
         return found
 
 
-def fly(computer: Computer, pilots: PlanMakers, notify: Callable[[str], None] = lambda _: None) -> list[str]:
+def fly(
+    computer: Computer,
+    pilots: Planners | ParallelPlanners,
+    notify: Callable[[str], None] = lambda _: None,
+) -> list[str]:
     """Simulate to the end.
 
     Parameters

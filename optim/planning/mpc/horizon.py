@@ -23,12 +23,11 @@ from optim.planning.search.make_plan import failure_message
 from optim.planning.search.plan_solver import PlanSolver
 from optim.planning.search.solve_request import solve_request
 from optim.planning.solver.ipopt import PATIENCE, Solution, solve
-from optim.planning.solver.nonlinear_program import NonlinearProgram
 from optim.planning.transcription.collocation_program import CollocationProgram
 from optim.planning.transcription.initial_guess import initial_guess
 from optim.planning.transcription.mesh_transfer import transfer_constrained, transfer_remaining
 from optim.planning.transcription.motion import Motion, PhasedMotion
-from optim.planning.transcription.phase_chain import PhaseChain, phase_programs
+from optim.planning.transcription.phase_chain import PhaseChain
 from optim.planning.verification.clearance import course_collisions
 from optim.planning.verification.replay import joint_angle
 from spacerobot.arrays import Array
@@ -69,7 +68,7 @@ class Horizon:
     solver: PlanSolver
     motion: Motion
     solution: Solution
-    program: NonlinearProgram
+    program: PhaseChain
     first_duration_s: float
     min_horizon: float
     begin_s: float = 0.0
@@ -101,13 +100,13 @@ class Horizon:
             If none is found.
         """
         problem = with_inertia(dataclasses.replace(solver.problem, fixed=measured), inertia)
-        own = dataclasses.replace(solver, problem=problem)
+        own = solver.with_first(problem=problem)
         request = own.request(refine=False)
         found = solve_request(own, request)
         if found.solution is None:
             raise NoPlanError(str(failure_message(found)), source=solver.scene.source, where="plan")
         motion, solver = own.motion(request, found), solver.keeping_apart(found.apart)
-        program: NonlinearProgram = own.keeping_apart(found.apart).program(request, found.meshes)
+        program: PhaseChain = own.keeping_apart(found.apart).program(request, found.meshes)
         return cls(
             solver,
             motion,
@@ -136,21 +135,38 @@ class Horizon:
             Inertial parameters of the target as they are estimated (10,); as before if None.
         """
         clock, scale = time.perf_counter(), self.solution.scale
-        solver = dataclasses.replace(self.solver, problem=with_inertia(self.solver.problem, inertia))
+        solver = self.solver.with_first(problem=with_inertia(self.solver.problem, inertia))
         problem = self._problem(solver, begin, measured)
-        left_s = problem.duration[0]
-        whole = self.solver.plan.intervals
-        intervals = max(min(whole, FEWEST), int(np.ceil(whole * left_s / self.first_duration_s - ROUNDING)))
+        duration, whole = problem.duration[0], self.solver.plan.intervals
+        intervals = max(min(whole, FEWEST), int(np.ceil(whole * duration / self.first_duration_s - ROUNDING)))
         program = self._program(solver, problem, intervals)
-        later = self.program.parts(self.solution.w)[1:] if isinstance(self.program, PhaseChain) else []
+        later = self.program.parts(self.solution.w)[1:]
         # Part of the present plan that is over where the next one begins, if both end together.
         gone = (
             (begin - self.begin_s) / self.motion.duration_s
             if begin < self.first_duration_s * (1 - ROUNDING)
             else 0.0
         )
-        warm, ahead = self._carried(program, gone), self._ahead(program, begin)
-        found = solve(program, np.concatenate([ahead, *later]), warm, iterations=min(iterations, PATIENCE))
+        # multipliers of the present solution for a program whose first phase begins later
+        parts = self.program.parted(self.solution)
+        parts[0] = transfer_remaining(parts[0], self.program.programs[0], program.programs[0], gone)
+        warm = dataclasses.replace(
+            self.solution,
+            multipliers=np.concatenate([part.multipliers for part in parts]),
+            bound_multipliers=np.concatenate([part.bound_multipliers for part in parts]),
+        )
+        # unknowns of what is left of the present plan, and on as everything moves at its end
+        first, model = program.programs[0], problem.stage.scene.model
+        end = self.begin_s + self.motion.duration_s
+        times = begin + first.lobatto.times(first.mesh, duration)
+        q, v, a, u, w = self.at(np.minimum(times, end))
+        for k, late in enumerate(times - end):
+            if late > ROUNDING * duration:
+                q[k], a[k], u[k] = pin.integrate(model, q[k], v[k] * late), 0.0, 0.0
+        z = np.hstack([q, v, a, u, w])
+        z[0, : first.nx] = measured
+        ahead = np.concatenate([z.ravel(), [duration], *later])
+        found = solve(program, ahead, warm, iterations=min(iterations, PATIENCE))
         spent = found.iterations
         if not is_usable(program, found) and spent < iterations:
             fresh = initial_guess(problem, solver.lobatto, intervals).unknowns
@@ -158,7 +174,7 @@ class Horizon:
             found = solve(program, fresh, scale=scale, iterations=iterations - spent)
             spent += found.iterations
         while is_usable(program, found):
-            own = phase_programs(program)[0]
+            own = program.programs[0]
             z, duration = own.split(found.w[: own.size])
             motion = Motion(problem, solver.lobatto, own.mesh, duration, z)
             wider = solver.keeping_apart(course_collisions(PhasedMotion((motion,)), solver.pairs))
@@ -179,30 +195,14 @@ class Horizon:
         self.iterations.append(spent)
         self.seconds.append(time.perf_counter() - clock)
 
-    def _program(self, solver: PlanSolver, problem: PlanningProblem, intervals: int) -> NonlinearProgram:
+    def _program(self, solver: PlanSolver, problem: PlanningProblem, intervals: int) -> PhaseChain:
         """Program of what is left of the first phase, and of those that follow."""
         first = CollocationProgram(problem, solver.instants, solver.lobatto, intervals)
-        if not solver.following_phases:
-            return first
-        known = phase_programs(self.program)[1:]
         rest = [
             CollocationProgram(one.problem, one.instants, solver.lobatto, old.mesh)
-            for one, old in zip(solver.following_phases, known, strict=True)
+            for one, old in zip(solver.phases[1:], self.program.programs[1:], strict=True)
         ]
-        return PhaseChain([first, *rest], [one.link for one in solver.following_phases])
-
-    def _carried(self, program: NonlinearProgram, gone: float) -> Solution:
-        """Multipliers of the present solution for a program whose first phase begins later."""
-        old, new = phase_programs(self.program)[0], phase_programs(program)[0]
-        if not isinstance(self.program, PhaseChain):
-            return transfer_remaining(self.solution, old, new, gone)
-        parts = self.program.parted(self.solution)
-        parts[0] = transfer_remaining(parts[0], old, new, gone)
-        return dataclasses.replace(
-            self.solution,
-            multipliers=np.concatenate([part.multipliers for part in parts]),
-            bound_multipliers=np.concatenate([part.bound_multipliers for part in parts]),
-        )
+        return PhaseChain([first, *rest], solver.links)
 
     def _problem(self, solver: PlanSolver, begin: float, measured: Array) -> PlanningProblem:
         """The problem from a time on.
@@ -228,20 +228,6 @@ class Horizon:
                 high = high if value <= high else value + ROOM
             rows.append(dataclasses.replace(row, final_fraction=last, lower=low, upper=high))
         return dataclasses.replace(problem, path=tuple(rows), fixed=measured, duration=(duration,) * 3)
-
-    def _ahead(self, chain: NonlinearProgram, begin: float) -> Array:
-        """Unknowns of what is left of the present plan, and on as everything moves at its end."""
-        program = phase_programs(chain)[0]
-        duration, model = program.problem.duration[0], program.problem.stage.scene.model
-        end = self.begin_s + self.motion.duration_s
-        times = begin + program.lobatto.times(program.mesh, duration)
-        q, v, a, u, w = self.at(np.minimum(times, end))
-        for k, late in enumerate(times - end):
-            if late > ROUNDING * duration:
-                q[k], a[k], u[k] = pin.integrate(model, q[k], v[k] * late), 0.0, 0.0
-        z = np.hstack([q, v, a, u, w])
-        z[0, : program.nx] = program.problem.fixed
-        return np.append(z.ravel(), duration)
 
     @property
     def statistics(self) -> dict[str, Any]:
@@ -282,7 +268,7 @@ def with_inertia(problem: PlanningProblem, inertia: Array | None) -> PlanningPro
     return problem if inertia is None else dataclasses.replace(problem, inertia=inertia)
 
 
-def is_usable(program: NonlinearProgram, found: Solution) -> bool:
+def is_usable(program: PhaseChain, found: Solution) -> bool:
     """Whether a plan may be flown: a solution, or feasible so far."""
     g, (least, greatest) = program.constraints(found.w), program.limits()
     return found.converged or bool(np.maximum(least - g, g - greatest).max() <= GOOD)

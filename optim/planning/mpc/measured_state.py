@@ -85,8 +85,31 @@ def measured_state(
     q, v = np.array(state[:nq]), np.array(state[nq : nq + model.nv])
     start, truth = moved(model, first, np.zeros(model.nv)), moved(model, q, v)
     for body in scene.robots:
-        _read_joints(scene, body, readings, q, v)
-        _read_base(scene, body, readings, start, (q, v))
+        for joint in body.driven_joints:
+            own, label = model.joints[joint], f"{body.name}/{body.joint_name(model, joint)}"
+            if ("joint_position", label) in readings:
+                (angle,) = readings["joint_position", label]
+                value = [np.cos(angle), np.sin(angle)] if own.nq == 2 else angle
+                q[own.idx_q : own.idx_q + own.nq] = value
+            v[own.idx_v] = readings.get(("joint_rate", label), v[[own.idx_v]])[0]
+        signals = ("base_position", "base_orientation", "base_velocity", "base_spin")
+        if not body.root_joint or not any((signal, body.name) in readings for signal in signals):
+            continue
+        along, about = scene.translation_axes, scene.rotation_axes
+        data, joint = moved(model, q, v), body.root_joint
+        root, twist, first = data.oMi[joint], data.v[joint], start.oMi[joint].rotation
+        true = (
+            root.translation,
+            pin.log3(root.rotation @ first.T),
+            root.rotation @ twist.linear,
+            root.rotation @ twist.angular,
+        )
+        place, turn, linear, angular = (
+            _along(readings.get((signal, body.name)), value, axes)
+            for signal, value, axes in zip(signals, true, (along, about, along, about), strict=True)
+        )
+        rotation = pin.exp3(turn) @ first
+        _place(scene, body, q, v, (place, rotation, rotation.T @ linear, rotation.T @ angular))
     own, tips = moved(model, q, v), {tip.label: tip for tip in scene.tips}
     for grasp in held[:1]:
         assert scene.target is not None, "what is held is the target"
@@ -117,41 +140,6 @@ def _place(scene: Scene, body: SceneBody, q: Array, v: Array, pose: tuple[Array,
     q[joint.idx_q : joint.idx_q + joint.nq] = np.concatenate([position[axes], turned])
     turns = spin[list(scene.rotation_axes)]
     v[joint.idx_v : joint.idx_v + joint.nv] = np.concatenate([velocity[axes], turns])
-
-
-def _read_joints(scene: Scene, body: SceneBody, readings: Readings, q: Array, v: Array) -> None:
-    """Joint positions and rates as they are read, in place."""
-    for joint in body.driven_joints:
-        own, label = scene.model.joints[joint], f"{body.name}/{body.joint_name(scene.model, joint)}"
-        if ("joint_position", label) in readings:
-            (angle,) = readings["joint_position", label]
-            value = [np.cos(angle), np.sin(angle)] if own.nq == 2 else angle
-            q[own.idx_q : own.idx_q + own.nq] = value
-        v[own.idx_v] = readings.get(("joint_rate", label), v[[own.idx_v]])[0]
-
-
-def _read_base(
-    scene: Scene, body: SceneBody, readings: Readings, start: Any, motion: tuple[Array, Array]
-) -> None:
-    """Pose and motion (q, v) of a floating base as they are read, in place."""
-    signals = ("base_position", "base_orientation", "base_velocity", "base_spin")
-    if not body.root_joint or not any((signal, body.name) in readings for signal in signals):
-        return
-    along, about = scene.translation_axes, scene.rotation_axes
-    data, joint = moved(scene.model, *motion), body.root_joint
-    root, twist, first = data.oMi[joint], data.v[joint], start.oMi[joint].rotation
-    truth = (
-        root.translation,
-        pin.log3(root.rotation @ first.T),
-        root.rotation @ twist.linear,
-        root.rotation @ twist.angular,
-    )
-    place, turn, linear, angular = (
-        _along(readings.get((signal, body.name)), value, axes)
-        for signal, value, axes in zip(signals, truth, (along, about, along, about), strict=True)
-    )
-    rotation = pin.exp3(turn) @ first
-    _place(scene, body, *motion, (place, rotation, rotation.T @ linear, rotation.T @ angular))
 
 
 def moved(model: Any, q: Array, v: Array) -> Any:

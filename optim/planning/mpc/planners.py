@@ -183,7 +183,16 @@ class ParallelPlanners:
             own = [int(numbers[row]) for row in rows]
             _send(self._processes[place], (what, (own, *given(rows))))
         found: list[Any] = [None] * len(numbers)
-        answers = {place: _receive(self._processes[place]) for place in shares}
+        answers = {}
+        for place in shares:
+            process = self._processes[place]
+            assert process.stdout is not None, "opened as a pipe"
+            try:
+                answers[place] = pickle.load(process.stdout)  # noqa: S301 (of a process that this one began)
+            except EOFError:
+                code = process.wait()
+                told = f"a process that solves plans has ended with code {code}; its memory may not suffice"
+                raise SpaceRobotError(told) from None
         for place, rows in shares.items():
             if isinstance(answers[place], SpaceRobotError):
                 raise answers[place]
@@ -222,22 +231,6 @@ def _send(process: subprocess.Popen[bytes], what: Any) -> None:
     with contextlib.suppress(BrokenPipeError):  # reported where its answer is missing
         pickle.dump(what, process.stdin)
         process.stdin.flush()
-
-
-def _receive(process: subprocess.Popen[bytes]) -> Any:
-    """Answer of a process.
-
-    Raises
-    ------
-    SpaceRobotError
-        If the process has ended.
-    """
-    assert process.stdout is not None, "opened as a pipe"
-    try:
-        return pickle.load(process.stdout)  # noqa: S301 (of a process that this one began)
-    except EOFError:
-        told = f"a process that solves plans has ended with code {process.wait()}; its memory may not suffice"
-        raise SpaceRobotError(told) from None
 
 
 def _end(processes: Sequence[subprocess.Popen[bytes]]) -> None:

@@ -175,8 +175,26 @@ def simulate_mpc(scene: Scene, *, backend: str = "auto", progress: Progress | No
     handover = None
     if flown.phase:
         notify(f"simulating what comes before {flown.phase}")
-        handover = _handover(scene, flown, plant, SinglePlant(loop, rollout, simulation.output_step))
-        if handover is not None:
+        # A scout finds the instant at which the phase begins, so that until then the controllers' plan is to
+        # rest there.
+        scout = SinglePlant(loop, rollout, simulation.output_step)
+        rows, places, begins = np.zeros(1, dtype=np.int64), flown.places(loop.parameter_paths), None
+        scout.parameters[0, places] = flown.resting(scout.start[0, 1:])
+        while begins is None and not scout.ended[0] and scout.start[0, 0] < flown.duration_s * (1 - ROUNDING):
+            scout.advance(rows, min(scout.start[0, 0] + flown.settings.period, flown.duration_s))
+            now, piece = scout.pieces[-1]
+            for one in piece.events:
+                rule = loop.events[one.event]
+                if rule.kind == "phase" and rule.who == flown.phase:
+                    begins, state = now + one.time_s, one.after
+        if begins is None:  # it never does
+            plant.parameters[:] = scout.parameters
+            plant.advance(rows, flown.duration_s)
+        else:
+            plant.parameters[0, places] = flown.resting(state)
+            plant.advance(rows, begins + AFTER)
+            plant.over[:] = False
+            handover = Handover.at(scene, loop, plant.start[0])
             planners = Planners(scene, backend, notify, (flown, handover))
     told: Mapping[str, Any] | None = None
     if planners is not None:
@@ -194,30 +212,6 @@ def simulate_mpc(scene: Scene, *, backend: str = "auto", progress: Progress | No
     return Result(
         scene.scenario, whole, summary | ({"mpc": statistics(flown.settings, told)} if told else {})
     )
-
-
-def _handover(scene: Scene, flown: FlownScene, plant: SinglePlant, scout: SinglePlant) -> Handover | None:
-    """Carry a simulation to where the phase with plans begins; None, and to its end, if it never does.
-
-    A scout finds the instant first, so that until then the controllers' plan is to rest there.
-    """
-    rows, places, begins = np.zeros(1, dtype=np.int64), flown.places(plant.loop.parameter_paths), None
-    scout.parameters[0, places] = flown.resting(scout.start[0, 1:])
-    while begins is None and not scout.ended[0] and scout.start[0, 0] < flown.duration_s * (1 - ROUNDING):
-        scout.advance(rows, min(scout.start[0, 0] + flown.settings.period, flown.duration_s))
-        now, piece = scout.pieces[-1]
-        for one in piece.events:
-            rule = plant.loop.events[one.event]
-            if rule.kind == "phase" and rule.who == flown.phase:
-                begins, state = now + one.time_s, one.after
-    if begins is None:
-        plant.parameters[:] = scout.parameters
-        plant.advance(rows, flown.duration_s)
-        return None
-    plant.parameters[0, places] = flown.resting(state)
-    plant.advance(rows, begins + AFTER)
-    plant.over[:] = False
-    return Handover.at(scene, plant.loop, plant.start[0])
 
 
 def statistics(settings: Replanning, told: Mapping[str, Any]) -> dict[str, Any]:

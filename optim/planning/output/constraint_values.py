@@ -1,9 +1,8 @@
-"""Constraints along a trajectory: limits of joints, and the value of each constraint over time."""
+"""Constraints along a trajectory: limits of joints, values over time and multipliers."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
@@ -12,6 +11,7 @@ import xarray as xr
 
 from optim.planning.formulation.formulate import formulate_phases
 from optim.planning.formulation.rows import row_values
+from optim.planning.search.make_plan import PlanSolution
 from optim.planning.transcription.collocation_program import first_constrained
 from optim.planning.transcription.motion import PhasedMotion
 from spacerobot.arrays import Array
@@ -55,53 +55,30 @@ def constraint_variables(
             {"long_name": "limits of what drives bases"},
         )
     several = len(set(names)) > 1
-    found = list[_ConstraintValues]()
-    for k, name in enumerate(names):
-        for one in _constraints(phased_motion, k, name if several else ""):
-            known = [i for i, other in enumerate(found) if other.name == one.name]
-            if known:  # of another segment of the same phase
-                found[known[0]] = replace(found[known[0]], values=np.fmax(found[known[0]].values, one.values))
-            else:
-                found.append(one)
-    if found:
+    # by name, each constraint's values over all points; its unit, its limits, and when it begins to hold [s]
+    values, notes = dict[str, Array](), dict[str, tuple[str, Array, float]]()
+    points = [len(motion.time) for motion in phased_motion.motions]
+    for k, (phase, motion) in enumerate(zip(names, phased_motion.motions, strict=True)):
+        rows = [row for row in motion.problem.path if row.lower < row.upper]  # equations hold nothing back
+        own = row_values(rows, motion.problem.stage.z, motion.z.T) if rows else ()
+        for row, of_row in zip(rows, own, strict=True):
+            name = f"{phase}: {row.name}" if several else row.name
+            told, limits = _told(row, of_row)
+            over = np.full(sum(points), np.nan)
+            over[sum(points[:k]) : sum(points[: k + 1])] = told
+            share = first_constrained(motion.lobatto, motion.mesh, row.final_fraction)
+            notes.setdefault(name, (row.unit, limits, phased_motion.begins[k] + share * motion.duration_s))
+            # another segment of the same phase has the same constraints
+            values[name] = np.fmax(values[name], over) if name in values else over
+    if values:
+        units, limits_of, begins = zip(*notes.values(), strict=True)
         variables |= {
-            "constraint": (("time", "constraint_name"), np.array([one.values for one in found]).T),
-            "constraint_limit": (("constraint_name", "side"), np.array([one.limits for one in found])),
-            "constraint_begin": ("constraint_name", np.array([one.begin for one in found]), {"units": "s"}),
+            "constraint": (("time", "constraint_name"), np.array([*values.values()]).T),
+            "constraint_limit": (("constraint_name", "side"), np.array(limits_of)),
+            "constraint_begin": ("constraint_name", np.array(begins), {"units": "s"}),
         }
-        coordinates |= {
-            "constraint_name": [one.name for one in found],
-            "constraint_unit": ("constraint_name", [one.unit for one in found]),
-        }
+        coordinates |= {"constraint_name": [*values], "constraint_unit": ("constraint_name", [*units])}
     return variables, coordinates
-
-
-@dataclass(frozen=True, eq=False)
-class _ConstraintValues:
-    """One constraint over all points, its limits, and when it begins to hold [s]."""
-
-    name: str
-    unit: str
-    values: Array
-    limits: Array
-    begin: float
-
-
-def _constraints(phased_motion: PhasedMotion, k: int, phase: str) -> Iterator[_ConstraintValues]:
-    """Those of one phase."""
-    motion, points = phased_motion.motions[k], [len(m.time) for m in phased_motion.motions]
-    rows = [row for row in motion.problem.path if row.lower < row.upper]  # equations hold nothing back
-    if not rows:
-        return
-    values = row_values(rows, motion.problem.stage.z, motion.z.T)
-    for row, own in zip(rows, values, strict=True):
-        told, limits = _told(row, own)
-        over = np.full(sum(points), np.nan)
-        over[sum(points[:k]) : sum(points[: k + 1])] = told
-        share = first_constrained(motion.lobatto, motion.mesh, row.final_fraction)
-        begin = phased_motion.begins[k] + share * motion.duration_s
-        name = f"{phase}: {row.name}" if phase else row.name
-        yield _ConstraintValues(name, row.unit, over, limits, begin)
 
 
 def _limits(phased_motion: PhasedMotion, places: list[int]) -> Array:
@@ -155,3 +132,30 @@ def with_flown(plan: xr.Dataset, scene: Scene, flown: xr.Dataset) -> xr.Dataset:
                 found[inside, names.index(name)] = _told(row, row_values([row], state, at)[0])[0]
     data = {"constraint_flown": (("flown_time", "constraint_name"), found)}
     return plan.assign(data).assign_coords(flown_time=times)
+
+
+def multiplier_norms(planned: PlanSolution) -> Array:
+    """Norms of the multipliers at all points of a plan's phases, one after the other (points,).
+
+    Those of the equations of motion and of all limits at a point, as densities over time, so that they do not
+    depend on the mesh: what the cost, in its own units, would save for a unit of each and a second. Those of
+    the collocation and of the goals are left out.
+
+    Parameters
+    ----------
+    planned
+        The plan.
+    """
+    solution = planned.solution
+    found, row, unknown = [], 0, 0
+    for motion in planned.phased_motion.motions:
+        problem, (points, nz) = motion.problem, motion.z.shape
+        nx, count = len(problem.start[0]), problem.stage.balance.numel() + len(problem.path)
+        first = row + motion.intervals * (motion.lobatto.points - 1) * nx
+        of_rows = solution.multipliers[first : first + points * count].reshape(points, count)
+        of_limits = solution.bound_multipliers[unknown : unknown + points * nz].reshape(points, nz).copy()
+        of_limits[0, :nx] = 0.0  # the start is no limit
+        pull = np.linalg.norm(np.hstack([of_rows, of_limits]), axis=1)
+        found.append(pull / (motion.duration_s * motion.lobatto.quadrature(motion.mesh)))
+        row, unknown = first + points * count + len(problem.goal), unknown + points * nz + 1
+    return np.concatenate(found)

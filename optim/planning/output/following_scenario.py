@@ -123,7 +123,13 @@ def _in_phases(planned: PlanSolution, document: Document) -> Document:
         )
     document["simulation"]["duration"] = max(phased_motion.duration_s, scenario.simulation.duration)
     if rest is not None:
-        rest["robots"] = overlay(rest["robots"], _waiting(planned, last))
+        # after the plan tips stay where it brought them
+        during = scenario.during(last) if scenario.phases else scenario
+        for goal in next(reversed(plan_section(planned.scene).by_phase.values())).goals.values():
+            if isinstance(goal, TipGoal):
+                name, _, tip = goal.tip.partition("/")
+                held = {"reference": goal.kept(during.robots[name].tips[tip].reference)}
+                rest["robots"] = overlay(rest["robots"], {name: {"tips": {tip: held}}})
         if scenario.simulation.duration > phased_motion.duration_s:
             end["captures"] = []  # behind the plan's end, where motions match
             waits = (end["until"] or {}).get("captured") or ()
@@ -190,20 +196,6 @@ def _resting(robot: Document) -> Document:
             "reference": reference,
         }
     return found | ({} if robot["joint_pd"] is None else {"joint_pd": None})
-
-
-def _waiting(planned: PlanSolution, flown: str) -> Document:
-    """Changes of the robots after the plan: tips stay where it brought them."""
-    scenario = planned.scene.scenario
-    now = scenario.during(flown) if scenario.phases else scenario
-    found: Document = {}
-    plans = plan_section(planned.scene).by_phase
-    for goal in next(reversed(plans.values())).goals.values():
-        if isinstance(goal, TipGoal):
-            robot, _, tip = goal.tip.partition("/")
-            reference = now.robots[robot].tips[tip].reference
-            found = overlay(found, {robot: {"tips": {tip: {"reference": goal.kept(reference)}}}})
-    return found
 
 
 def _has_controllers(robot: Document) -> bool:

@@ -11,7 +11,7 @@ from optim.json_values import plain
 from optim.planning.formulation.costs import headings
 from optim.planning.output.plan_folder import summary
 from optim.planning.output.plan_folder import write as write_plan
-from optim.planning.studies.pareto_front import FrontPoint, ParetoFront
+from optim.planning.studies.pareto_front import ParetoFront
 from spacerobot.files import StrPath, write_text
 from spacerobot.scene import build_scene
 
@@ -26,19 +26,18 @@ def to_data(front: ParetoFront) -> dict[str, Any]:
         "terms": list(front.names),
         "headings": headings(costs),
         "units": {name: cost.unit for name, cost in costs.items()},
-        "points": [_point(point) for point in front.points],
+        "points": [
+            {
+                "name": point.name,
+                "status": point.status,
+                "failure": point.failure,
+                "changes": dict(point.changes),
+                "values": dict(point.values),
+            }
+            | ({} if point.plan is None else {"plan": summary(point.plan)})
+            for point in front.points
+        ],
     }
-
-
-def _point(point: FrontPoint) -> dict[str, Any]:
-    told = {
-        "name": point.name,
-        "status": point.status,
-        "failure": point.failure,
-        "changes": dict(point.changes),
-        "values": dict(point.values),
-    }
-    return told | ({} if point.plan is None else {"plan": summary(point.plan)})
 
 
 def write(front: ParetoFront, folder: StrPath) -> dict[str, Any]:

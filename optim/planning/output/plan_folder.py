@@ -33,10 +33,9 @@ from optim.planning.formulation.base_actuation import limiting_actuators
 from optim.planning.formulation.formulate import plan_section
 from optim.planning.formulation.grasps import wrench_axes
 from optim.planning.formulation.reaction_wheels import commanded_base_wrench
-from optim.planning.output.constraint_values import constraint_variables
+from optim.planning.output.constraint_values import constraint_variables, multiplier_norms
 from optim.planning.output.following_scenario import PLAN, following_scenario, handover_warnings, plan_phase
-from optim.planning.output.multipliers import multiplier_norms
-from optim.planning.search.make_plan import PlanSolution, solver_statistics
+from optim.planning.search.make_plan import PlanSolution
 from optim.planning.transcription.motion import Motion
 from spacerobot.arrays import Array
 from spacerobot.elements.registry import plugin_records
@@ -226,7 +225,7 @@ def summary(planned: PlanSolution) -> dict[str, Any]:
         },
         "choices": [vars(one) for one in planned.candidates],
         "evaluation": planned.backend,
-        "solver_runs": solver_statistics(planned),
+        "solver_runs": [dict(vars(one)) for one in planned.runs],
         **({"plugins": plugins} if (plugins := plugin_records()) else {}),
     }
 

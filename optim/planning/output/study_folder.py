@@ -9,7 +9,7 @@ from typing import Any
 from optim.json_values import plain
 from optim.planning.output.plan_folder import summary
 from optim.planning.output.plan_folder import write as write_plan
-from optim.planning.studies.design_study import DesignStudy, DesignTrial
+from optim.planning.studies.design_study import DesignStudy
 from optim.problem.variables import at_bound
 from spacerobot.files import StrPath, write_text
 from spacerobot.scenario.units import unit_at
@@ -40,8 +40,8 @@ def to_data(study: DesignStudy) -> dict[str, Any]:
         "variables": told,
         "cost": {"start": study.trials[0].cost, "found": study.found.cost},
         "ended": study.ended,
-        "trials": [_trial(trial) for trial in study.trials],
-        "sweeps": {name: [_trial(trial) for trial in sweep] for name, sweep in study.sweeps.items()},
+        "trials": [vars(trial) for trial in study.trials],
+        "sweeps": {name: [vars(trial) for trial in sweep] for name, sweep in study.sweeps.items()},
         "plan": summary(study.plan),
     }
     return dict(plain(data))
@@ -60,13 +60,3 @@ def write(study: DesignStudy, folder: StrPath) -> dict[str, Any]:
     write_plan(study.plan, folder)
     write_text(folder / DESIGN, json.dumps(data, indent=1, allow_nan=False) + "\n")
     return data
-
-
-def _trial(trial: DesignTrial) -> dict[str, Any]:
-    return {
-        "values": trial.values,
-        "cost": trial.cost,
-        "slopes": trial.slopes,
-        "failure": trial.failure,
-        "iterations": trial.iterations,
-    }

@@ -9,8 +9,7 @@ import numpy.typing as npt
 
 from optim.planning.solver.elastic import ElasticProgram
 from optim.planning.solver.ipopt import TIME_LIMIT, Solution
-from optim.planning.solver.nonlinear_program import NonlinearProgram
-from optim.planning.transcription.phase_chain import phase_programs
+from optim.planning.transcription.phase_chain import PhaseChain
 from optim.planning.verification.verify import limit_names
 from spacerobot.arrays import Array
 from spacerobot.scenario.plan import PlanSection
@@ -23,7 +22,7 @@ SHARE = 0.05
 """Part of the strongest limit's pull from which on another one is named."""
 
 
-def limit_message(program: NonlinearProgram, solution: Solution, plan: PlanSection) -> str:
+def limit_message(program: PhaseChain, solution: Solution, plan: PlanSection) -> str:
     """Message where a search was stopped by a limit of its own, or by numbers; none where it ended itself.
 
     Parameters
@@ -52,7 +51,7 @@ def limit_message(program: NonlinearProgram, solution: Solution, plan: PlanSecti
     return ""
 
 
-def bad_guess_message(program: NonlinearProgram, first: Array) -> str | None:
+def bad_guess_message(program: PhaseChain, first: Array) -> str | None:
     """Message where a first guess cannot be evaluated, naming what; None where it can.
 
     Parameters
@@ -73,17 +72,21 @@ def bad_guess_message(program: NonlinearProgram, first: Array) -> str | None:
     )
 
 
-def infeasibility_message(elastic: ElasticProgram, solution: Solution, status: str) -> str:
+def infeasibility_message(
+    program: PhaseChain, elastic: ElasticProgram, solution: Solution, status: str
+) -> str:
     """Message where no motion was found that meets all constraints, from the elastic program's solution.
 
     Parameters
     ----------
+    program
+        What was to be solved.
     elastic, solution
-        The elastic program, and where that ended.
+        Its elastic form, and where that ended.
     status
         IPOPT's word for where the program itself ended.
     """
-    program, w = elastic.program, solution.w[: elastic.program.size]
+    w, (low, high) = solution.w[: program.size], program.bounds()
     hints = "relax them, or try further first guesses (`starts: 5`)"
     if not solution.converged:
         return (
@@ -91,10 +94,18 @@ def infeasibility_message(elastic: ElasticProgram, solution: Solution, status: s
             "least violation; "
             f"violated most where the search ended: {largest_violations(program, w)}; {hints}"
         )
+    # Multipliers of the limits of the program's unknowns (size,), with those of durations that are given: the
+    # solver leaves these out; they make the slope of the Lagrangian vanish.
+    pressed = solution.bound_multipliers[: elastic.program.size].copy()
+    pattern = elastic.jacobian_pattern.copy()
+    pattern.data = elastic.jacobian(solution.w)
+    slope = elastic.gradient(solution.w) + pattern.T @ solution.multipliers
+    for end in np.cumsum([one.size for one in program.programs]) - 1:
+        if low[end] == high[end]:
+            pressed[end] = -slope[end]
     # limits of unknowns that hold most, by name
-    pressed = _with_durations(elastic, solution)
-    pulls, times, first, (low, high) = dict[str, float](), dict[str, float](), 0, program.bounds()
-    for one in phase_programs(program):
+    pulls, times, first = dict[str, float](), dict[str, float](), 0
+    for one in program.programs:
         own = slice(first, first + one.size)
         limit = np.where(pressed[own] > 0, high[own], low[own])
         fixed = low[own] == high[own]
@@ -117,7 +128,7 @@ def infeasibility_message(elastic: ElasticProgram, solution: Solution, status: s
     )
 
 
-def largest_violations(program: NonlinearProgram, w: Array) -> str:
+def largest_violations(program: PhaseChain, w: Array) -> str:
     """Constraints that are violated most, by name with their violations.
 
     Parameters
@@ -129,7 +140,7 @@ def largest_violations(program: NonlinearProgram, w: Array) -> str:
     over, found = np.maximum(np.maximum(least - g, g - greatest), 0.0), dict[str, tuple[float, str]]()
     # scale and unit of each constraint's violation, by name
     scales = {"equations of motion": (1.0, "N or N m")}
-    for one in phase_programs(program):
+    for one in program.programs:
         scales |= {row.name: (row.scale, row.unit) for row in (*one.problem.path, *one.problem.goal)}
     for name, rows in _rows(program):
         scale, unit = scales.get(name, (1.0, "m or rad"))
@@ -140,29 +151,13 @@ def largest_violations(program: NonlinearProgram, w: Array) -> str:
     return ", ".join(named) or "nothing"
 
 
-def _with_durations(elastic: ElasticProgram, solution: Solution) -> Array:
-    """Multipliers of the limits of a program's unknowns (size,), with those of durations that are given.
-
-    The solver leaves these out; they make the slope of the Lagrangian vanish.
-    """
-    program, found = elastic.program, solution.bound_multipliers[: elastic.program.size].copy()
-    pattern = elastic.jacobian_pattern.copy()
-    pattern.data = elastic.jacobian(solution.w)
-    slope = elastic.gradient(solution.w) + pattern.T @ solution.multipliers
-    low, high = program.bounds()
-    for end in np.cumsum([one.size for one in phase_programs(program)]) - 1:
-        if low[end] == high[end]:
-            found[end] = -slope[end]
-    return found
-
-
-def soft_rows(program: NonlinearProgram) -> npt.NDArray[np.int64]:
+def soft_rows(program: PhaseChain) -> npt.NDArray[np.int64]:
     """Constraints that an elastic program may violate: goals, and limits along the path.
 
     Equations of motion and collocation stay, and so does what grasps hold.
     """
     found, first = list[npt.NDArray[np.int64]](), 0
-    for one in phase_programs(program):
+    for one in program.programs:
         hard = np.zeros((one.points, one.per_point), dtype=bool)
         hard[:, : one.nv] = True
         for k, row in enumerate(one.problem.path):
@@ -176,10 +171,10 @@ def soft_rows(program: NonlinearProgram) -> npt.NDArray[np.int64]:
     return rows[np.isfinite(least[rows]) | np.isfinite(greatest[rows])]
 
 
-def _rows(program: NonlinearProgram) -> Iterator[tuple[str, npt.NDArray[np.int64]]]:
+def _rows(program: PhaseChain) -> Iterator[tuple[str, npt.NDArray[np.int64]]]:
     """Names of all constraints, and which rows they are."""
     first = 0
-    for one in phase_programs(program):
+    for one in program.programs:
         yield "continuity", first + np.arange(one.defects)
         # rows of the constraints that hold at points
         at = (first + one.defects) + np.arange(one.points * one.per_point).reshape(one.points, one.per_point)

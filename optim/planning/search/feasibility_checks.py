@@ -88,7 +88,7 @@ def check_momentum(problem: PlanningProblem, plan: PlanSection) -> None:
         where = f"plan.goals.{name}"
         body = next(body for body in scene.bodies if body.name == goal.stops)
         # a body, and those that welds join with it
-        target = problem.stage.scene.target
+        target = scene.target
         holding = {
             grip.tip.body.name: grip.tip.body for grip in problem.stage.grips if grip.config.fixes_orientation
         }
@@ -112,7 +112,14 @@ def check_momentum(problem: PlanningProblem, plan: PlanSection) -> None:
             raise ScenarioError(f"{body.name} {told}", source=scene.source, where=where)
         if any(not one.root_joint for one in group):
             continue  # the world takes it
-        momenta = zip(_momenta(scene, group), _taken(problem, group), strict=True)
+        # bounds of the force [N], and of the torque about their centre of mass [N m], on the bases of bodies
+        driven = problem.stage.driven
+        bases = [body for body in group if body is not scene.target]
+        force, torque = (sum(driven.strength(body.name, part) for body in bases) for part in "ft")
+        # forces on a base turn what lies beside it: bounded for a robot alone
+        lever = com_from_base(scene, bases[0]) if len(group) == 1 else np.inf
+        able_of = force, torque + (lever * force if force else 0.0)
+        momenta = zip(_momenta(scene, group), able_of, strict=True)
         for (momentum, able), unit, key in zip(
             momenta, ("N s", "N m s"), ("base_force", "base_torque"), strict=True
         ):
@@ -128,16 +135,6 @@ def check_momentum(problem: PlanningProblem, plan: PlanSection) -> None:
             raise ScenarioError(f"{body.name} cannot come to rest, {told}", source=scene.source, where=where)
 
 
-def _taken(problem: PlanningProblem, group: list[SceneBody]) -> tuple[float, float]:
-    """Bounds of the force [N], and of the torque about their centre of mass [N m], on the bases of bodies."""
-    scene, driven = problem.stage.scene, problem.stage.driven
-    bases = [body for body in group if body is not scene.target]
-    force, torque = (sum(driven.strength(body.name, part) for body in bases) for part in "ft")
-    # forces on a base turn what lies beside it: bounded for a robot alone
-    lever = com_from_base(scene, bases[0]) if len(group) == 1 else np.inf
-    return force, torque + (lever * force if force else 0.0)
-
-
 def check_joined(problem: PlanningProblem, plan: PlanSection) -> None:
     """Refuse that a robot ends at rest relative to the target with momenta that it cannot come to have.
 
@@ -150,8 +147,8 @@ def check_joined(problem: PlanningProblem, plan: PlanSection) -> None:
         With the velocity, or the spin, that nothing changes.
     """
     scene, tips = problem.stage.scene, {tip.label: tip for tip in problem.stage.scene.tips}
-    driven = problem.stage.driven
-    if driven.drives_bases or problem.stage.grips or problem.begin is not None:
+    model, data = scene.model, scene.model.createData()
+    if problem.stage.driven.drives_bases or problem.stage.grips or problem.begin is not None:
         return
     for name, goal in plan.goals.items():
         if not isinstance(goal, TipGoal) or goal.follows is None or goal.end_speed is None:
@@ -160,9 +157,15 @@ def check_joined(problem: PlanningProblem, plan: PlanSection) -> None:
         if not tip.body.root_joint:
             continue
         linear, angular = _momenta(scene, [tip.body])
-        mass = sum(float(scene.model.inertias[joint].mass) for joint in tip.body.subtree)
+        mass = sum(float(model.inertias[joint].mass) for joint in tip.body.subtree)
         own, near = linear / mass, _greatest_distance(problem, tip)
-        velocities, spins = _mate_motion(problem, goal.follows)
+        # velocity and spin of the mating frame, world axes, when the plan may end (n, 3) each [m/s, rad/s]
+        frame, mate = model.getFrameId(f"target/{goal.follows}", pin.FrameType.BODY), []
+        for q, v in zip(*_free_motion(problem), strict=True):
+            pin.forwardKinematics(model, data, q, v)
+            motion = pin.getFrameVelocity(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+            mate.append((motion.linear, motion.angular))
+        velocities, spins = (np.array(side) for side in zip(*mate, strict=True))
         turning, turned = np.linalg.norm(spins, axis=1), float(np.linalg.norm(angular))
         apart = np.linalg.norm(velocities - own, axis=1) - turning * near - goal.end_speed
         fault = ""
@@ -181,22 +184,12 @@ def check_joined(problem: PlanningProblem, plan: PlanSection) -> None:
             )
 
 
-def _mate_motion(problem: PlanningProblem, name: str) -> tuple[Array, Array]:
-    """Velocity and spin of a mating frame, world axes, when a plan may end (n, 3) each [m/s, rad/s]."""
-    scene, (least, greatest, _) = problem.stage.scene, problem.duration
-    model, data = scene.model, scene.model.createData()
-    frame = model.getFrameId(f"target/{name}", pin.FrameType.BODY)
-    qs, vs = (
-        part[int(INSTANTS * least / greatest) :]
-        for part in drift(problem, Lobatto.of_order(2), INSTANTS, greatest)
-    )
-    found = []
-    for q, v in zip(qs, vs, strict=True):
-        pin.forwardKinematics(model, data, q, v)
-        motion = pin.getFrameVelocity(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-        found.append((motion.linear, motion.angular))
-    velocities, spins = zip(*found, strict=True)
-    return np.array(velocities), np.array(spins)
+def _free_motion(problem: PlanningProblem) -> tuple[Array, Array]:
+    """Configurations (n, nq) and velocities (n, nv), when a plan may end, of what nothing drives."""
+    least, greatest, _ = problem.duration
+    q, v = drift(problem, Lobatto.of_order(2), INSTANTS, greatest)
+    first = int(INSTANTS * least / greatest)
+    return q[first:], v[first:]
 
 
 def _momenta(scene: Scene, bodies: Iterable[SceneBody]) -> tuple[Array, Array]:
@@ -241,10 +234,7 @@ def check_changeable(problem: PlanningProblem) -> None:
     rows = [row for row in problem.goal if not ca.depends_on(row.value, moved)]
     if not rows:
         return
-    least, greatest, _ = problem.duration
-    qs, vs = drift(problem, Lobatto.of_order(2), INSTANTS, greatest)
-    first = int(INSTANTS * least / greatest)
-    state = np.hstack([qs, vs])[first:].T
+    state = np.hstack(_free_motion(problem)).T
     values = ca.Function("goals", [ca.vertcat(stage.q, stage.v)], [ca.vertcat(*(row.value for row in rows))])
     for row, found in zip(rows, np.array(values(state)).reshape(len(rows), -1), strict=True):
         over = np.maximum(row.lower - found, found - row.upper)
@@ -273,9 +263,7 @@ def check_reach(problem: PlanningProblem, plan: PlanSection, tips: dict[str, Sce
     pushed = any(driven.strength(body.name, "f") for body in scene.robots)
     if pushed or problem.stage.grips or problem.begin is not None:
         return
-    least, greatest, _ = problem.duration
-    data = scene.model.createData()
-    qs = drift(problem, Lobatto.of_order(2), INSTANTS, greatest)[0][int(INSTANTS * least / greatest) :]
+    data, (qs, _) = scene.model.createData(), _free_motion(problem)
     for name, goal in plan.goals.items():
         if not isinstance(goal, TipGoal):
             continue

@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -193,9 +192,7 @@ def plan_result(
     return PlanSolution(
         solver.scene,
         phased_motion,
-        (solver.name, *(one.name for one in solver.following_phases))
-        if solver.following_phases
-        else (solver.name,) * len(phased_motion.motions),
+        solver.names if len(solver.phases) > 1 else solver.names * len(phased_motion.motions),
         sum(terms.values()),
         terms,
         (*runs, *result.runs),
@@ -218,36 +215,17 @@ def integrals(motion: Motion) -> dict[str, float]:
         values = ca.Function("term", [problem.stage.z], [ca.densify(term)])(motion.z.T).full()
         found[name] = float(weights @ np.array(values).ravel()) * motion.duration_s
     for name, forces in problem.magnitudes.items():  # whose quadrature misses changes of sign between points
-        found[name] = integral_of_magnitudes(motion, forces)
+        # forces are polynomials in each interval: between their roots the magnitude's integral is exact
+        lobatto, whole = motion.lobatto, 0.0
+        drive = np.array(ca.Function("forces", [problem.stage.z], [ca.densify(forces)])(motion.z.T).full())
+        for n, width in enumerate(motion.mesh.widths):
+            inside = slice(n * (lobatto.points - 1), (n + 1) * (lobatto.points - 1) + 1)
+            for values in drive[:, inside]:
+                force = Polynomial(np.transpose(lobatto.basis) @ values)
+                roots = force.roots()
+                ends = np.unique([*np.clip(roots[np.abs(roots.imag) < 1e-09].real, 0, 1).tolist(), 0.0, 1.0])
+                whole += width * float(np.abs(np.diff(force.integ()(ends))).sum())
+        found[name] = float(whole * motion.duration_s)
     for name, end in problem.ends.items():
         found[name] = float(ca.Function("end", [problem.stage.z], [end])(motion.z[-1]))
     return found | ({"time": motion.duration_s} if problem.time_weight else {})
-
-
-def integral_of_magnitudes(motion: Motion, forces: ca.SX) -> float:
-    """Integral of the magnitudes of driving forces [N s].
-
-    Forces are polynomials in each interval: between their roots the magnitude's integral is exact.
-
-    Parameters
-    ----------
-    motion
-        The motion.
-    forces
-        Expression in its instants, linear in what drives it (n x 1) [N].
-    """
-    lobatto, found = motion.lobatto, 0.0
-    drive = np.array(ca.Function("forces", [motion.problem.stage.z], [ca.densify(forces)])(motion.z.T).full())
-    for n, width in enumerate(motion.mesh.widths):
-        inside = slice(n * (lobatto.points - 1), (n + 1) * (lobatto.points - 1) + 1)
-        for values in drive[:, inside]:
-            force = Polynomial(np.transpose(lobatto.basis) @ values)
-            roots = force.roots()
-            ends = np.unique([*np.clip(roots[np.abs(roots.imag) < 1e-09].real, 0, 1).tolist(), 0.0, 1.0])
-            found += width * float(np.abs(np.diff(force.integ()(ends))).sum())
-    return float(found * motion.duration_s)
-
-
-def solver_statistics(plan_result: PlanSolution) -> list[dict[str, Any]]:
-    """Statistics of each run of the solver, as plain data."""
-    return [dict(vars(one)) for one in plan_result.runs]

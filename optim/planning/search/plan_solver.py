@@ -11,7 +11,6 @@ from functools import cached_property
 from typing import Any
 
 from optim.planning.formulation.formulate import (
-    PhaseProblem,
     check_weights,
     formulate_phases,
     located_in_phase,
@@ -29,14 +28,13 @@ from optim.planning.search.feasibility_checks import (
 )
 from optim.planning.search.reachability import check_posture
 from optim.planning.solver.ipopt import Solution
-from optim.planning.solver.nonlinear_program import NonlinearProgram
 from optim.planning.transcription.collocation_program import CollocationProgram
 from optim.planning.transcription.drive_jumps import segment_constraints, segment_problems
 from optim.planning.transcription.instant_functions import InstantFunctions, build_instants, extended
 from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.motion import Motion, PhasedMotion
-from optim.planning.transcription.phase_chain import Linkage, PhaseChain, phase_programs
+from optim.planning.transcription.phase_chain import Linkage, PhaseChain
 from optim.planning.verification.verify import VerificationResult
 from optim.problem.scene_recipe import SceneRecipe
 from spacerobot.elements.plan_instant import BoundedRow
@@ -170,29 +168,22 @@ class PlanSolverRecipe:
 
 
 @dataclass(frozen=True, eq=False)
-class FollowingPhase:
-    """A phase of a plan after the first one.
+class SolverPhase:
+    """A phase of a plan, ready to be solved.
 
     Attributes
     ----------
     name, plan, problem, instants
-        Of the scenario's phase, its section, the problem, and its functions.
+        Of the scenario's phase, none where the plan tells no phases; its section, the problem, its functions.
     link
-        What leads into it.
+        What leads into it; None into the first one.
     """
 
     name: str
     plan: PlanSection
     problem: PlanningProblem
     instants: InstantFunctions
-    link: Linkage
-
-    @classmethod
-    def of(cls, phase: PhaseProblem, backend: str) -> FollowingPhase:
-        """With a phase's functions."""
-        problem = phase.problem
-        link = Linkage.into(problem.stage, phase.impact)
-        return cls(phase.name, phase.plan, problem, build_instants(problem, backend), link)
+    link: Linkage | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,26 +192,20 @@ class PlanSolver:
 
     Attributes
     ----------
-    scene, plan, problem, instants, lobatto, backend
-        The scene, its section, the problem, its functions, the collocation, and what evaluates it.
+    scene, phases, lobatto, backend
+        The scene, the phases of its plan, the collocation, and what evaluates them.
     notify
         Told in a few words what begins.
-    name, following_phases
-        Where a plan has several phases: name of the first one, to which the above belong, and the others.
     pairs, apart
         Pairs of links that a plan keeps apart, and those of them that have a keep-out zone because they
         collided in its search.
     """
 
     scene: Scene
-    plan: PlanSection
-    problem: PlanningProblem
-    instants: InstantFunctions
+    phases: tuple[SolverPhase, ...]
     lobatto: Lobatto
     backend: str
     notify: ProgressCallback = field(default=lambda _: None)
-    name: str = ""
-    following_phases: tuple[FollowingPhase, ...] = ()
     pairs: tuple[LinkPair, ...] = ()
     apart: tuple[Collision, ...] = ()
     _known: dict[Any, tuple[tuple[BoundedRow, ...], InstantFunctions]] = field(
@@ -254,23 +239,23 @@ class PlanSolver:
         ScenarioError
             If its plan section asks for what cannot be.
         """
-        first, *others = formulate_phases(scene)
+        formulated, whole = formulate_phases(scene), plan_section(scene)
+        first = formulated[0]
         plan, problem = first.plan, first.problem
-        whole = plan_section(scene)
         with located_in_phase(whole, first.name):
             check_start(problem)
             check_reach(problem, plan, {tip.label: tip for tip in scene.tips})
             check_joined(problem, plan)
-        for phase in (first, *others):
+        for phase in formulated:
             with located_in_phase(whole, phase.name):
                 check_momentum(phase.problem, phase.plan)
             if phase.problem.stage.driven.drives_bases:
                 break  # what momentum is left behind it nobody knows
-        check_weights(whole, (first, *others))
+        check_weights(whole, formulated)
         with located_in_phase(whole, first.name):
             check_changeable(problem)
             check_posture(problem)
-        intervals = sum(phase.plan.intervals for phase in (first, *others))
+        intervals = sum(phase.plan.intervals for phase in formulated)
         instants_in_all = motions * plan.starts * intervals * plan.order // 2 * ITERATIONS
         if backend == "auto" and instants_in_all < COMPILED:
             backend = "interpreted"
@@ -278,13 +263,43 @@ class PlanSolver:
         notify(
             "compiling the problem's functions, or finding them compiled" if compiling else "differentiating"
         )
-        instants = build_instants(problem, backend)
-        following_phases = tuple(FollowingPhase.of(phase, backend) for phase in others)
-        lobatto = Lobatto.of_order(plan.order)
-        pairs = tuple(link_pairs(scene))
-        return cls(
-            scene, plan, problem, instants, lobatto, backend, notify, first.name, following_phases, pairs
-        )
+        phases = list[SolverPhase]()
+        for one in formulated:
+            link = Linkage.into(one.problem.stage, one.impact) if phases else None
+            instants = build_instants(one.problem, backend)
+            phases.append(SolverPhase(one.name, one.plan, one.problem, instants, link))
+        lobatto, pairs = Lobatto.of_order(plan.order), tuple(link_pairs(scene))
+        return cls(scene, tuple(phases), lobatto, backend, notify, pairs)
+
+    @property
+    def plan(self) -> PlanSection:
+        """Section of the first phase."""
+        return self.phases[0].plan
+
+    @property
+    def problem(self) -> PlanningProblem:
+        """Problem of the first phase."""
+        return self.phases[0].problem
+
+    @property
+    def instants(self) -> InstantFunctions:
+        """Functions of the first phase."""
+        return self.phases[0].instants
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all phases."""
+        return tuple(one.name for one in self.phases)
+
+    @property
+    def links(self) -> list[Linkage]:
+        """Linkages into the phases after the first one."""
+        return [one.link for one in self.phases if one.link is not None]
+
+    def with_first(self, **changes: Any) -> PlanSolver:
+        """The same with changes of its first phase."""
+        first = dataclasses.replace(self.phases[0], **changes)
+        return dataclasses.replace(self, phases=(first, *self.phases[1:]))
 
     def keeping_apart(self, apart: Sequence[Collision]) -> PlanSolver:
         """The same with a keep-out zone for each of some pairs of links, in this order.
@@ -313,32 +328,18 @@ class PlanSolver:
         plans = plan_section(scene).by_phase
         known = tuple(tuple((one.first, one.second, one.only) for one in each) for each in (self.apart, new))
 
-        def added(
-            name: str, problem: PlanningProblem, instants: InstantFunctions
-        ) -> tuple[PlanningProblem, InstantFunctions]:
-            """One phase."""
-            if (name, *known) not in self._known:
-                rows = tuple(avoidance_rows(problem.stage, plans[name], plan_section(self.scene).keep_out))
-                self._known[name, *known] = rows, extended(instants, problem, rows)
-            rows, own = self._known[name, *known]
-            return dataclasses.replace(problem, path=(*problem.path, *rows)), own
-
-        problem, instants = added(self.name, self.problem, self.instants)
-        following_phases = []
-        for one in self.following_phases:
-            own, functions = added(one.name, one.problem, one.instants)
-            following_phases.append(
-                dataclasses.replace(one, problem=own, instants=functions, plan=plans[one.name])
-            )
-        return dataclasses.replace(
-            self,
-            scene=scene,
-            plan=next(iter(plans.values())),
-            problem=problem,
-            instants=instants,
-            following_phases=tuple(following_phases),
-            apart=whole,
-        )
+        phases = []
+        for one in self.phases:
+            key = one.name, *known
+            if key not in self._known:
+                rows = tuple(
+                    avoidance_rows(one.problem.stage, plans[one.name], plan_section(self.scene).keep_out)
+                )
+                self._known[key] = rows, extended(one.instants, one.problem, rows)
+            rows, instants = self._known[key]
+            problem = dataclasses.replace(one.problem, path=(*one.problem.path, *rows))
+            phases.append(dataclasses.replace(one, plan=plans[one.name], problem=problem, instants=instants))
+        return dataclasses.replace(self, scene=scene, phases=tuple(phases), apart=whole)
 
     @property
     def recipe(self) -> PlanSolverRecipe:
@@ -350,13 +351,11 @@ class PlanSolver:
         """The same with the problem's functions by CasADi, to judge by."""
         if self.instants.backend == "interpreted":
             return self
-        following_phases = tuple(
+        phases = (
             dataclasses.replace(one, instants=build_instants(one.problem, "interpreted"))
-            for one in self.following_phases
+            for one in self.phases
         )
-        return dataclasses.replace(
-            self, instants=build_instants(self.problem, "interpreted"), following_phases=following_phases
-        )
+        return dataclasses.replace(self, phases=tuple(phases))
 
     def request(self, **changes: object) -> SolveRequest:
         """Request with the section's duration and weights."""
@@ -369,18 +368,17 @@ class PlanSolver:
 
     def problems_of(self, request: SolveRequest) -> list[PlanningProblem]:
         """The problems of all phases."""
-        return [self.problem_of(request), *(one.problem for one in self.following_phases)]
+        return [self.problem_of(request), *(one.problem for one in self.phases[1:])]
 
     def meshes(self, intervals: int) -> tuple[Mesh, ...]:
         """Equal intervals of each phase, where the first one has so many."""
-        shares = (one.plan.intervals / self.plan.intervals for one in self.following_phases)
-        counts = (intervals, *(max(1, round(share * intervals)) for share in shares))
-        return tuple(Mesh.of(count) for count in counts)
+        shares = (one.plan.intervals / self.plan.intervals for one in self.phases)
+        return tuple(Mesh.of(max(1, round(share * intervals))) for share in shares)
 
-    def program(self, request: SolveRequest, meshes: Sequence[Mesh]) -> NonlinearProgram:
+    def program(self, request: SolveRequest, meshes: Sequence[Mesh]) -> PhaseChain:
         """Nonlinear program on a mesh of each phase, or of each segment of a single phase."""
         problems = self.problems_of(request)
-        if not self.following_phases and (len(meshes) > 1 or problems[0].magnitudes):
+        if len(self.phases) == 1 and (len(meshes) > 1 or problems[0].magnitudes):
             programs = [
                 CollocationProgram(problem, self.instants, self.lobatto, mesh)
                 for problem, mesh in zip(segment_problems(problems[0], len(meshes)), meshes, strict=True)
@@ -388,16 +386,11 @@ class PlanSolver:
             return PhaseChain(
                 programs, [self.joint] * (len(meshes) - 1), segment_constraints(programs, problems[0])
             )
-        evaluated = [self.instants, *(one.instants for one in self.following_phases)]
         programs = [
-            CollocationProgram(problem, instants, self.lobatto, mesh)
-            for problem, instants, mesh in zip(problems, evaluated, meshes, strict=True)
+            CollocationProgram(problem, one.instants, self.lobatto, mesh)
+            for problem, one, mesh in zip(problems, self.phases, meshes, strict=True)
         ]
-        return (
-            PhaseChain(programs, [one.link for one in self.following_phases])
-            if self.following_phases
-            else programs[0]
-        )
+        return PhaseChain(programs, self.links)
 
     @cached_property
     def joint(self) -> Linkage:
@@ -411,14 +404,10 @@ class PlanSolver:
     def phased_motion(self, request: SolveRequest, result: SolveResult) -> PhasedMotion:
         """The motions of a solution, in all phases."""
         assert result.solution is not None
-        own = self.keeping_apart(result.apart)
-        program, w = own.program(request, result.meshes), result.solution.w
-        programs, parts = (
-            phase_programs(program),
-            program.parts(w) if isinstance(program, PhaseChain) else [w],
-        )
+        program = self.keeping_apart(result.apart).program(request, result.meshes)
+        parts = program.parts(result.solution.w)
         motions = [
             Motion(p.problem, p.lobatto, p.mesh, *p.split(own)[::-1])
-            for p, own in zip(programs, parts, strict=False)
+            for p, own in zip(program.programs, parts, strict=False)
         ]
         return PhasedMotion(tuple(motions), tuple(parts[len(motions) :]))

@@ -158,7 +158,7 @@ class _Postures:
     def run(self, posture: tuple[Array, float]) -> tuple[float, tuple[Array, float]]:
         """Least norm of what is violated, from a posture on, and the posture that has it."""
         model, (least, greatest, _) = self.problem.stage.scene.model, self.problem.duration
-        (q, part), damping = posture, 1e-2
+        (q, part), (lower, upper), damping = posture, self._sides, 1e-2
         drifting = np.ones(model.nv, dtype=bool)
         drifting[self.columns] = False
         off, slopes = self._residual(q, part)
@@ -167,7 +167,13 @@ class _Postures:
                 break
             # a joint at the end of its range moves inwards alone, and so does the instant
             pull = -slopes.T @ off
-            held = np.append(self._held(q), int(part >= 1.0) - int(part <= least / greatest))
+            bound = np.zeros(model.nv, dtype=np.int64)  # 1 at an upper limit, -1 at a lower one, else 0
+            for joint in self.problem.stage.driven.joints:
+                place = model.joints[joint].idx_q
+                if model.joints[joint].nq == 1:
+                    at_ends = int(q[place] >= upper[place]) - int(q[place] <= lower[place])
+                    bound[model.joints[joint].idx_v] = at_ends
+            held = np.append(bound[self.columns], int(part >= 1.0) - int(part <= least / greatest))
             free = ~((held != 0) & (np.sign(pull) == held))
             free[-1] &= least < greatest
             own, step = slopes[:, free], np.zeros(len(pull))
@@ -247,15 +253,3 @@ class _Postures:
     def _clipped(self, q: Array) -> Array:
         """With joints within their ranges."""
         return np.clip(q, *self._sides)
-
-    def _held(self, q: Array) -> npt.NDArray[np.int64]:
-        """Of each column: 1 at its upper limit, -1 at its lower one, else 0."""
-        model, (lower, upper) = self.problem.stage.scene.model, self._sides
-        held = np.zeros(model.nv, dtype=np.int64)
-        for joint in self.problem.stage.driven.joints:
-            own = model.joints[joint]
-            if own.nq == 1:
-                held[own.idx_v] = int(q[own.idx_q] >= upper[own.idx_q]) - int(
-                    q[own.idx_q] <= lower[own.idx_q]
-                )
-        return held[self.columns]

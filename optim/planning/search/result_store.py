@@ -49,7 +49,25 @@ class ResultStore:
             return None
         try:
             with np.load(self._file(request), allow_pickle=False) as stored:
-                return _attempt({name: stored[name] for name in stored.files})
+                told = json.loads(str(stored["told"]))
+                runs = tuple(
+                    SolverRun(**(one | {key: tuple(one[key]) for key in ("costs", "violations")}))
+                    for one in told["runs"]
+                )
+                solution, verification = told["solution"], told["verification"]
+                if solution is not None:
+                    solution = Solution(**{name: stored[name] for name in ARRAYS}, **solution)
+                if verification is not None:
+                    verification = VerificationResult(
+                        **(
+                            verification
+                            | {"violations": tuple(Violation(**v) for v in verification["violations"])}
+                        )
+                    )
+                cost = np.inf if told["cost"] is None else told["cost"]
+                meshes = tuple(Mesh(tuple(knots)) for knots in told["meshes"])
+                apart = tuple(Collision(**(one | {"only": tuple(one["only"])})) for one in told["apart"])
+                return SolveResult(runs, solution, meshes, cost, verification, told["cause"], apart)
         except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
             return None
 
@@ -87,21 +105,3 @@ class ResultStore:
         assert self.folder is not None
         text = f"{spacerobot.__version__} {self.fingerprint} {request.key}"
         return self.folder / f"plan-{hashlib.sha256(text.encode()).hexdigest()[:32]}.npz"
-
-
-def _attempt(stored: dict[str, Any]) -> SolveResult:
-    told = json.loads(str(stored["told"]))
-    runs = tuple(
-        SolverRun(**(one | {key: tuple(one[key]) for key in ("costs", "violations")})) for one in told["runs"]
-    )
-    solution, verification = told["solution"], told["verification"]
-    if solution is not None:
-        solution = Solution(**{name: stored[name] for name in ARRAYS}, **solution)
-    if verification is not None:
-        verification = VerificationResult(
-            **(verification | {"violations": tuple(Violation(**v) for v in verification["violations"])})
-        )
-    cost = np.inf if told["cost"] is None else told["cost"]
-    meshes = tuple(Mesh(tuple(knots)) for knots in told["meshes"])
-    apart = tuple(Collision(**(one | {"only": tuple(one["only"])})) for one in told["apart"])
-    return SolveResult(runs, solution, meshes, cost, verification, told["cause"], apart)

@@ -17,12 +17,12 @@ from optim.planning.search.failure_messages import (
 from optim.planning.search.plan_solver import PlanSolver, SolveRequest, SolveResult, SolverRun
 from optim.planning.solver.elastic import ElasticProgram
 from optim.planning.solver.ipopt import TIME_LIMIT, Solution, solve
-from optim.planning.solver.nonlinear_program import NonlinearProgram
 from optim.planning.transcription.drive_jumps import may_jump, split_at_jumps
 from optim.planning.transcription.initial_guess import initial_guesses, rescaled_motion
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.mesh_transfer import transfer, transfer_constrained
 from optim.planning.transcription.motion import PhasedMotion
+from optim.planning.transcription.phase_chain import PhaseChain
 from optim.planning.verification.clearance import course_collisions
 from optim.planning.verification.mesh_refinement import refined_meshes, sharper_meshes
 from optim.planning.verification.second_order_conditions import descent_direction
@@ -101,7 +101,7 @@ class _SolverRuns:
         self.cleared: Solution | None = None
         self.cost, self.cause, self.why = np.inf, "", ""
         self.deadline = time.thread_time() + solver.plan.time_limit
-        self.ended: tuple[NonlinearProgram, Solution, Meshes] | None = None
+        self.ended: tuple[PhaseChain, Solution, Meshes] | None = None
         self.stalled = False
 
     @property
@@ -111,11 +111,7 @@ class _SolverRuns:
 
     def solve(self, near: SolveResult | None) -> None:
         """Solve from a motion nearby if there is one, else or where that fails from a first guess."""
-        if (
-            near is not None
-            and near.solution is not None
-            and len(near.meshes) == 1 + len(self.solver.following_phases)
-        ):
+        if near is not None and near.solution is not None and len(near.meshes) == len(self.solver.phases):
             self.warm(near)
         if self.kept is None:
             self.cold()
@@ -139,7 +135,7 @@ class _SolverRuns:
             solver.notify(f"planning again: {entered[0].words()}")
             self.kept, self.cost = None, np.inf
             near = None
-            if len(meshes) == 1 + len(solver.following_phases):  # else forces jump: from a first guess
+            if len(meshes) == len(solver.phases):  # else forces jump: from a first guess
                 programs = (each.program(self.request, meshes) for each in (solver, self.solver))
                 near = dataclasses.replace(
                     found, solution=transfer_constrained(solution, *programs), apart=self.solver.apart
@@ -161,22 +157,14 @@ class _SolverRuns:
                 if not found:
                     self.kept, self.cost = None, np.inf
                     self._guessed(wanted)
-        elif not self._coarsely(self.solver.meshes(many // COARSER)) or not self._finer(wanted):
-            self.kept, self.cost = None, np.inf
-            self._guessed(wanted)
-        self._leave()
-
-    def _coarsely(self, meshes: Meshes) -> bool:
-        """Solve from a first guess on a coarse mesh, until no links collide there."""
-        if self._guessed(meshes):
-            self.clear(only_warm=True)
-        return self.kept is not None
-
-    def _leave(self) -> None:
-        """Solve from drawn guesses where the search ended at a saddle point, and keep what costs less.
-
-        From a symmetric guess, as a turn about its eigenaxis, IPOPT's steps are symmetric too and end there.
-        """
+        else:
+            if self._guessed(self.solver.meshes(many // COARSER)):
+                self.clear(only_warm=True)  # until no links collide on the coarse mesh
+            if self.kept is None or not self._finer(wanted):
+                self.kept, self.cost = None, np.inf
+                self._guessed(wanted)
+        # From a symmetric guess, as a turn about its eigenaxis, IPOPT's steps are symmetric too and may end
+        # at a saddle point: search from drawn guesses then, and keep what costs less.
         for k in range(1, DRAWN + 1):
             if self.kept is None:
                 return
@@ -206,7 +194,7 @@ class _SolverRuns:
 
     def refined(self) -> VerificationResult | None:
         """Verdict on the motion on meshes that become finer until it is good, or as fine as is allowed."""
-        jumps = not self.solver.following_phases and not self.solver.name and may_jump(self.problem)
+        jumps = self.solver.names == ("",) and may_jump(self.problem)
         jumps = jumps and not self.problem.magnitudes  # their drives are linear, their meshes sharpened
         verification, before = None, np.inf
         while True:
@@ -267,7 +255,7 @@ class _SolverRuns:
             if not self._solve(self.solver.phased_motion(self.request, near), meshes):
                 self.cause = self.cause or AIMLESS
         elif found.converged or not self.cause:
-            self.cause = infeasibility_message(elastic, found, solution.status)
+            self.cause = infeasibility_message(program, elastic, found, solution.status)
 
     def _late(self, words: str) -> bool:
         """Tell what is being done; whether the time is over, so that no further iteration begins."""
@@ -283,7 +271,7 @@ class _SolverRuns:
         rng = np.random.default_rng([self.solver.plan.seed, start]) if start else None
         solver = self.solver
         phased_motion = initial_guesses(solver.problems_of(self.request), solver.lobatto, meshes, rng, start)
-        impulses = tuple(np.zeros(one.link.impulses) for one in solver.following_phases)
+        impulses = tuple(np.zeros(link.impulses) for link in solver.links)
         return self._solve(dataclasses.replace(phased_motion, impulses=impulses), meshes, give_up=give_up)
 
     def _finer(self, wanted: Meshes) -> bool:

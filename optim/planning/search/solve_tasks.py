@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from optim.planning.search.plan_solver import PlanSolver, SolveRequest, SolveResult
 from optim.planning.search.result_store import ResultStore
@@ -55,63 +54,48 @@ def run_tasks(
     SpaceRobotError
         If the cluster cannot be reached, or loses an attempt on one worker after the other.
     """
-    work = _TaskQueue(dict(tasks), {}, kept)
-    if dask is None:
-        for name, request in work.ready():
-            work.add(name, request, solve_request(solver, request))
-    elif requests := list(work.ready()):
-        with connect(dask) as client:
-            _spread(client, solver, work, requests)
-    return work.found
+    left, found = dict(tasks), ResultsByTask()
 
-
-@dataclass(frozen=True)
-class _TaskQueue:
-    """Tasks that are left, what was found, and where that is kept."""
-
-    left: dict[str, SolveTask]
-    found: ResultsByTask
-    kept: ResultStore
-
-    def ready(self) -> Iterator[tuple[str, SolveRequest]]:
+    def ready() -> Iterator[tuple[str, SolveRequest]]:
         """Tasks whose turn has come, with what is asked; what is kept already is taken from there."""
-        for name, task in list(self.left.items()):
-            if not self.found.keys() >= set(task.after):
+        for name, task in list(left.items()):
+            if not found.keys() >= set(task.after):
                 continue
-            del self.left[name]
-            request = task.request(self.found)
-            known = self.kept.find(request)
+            del left[name]
+            request = task.request(found)
+            known = kept.find(request)
             if known is None:
                 yield name, request
             else:
-                self.found[name] = known
+                found[name] = known
 
-    def add(self, name: str, request: SolveRequest, result: SolveResult) -> None:
-        """Keep what was found."""
-        self.kept.add(request, result)
-        self.found[name] = result
+    if dask is None:
+        for name, request in ready():
+            found[name] = solve_request(solver, request)
+            kept.add(request, found[name])
+        return found
+    requests = list(ready())
+    if not requests:
+        return found
+    with connect(dask) as client:
+        # give every task to a worker as soon as those that it builds on are done
+        flight = distributed_module().as_completed([], loop=client.loop, with_results=False)
+        asked: dict[str, tuple[str, SolveRequest]] = {}
 
+        def send(requests: Iterable[tuple[str, SolveRequest]]) -> None:
+            """Hand tasks to the workers."""
+            for name, request in requests:
+                future = submit(client, solve_request, solver.recipe, request)
+                asked[future.key] = (name, request)
+                flight.add(future)
 
-def _spread(
-    client: Any, solver: PlanSolver, work: _TaskQueue, requests: Iterable[tuple[str, SolveRequest]]
-) -> None:
-    """Give every task to a worker as soon as those that it builds on are done."""
-    flight = distributed_module().as_completed([], loop=client.loop, with_results=False)
-    asked: dict[str, tuple[str, SolveRequest]] = {}
-
-    def send(requests: Iterable[tuple[str, SolveRequest]]) -> None:
-        """Hand tasks to the workers."""
-        for name, request in requests:
-            future = submit(client, solve_request, solver.recipe, request)
-            asked[future.key] = (name, request)
-            flight.add(future)
-
-    threads_of(client)
-    send(requests)
-    for future in flight:
-        name, request = asked.pop(future.key)
-        with faults_of(f"the search {name!r}"):
-            result = future.result()
-        work.add(name, request, result)
-        with faults_of("the rest"):
-            send(work.ready())
+        threads_of(client)
+        send(requests)
+        for future in flight:
+            name, request = asked.pop(future.key)
+            with faults_of(f"the search {name!r}"):
+                found[name] = future.result()
+            kept.add(request, found[name])
+            with faults_of("the rest"):
+                send(ready())
+    return found

@@ -7,10 +7,8 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
-import xarray as xr
 
 from optim.planning.formulation.grasps import wrench_axes
-from optim.planning.formulation.stage import PlanningProblem
 from optim.planning.search.plan_solver import PlanSolver, SolveResult
 from optim.planning.solver.ipopt import Solution
 from optim.planning.transcription.lobatto import Lobatto
@@ -52,10 +50,7 @@ def stored_motion(solver: PlanSolver, path: Path) -> SolveResult:
     file = path / FILE if path.is_dir() else path
     plan = open_plan(file, ("q", "v", "acceleration", "configuration", "velocity"))
     problems = solver.problems_of(solver.request())
-    model, names = (
-        problems[0].stage.scene.model,
-        [solver.name, *(one.name for one in solver.following_phases)],
-    )
+    model, names = problems[0].stage.scene.model, list(solver.names)
     rows = phase_rows(plan) if len(names) > 1 else {"": (0, plan.sizes["time"] - 1)}
     bodies = {str(name).partition("/")[0] for name in model.names[1:]}
     joints = {str(name) for name in model.names[1:]}
@@ -75,15 +70,35 @@ def stored_motion(solver: PlanSolver, path: Path) -> SolveResult:
     for problem, (first, last) in zip(problems, (rows[name] for name in names), strict=True):
         own = plan.isel(time=slice(first, last + 1))
         rises = np.append(np.diff(own.time.values) > 0, True)  # forces may jump at knots, states do not
-        motions.append(_motion(problem, own.isel(time=rises), file))
-    phased_motion = PhasedMotion(
-        tuple(motions), tuple(np.zeros(one.link.impulses) for one in solver.following_phases)
-    )
-    intervals = (solver.plan.intervals, *(one.plan.intervals for one in solver.following_phases))
+        own = own.isel(time=rises)
+        stage, times, points = problem.stage, own.time.values, int(own.attrs.get("points", 0))
+        known = 3 <= points <= 5 and len(times) >= points and (len(times) - 1) % (points - 1) == 0
+        if not (known and np.isfinite(times).all()):
+            raise ScenarioError("not a own whose motion is known between its points; own again", source=file)
+        knots = np.asarray(times - times[0], dtype=float)[:: points - 1]
+        q = numbers(own, "q", ("time", "configuration"))
+        v, a = (numbers(own, name, ("time", "velocity")) for name in ("v", "acceleration"))
+        axes = [f"{grip.name}.{axis}" for grip in stage.grips for axis in wrench_axes(stage.scene, grip)]
+        w = np.zeros((len(times), len(axes)))
+        if axes:
+            there = [str(name) for name in own.grip.values] if "grip" in own.coords else []
+            _same(file, "grasps that hold", [axis for axis in axes if axis in there], axes)
+            w = numbers(own, "grip_wrench", ("time", "grip"))[:, [there.index(axis) for axis in axes]]
+        drive, parts = (np.zeros((len(times), one.numel())) for one in (stage.u, stage.s))
+        z = np.hstack([q, v, a, drive, w, parts])
+        drives = stage.q.numel() + stage.v.numel() + stage.a.numel()
+        # the drive is what the equations of motion leave without it
+        given = ca.vertcat(stage.z, stage.inertia)
+        left = ca.Function("left", [given], [ca.densify(stage.balance[list(stage.driven.columns)])])
+        z[:, drives : drives + stage.u.numel()] = np.array(left(problem.arguments(z)).full()).T
+        mesh = Mesh(tuple(float(knot) for knot in knots / knots[-1]))
+        lobatto = Lobatto.of_order(2 * points - 2)
+        motions.append(Motion(problem, lobatto, mesh, float(knots[-1]), z).split_forces())
+    phased_motion = PhasedMotion(tuple(motions), tuple(np.zeros(link.impulses) for link in solver.links))
     fits = all(
         motion.lobatto.points == solver.lobatto.points
-        and least <= motion.intervals <= solver.plan.max_intervals
-        for motion, least in zip(motions, intervals, strict=True)
+        and one.plan.intervals <= motion.intervals <= solver.plan.max_intervals
+        for motion, one in zip(motions, solver.phases, strict=True)
     )
     if not fits:
         phased_motion = phased_motion.on(solver.lobatto, solver.meshes(solver.plan.intervals))
@@ -111,29 +126,3 @@ def _same(file: Path, what: str, there: Iterable[str], here: Iterable[str]) -> N
     ]
     if alone:
         raise ScenarioError(f"a plan of another scene: its {what} differ, {', '.join(alone)}", source=file)
-
-
-def _motion(problem: PlanningProblem, plan: xr.Dataset, file: Path) -> Motion:
-    """Motion of one phase, from the rows of that phase."""
-    stage, times, points = problem.stage, plan.time.values, int(plan.attrs.get("points", 0))
-    known = 3 <= points <= 5 and len(times) >= points and (len(times) - 1) % (points - 1) == 0
-    if not (known and np.isfinite(times).all()):
-        raise ScenarioError("not a plan whose motion is known between its points; plan again", source=file)
-    knots = np.asarray(times - times[0], dtype=float)[:: points - 1]
-    q = numbers(plan, "q", ("time", "configuration"))
-    v, a = (numbers(plan, name, ("time", "velocity")) for name in ("v", "acceleration"))
-    axes = [f"{grip.name}.{axis}" for grip in stage.grips for axis in wrench_axes(stage.scene, grip)]
-    w = np.zeros((len(times), len(axes)))
-    if axes:
-        stored = [str(name) for name in plan.grip.values] if "grip" in plan.coords else []
-        _same(file, "grasps that hold", [axis for axis in axes if axis in stored], axes)
-        w = numbers(plan, "grip_wrench", ("time", "grip"))[:, [stored.index(axis) for axis in axes]]
-    drive, parts = (np.zeros((len(times), one.numel())) for one in (stage.u, stage.s))
-    z = np.hstack([q, v, a, drive, w, parts])
-    first = stage.q.numel() + stage.v.numel() + stage.a.numel()
-    # the drive is what the equations of motion leave without it
-    given = ca.vertcat(stage.z, stage.inertia)
-    left = ca.Function("left", [given], [ca.densify(stage.balance[list(stage.driven.columns)])])
-    z[:, first : first + stage.u.numel()] = np.array(left(problem.arguments(z)).full()).T
-    mesh = Mesh(tuple(float(knot) for knot in knots / knots[-1]))
-    return Motion(problem, Lobatto.of_order(2 * points - 2), mesh, float(knots[-1]), z).split_forces()

@@ -103,7 +103,7 @@ class PresolvedProgram:
         program, every = self.program, _spread(found, self.held, self.program.rows)
         if len(self._known):
             x = self.unknowns(w)
-            pull = program.gradient(x) + self._matrix(x).T @ every
+            pull = program.gradient(x) + _matrix(program.jacobian_pattern, program.jacobian(x)).T @ every
             every[self._equations] = splu(self._square(x)).solve(-pull[self._known], trans="T")
         return every
 
@@ -131,16 +131,10 @@ class PresolvedProgram:
             self._w[self._known] -= factors.solve(off)
         return False
 
-    def _matrix(self, w: Array) -> sparse.csc_matrix:
-        """All constraints' first derivatives."""
-        pattern = self.program.jacobian_pattern
-        return sparse.csc_matrix(
-            (self.program.jacobian(w), pattern.indices, pattern.indptr), shape=pattern.shape
-        )
-
     def _square(self, w: Array) -> sparse.csc_matrix:
         """First derivatives of the equations that determine what is known, by it."""
-        return self._matrix(w)[:, self._known][self._equations].tocsc()
+        slopes = _matrix(self.program.jacobian_pattern, self.program.jacobian(w))
+        return slopes[:, self._known][self._equations].tocsc()
 
 
 def determined(pattern: sparse.csc_matrix, equal: Mask, free: Mask) -> tuple[Places, Places]:
@@ -183,9 +177,7 @@ def determined(pattern: sparse.csc_matrix, equal: Mask, free: Mask) -> tuple[Pla
 def _part(pattern: sparse.csc_matrix, rows: Mask, columns: Mask) -> tuple[Places, sparse.csc_matrix]:
     """Some rows and columns of a pattern, and which of its entries they are."""
     count = np.arange(1, pattern.nnz + 1)  # no zero, which might be dropped
-    part = sparse.csc_matrix((count, pattern.indices, pattern.indptr), shape=pattern.shape)[:, columns][
-        rows
-    ].tocsc()
+    part = _matrix(pattern, count)[:, columns][rows].tocsc()
     part.sort_indices()
     return part.data - 1, part
 

@@ -17,11 +17,10 @@ from optim.planning.formulation.formulate import formulate_phases
 from optim.planning.search.make_plan import PlanSolution
 from optim.planning.search.plan_solver import PlanSolver
 from optim.planning.solver.ipopt import Solution
-from optim.planning.solver.nonlinear_program import NonlinearProgram
 from optim.planning.transcription.collocation_program import CollocationProgram
 from optim.planning.transcription.drive_jumps import segment_constraints, segment_problems
 from optim.planning.transcription.instant_functions import with_values_of
-from optim.planning.transcription.phase_chain import PhaseChain, phase_programs
+from optim.planning.transcription.phase_chain import PhaseChain
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.load import to_document
@@ -79,7 +78,7 @@ class OptimalPoint:
     """
 
     scene: Scene
-    program: NonlinearProgram
+    program: PhaseChain
     solution: Solution
 
     def slope(self, numbers: Mapping[str, float], rates: Mapping[str, float] | None = None) -> float:
@@ -127,30 +126,23 @@ class OptimalPoint:
     def _lagrangian(self, changes: Mapping[str, float]) -> float:
         """At the unknowns and multipliers, for other numbers; counted from the cost."""
         scene, solution = build_scene(self.scene.scenario, changes, source=self.scene.source), self.solution
-        program = _with_numbers_of(scene, self.program)
+        # the program with these numbers, on the same meshes, to be evaluated only
+        phases, before, links = formulate_phases(scene), self.program.programs, self.program.links
+        problems, segments = [phase.problem for phase in phases], before[0].problem.linear_drives
+        if segments:
+            problems = segment_problems(problems[0], len(before))
+        programs = [
+            CollocationProgram(problem, with_values_of(own.instants, problem), own.lobatto, own.mesh)
+            for problem, own in zip(problems, before, strict=True)
+        ]
+        if segments:
+            program = PhaseChain(programs, links, segment_constraints(programs, phases[0].problem))
+        else:
+            joined = zip(links, phases[1:], strict=True)
+            valued = [link.with_values_of(one.problem.stage, one.impact) for link, one in joined]
+            program = PhaseChain(programs, valued)
         held = _pressed(solution.multipliers, program.constraints(solution.w), program.limits())
         return program.objective(solution.w) + held + _pressed(self._bounds, solution.w, program.bounds())
-
-
-def _with_numbers_of(scene: Scene, program: NonlinearProgram) -> NonlinearProgram:
-    """A program for a scene that differs by numbers alone, on the same meshes, to be evaluated only."""
-    phases, before = formulate_phases(scene), phase_programs(program)
-    problems, segments = [phase.problem for phase in phases], before[0].problem.linear_drives
-    if segments:
-        problems = segment_problems(problems[0], len(before))
-    programs = [
-        CollocationProgram(problem, with_values_of(own.instants, problem), own.lobatto, own.mesh)
-        for problem, own in zip(problems, before, strict=True)
-    ]
-    if not isinstance(program, PhaseChain):
-        return programs[0]
-    if segments:
-        return PhaseChain(programs, program.links, segment_constraints(programs, phases[0].problem))
-    links = [
-        link.with_values_of(phase.problem.stage, phase.impact)
-        for link, phase in zip(program.links, phases[1:], strict=True)
-    ]
-    return PhaseChain(programs, links)
 
 
 def _pressed(multipliers: Array, values: Array, sides: tuple[Array, Array]) -> float:

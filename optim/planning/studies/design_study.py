@@ -23,7 +23,7 @@ from optim.planning.search.make_plan import (
     plan_result,
     result_store,
 )
-from optim.planning.search.plan_solver import PlanSolver, SolveRequest, SolveResult
+from optim.planning.search.plan_solver import PlanSolver, SolveResult
 from optim.planning.search.solve_request import solve_request
 from optim.planning.studies.cost_sensitivities import OptimalPoint
 from optim.problem.variables import Variables, variables_of
@@ -131,9 +131,9 @@ def make_study(
     begun = make_plan(first, backend=backend, progress=progress, folder=folder, dask=dask)
     designs = _DesignSearch(variables, begun, folder, progress or (lambda _: None))
     ended = designs.descend()
-    best, trials = designs.best, tuple(designs.trials)
+    best, trials = designs.best[0], tuple(designs.trials)
     sweeps = {name: designs.sweep(k, points) for k, name in enumerate(variables.names)}
-    return DesignStudy(scene, variables, trials, best.trial, sweeps, ended, designs.finish())
+    return DesignStudy(scene, variables, trials, best, sweeps, ended, designs.finish())
 
 
 def design_variables(scene: Scene) -> Variables:
@@ -157,16 +157,6 @@ def design_variables(scene: Scene) -> Variables:
     return variables_of(scene, named, "plan.design")
 
 
-@dataclass(frozen=True, eq=False)
-class _PlannedDesign:
-    """A design with its plan."""
-
-    trial: DesignTrial
-    solver: PlanSolver
-    request: SolveRequest
-    result: SolveResult
-
-
 class _DesignSearch:
     """Designs that are planned for one after the other, on the mesh of the first one's plan."""
 
@@ -179,25 +169,22 @@ class _DesignSearch:
         given = SolveResult(
             begun.runs, begun.solution, begun.phased_motion.meshes, begun.cost, begun.verification, ""
         )
-        first = self._planned_for(variables.start, given, given)
-        assert isinstance(first, _PlannedDesign)  # as the scenario has it, and planned for already
-        self.best = first
+        self.best = self._planned_for(variables.start, given, given)
 
     def descend(self) -> str:
         """Search for the best design; why that ended, in words."""
-        variables, size = self.variables, self.best.trial.cost or 1.0
+        variables, size = self.variables, self.best[0].cost or 1.0
         begin = variables.unit(variables.start) / FIRST  # the method's own first step is one long
 
         def least(x: Array) -> tuple[float, Array]:
             """Least cost and its slopes, in costs of the first design."""
             u = x * FIRST
-            same = not self.trials
-            known = self.best if same else self._planned_for(variables.values(u), self.best.result)
-            trial = known.trial if isinstance(known, _PlannedDesign) else known
+            known = self._planned_for(variables.values(u), self.best[2]) if self.trials else self.best
+            trial, solver, _ = known
             self.trials.append(trial)
-            if not isinstance(known, _PlannedDesign):
+            if solver is None:
                 return LOST, np.zeros(len(x))
-            if trial.cost < self.best.trial.cost:
+            if trial.cost < self.best[0].cost:
                 self.best = known
             return trial.cost / size, trial.slopes * variables.slope(u) * FIRST / size
 
@@ -208,18 +195,16 @@ class _DesignSearch:
 
     def sweep(self, k: int, points: int) -> tuple[DesignTrial, ...]:
         """Designs that differ from the best one by a variable, each begun with its neighbour's plan."""
-        own = self.best.trial.values
+        own = self.best[0].values
         grid = np.tile(self.variables.unit(own), (points, 1))
         grid[:, k] = np.linspace(0.0, 1.0, points)
         values = self.variables.values(grid)
         above = int(np.searchsorted(values[:, k], own[k]))
         found: dict[int, DesignTrial] = {}
         for way in (range(above, points), range(above - 1, -1, -1)):
-            near = self.best.result
+            near = self.best[2]
             for n in way:
-                known = self._planned_for(values[n], near)
-                found[n] = known.trial if isinstance(known, _PlannedDesign) else known
-                near = known.result if isinstance(known, _PlannedDesign) else near
+                found[n], _, near = self._planned_for(values[n], near)
         return tuple(found[n] for n in range(points))
 
     def finish(self) -> PlanSolution:
@@ -230,18 +215,19 @@ class _DesignSearch:
         NoPlanError
             If it does not hold.
         """
-        solver = self.best.solver
-        request = solver.request(near=self.best.result, is_solved=True)
+        _, solver, planned = self.best
+        assert solver is not None  # the first design is planned for already
+        request = solver.request(near=planned, is_solved=True)
         result = solve_request(solver, request)
         fault = failure_message(result)
         if fault is not None:
             raise NoPlanError(fault, source=solver.scene.source, where="plan.design")
-        return plan_result(solver, request, {f"{PLAN}, start": self.best.result, PLAN: result})
+        return plan_result(solver, request, {f"{PLAN}, start": planned, PLAN: result})
 
     def _planned_for(
         self, values: Array, near: SolveResult, result: SolveResult | None = None
-    ) -> _PlannedDesign | DesignTrial:
-        """A design with its plan, begun with one nearby or given, or without one."""
+    ) -> tuple[DesignTrial, PlanSolver | None, SolveResult]:
+        """A design, its solver and its plan, begun with one nearby or given; without one, that nearby."""
         variables, base = self.variables, self.begun.scene
         said = ", ".join(f"{name} {value:.5g}" for name, value in variables.as_mapping(values).items())
         self.notify(f"planning for {said}")
@@ -250,7 +236,7 @@ class _DesignSearch:
             scene = build_scene(base.scenario, changes, source=base.source)
             solver = PlanSolver.of(scene, self.begun.backend, self.notify)
         except ScenarioError as fault:
-            return _lost(values, fault.message, 0)
+            return _lost(values, fault.message, 0), None, near
         request, kept = solver.request(near=near, refine=False), result_store(self.folder, solver)
         result = result or kept.find(request)
         if result is None:
@@ -258,15 +244,13 @@ class _DesignSearch:
             kept.add(request, result)
         iterations = sum(solve.iterations for solve in result.runs)
         if result.solution is None:
-            return _lost(values, f"no plan was found: {result.cause}", iterations)
+            return _lost(values, f"no plan was found: {result.cause}", iterations), None, near
         own = solver.keeping_apart(result.apart)
         program = own.interpreted.program(request, result.meshes)
         solution = OptimalPoint(own.scene, program, result.solution)
         tied = [dict.fromkeys(paths, float(v)) for paths, v in zip(variables.paths, values, strict=True)]
         slopes = np.array([solution.slope(numbers) for numbers in tied])
-        return _PlannedDesign(
-            DesignTrial(values, result.cost, slopes, "", iterations), solver, request, result
-        )
+        return DesignTrial(values, result.cost, slopes, "", iterations), solver, result
 
 
 def _lost(values: Array, fault: str, iterations: int) -> DesignTrial:

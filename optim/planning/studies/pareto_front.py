@@ -178,7 +178,7 @@ def _asks(solver: PlanSolver, wanted: FrontRequest) -> list[SolveRequest]:
         If that cannot be.
     """
     weights, plain = solver.problem.weights, solver.request()
-    if solver.following_phases:
+    if len(solver.phases) > 1:
         raise ScenarioError(
             "a front takes a plan of one phase", source=solver.scene.source, where="plan.phases"
         )

@@ -10,6 +10,7 @@ and at every point the equations of motion and the path's rows, at the last one 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,8 +40,12 @@ class SparseSums:
     place: Places
 
     @classmethod
-    def of(cls, rows: Places, columns: Places, shape: tuple[int, int]) -> SparseSums:
-        """Sums for entries in rows and columns."""
+    def of(cls, found: Sequence[tuple[Any, Any]], shape: tuple[int, int]) -> SparseSums:
+        """Sums for groups of entries, each given by arrays of rows and columns."""
+        rows, columns = (
+            np.concatenate([np.asarray(group).ravel() for group in side]).astype(np.int64)
+            for side in zip(*found, strict=True)
+        )
         keys, place = np.unique(columns * np.int64(shape[0]) + rows, return_inverse=True)
         own_rows, own_columns = keys % shape[0], keys // shape[0]
         starts = np.searchsorted(own_columns, np.arange(shape[1] + 1))
@@ -88,17 +93,39 @@ class CollocationProgram:
         self.per_point = self.nv + len(problem.path)
         self.rows = self.defects + self.points * self.per_point + len(problem.goal)
         self._seen: tuple[bytes, dict[str, Array]] = (b"", {})
-        self._jacobian, self._hessian = self._jacobian_sums(), self._hessian_sums()
-
-    @property
-    def jacobian_pattern(self) -> sparse.csc_matrix:
-        """Where the constraints' first derivatives stand."""
-        return self._jacobian.matrix
-
-    @property
-    def hessian_pattern(self) -> sparse.csc_matrix:
-        """Where the upper triangle of the Lagrangian's second derivatives stands."""
-        return self._hessian.matrix
+        # places of the derivatives' entries, in the order in which `jacobian` and `hessian` give them
+        rows, columns = instants.jacobian
+        n, i, k = np.meshgrid(
+            np.arange(self.intervals), np.arange(self.inner), np.arange(self.nx), indexing="ij"
+        )
+        defect = (n * self.inner + i) * self.nx + k
+        found = [(defect, self._of[n, i + 1] * self.nz + k), (defect, self._of[n, 0] * self.nz + k)]
+        moving = rows < self.nq
+        found.append(self._by_point(defect, rows[moving], columns[moving]))
+        own = np.arange(self.nq, self.nx)
+        found.append(self._by_point(defect, own, self.nx + own - self.nq))
+        found.append((defect, np.full(defect.shape, self.size - 1)))
+        inside = (rows >= self.nq) & (rows < self.ncost)
+        point = np.arange(self.points)[:, None]
+        found.append(
+            (
+                self.defects + point * self.per_point + rows[inside] - self.nq,
+                point * self.nz + columns[inside],
+            )
+        )
+        goal_rows, goal_columns = instants.goal_jacobian
+        held, first = goal_rows < len(problem.goal), self.rows - len(problem.goal)
+        found.append((first + goal_rows[held], (self.points - 1) * self.nz + goal_columns[held]))
+        self._jacobian = SparseSums.of(found, (self.rows, self.size))
+        rows, columns = instants.hessian
+        every, last = np.arange(self.size - 1), (self.points - 1) * self.nz
+        found = [
+            (point * self.nz + rows, point * self.nz + columns),
+            (last + instants.goal_hessian[0], last + instants.goal_hessian[1]),
+            (every, np.full(every.shape, self.size - 1)),
+        ]
+        self._hessian = SparseSums.of(found, (self.size, self.size))
+        self.jacobian_pattern, self.hessian_pattern = self._jacobian.matrix, self._hessian.matrix
 
     def split(self, w: Array) -> tuple[Array, float]:
         """Instants (points, nz) and duration [s] of the unknowns."""
@@ -132,7 +159,7 @@ class CollocationProgram:
 
     def objective(self, w: Array) -> float:
         """Cost."""
-        found, duration = self._values(w), float(w[-1])
+        found, duration = self._at(w, "values"), float(w[-1])
         running = duration * (self._running(found) + self.problem.time_weight)
         if not self.end_weights.size:
             return running
@@ -140,7 +167,7 @@ class CollocationProgram:
 
     def gradient(self, w: Array) -> Array:
         """Of the cost (size,)."""
-        entries, duration = self._instant_jacobian(w), float(w[-1])
+        entries, duration = self._at(w, "jacobian"), float(w[-1])
         rows, columns = self.instants.jacobian
         own = rows >= self.ncost
         out = np.zeros((self.points, self.nz))
@@ -151,11 +178,11 @@ class CollocationProgram:
             own, first = rows >= len(self.problem.goal), len(self.problem.goal)
             jacobian = self._last("goal_jacobian", w)[own]
             np.add.at(out[-1], columns[own], self.end_weights[rows[own] - first] * jacobian)
-        return np.append(out, self._running(self._values(w)) + self.problem.time_weight)
+        return np.append(out, self._running(self._at(w, "values")) + self.problem.time_weight)
 
     def constraints(self, w: Array) -> Array:
         """All constraints (rows,)."""
-        (z, duration), found = self.split(w), self._values(w)
+        (z, duration), found = self.split(w), self._at(w, "values")
         x, rate = z[:, : self.nx], self._rates(z, found)
         moved = np.einsum("jk,nkx->njx", self.lobatto.integral[1:], rate[self._of])
         defects = x[self._of[:, 1:]] - x[self._of[:, :1]] - duration * self._parts * moved
@@ -165,7 +192,7 @@ class CollocationProgram:
 
     def jacobian(self, w: Array) -> Array:
         """Entries of the constraints' first derivatives, as :attr:`jacobian_pattern` has them."""
-        (z, duration), entries = self.split(w), self._instant_jacobian(w)
+        (z, duration), entries = self.split(w), self._at(w, "jacobian")
         step = duration * self._parts[..., None]
         rows, _ = self.instants.jacobian
         a = self.lobatto.integral[1:]
@@ -173,7 +200,7 @@ class CollocationProgram:
         moving = entries[:, rows < self.nq][self._of]  # (N, s, entries)
         by_rate = -step * np.einsum("jk,nke->njke", a, moving)
         by_acceleration = np.broadcast_to(-step * a[:, :, None], (*shape[:2], self.inner + 1, self.nv))
-        rate = self._rates(z, self._values(w))
+        rate = self._rates(z, self._at(w, "values"))
         by_time = -self._parts * np.einsum("jk,nkx->njx", a, rate[self._of])
         own = entries[:, (rows >= self.nq) & (rows < self.ncost)]
         goal = self._last("goal_jacobian", w)[self.instants.goal_jacobian[0] < len(self.problem.goal)]
@@ -185,42 +212,34 @@ class CollocationProgram:
         constraints, as :attr:`hessian_pattern` has them.
         """
         z, duration = self.split(w)
-        weights = self._weights(factor, multipliers)  # per unit of duration, for rates and cost
+        # weights of F's rows at each point; those of rates and cost per unit of duration
+        first = self.rows - len(self.problem.goal)
+        of_defects = multipliers[: self.defects].reshape(self.intervals, self.inner, self.nx)
+        by_defects = -self._parts * np.einsum("jk,njx->nkx", self.lobatto.integral[1:], of_defects)
+        pulled = np.zeros((self.points, self.nx))
+        np.add.at(pulled, self._of, by_defects)
+        own = multipliers[self.defects : first].reshape(self.points, self.per_point)
+        terms = factor * self.weights[:, None] * self.term_weights
+        weights = np.hstack([pulled[:, : self.nq], own, terms])
         scaled = weights.copy()
         scaled[:, : self.nq] *= duration
         scaled[:, self.ncost :] *= duration
         hessian = self.instants.call("hessian", self.problem.arguments(z), scaled.T).T
-        goal = np.append(multipliers[self.rows - len(self.problem.goal) :], factor * self.end_weights)
+        goal = np.append(multipliers[first:], factor * self.end_weights)
         last = np.zeros(len(self.instants.goal_hessian[0]))
         if goal.size:  # a segment before the last one has neither goal nor costs of its end
             at_end = self.problem.arguments(z[-1:])
             last = self.instants.call("goal_hessian", at_end, goal[:, None])[:, 0]
         # second derivatives by the duration and each instant (points nz,)
         rows, columns = self.instants.jacobian
-        entries = self._instant_jacobian(w)
+        entries = self._at(w, "jacobian")
         timed = (rows < self.nq) | (rows >= self.ncost)
         out = np.zeros((self.points, self.nz))
         contributions = weights[:, rows[timed]] * entries[:, timed]
         np.add.at(out.T, columns[timed], contributions.T)
-        out[:, self.nx : self.nx + self.nv] += self._pulled(multipliers)[:, self.nq :]
+        out[:, self.nx : self.nx + self.nv] += pulled[:, self.nq :]
         crossed = out.ravel()
         return self._hessian.entries(np.concatenate([hessian.ravel(), last, crossed]))
-
-    def _pulled(self, multipliers: Array) -> Array:
-        """Weights of the rates at points by the defects' multipliers, per unit of duration (points, nx)."""
-        of_defects = multipliers[: self.defects].reshape(self.intervals, self.inner, self.nx)
-        pulled = -self._parts * np.einsum("jk,njx->nkx", self.lobatto.integral[1:], of_defects)
-        out = np.zeros((self.points, self.nx))
-        np.add.at(out, self._of, pulled)
-        return out
-
-    def _weights(self, factor: float, multipliers: Array) -> Array:
-        """Weights of F's rows at each point; those of rates and cost per unit of duration."""
-        own = multipliers[self.defects : self.rows - len(self.problem.goal)].reshape(
-            self.points, self.per_point
-        )
-        terms = factor * self.weights[:, None] * self.term_weights
-        return np.hstack([self._pulled(multipliers)[:, : self.nq], own, terms])
 
     def _running(self, found: Array) -> float:
         """The integral over a duration of one of the terms, each with its weight [1/s]."""
@@ -229,14 +248,6 @@ class CollocationProgram:
     def _rates(self, z: Array, found: Array) -> Array:
         """X' at each point (points, nx)."""
         return np.hstack([found[:, : self.nq], z[:, self.nx : self.nx + self.nv]])
-
-    def _values(self, w: Array) -> Array:
-        """F (points, rows)."""
-        return self._at(w, "values")
-
-    def _instant_jacobian(self, w: Array) -> Array:
-        """Entries of F's derivatives (points, entries)."""
-        return self._at(w, "jacobian")
 
     def _last(self, name: str, w: Array) -> Array:
         """One of the last instant's functions."""
@@ -252,34 +263,6 @@ class CollocationProgram:
             found[name] = self.instants.call(name, self.problem.arguments(self.split(w)[0])).T
         return found[name]
 
-    def _jacobian_sums(self) -> SparseSums:
-        """Places of the entries in the order in which :meth:`jacobian` gives them."""
-        rows, columns = self.instants.jacobian
-        n, i, k = np.meshgrid(
-            np.arange(self.intervals), np.arange(self.inner), np.arange(self.nx), indexing="ij"
-        )
-        defect = (n * self.inner + i) * self.nx + k
-        found = [(defect, self._of[n, i + 1] * self.nz + k), (defect, self._of[n, 0] * self.nz + k)]
-        moving = rows < self.nq
-        found.append(self._by_point(defect, rows[moving], columns[moving]))
-        own = np.arange(self.nq, self.nx)
-        found.append(self._by_point(defect, own, self.nx + own - self.nq))
-        found.append((defect, np.full(defect.shape, self.size - 1)))
-        inside = (rows >= self.nq) & (rows < self.ncost)
-        point = np.arange(self.points)[:, None]
-        found.append(
-            (
-                self.defects + point * self.per_point + rows[inside] - self.nq,
-                point * self.nz + columns[inside],
-            )
-        )
-        goal_rows, goal_columns = self.instants.goal_jacobian
-        held = goal_rows < len(self.problem.goal)
-        goal_rows, goal_columns = goal_rows[held], goal_columns[held]
-        first = self.rows - len(self.problem.goal)
-        found.append((first + goal_rows, (self.points - 1) * self.nz + goal_columns))
-        return _sums(found, (self.rows, self.size))
-
     def _by_point(self, defect: Array, rows: Array, columns: Array) -> tuple[Array, Array]:
         """Defects (N, s - 1, nx) of some rows by some entries of the instants at each of their points."""
         row = defect[:, :, None, :][..., rows]  # (N, s - 1, 1, entries)
@@ -287,27 +270,8 @@ class CollocationProgram:
         shape = (self.intervals, self.inner, self.inner + 1, len(rows))
         return np.broadcast_to(row, shape), np.broadcast_to(column, shape)
 
-    def _hessian_sums(self) -> SparseSums:
-        rows, columns = self.instants.hessian
-        point = np.arange(self.points)[:, None] * self.nz
-        goal_rows, goal_columns = self.instants.goal_hessian
-        last = (self.points - 1) * self.nz
-        every = np.arange(self.size - 1)
-        found = [
-            (point + rows, point + columns),
-            (last + goal_rows, last + goal_columns),
-            (every, np.full(every.shape, self.size - 1)),
-        ]
-        return _sums(found, (self.size, self.size))
-
 
 def first_constrained(lobatto: Lobatto, mesh: Mesh, last: float) -> float:
     """First point, as part of the duration, at which what holds for a last part of it must hold."""
     share = lobatto.times(mesh, 1.0)
     return float(share[share >= 1 - last - 1e-12][0])
-
-
-def _sums(found: list[tuple[Any, Any]], shape: tuple[int, int]) -> SparseSums:
-    rows = np.concatenate([np.asarray(r).ravel() for r, _ in found])
-    columns = np.concatenate([np.asarray(c).ravel() for _, c in found])
-    return SparseSums.of(rows.astype(np.int64), columns.astype(np.int64), shape)

@@ -104,12 +104,27 @@ def initial_guess(
         for k, body in enumerate(body for body in stage.scene.robots if driven.of_base(body.name)):
             joint = model.joints[body.root_joint]
             path = _base_path(problem, body, ends, duration, rng, start // WINDINGS**k % WINDINGS)
-            place, speed = (
-                slice(joint.idx_q, joint.idx_q + joint.nq),
-                slice(joint.idx_v, joint.idx_v + joint.nv),
-            )
+            place = slice(joint.idx_q, joint.idx_q + joint.nq)
+            moving = slice(joint.idx_v, joint.idx_v + joint.nv)
             for i, s in enumerate(share):
-                q[i, place], v[i, speed], a[i, speed] = _differentiated(path, s, duration, joint.nv == 3)
+                before, here, after = (path(s + k * STEP) for k in (-1, 0, 1))
+                h = STEP * duration
+                one, other = (
+                    pin.log3(a.rotation.T @ b.rotation) / h for a, b in ((before, here), (here, after))
+                )
+                spin, gain = (one + other) / 2, (other - one) / h
+                speed = here.rotation.T @ (after.translation - before.translation) / (2 * h)
+                bend = (
+                    here.rotation.T @ (after.translation - 2 * here.translation + before.translation) / h**2
+                )
+                bend -= np.cross(spin, speed)
+                if joint.nv == 3:
+                    angle = np.arctan2(here.rotation[1, 0], here.rotation[0, 0])
+                    q[i, place] = [*here.translation[:2], np.cos(angle), np.sin(angle)]
+                    v[i, moving], a[i, moving] = [*speed[:2], spin[2]], [*bend[:2], gain[2]]
+                else:
+                    q[i, place] = [*here.translation, *pin.Quaternion(here.rotation).coeffs()]
+                    v[i, moving], a[i, moving] = [*speed, *spin], [*bend, *gain]
             if joint.nv == 6:  # of two quaternions the one that goes on from the point before
                 turns = q[:, joint.idx_q + 3 : joint.idx_q + 7]
                 for i in range(len(turns)):
@@ -181,25 +196,6 @@ def _placement(q: Array) -> pin.SE3:
     return pin.SE3(pin.Quaternion(*q[[6, 3, 4, 5]]).normalized().toRotationMatrix(), q[:3])
 
 
-def _differentiated(
-    path: Callable[[float], pin.SE3], s: float, duration: float, flat: bool
-) -> tuple[Array, Array, Array]:
-    """Configuration, velocity and acceleration of a floating joint on a path, as Pinocchio has them."""
-    before, here, after = (path(s + k * STEP) for k in (-1, 0, 1))
-    h = STEP * duration
-    one, other = (pin.log3(a.rotation.T @ b.rotation) / h for a, b in ((before, here), (here, after)))
-    spin, gain = (one + other) / 2, (other - one) / h
-    speed = here.rotation.T @ (after.translation - before.translation) / (2 * h)
-    bend = here.rotation.T @ (after.translation - 2 * here.translation + before.translation) / h**2
-    bend -= np.cross(spin, speed)
-    if flat:
-        angle = np.arctan2(here.rotation[1, 0], here.rotation[0, 0])
-        q = np.array([*here.translation[:2], np.cos(angle), np.sin(angle)])
-        return q, np.array([*speed[:2], spin[2]]), np.array([*bend[:2], gain[2]])
-    q = np.array([*here.translation, *pin.Quaternion(here.rotation).coeffs()])
-    return q, np.concatenate([speed, spin]), np.concatenate([bend, gain])
-
-
 def rescaled_motion(motion: Motion, problem: PlanningProblem, duration: float) -> Motion:
     """A motion to begin with: another problem's motion over the same scene, made to last as long.
 
@@ -232,39 +228,20 @@ def drift(
     problem: PlanningProblem, lobatto: Lobatto, mesh: int | Mesh, duration: float
 ) -> tuple[Array, Array]:
     """Configuration and velocity at all points where nothing is driven and joints are at rest."""
-    model, fall = problem.stage.scene.model, _falling(problem)
-    q, v = problem.fixed[: model.nq].copy(), problem.fixed[model.nq :] * _moving(problem)
-    times, found = lobatto.times(mesh, duration), [(q, v)]
-    for begin, end in itertools.pairwise(times):
-        steps = max(1, round(STEPS * (end - begin) / duration))
-        h = (end - begin) / steps
-        for _ in range(steps):  # Heun's method on the manifold
-            one = fall(q, v)
-            other = fall(pin.integrate(model, q, h * v), v + h * one)
-            q, v = pin.integrate(model, q, h * (v + h / 4 * (one + other))), v + h / 2 * (one + other)
-        found.append((q, v))
-    qs, vs = zip(*found, strict=True)
-    return np.array(qs), np.array(vs)
+    stage, model = problem.stage, problem.stage.scene.model
+    data = model.createData()
+    free = np.ones(model.nv)  # 1 for velocities that are free, 0 for those of joints
+    free[list(stage.driven.columns[: len(stage.driven.joints)])] = 0.0
+    q, v = problem.fixed[: model.nq].copy(), problem.fixed[model.nq :] * free
+    held = None
+    if stage.grips:
+        rows = ca.vertcat(stage.parting, stage.a[np.flatnonzero(free == 0).tolist()])
+        held = ca.Function("held", [stage.q, stage.v, stage.a], [rows, ca.jacobian(rows, stage.a)])
 
-
-def _moving(problem: PlanningProblem) -> Array:
-    """1 for velocities that are free, 0 for those of joints (nv,)."""
-    free = np.ones(problem.stage.scene.model.nv)
-    free[list(problem.stage.driven.columns[: len(problem.stage.driven.joints)])] = 0.0
-    return free
-
-
-def _falling(problem: PlanningProblem) -> Callable[[Array, Array], Array]:
-    """Acceleration (nv,) where nothing is driven and joints are at rest."""
-    stage, free = problem.stage, _moving(problem)
-    model, data = stage.scene.model, stage.scene.model.createData()
-    if not stage.grips:
-        return lambda q, v: np.asarray(free * pin.aba(model, data, q, v, np.zeros(model.nv)))
-    rows = ca.vertcat(stage.parting, stage.a[np.flatnonzero(free == 0).tolist()])
-    held = ca.Function("held", [stage.q, stage.v, stage.a], [rows, ca.jacobian(rows, stage.a)])
-
-    def fall(q: Array, v: Array) -> Array:
-        """With what is held."""
+    def falling(q: Array, v: Array) -> Array:
+        """Acceleration (nv,) where nothing is driven and joints are at rest."""
+        if held is None:
+            return np.asarray(free * pin.aba(model, data, q, v, np.zeros(model.nv)))
         bias, slopes = (np.array(x.full()) for x in held(q, v, np.zeros(model.nv)))
         upper, none = np.triu(pin.crba(model, data, q)), np.zeros((len(slopes), len(slopes)))
         inertia = upper + np.triu(upper, 1).T
@@ -272,7 +249,17 @@ def _falling(problem: PlanningProblem) -> Callable[[Array, Array], Array]:
         right = -np.concatenate([pin.nle(model, data, q, v), bias.ravel()])
         return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0][: model.nv])
 
-    return fall
+    times, found = lobatto.times(mesh, duration), [(q, v)]
+    for begin, end in itertools.pairwise(times):
+        steps = max(1, round(STEPS * (end - begin) / duration))
+        h = (end - begin) / steps
+        for _ in range(steps):  # Heun's method on the manifold
+            one = falling(q, v)
+            other = falling(pin.integrate(model, q, h * v), v + h * one)
+            q, v = pin.integrate(model, q, h * (v + h / 4 * (one + other))), v + h / 2 * (one + other)
+        found.append((q, v))
+    qs, vs = zip(*found, strict=True)
+    return np.array(qs), np.array(vs)
 
 
 def _inverse_kinematics(problem: PlanningProblem, q: Array, v: Array, columns: list[int]) -> Array:

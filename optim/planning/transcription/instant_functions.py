@@ -13,7 +13,7 @@ import numpy.typing as npt
 from optim.planning.formulation.rows import implicit_in, implicit_values, symbols_of
 from optim.planning.formulation.stage import PlanningProblem
 from spacerobot.arrays import Array
-from spacerobot.compiled import Library, compile_functions, find_toolchain
+from spacerobot.compiled import compile_functions, find_toolchain
 from spacerobot.elements.plan_instant import BoundedRow
 from spacerobot.errors import CompileError
 from spacerobot.shapes import Implicit
@@ -154,11 +154,7 @@ def _instants(
             functions |= {one.function.name(): one.function for one in found if one.function is not None}
     call, used = _caller(functions, backend)
     none = (np.empty(0, dtype=np.int64),) * 2
-    return InstantFunctions(_held(call, rows), used, *(patterns + [none] * (4 - len(patterns))))
-
-
-def _held(call: Callable[..., Array], rows: Mapping[str, Parts]) -> Callable[..., Array]:
-    """Evaluate functions of an instant alone: what iterations find is cached."""
+    # what iterations find is cached
     implicit = {f"{prefix}{name}": (prefix, found) for prefix, (_, found) in rows.items() for name in NAMES}
     kept: dict[str, tuple[bytes, Array]] = {}
 
@@ -172,7 +168,7 @@ def _held(call: Callable[..., Array], rows: Mapping[str, Parts]) -> Callable[...
             kept[prefix] = key, implicit_values(found, call(f"{prefix}given", z), call)
         return call(name, z, kept[prefix][1], *others)
 
-    return called
+    return InstantFunctions(called, used, *(patterns + [none] * (4 - len(patterns))))
 
 
 def derived(
@@ -233,42 +229,25 @@ def _caller(functions: Mapping[str, ca.Function], backend: str) -> tuple[Callabl
             if backend == "compiled":
                 raise
         else:
-            return _in_lanes(library, functions), "compiled"
-    return _in_turn(functions), "interpreted"
 
+            def in_lanes(name: str, *given: Array) -> Array:
+                """Values (n, count) of a function at columns, in groups; the last column fills them up."""
+                count, size = given[0].shape[1], functions[name].numel_out(0)
+                wide = [np.hstack([array, np.tile(array[:, -1:], -count % lanes)]) for array in given]
+                out = np.empty((size, count))
+                for begin in range(0, count if size else 0, lanes):
+                    group = [array[:, begin : begin + lanes] for array in wide]
+                    out[:, begin : begin + lanes] = library(name, *group)[0][:, : count - begin]
+                return out
 
-def _in_lanes(library: Library, functions: Mapping[str, ca.Function]) -> Callable[..., Array]:
-    """Groups of columns as wide as the lanes; the last column fills up the last group."""
-    lanes = library.lanes
-
-    def call(name: str, *given: Array) -> Array:
-        """Values (n, count) of a function at columns of its arguments."""
-        count, size = given[0].shape[1], functions[name].numel_out(0)
-        out = np.empty((size, count))
-        if not size:
-            return out
-        for begin in range(0, count, lanes):
-            end = min(begin + lanes, count)
-            wide = [_filled(array[:, begin:end], lanes) for array in given]
-            out[:, begin:end] = library(name, *wide)[0][:, : end - begin]
-        return out
-
-    return call
-
-
-def _filled(columns: Array, lanes: int) -> Array:
-    """As many columns as there are lanes."""
-    missing = lanes - columns.shape[1]
-    return np.hstack([columns, np.tile(columns[:, -1:], missing)]) if missing else columns
-
-
-def _in_turn(functions: Mapping[str, ca.Function]) -> Callable[..., Array]:
+            return in_lanes, "compiled"
     mapped: dict[tuple[str, int], ca.Function] = {}
 
-    def call(name: str, *given: Array) -> Array:
+    def in_turn(name: str, *given: Array) -> Array:
+        """The same, interpreted."""
         count = given[0].shape[1]
         if (name, count) not in mapped:
             mapped[name, count] = functions[name].map(count)
         return np.array(mapped[name, count](*given).full()).reshape(-1, count)
 
-    return call
+    return in_turn, "interpreted"

@@ -7,10 +7,9 @@ import dataclasses
 import numpy as np
 
 from optim.planning.solver.ipopt import Solution, Told, solve
-from optim.planning.solver.nonlinear_program import NonlinearProgram
 from optim.planning.transcription.collocation_program import CollocationProgram
 from optim.planning.transcription.motion import Motion
-from optim.planning.transcription.phase_chain import PhaseChain, phase_programs
+from optim.planning.transcription.phase_chain import PhaseChain
 from spacerobot.arrays import Array
 
 
@@ -42,11 +41,11 @@ def solve_from(
     found = solve(coarse, motion.unknowns, scale=scale, iterations=iterations, told=told)
     z, duration = coarse.split(found.w)
     near = dataclasses.replace(motion, z=z, duration_s=duration).on(program.lobatto, program.mesh)
-    warm = transfer(found, coarse, program) if found.converged else None
+    warm = transfer_remaining(found, coarse, program) if found.converged else None
     return found, solve(program, near.unknowns, warm, scale=scale, iterations=iterations, told=told)
 
 
-def transfer(solution: Solution, source: NonlinearProgram, target: NonlinearProgram) -> Solution:
+def transfer(solution: Solution, source: PhaseChain, target: PhaseChain) -> Solution:
     """Transfer a solution from one mesh to another of the same problem.
 
     Multipliers of what holds at points are densities over time times the weights of the quadrature; those of
@@ -59,8 +58,6 @@ def transfer(solution: Solution, source: NonlinearProgram, target: NonlinearProg
     source, target
         Its program, and the one that is to be solved. Unknowns are not carried over.
     """
-    if not (isinstance(source, PhaseChain) and isinstance(target, PhaseChain)):
-        return transfer_remaining(solution, phase_programs(source)[0], phase_programs(target)[0])
     parts = source.parted(solution)
     of = zip(parts, source.programs, target.programs, strict=False)
     parts[: len(source.programs)] = [transfer_remaining(*one) for one in of]
@@ -71,7 +68,7 @@ def transfer(solution: Solution, source: NonlinearProgram, target: NonlinearProg
     )
 
 
-def transfer_constrained(solution: Solution, source: NonlinearProgram, target: NonlinearProgram) -> Solution:
+def transfer_constrained(solution: Solution, source: PhaseChain, target: PhaseChain) -> Solution:
     """Transfer a solution to the same problem and mesh with further path constraints.
 
     Parameters
@@ -82,8 +79,8 @@ def transfer_constrained(solution: Solution, source: NonlinearProgram, target: N
         Its program, and the one whose path has all rows of the source's, in the same order, and more of other
         names: their multipliers are zero.
     """
-    parts, found = source.parted(solution) if isinstance(source, PhaseChain) else [solution], list[Array]()
-    for part, old, new in zip(parts, phase_programs(source), phase_programs(target), strict=False):
+    found = list[Array]()
+    for part, old, new in zip(source.parted(solution), source.programs, target.programs, strict=False):
         last = old.rows - len(old.problem.goal)
         held = part.multipliers[old.defects : last].reshape(old.points, -1)
         values, k = np.zeros((new.points, new.per_point)), new.nv
@@ -95,7 +92,7 @@ def transfer_constrained(solution: Solution, source: NonlinearProgram, target: N
         found.append(
             np.concatenate([part.multipliers[: old.defects], values.ravel(), part.multipliers[last:]])
         )
-    found.append(solution.multipliers[sum(one.rows for one in phase_programs(source)) :])  # of links
+    found.append(solution.multipliers[sum(one.rows for one in source.programs) :])  # of links
     return dataclasses.replace(solution, multipliers=np.concatenate(found))
 
 

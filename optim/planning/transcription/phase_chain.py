@@ -20,7 +20,6 @@ from scipy import sparse
 from optim.planning.formulation.grasps import tip_slip
 from optim.planning.formulation.stage import Stage
 from optim.planning.solver.ipopt import Solution
-from optim.planning.solver.nonlinear_program import NonlinearProgram
 from optim.planning.transcription.collocation_program import CollocationProgram, SparseSums
 from optim.planning.transcription.instant_functions import Pattern, derived
 from spacerobot.arrays import Array
@@ -148,28 +147,24 @@ class PhaseChain:
         self.rest = rest or LinearConstraints(sparse.csr_matrix((0, self.size)), np.empty(0), np.empty(0))
         self._joined = []  # the unknowns of each link
         for k, link in enumerate(links):
-            before = programs[k]
-            own = np.arange(before.nx)
-            self._joined.append(
-                np.concatenate(
-                    [
-                        first[k] + (before.points - 1) * before.nz + own,
-                        first[k + 1] + own,
-                        first[len(programs) + k] + np.arange(link.impulses),
-                    ]
-                )
-            )
-        self._jacobian, self._hessian = self._jacobian_sums(), self._hessian_sums()
-
-    @property
-    def jacobian_pattern(self) -> sparse.csc_matrix:
-        """Where the constraints' first derivatives stand."""
-        return self._jacobian.matrix
-
-    @property
-    def hessian_pattern(self) -> sparse.csc_matrix:
-        """Where the upper triangle of the Lagrangian's second derivatives stands."""
-        return self._hessian.matrix
+            before, state = programs[k], np.arange(programs[k].nx)
+            ends = first[k] + (before.points - 1) * before.nz + state, first[k + 1] + state
+            impulse = first[len(programs) + k] + np.arange(link.impulses)
+            self._joined.append(np.concatenate([*ends, impulse]))
+        # places of the derivatives' entries: those of the programs, and those of the links
+        jacobian, hessian, row = list[Pattern](), list[Pattern](), np.cumsum([0, *self._counts])
+        for k, program in enumerate(programs):
+            own, bends = program.jacobian_pattern.tocoo(), program.hessian_pattern.tocoo()
+            jacobian.append((row[k] + own.row, first[k] + own.col))
+            hessian.append((first[k] + bends.row, first[k] + bends.col))
+        for k, (link, joined) in enumerate(zip(links, self._joined, strict=True), start=len(programs)):
+            jacobian.append((row[k] + link.jacobian[0], joined[link.jacobian[1]]))
+            hessian.append((joined[link.hessian[0]], joined[link.hessian[1]]))
+        linear = self.rest.matrix.tocoo()
+        jacobian.append((self.rows - len(self.rest.least) + linear.row, linear.col))
+        self._jacobian = SparseSums.of(jacobian, (self.rows, self.size))
+        self._hessian = SparseSums.of(hessian, (self.size, self.size))
+        self.jacobian_pattern, self.hessian_pattern = self._jacobian.matrix, self._hessian.matrix
 
     def parts(self, w: Array) -> list[Array]:
         """Unknowns of each program, and the impulse of each link."""
@@ -234,47 +229,3 @@ class PhaseChain:
 
     def _linked(self, name: str, w: Array) -> list[Array]:
         return [link.call(name, w[own]) for link, own in zip(self.links, self._joined, strict=True)]
-
-    def _jacobian_sums(self) -> SparseSums:
-        """Places of the entries: those of the programs, and those of the links."""
-        first, at = (np.cumsum([0, *sizes]) for sizes in (self._counts, self._sizes))
-        found = []
-        for k, program in enumerate(self.programs):
-            rows, columns = _places(program.jacobian_pattern)
-            found.append((first[k] + rows, at[k] + columns))
-        for k, (link, own) in enumerate(zip(self.links, self._joined, strict=True)):
-            rows, columns = link.jacobian
-            found.append((first[len(self.programs) + k] + rows, own[columns]))
-        rest = self.rest.matrix.tocoo()
-        found.append((self.rows - len(self.rest.least) + rest.row, rest.col))
-        return _summed(found, (self.rows, self.size))
-
-    def _hessian_sums(self) -> SparseSums:
-        at, found = np.cumsum([0, *self._sizes]), []
-        for k, program in enumerate(self.programs):
-            rows, columns = _places(program.hessian_pattern)
-            found.append((at[k] + rows, at[k] + columns))
-        found += [
-            (own[link.hessian[0]], own[link.hessian[1]])
-            for link, own in zip(self.links, self._joined, strict=True)
-        ]
-        return _summed(found, (self.size, self.size))
-
-
-def phase_programs(program: NonlinearProgram) -> tuple[CollocationProgram, ...]:
-    """Programs of the phases, one where there is no chain."""
-    if isinstance(program, PhaseChain):
-        return program.programs
-    assert isinstance(program, CollocationProgram)
-    return (program,)
-
-
-def _places(pattern: sparse.csc_matrix) -> Pattern:
-    """Row and column of each entry, in their order."""
-    columns = np.repeat(np.arange(pattern.shape[1]), np.diff(pattern.indptr))
-    return pattern.indices.astype(np.int64), columns.astype(np.int64)
-
-
-def _summed(found: list[Pattern], shape: tuple[int, int]) -> SparseSums:
-    rows, columns = (np.concatenate(side).astype(np.int64) for side in zip(*found, strict=True))
-    return SparseSums.of(rows, columns, shape)

@@ -9,14 +9,13 @@ e_n = e_p + t e_v. Cut into m pieces, an interval adds e_n / m^p, with p the ord
 from __future__ import annotations
 
 import heapq
-from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
 
 from optim.planning.transcription.mesh import Mesh
-from optim.planning.transcription.motion import Motion, PhasedMotion
+from optim.planning.transcription.motion import PhasedMotion
 from optim.planning.verification.replay import steps_of, tip_errors
 from optim.planning.verification.verify import ROUNDING, VerificationResult, between_points
 from spacerobot.arrays import Array
@@ -48,12 +47,32 @@ def refined_meshes(
     tuple or None
         A mesh for each phase; None where no interval may be split any more.
     """
-    counts = [_pieces_within_limits(motion) for motion in phased_motion.motions]
+    counts = []
+    for motion in phased_motion.motions:  # two pieces where a limit is passed by more than allowed
+        pieces = np.ones(motion.intervals, dtype=int)
+        for one in between_points(motion):
+            passed = one.time_s[one.excess > max(one.allowed, ROUNDING)] / motion.duration_s
+            pieces[motion.mesh.located(passed)[0]] = 2
+        counts.append(pieces)
     if verification.error_m > verification.tolerance_m:
         errors = local_errors(phased_motion, backend)
         # Errors of intervals cancel, or grow on the way: what they sum up to is scaled to what was seen.
         seen = verification.error_m / max(sum(float(own.sum()) for own in errors), 1e-300)
-        _split_worst(counts, [own * seen for own in errors], phased_motion, SAFETY * verification.tolerance_m)
+        errors = [own * seen for own in errors]
+        # One piece more for the interval that adds most, until all of them add no more than is allowed.
+        order = 2 * phased_motion.motions[0].lobatto.points - 2
+        rest = [own / count**order for own, count in zip(errors, counts, strict=True)]
+        heap = [(-error, k, n) for k, own in enumerate(rest) for n, error in enumerate(own)]
+        heapq.heapify(heap)
+        total = sum(float(own.sum()) for own in rest)
+        while heap and total > SAFETY * verification.tolerance_m:
+            error, k, n = heapq.heappop(heap)
+            if counts[k][n] >= PIECES:
+                continue
+            counts[k][n] += 1
+            after = errors[k][n] / counts[k][n] ** order
+            total += error + after
+            heapq.heappush(heap, (-after, k, n))
     meshes = []
     for motion, own in zip(phased_motion.motions, counts, strict=True):
         room = max_intervals - motion.intervals
@@ -122,31 +141,3 @@ def local_errors(phased_motion: PhasedMotion, backend: str = "auto") -> list[Arr
             states[n + 1, : model.nq] = pin.integrate(model, state[: model.nq], drift)
         found.append(np.max([own[1:] for own in tip_errors(motion, states).values()], axis=0))
     return found
-
-
-def _split_worst(
-    counts: Sequence[Array], errors: Sequence[Array], phased_motion: PhasedMotion, allowed: float
-) -> None:
-    """One piece more for the interval that adds most, until all of them add no more than is allowed."""
-    order = 2 * phased_motion.motions[0].lobatto.points - 2
-    rest = [own / count**order for own, count in zip(errors, counts, strict=True)]
-    heap = [(-error, k, n) for k, own in enumerate(rest) for n, error in enumerate(own)]
-    heapq.heapify(heap)
-    total = sum(float(own.sum()) for own in rest)
-    while heap and total > allowed:
-        error, k, n = heapq.heappop(heap)
-        if counts[k][n] >= PIECES:
-            continue
-        counts[k][n] += 1
-        after = errors[k][n] / counts[k][n] ** order
-        total += error + after
-        heapq.heappush(heap, (-after, k, n))
-
-
-def _pieces_within_limits(motion: Motion) -> Array:
-    """Two pieces for intervals inside which a limit is passed by more than allowed, one for others (N,)."""
-    counts = np.ones(motion.intervals, dtype=int)
-    for one in between_points(motion):
-        passed = one.time_s[one.excess > max(one.allowed, ROUNDING)] / motion.duration_s
-        counts[motion.mesh.located(passed)[0]] = 2
-    return counts

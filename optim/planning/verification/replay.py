@@ -87,9 +87,29 @@ class ReplayLoop:
             force[column] += torque[k]
         for k, joint in enumerate(driven.joints):
             column = driven.columns[k]
-            behind = _behind(model.joints[joint], q, wanted[k])
+            # how far it is behind [rad or m], the short way round if it is unbounded
+            own, near = model.joints[joint], q[model.joints[joint].idx_q]
+            behind = wanted[k] - near
+            if own.nq == 2:
+                c, s, other = ca.cos(wanted[k]), ca.sin(wanted[k]), q[own.idx_q + 1]
+                behind = ca.atan2(s * near - c * other, c * near + s * other)
             force[column] += kp[k] * behind + kd[k] * (rate[k] - v[column])
-        change = ca.vertcat(configuration_derivative(model, q, v), _acceleration(stage, q, v, force))
+        # forward dynamics with the grasps that hold
+        moving = forward_kinematics(model, q, v)
+        for spring in stage.springs:
+            wrench = ca.vertcat(*spring_wrench(stage.scene, moving, spring))
+            force = force + ca.jtimes(tip_slip(stage.scene, moving, [spring]), v, wrench, True)
+        body = ArticulatedBody.factorise(model, moving, Inertias.from_model(model))
+        acceleration = free = body.acceleration(force)
+        if stage.grips:
+            parting = tip_slip(stage.scene, moving, stage.grips)
+            slopes = ca.jacobian(parting, v)
+            drift = ca.jtimes(parting, q, configuration_derivative(model, q, v))
+            response = ca.horzcat(*(body.response(row.T) for row in ca.vertsplit(slopes)))
+            factors = SymmetricFactors(ca.mtimes(slopes, response))
+            wrench = factors.solve_negated(ca.mtimes(slopes, free) + drift)
+            acceleration = free + ca.mtimes(response, wrench)
+        change = ca.vertcat(configuration_derivative(model, q, v), acceleration)
         p, none = ca.SX.sym("p", nx + given.numel()), ca.SX(0, 1)
         names = tuple(f"p{i}" for i in range(p.numel()))
         xdot, e = ca.SX.sym("xdot", nx), ca.SX.sym("e")
@@ -109,25 +129,6 @@ class ReplayLoop:
             ca.Function("update", [*at, e], [x], [*at_names, "e"], ["x_after"]),
             ca.Function("rows", at, [none], at_names, ["row"]),
         )
-
-
-def _acceleration(stage: Stage, q: ca.SX, v: ca.SX, force: ca.SX) -> ca.SX:
-    """Forward dynamics (nv x 1) with the grasps that hold."""
-    scene, model, grips = stage.scene, stage.scene.model, stage.grips
-    kinematics = forward_kinematics(model, q, v)
-    for spring in stage.springs:
-        wrench = ca.vertcat(*spring_wrench(scene, kinematics, spring))
-        force = force + ca.jtimes(tip_slip(scene, kinematics, [spring]), v, wrench, True)
-    body = ArticulatedBody.factorise(model, kinematics, Inertias.from_model(model))
-    free = body.acceleration(force)
-    if not grips:
-        return free
-    parting = tip_slip(scene, kinematics, grips)
-    slopes = ca.jacobian(parting, v)
-    drift = ca.jtimes(parting, q, configuration_derivative(model, q, v))
-    response = ca.horzcat(*(body.response(row.T) for row in ca.vertsplit(slopes)))
-    wrench = SymmetricFactors(ca.mtimes(slopes, response)).solve_negated(ca.mtimes(slopes, free) + drift)
-    return free + ca.mtimes(response, wrench)
 
 
 def replay_phases(phased_motion: PhasedMotion, backend: str = "auto") -> tuple[list[Array], list[Array]]:
@@ -253,16 +254,6 @@ def tip_errors(motion: Motion, states: Array) -> Mapping[str, Array]:
             error = np.linalg.norm(one.translation - other.translation) + np.linalg.norm(turned)
             errors[label].append(float(error))
     return {label: np.array(values) for label, values in errors.items()}
-
-
-def _behind(joint: Any, q: ca.SX, wanted: ca.SX) -> ca.SX:
-    """How far a joint is behind a position [rad or m], the short way round if it is unbounded."""
-    at = q[joint.idx_q]
-    if joint.nq == 1:
-        return wanted - at
-    c, s = ca.cos(wanted), ca.sin(wanted)
-    other = q[joint.idx_q + 1]
-    return ca.atan2(s * at - c * other, c * at + s * other)
 
 
 def _summed(polynomials: Sequence[Array], place: ca.SX, values: ca.SX) -> ca.SX:

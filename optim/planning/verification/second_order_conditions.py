@@ -22,8 +22,7 @@ from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
 from optim.planning.solver.ipopt import Solution
-from optim.planning.solver.nonlinear_program import NonlinearProgram
-from optim.planning.transcription.phase_chain import phase_programs
+from optim.planning.transcription.phase_chain import PhaseChain
 from spacerobot.arrays import Array
 
 FLAT = 1e-3
@@ -34,7 +33,7 @@ STEPS = 30
 """Of the inverse iteration."""
 
 
-def descent_direction(program: NonlinearProgram, solution: Solution, scale: float) -> Array | None:
+def descent_direction(program: PhaseChain, solution: Solution, scale: float) -> Array | None:
     """Direction (size,) along which the cost falls to second order and the constraints hold to first.
 
     None where the solution is a minimum. Its mean square over the duration is one.
@@ -46,7 +45,26 @@ def descent_direction(program: NonlinearProgram, solution: Solution, scale: floa
     scale
         Size of the cost.
     """
-    matrix, weights = _projected(program, solution, scale)
+    w, (low, high), (least, greatest) = solution.w, program.bounds(), program.limits()
+    pattern = program.hessian_pattern
+    upper = sparse.csc_matrix(
+        (program.hessian(w, 1.0, solution.multipliers), pattern.indices, pattern.indptr), shape=pattern.shape
+    )
+    pattern = program.jacobian_pattern
+    slopes = sparse.csc_matrix((program.jacobian(w), pattern.indices, pattern.indptr), shape=pattern.shape)
+    stiff = _stiffness(program.constraints(w), least, greatest, solution.multipliers, EQUATION * scale)
+    sizes = np.sqrt(np.asarray(slopes.multiply(slopes).sum(axis=1)).ravel())
+    equal = least == greatest
+    stiff[equal] /= np.maximum(sizes[equal], 1e-12) ** 2
+    held = _stiffness(w, low, high, solution.bound_multipliers, EQUATION * scale)
+    # diagonal of W: parts of the duration that belong to the unknowns;
+    # one for durations, zero for what is given
+    parts = np.concatenate([np.append(np.repeat(one.weights, one.nz), 1.0) for one in program.programs])
+    weights = np.concatenate([parts, np.ones(program.size)])[: program.size]
+    weights[low == high] = 0.0
+    held[low == high] = 0.0
+    hessian = upper + sparse.triu(upper, 1).T
+    matrix = (hessian + sparse.diags(held) + slopes.T @ sparse.diags(stiff) @ slopes).tocsc()  # H + J' D J
     free = np.flatnonzero(weights)
     matrix, own = matrix[free][:, free].tocsc(), sparse.diags(weights[free], format="csc")
     if _positive(matrix + FLAT * scale * own) is not None:
@@ -68,33 +86,6 @@ def descent_direction(program: NonlinearProgram, solution: Solution, scale: floa
     out = np.zeros(program.size)
     out[free] = found
     return out
-
-
-def _projected(
-    program: NonlinearProgram, solution: Solution, scale: float
-) -> tuple[sparse.csc_matrix, Array]:
-    """H + J' D J, and the diagonal of W with zeros for unknowns that are given."""
-    w, (low, high), (least, greatest) = solution.w, program.bounds(), program.limits()
-    pattern = program.hessian_pattern
-    upper = sparse.csc_matrix(
-        (program.hessian(w, 1.0, solution.multipliers), pattern.indices, pattern.indptr), shape=pattern.shape
-    )
-    pattern = program.jacobian_pattern
-    slopes = sparse.csc_matrix((program.jacobian(w), pattern.indices, pattern.indptr), shape=pattern.shape)
-    stiff = _stiffness(program.constraints(w), least, greatest, solution.multipliers, EQUATION * scale)
-    sizes = np.sqrt(np.asarray(slopes.multiply(slopes).sum(axis=1)).ravel())
-    equal = least == greatest
-    stiff[equal] /= np.maximum(sizes[equal], 1e-12) ** 2
-    held = _stiffness(w, low, high, solution.bound_multipliers, EQUATION * scale)
-    # parts of the duration that belong to the unknowns of the phases; one for their durations
-    parts = np.concatenate(
-        [np.append(np.repeat(one.weights, one.nz), 1.0) for one in phase_programs(program)]
-    )
-    weights = np.concatenate([parts, np.ones(program.size)])[: program.size]
-    weights[low == high] = 0.0
-    held[low == high] = 0.0
-    hessian = upper + sparse.triu(upper, 1).T
-    return (hessian + sparse.diags(held) + slopes.T @ sparse.diags(stiff) @ slopes).tocsc(), weights
 
 
 def _stiffness(values: Array, least: Array, greatest: Array, multipliers: Array, most: float) -> Array:

@@ -16,28 +16,17 @@ BANDWIDTH = 5.0
 def tracking_gains(motion: Motion, robot: str) -> dict[str, float]:
     """Gains ``kp`` and ``kd`` of a robot's joints, of the joint that moves least inertia at the start."""
     scene = motion.problem.stage.scene
-    mobility = _mobility(motion)
-    columns = [scene.model.idx_vs[joint] for joint in scene.body(robot).driven_joints]
-    least = 1 / float(max(mobility[column, column] for column in columns))
-    return {"kp": float(f"{BANDWIDTH**2 * least:.3g}"), "kd": float(f"{2 * BANDWIDTH * least:.3g}")}
-
-
-def _mobility(motion: Motion) -> Array:
-    """Accelerations per generalized force (nv x nv), with what rigid grasps hold moved along.
-
-    ``W - W A' (A W A')^-1 A W`` with W = M^-1 and A v the relative velocity that the grasps keep zero: an arm
-    that holds a heavy object moves its inertia with every joint, and needs gains for it.
-    """
-    scene, grips = motion.problem.stage.scene, motion.problem.stage.grips
+    # Accelerations per generalized force (nv x nv), with what rigid grasps hold moved along:
+    # W - W A' (A W A')^-1 A W with W = M^-1 and A v the relative velocity that the grasps keep zero. An arm
+    # that holds a heavy object moves its inertia with every joint, and needs gains for it.
+    grips = motion.problem.stage.grips
     model, data = scene.model, scene.model.createData()
-    if not grips:
-        return np.array(pin.computeMinverse(model, data, np.array(scene.q)))
-    q = np.array(motion.q[0])
-    inverse = np.triu(pin.computeMinverse(model, data, q))
-    inverse += np.triu(inverse, 1).T
+    q = np.array(motion.q[0] if grips else scene.q)
+    mobility = np.triu(pin.computeMinverse(model, data, q))
+    mobility += np.triu(mobility, 1).T
     pin.computeJointJacobians(model, data, q)
     pin.updateFramePlacements(model, data)
-    rows = []
+    rows = list[Array]()
     for grasp in grips:
         tip, mate = (
             pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
@@ -45,9 +34,13 @@ def _mobility(motion: Motion) -> Array:
         )
         turns = scene.rotation_axes if grasp.config.holds_orientation else ()
         rows.append((tip - mate)[[*scene.translation_axes, *(3 + axis for axis in turns)]])
-    slopes = np.vstack(rows)
-    response = inverse @ slopes.T
-    return np.asarray(inverse - response @ np.linalg.pinv(slopes @ response) @ response.T)
+    if rows:
+        slopes = np.vstack(rows)
+        response = mobility @ slopes.T
+        mobility = mobility - response @ np.linalg.pinv(slopes @ response) @ response.T
+    columns = [scene.model.idx_vs[joint] for joint in scene.body(robot).driven_joints]
+    least = 1 / float(max(mobility[column, column] for column in columns))
+    return {"kp": float(f"{BANDWIDTH**2 * least:.3g}"), "kd": float(f"{2 * BANDWIDTH * least:.3g}")}
 
 
 def base_gains(scene: Scene, robot: str) -> dict[str, float]:

@@ -13,6 +13,7 @@ from optim.planning.solver.ipopt import Solution
 from optim.planning.solver.nonlinear_program import NonlinearProgram
 from optim.planning.transcription.collocation_program import first_constrained
 from optim.planning.transcription.motion import Motion, PhasedMotion
+from optim.planning.transcription.phase_chain import PhaseChain
 from optim.planning.verification.replay import replay_phases, tip_errors
 from optim.planning.verification.second_order_conditions import descent_direction
 from spacerobot.arrays import Array
@@ -132,7 +133,7 @@ class VerificationResult:
 
 def verify(
     phased_motion: PhasedMotion,
-    program: NonlinearProgram,
+    program: PhaseChain,
     solution: Solution,
     scale: float,
     backend: str = "auto",
@@ -150,9 +151,13 @@ def verify(
     backend
         What replays: ``auto``, ``compiled`` or ``interpreted``.
     """
-    alone, followed = (
-        _greatest_errors(phased_motion, states) for states in replay_phases(phased_motion, backend)
-    )
+    errors = list[dict[str, float]]()  # greatest distance of each tip from the plan in any phase [m]
+    for states in replay_phases(phased_motion, backend):
+        greatest = dict[str, float]()
+        for motion, found in zip(phased_motion.motions, states, strict=True):
+            for label, own in tip_errors(motion, found).items():
+                greatest[label] = max(greatest.get(label, 0.0), float(own.max()))
+        errors.append(greatest)
     violations = [
         Violation(one.name, one.unit, float(one.excess.max()), max(one.allowed, 1e-12), begin + one.worst_s)
         for begin, motion in zip(phased_motion.begins, phased_motion.motions, strict=True)
@@ -161,20 +166,12 @@ def verify(
     ]
     violations.sort(key=lambda v: -v.amount / v.allowed)
     problem = phased_motion.motions[0].problem
-    found = first_order_residual(program, solution, scale)
-    saddle = found <= RESIDUAL and descent_direction(program, solution, scale) is not None
+    residual = first_order_residual(program, solution, scale)
+    saddle = residual <= RESIDUAL and descent_direction(program, solution, scale) is not None
+    alone, followed = errors
     return VerificationResult(
-        found, tuple(violations), alone, followed, problem.tolerance, problem.open_loop, saddle
+        residual, tuple(violations), alone, followed, problem.tolerance, problem.open_loop, saddle
     )
-
-
-def _greatest_errors(phased_motion: PhasedMotion, states: list[Array]) -> dict[str, float]:
-    """Greatest distance of each tip from the plan in any phase [m]."""
-    greatest: dict[str, float] = {}
-    for motion, found in zip(phased_motion.motions, states, strict=True):
-        for label, errors in tip_errors(motion, found).items():
-            greatest[label] = max(greatest.get(label, 0.0), float(errors.max()))
-    return greatest
 
 
 def first_order_residual(program: NonlinearProgram, solution: Solution, scale: float) -> float:

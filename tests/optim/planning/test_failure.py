@@ -15,6 +15,7 @@ from optim.planning.solver.elastic import ElasticProgram
 from optim.planning.transcription.collocation_program import CollocationProgram
 from optim.planning.transcription.instant_functions import build_instants
 from optim.planning.transcription.lobatto import Lobatto
+from optim.planning.transcription.phase_chain import PhaseChain
 from spacerobot.errors import NoPlanError
 
 QUICK = [("plan.intervals", 4), ("plan.tolerance", 1.0)]
@@ -68,7 +69,7 @@ def test_a_bad_start_names_what_is_no_number(reach):
     row = solver.problem.goal[0]
     bad = (dataclasses.replace(row, value=row.value / 0), *solver.problem.goal[1:])
     problem = dataclasses.replace(solver.problem, goal=bad)
-    wrong = dataclasses.replace(solver, problem=problem, instants=build_instants(problem, "interpreted"))
+    wrong = solver.with_first(problem=problem, instants=build_instants(problem, "interpreted"))
     result = solve_request(wrong, wrong.request())
     assert result.solution is None
     message = failure_message(result)
@@ -87,7 +88,8 @@ def test_derivatives_of_the_elastic_program_equal_central_differences(reach):
     problem = formulate(
         reach(("plan.approach_cones.mate", {"tip": "one/tip", "frame": "mate_1", "half_angle_deg": 20}))
     )
-    program = CollocationProgram(problem, build_instants(problem, "interpreted"), Lobatto.of_order(4), 2)
+    one = CollocationProgram(problem, build_instants(problem, "interpreted"), Lobatto.of_order(4), 2)
+    program = PhaseChain([one], [])
     elastic, rng = ElasticProgram(program, soft_rows(program), 0.5), np.random.default_rng(0)
     w, along = 0.3 * rng.normal(size=elastic.size), rng.normal(size=elastic.size)
     w[program.size - 1] = 5.0
@@ -116,7 +118,8 @@ def test_derivatives_of_the_elastic_program_equal_central_differences(reach):
 
 def test_the_elastic_program_begins_feasible_in_what_is_soft(reach):
     problem = formulate(reach())
-    program = CollocationProgram(problem, build_instants(problem, "interpreted"), Lobatto.of_order(4), 2)
+    one = CollocationProgram(problem, build_instants(problem, "interpreted"), Lobatto.of_order(4), 2)
+    program = PhaseChain([one], [])
     soft = soft_rows(program)
     elastic, rng = ElasticProgram(program, soft, 1.0), np.random.default_rng(1)
     w = 0.3 * rng.normal(size=program.size)

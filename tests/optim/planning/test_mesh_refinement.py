@@ -14,7 +14,7 @@ from optim.planning.transcription.collocation_program import CollocationProgram
 from optim.planning.transcription.instant_functions import build_instants
 from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.mesh import Mesh
-from optim.planning.transcription.mesh_transfer import transfer
+from optim.planning.transcription.mesh_transfer import transfer_remaining
 from optim.planning.transcription.motion import PhasedMotion
 from optim.planning.verification.mesh_refinement import local_errors, refined_meshes
 from optim.planning.verification.verify import VerificationResult
@@ -108,7 +108,7 @@ def test_multipliers_go_to_a_mesh_that_is_split_in_places(coarse):
     first = motion.on(program.lobatto, finer.mesh).unknowns
     without, warm = (
         solve(finer, first, scale=solution.scale),
-        solve(finer, first, transfer(solution, program, finer)),
+        solve(finer, first, transfer_remaining(solution, program, finer)),
     )
     assert warm.converged
     assert warm.iterations < without.iterations

@@ -23,7 +23,7 @@ from optim.planning.transcription.collocation_program import CollocationProgram
 from optim.planning.transcription.initial_guess import initial_guess
 from optim.planning.transcription.instant_functions import build_instants
 from optim.planning.transcription.lobatto import Lobatto
-from optim.planning.transcription.mesh_transfer import solve_from, transfer
+from optim.planning.transcription.mesh_transfer import solve_from, transfer_remaining
 from optim.planning.transcription.motion import Motion
 from optim.planning.verification.verify import first_order_residual
 from spacerobot.cli.app import app
@@ -125,14 +125,14 @@ def test_another_start_takes_fewer_iterations_with_multipliers(cold):
 
 def test_multipliers_go_to_a_finer_mesh(cold):
     program, solution = cold
-    same = transfer(solution, program, program)
+    same = transfer_remaining(solution, program, program)
     np.testing.assert_allclose(same.multipliers, solution.multipliers, atol=1e-9)
     z, duration = program.split(solution.w)
     motion = Motion(program.problem, program.lobatto, program.mesh, duration, z)
     finer = CollocationProgram(program.problem, program.instants, program.lobatto, 2 * program.intervals)
     first = motion.on(program.lobatto, finer.mesh).unknowns
     without = solve(finer, first, scale=solution.scale)
-    warm = solve(finer, first, transfer(solution, program, finer))
+    warm = solve(finer, first, transfer_remaining(solution, program, finer))
     assert warm.converged
     assert warm.iterations < without.iterations
     np.testing.assert_allclose(warm.w, without.w, atol=1e-6)
