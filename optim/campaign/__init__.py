@@ -13,8 +13,8 @@ from optim.campaign.run import (
     LocalExecutor,
     run_campaign,
 )
-from optim.campaign.store.folder import load_campaign
 from optim.campaign.store.load_evaluator import reopen
+from optim.campaign.store.netcdf import load_campaign
 from optim.campaign.store.run_settings import ScenarioSource
 
 __all__ = [

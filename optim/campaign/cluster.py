@@ -9,9 +9,8 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
-from optim.campaign.rollouts.evaluator import CampaignEvaluator, EvaluatorRecipe, SampleTable
+from optim.campaign.rollouts.evaluator import CampaignEvaluator, SampleTable
 from optim.campaign.run import CHUNK_S, ChunkQueue, first_size, sized
 from optim.workers.cluster import connect, distributed_module, faults_of, submit, threads_of
 from spacerobot.arrays import Array
@@ -48,8 +47,25 @@ class DaskExecutor:
             If Dask is not installed, cannot be reached, or a chunk fails on one worker after the other.
         """
         with connect(self.address) as client:
-            first = self.size or first_size(evaluator)
-            yield from _spread(client, evaluator.recipe, draws, chunks, self, first)
+            # keep every worker busy, with few chunks in flight, and give out results as they come
+            flight = distributed_module().as_completed([], loop=client.loop, with_results=False)
+            pieces: dict[str, tuple[int, int]] = {}
+
+            def fill(size: int) -> None:
+                threads = threads_of(client)
+                while len(pieces) < AHEAD * threads and (piece := chunks.take(size)) is not None:
+                    future = submit(client, run_chunk, evaluator.recipe, draws[piece[0] : piece[1]])
+                    pieces[future.key] = piece
+                    flight.add(future)
+
+            fill(self.size or first_size(evaluator))
+            for future in flight:
+                begin, end = pieces.pop(future.key)
+                with faults_of(f"samples {begin} to {end - 1}"):
+                    table, seconds = future.result()
+                yield begin, table
+                with faults_of("the rest"):
+                    fill(self.size or sized(len(table), seconds, self.chunk_s))
 
 
 def run_chunk(evaluator: CampaignEvaluator, draws: Array) -> tuple[SampleTable, float]:
@@ -60,27 +76,3 @@ def run_chunk(evaluator: CampaignEvaluator, draws: Array) -> tuple[SampleTable, 
     since = time.perf_counter()
     table = evaluator.evaluate(draws, threads=1)
     return table, time.perf_counter() - since
-
-
-def _spread(
-    client: Any, recipe: EvaluatorRecipe, draws: Array, chunks: ChunkQueue, how: DaskExecutor, first: int
-) -> Iterator[tuple[int, SampleTable]]:
-    """Keep every worker busy, with few chunks in flight, and give out results as they come."""
-    flight = distributed_module().as_completed([], loop=client.loop, with_results=False)
-    pieces: dict[str, tuple[int, int]] = {}
-
-    def fill(size: int) -> None:
-        threads = threads_of(client)
-        while len(pieces) < AHEAD * threads and (piece := chunks.take(size)) is not None:
-            future = submit(client, run_chunk, recipe, draws[piece[0] : piece[1]])
-            pieces[future.key] = piece
-            flight.add(future)
-
-    fill(first)
-    for future in flight:
-        begin, end = pieces.pop(future.key)
-        with faults_of(f"samples {begin} to {end - 1}"):
-            table, seconds = future.result()
-        yield begin, table
-        with faults_of("the rest"):
-            fill(how.size or sized(len(table), seconds, how.chunk_s))

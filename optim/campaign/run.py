@@ -16,8 +16,7 @@ from optim.campaign.rollouts.evaluator import (
     all_draws,
     build_evaluator,
 )
-from optim.campaign.store.folder import check_place, open_store
-from optim.campaign.store.intervals import Interval
+from optim.campaign.store.folder import Interval, check_place, open_store
 from optim.campaign.store.netcdf import DatasetLayout
 from optim.campaign.store.run_settings import ScenarioSource, notes_of
 from spacerobot.arrays import Array
@@ -226,15 +225,12 @@ def run_campaign(
         try:
             for begin, table in (executor or LocalExecutor()).work(evaluator, draws, chunks):
                 store.add(begin, table)
-                say(_progress(store.done, before, len(draws), since, len(evaluator.members)))
+                done, total, sets = store.done, len(draws), len(evaluator.members)
+                per_second = (done - before) / max(time.perf_counter() - since, 1e-9)
+                left_s = (total - done) / per_second
+                say(CampaignProgress(ROLLING_OUT, done, total, sets * per_second, left_s))
         except KeyboardInterrupt:
             interrupted = True
         say(CampaignProgress("merging"))
         store.merge(DatasetLayout.of(evaluator, notes["about"]))
         return CampaignRun(folder, evaluator, store.done, len(draws), interrupted)
-
-
-def _progress(done: int, before: int, total: int, since: float, sets: int) -> CampaignProgress:
-    seconds = max(time.perf_counter() - since, 1e-9)
-    per_second = (done - before) / seconds
-    return CampaignProgress(ROLLING_OUT, done, total, sets * per_second, (total - done) / per_second)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import netCDF4
 import numpy as np
@@ -80,38 +79,35 @@ def read_bands(folder: StrPath, name: str, gains: str, sample: int) -> QuantileB
             kept = [str(key) for key, variable in file.variables.items() if variable.ndim == 4]
             if name not in kept:
                 raise ResultError(f"keeps no series {name!r}; {near_names(name, kept)}", source=folder)
-            return _bands(file, name, list(file["gains"][:]).index(gains), sample)
+            variable, time, which = (
+                file[name],
+                np.asarray(file["time"][:]),
+                list(file["gains"][:]).index(gains),
+            )
+            samples, width = variable.shape[0], variable.shape[3]
+            step = variable.chunking()[2]
+            whole = step * max(1, AT_ONCE_BYTES // (samples * step * width * BYTES_EACH))
+            found, left = np.empty((len(PERCENT), len(time), width)), np.empty(len(time), dtype=np.int64)
+            for begin in range(0, len(time), whole):
+                part = slice(begin, begin + whole)
+                values = np.sort(variable[:, which, part, :], axis=0)  # what diverged is NaN, and comes last
+                left[part] = np.isfinite(values[..., 0]).sum(axis=0)
+                # percentiles of the first values, of which so many are left
+                count = left[part]
+                at = np.array(PERCENT)[:, None] / 100 * np.maximum(count - 1, 0)
+                below = np.floor(at).astype(np.int64)
+                above = np.minimum(below + 1, np.maximum(count - 1, 0))
+                times = np.arange(values.shape[1])
+                a, b = values[below, times], values[above, times]
+                found[:, part] = a + (at - below)[..., None] * (b - a)
+            row = int(np.flatnonzero(file["sample"][:] == sample)[0]) if sample in file["sample"][:] else None
+            if row is None:
+                raise ValueError(f"no sample {sample}")
+            least, low, median, high, greatest = found
+            of = tuple(map(str, file[f"{name}_of"][:]))
+            shown = np.asarray(variable[row, which])
+            return QuantileBands(
+                name, str(variable.units), of, time, least, low, median, high, greatest, left, sample, shown
+            )
     except (OSError, RuntimeError, ValueError) as fault:
         raise ResultError(f"cannot be read: {fault}", source=folder / DATA) from None
-
-
-def _bands(file: Any, name: str, which: int, sample: int) -> QuantileBands:
-    variable, time = file[name], np.asarray(file["time"][:])
-    samples, width = variable.shape[0], variable.shape[3]
-    step = variable.chunking()[2]
-    whole = step * max(1, AT_ONCE_BYTES // (samples * step * width * BYTES_EACH))
-    found, left = np.empty((len(PERCENT), len(time), width)), np.empty(len(time), dtype=np.int64)
-    for begin in range(0, len(time), whole):
-        part = slice(begin, begin + whole)
-        values = np.sort(variable[:, which, part, :], axis=0)  # what diverged is NaN, and comes last
-        left[part] = np.isfinite(values[..., 0]).sum(axis=0)
-        found[:, part] = _percentiles(values, left[part])
-    row = int(np.flatnonzero(file["sample"][:] == sample)[0]) if sample in file["sample"][:] else None
-    if row is None:
-        raise ValueError(f"no sample {sample}")
-    least, low, median, high, greatest = found
-    of = tuple(map(str, file[f"{name}_of"][:]))
-    shown = np.asarray(variable[row, which])
-    return QuantileBands(
-        name, str(variable.units), of, time, least, low, median, high, greatest, left, sample, shown
-    )
-
-
-def _percentiles(ordered: Array, left: np.typing.NDArray[np.int64]) -> Array:
-    """Percentiles (5, nt, c) of sorted values (n, nt, c), of which the first ``left`` (nt,) count."""
-    at = np.array(PERCENT)[:, None] / 100 * np.maximum(left - 1, 0)
-    below = np.floor(at).astype(np.int64)
-    above = np.minimum(below + 1, np.maximum(left - 1, 0))
-    times = np.arange(ordered.shape[1])
-    a, b = ordered[below, times], ordered[above, times]
-    return np.asarray(a + (at - below)[..., None] * (b - a))

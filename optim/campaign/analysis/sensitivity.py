@@ -51,7 +51,16 @@ def what_matters(draws: Array, values: Array, campaign: Campaign, *, complete: b
     if np.ptp(np.nan_to_num(values, posinf=np.finfo(float).max)) == 0:
         entry["note"] = "no rollout was completed" if np.isinf(values).all() else "it does not vary"
     elif campaign.sampler.gives_sobol_indices:
-        entry |= _indices(values, names, campaign, complete=complete)
+        lost = int((~np.isfinite(values)).sum())
+        if lost or not complete:
+            why = f"{lost} rollouts were not completed" if lost else "not every sample is there yet"
+            entry["note"] = f"{why}: Sobol' indices need them all"
+        elif (indices := sobol_indices(values, names, campaign.confidence)) is not None:
+            keys = ("first", "first_width", "total", "total_width")
+            clear = zip(names, indices.total, indices.total_width, strict=True)
+            rows = [{"parameter": n, "how": "share", "value": float(t)} for n, t, width in clear if t > width]
+            entry |= {"kind": "sobol", **{key: _named(names, getattr(indices, key)) for key in keys}}
+            entry["strongest"] = sorted(rows, key=lambda row: -row["value"])
     return entry
 
 
@@ -70,24 +79,6 @@ def correlated(campaign: Campaign) -> list[dict[str, Any]]:
         for j in range(i)
         if abs(rows[i][j]) >= WORTH_TELLING
     ]
-
-
-def _indices(values: Array, names: list[str], campaign: Campaign, *, complete: bool) -> dict[str, Any]:
-    lost = int((~np.isfinite(values)).sum())
-    if lost or not complete:
-        why = f"{lost} rollouts were not completed" if lost else "not every sample is there yet"
-        return {"note": f"{why}: Sobol' indices need them all"}
-    indices = sobol_indices(values, names, campaign.confidence)
-    if indices is None:
-        return {"note": "it does not vary"}
-    keys = ("first", "first_width", "total", "total_width")
-    clear = zip(names, indices.total, indices.total_width, strict=True)
-    rows = [{"parameter": n, "how": "share", "value": float(t)} for n, t, width in clear if t > width]
-    return {
-        "kind": "sobol",
-        **{key: _named(names, getattr(indices, key)) for key in keys},
-        "strongest": sorted(rows, key=lambda row: -row["value"]),
-    }
 
 
 def _named(names: Sequence[str], values: Array) -> dict[str, float | None]:

@@ -50,8 +50,14 @@ def percentile(values: Array, percent: float, confidence: float) -> Estimate:
     below = stats.binom(n, share)
     low = int(below.ppf((1 - confidence) / 2))  # P(count < low) <= (1 - confidence) / 2
     high = int(below.ppf((1 + confidence) / 2)) + 1
+    # linear interpolation of order statistics that may be infinite
+    at = round(share * (n - 1), 9)  # 0.07 * 100 is a little more than 7
+    first = int(np.floor(at))
+    a, b = ordered[first], ordered[min(first + 1, n - 1)]
+    if at > first:
+        a = a + (at - first) * (b - a) if np.isfinite(b) else b
     return Estimate(
-        float(_between(ordered, share)),
+        float(a),
         float(ordered[low - 1]) if low >= 1 else None,
         float(ordered[high - 1]) if high <= n else None,
     )
@@ -144,13 +150,3 @@ def sobol_indices(values: Array, names: Sequence[str], confidence: float, seed: 
     analyze = optional_module("SALib", "analyze.sobol", "saltelli").analyze
     found = analyze(problem, values, calc_second_order=False, conf_level=confidence, seed=seed)
     return Indices(*(np.asarray(found[key], dtype=float) for key in ("S1", "S1_conf", "ST", "ST_conf")))
-
-
-def _between(ordered: Array, share: float) -> float:
-    """Linear interpolation of order statistics that may be infinite."""
-    at = round(share * (len(ordered) - 1), 9)  # 0.07 * 100 is a little more than 7
-    below = int(np.floor(at))
-    if at == below:
-        return float(ordered[below])
-    a, b = ordered[below], ordered[below + 1]
-    return float(a + (at - below) * (b - a)) if np.isfinite(b) else float(b)

@@ -19,7 +19,8 @@ from optim.campaign.rollouts.evaluator import CampaignEvaluator
 from optim.campaign.rollouts.metrics import PLANS, SOLVE_TIMES
 from optim.campaign.rollouts.trust import doubts, untrusted
 from optim.campaign.sampling.parameter_space import sensor_offsets, units_of
-from optim.campaign.store.folder import load_campaign, load_head
+from optim.campaign.store.folder import load_head
+from optim.campaign.store.netcdf import load_campaign
 from optim.campaign.store.run_settings import ScenarioSource, named_in
 from spacerobot.arrays import Array
 from spacerobot.errors import ResultError
@@ -81,12 +82,17 @@ def sample_statistics(data: xr.Dataset, evaluator: CampaignEvaluator) -> dict[st
     campaign, found = evaluator.campaign, {}
     for name in map(str, data.gains.values):
         chosen = data.sel(gains=name)
-        lost, told = np.isfinite(chosen.diverged_at.values), _unclosed(chosen)
-        unclosed = np.array([bool(words) for words in told], dtype=np.bool_)
+        lost, told = np.isfinite(chosen.diverged_at.values), ("",) * len(chosen.sample)
+        if "gap" in chosen:
+            names, largest = map(str, chosen.grasp.values), map(float, chosen.max_gap.values)
+            allowed = dict(zip(names, largest, strict=True))
+            gaps = (dict(zip(allowed, map(float, row), strict=True)) for row in chosen.gap.values)
+            told = tuple(unclosed(gap, allowed) for gap in gaps)
+        open_ = np.array([bool(words) for words in told], dtype=np.bool_)
         kept = [str(metric) for metric in campaign.metrics if metric in chosen]
         metrics = {m: np.where(lost[:, None], np.inf, chosen[m].values) for m in kept}
-        failed = {"unclosed": unclosed} if "gap" in chosen else {}
-        failed["diverged"] = lost & ~unclosed
+        failed = {"unclosed": open_} if "gap" in chosen else {}
+        failed["diverged"] = lost & ~open_
         for metric, most in campaign.limits.given.items():
             if metric in metrics:
                 failed[str(find_quantity(metric).limit)] = (metrics[metric].max(axis=1) > most) & ~lost
@@ -97,15 +103,6 @@ def sample_statistics(data: xr.Dataset, evaluator: CampaignEvaluator) -> dict[st
         missed = None if times is None else np.asarray(times.max(axis=1) >= duration)
         found[name] = SampleStatistics(metrics, places, units, failed, told, missed)
     return found
-
-
-def _unclosed(chosen: xr.Dataset) -> tuple[str, ...]:
-    """Which grasp of each sample did not close, in words."""
-    if "gap" not in chosen:
-        return ("",) * len(chosen.sample)
-    names, largest = map(str, chosen.grasp.values), map(float, chosen.max_gap.values)
-    most = dict(zip(names, largest, strict=True))
-    return tuple(unclosed(dict(zip(most, map(float, row), strict=True)), most) for row in chosen.gap.values)
 
 
 def summarise(
@@ -179,6 +176,15 @@ def summary_data(
         fails = {a: first.any_failure, b: second.any_failure}
         only = {name: int((fails[name] & ~fails[rest]).sum()) for name, rest in ((a, b), (b, a))}
         against.append({"first": a, "second": b, "fails_alone": only})
+    matters = dict[str, dict[str, Any]]()  # of each metric, and of missed captures
+    for name, sampled in found.items():
+        values = {metric: sampled.largest(metric) for metric in sampled.metrics}
+        if sampled.missed is not None:
+            values["missed"] = sampled.missed.astype(float)
+        complete = len(draws) == campaign.count
+        matters[name] = {
+            key: what_matters(draws, own, campaign, complete=complete) for key, own in values.items()
+        }
     return {
         "name": evaluator.scene.scenario.name,
         "samples": len(data.sample),
@@ -194,11 +200,14 @@ def summary_data(
         "correlated": correlated(campaign),
         "gains": {
             name: {
-                "failure": _failures(sampled, campaign),
-                "captured": _captured(sampled, campaign),
+                "failure": {
+                    cause: _rate(hits, campaign)
+                    for cause, hits in {"any": sampled.any_failure, **sampled.failed}.items()
+                },
+                "captured": None if sampled.missed is None else _rate(~sampled.missed, campaign),
                 "plans": _plans(data.sel(gains=name)),
                 "metrics": _percentiles(sampled, campaign),
-                "matters": _matters(sampled, draws, campaign),
+                "matters": matters[name],
                 "map": _map(sampled, draws, campaign),
                 "worst": _worst(sampled, data, evaluator, index, named),
             }
@@ -209,23 +218,6 @@ def summary_data(
         "untrusted": trust,
         "doubts": [*warnings, *doubts(trust, campaign)],
     }
-
-
-def _failures(sampled: SampleStatistics, campaign: Campaign) -> dict[str, Any]:
-    causes = {"any": sampled.any_failure, **sampled.failed}
-    return {
-        cause: {"count": int(hits.sum())}
-        | _interval(share(int(hits.sum()), len(hits), campaign.confidence), campaign)
-        for cause, hits in causes.items()
-    }
-
-
-def _captured(sampled: SampleStatistics, campaign: Campaign) -> dict[str, Any] | None:
-    """How often every grasp that begins open was captured in a rollout that was completed."""
-    if sampled.missed is None:
-        return None
-    count = int((~sampled.missed).sum())
-    return {"count": count} | _interval(share(count, len(sampled.missed), campaign.confidence), campaign)
 
 
 def _plans(chosen: xr.Dataset) -> dict[str, Any] | None:
@@ -243,15 +235,6 @@ def _plans(chosen: xr.Dataset) -> dict[str, Any] | None:
     }
 
 
-def _matters(sampled: SampleStatistics, draws: Array, campaign: Campaign) -> dict[str, Any]:
-    """Dependence of each metric, and of missed captures, on the parameters."""
-    values = {metric: sampled.largest(metric) for metric in sampled.metrics}
-    if sampled.missed is not None:
-        values["missed"] = sampled.missed.astype(float)
-    complete = len(draws) == campaign.count
-    return {name: what_matters(draws, of, campaign, complete=complete) for name, of in values.items()}
-
-
 def _percentiles(sampled: SampleStatistics, campaign: Campaign) -> list[dict[str, Any]]:
     rows = []
     for metric, values in sampled.metrics.items():
@@ -263,6 +246,12 @@ def _percentiles(sampled: SampleStatistics, campaign: Campaign) -> list[dict[str
             row = {"metric": metric, "of": place, "unit": sampled.units[metric]}
             rows.append(row | {"percentiles": told, "largest": _plain(column.max())})
     return rows
+
+
+def _rate(hits: np.typing.NDArray[np.bool_], campaign: Campaign) -> dict[str, Any]:
+    """How often something occurred, and its probability."""
+    count = int(hits.sum())
+    return {"count": count} | _interval(share(count, len(hits), campaign.confidence), campaign)
 
 
 def _interval(estimate: Estimate, campaign: Campaign) -> dict[str, Any]:

@@ -20,51 +20,60 @@ from typing import Any
 import numpy as np
 
 from optim.campaign.rollouts.evaluator import SampleTable
-from optim.campaign.store.intervals import Interval, Intervals
-from optim.campaign.store.netcdf import DATA, FORMAT, DatasetLayout, is_complete, load_campaign, write_tables
+from optim.campaign.store.netcdf import DATA, FORMAT, DatasetLayout, is_complete, write_tables
 from spacerobot.elements.registry import plugin_records
 from spacerobot.errors import ResultError
 from spacerobot.files import write_bytes, write_text
 from spacerobot.interrupts import uninterrupted
 from spacerobot.section import leaves
 
-__all__ = ["HEAD", "CampaignStore", "difference", "load_campaign", "load_head", "open_store"]
-
+Interval = tuple[int, int]
+"""Samples from one to before another."""
 HEAD, CHUNKS, LOCK = "campaign.json", "chunks", ".lock"
 SERIES = "series."  # before the names of series in a chunk
 
 
 class CampaignStore:
-    """Folder of one campaign, held by one process at a time; see :func:`open_store`."""
+    """Folder of one campaign, held by one process at a time; see :func:`open_store`.
+
+    Attributes
+    ----------
+    done
+        Samples that are there.
+    """
 
     def __init__(self, folder: Path, count: int) -> None:
         self.folder, self.count = folder, count
-        self._there = Intervals()
+        self._there, self.done = np.zeros(count, dtype=bool), 0
         self._chunks: list[Interval] = []
         # note what is there; a chunk that a full disk or a power cut has spoilt is dropped
         if is_complete(self.folder / DATA, self.count):
-            self._there.add(0, self.count)
+            self._note(0, self.count)
         else:
             for path in sorted((self.folder / CHUNKS).glob("?????????-?????????.npz")):
                 begin, end = (int(part) for part in path.stem.split("-"))
                 try:
-                    whole = len(_read(path)) == end - begin > 0
+                    whole = len(_read(path)) == end - begin > 0 and end <= self.count
                 except ResultError:
                     whole = False
-                if whole and self._there.add(begin, end):
+                if whole and self._note(begin, end):
                     self._chunks.append((begin, end))
                 else:
                     path.unlink()
 
-    @property
-    def done(self) -> int:
-        """Samples that are there."""
-        return len(self._there)
+    def _note(self, begin: int, end: int) -> bool:
+        """Note samples; False, and nothing happens, if one of them is there already."""
+        if self._there[begin:end].any():
+            return False
+        self._there[begin:end] = True
+        self.done += end - begin
+        return True
 
     @property
     def missing(self) -> list[Interval]:
         """Samples that are not, as intervals in order."""
-        return self._there.gaps(self.count)
+        edges = np.flatnonzero(np.diff(self._there, prepend=True, append=True))
+        return [(int(begin), int(end)) for begin, end in edges.reshape(-1, 2)]
 
     def add(self, begin: int, table: SampleTable) -> None:
         """Write a chunk.
@@ -85,7 +94,7 @@ class CampaignStore:
             **{SERIES + name: values for name, values in table.series.items()},
         )
         with uninterrupted():  # else what is noted and what is on the disk might differ
-            if not self._there.add(begin, end):
+            if not self._note(begin, end):
                 raise ResultError(f"samples {begin} to {end - 1} are there already", source=self.folder)
             write_bytes(self._chunk((begin, end)), buffer.getvalue())
             self._chunks.append((begin, end))

@@ -105,17 +105,6 @@ def check_layout(path: Path, layout: DatasetLayout) -> None:
     ResultError
         Naming what.
     """
-    try:
-        with netCDF4.Dataset(path) as file:
-            missing = _missing(file, layout)
-    except (OSError, RuntimeError) as fault:
-        raise ResultError(f"cannot be read: {fault}", source=path) from None
-    if missing is not None:
-        raise ResultError(f"damaged: {missing}; remove it and run the campaign again", source=path)
-
-
-def _missing(file: Any, layout: DatasetLayout) -> str | None:
-    """First missing item of a campaign's file, in words; None if it is complete."""
     metrics = list(dict.fromkeys(column.metric for column in layout.columns))
     series = [one.name for one in layout.recording.series]
     names: dict[str, tuple[str, ...]] = {"draw": ("sample", "parameter"), "diverged_at": ("sample", "gains")}
@@ -127,16 +116,21 @@ def _missing(file: Any, layout: DatasetLayout) -> str | None:
         names["time"] = ("time",)
     if layout.max_gaps:
         names |= {"grasp": ("grasp",), "gap": ("sample", "gains", "grasp"), "max_gap": ("grasp",)}
-    for name, dims in names.items():
-        if name not in file.variables:
-            return f"no variable {name!r}"
-        if file[name].dimensions != dims:
-            return (
-                f"{name}: found the dimensions {', '.join(file[name].dimensions)}, allowed: {', '.join(dims)}"
-            )
-        if name in (*metrics, *series) and "units" not in file[name].ncattrs():
-            return f"{name}: no attribute 'units'"
-    return None
+    missing = []
+    try:
+        with netCDF4.Dataset(path) as file:
+            for name, dims in names.items():
+                if name not in file.variables:
+                    missing.append(f"no variable {name!r}")
+                elif file[name].dimensions != dims:
+                    found = ", ".join(file[name].dimensions)
+                    missing.append(f"{name}: found the dimensions {found}, allowed: {', '.join(dims)}")
+                elif name in (*metrics, *series) and "units" not in file[name].ncattrs():
+                    missing.append(f"{name}: no attribute 'units'")
+    except (OSError, RuntimeError) as fault:
+        raise ResultError(f"cannot be read: {fault}", source=path) from None
+    if missing:
+        raise ResultError(f"damaged: {missing[0]}; remove it and run the campaign again", source=path)
 
 
 def is_complete(path: Path, count: int) -> bool:
@@ -245,18 +239,14 @@ def _define(file: Any, layout: DatasetLayout) -> None:
     for metric, unit in {column.metric: column.unit for column in layout.columns}.items():
         table(metric, "gains", f"{metric}_of").units = unit
     if layout.recording.series:
-        _define_series(file, layout)
-
-
-def _define_series(file: Any, layout: DatasetLayout) -> None:
-    """Series, packed by whole blocks of samples and a few times, so that a moment of all samples is near."""
-    times = layout.recording.time
-    file.createDimension("time", len(times))
-    time = file.createVariable("time", "f8", ("time",))
-    time[:], time.units = times, "s"
-    for one in layout.recording.series:
-        width = len(one.components)
-        few = max(1, min(len(times), PIECE_BYTES // (layout.rows * width * BYTES_EACH)))
-        dimensions, sizes = ("sample", "gains", "time", f"{one.name}_of"), (layout.rows, 1, few, width)
-        file.createVariable(one.name, "f8", dimensions, zlib=True, complevel=1, chunksizes=sizes)
-        file[one.name].units = one.unit
+        # packed by whole blocks of samples and a few times, so that a moment of all samples is near
+        times = layout.recording.time
+        file.createDimension("time", len(times))
+        time = file.createVariable("time", "f8", ("time",))
+        time[:], time.units = times, "s"
+        for one in layout.recording.series:
+            width = len(one.components)
+            few = max(1, min(len(times), PIECE_BYTES // (layout.rows * width * BYTES_EACH)))
+            dimensions, sizes = ("sample", "gains", "time", f"{one.name}_of"), (layout.rows, 1, few, width)
+            file.createVariable(one.name, "f8", dimensions, zlib=True, complevel=1, chunksizes=sizes)
+            file[one.name].units = one.unit

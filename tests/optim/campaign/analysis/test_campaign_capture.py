@@ -5,7 +5,7 @@ from scipy import stats
 
 from optim.campaign.analysis.summary import summarise
 from optim.campaign.run import run_campaign
-from optim.campaign.store.folder import load_campaign
+from optim.campaign.store.netcdf import load_campaign
 from tests.oracles.free_bodies import FLAT, free_bodies
 from viz.report.campaign_text import capturing, depends
 

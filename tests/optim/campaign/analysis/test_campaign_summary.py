@@ -12,7 +12,7 @@ from optim.campaign.analysis.samples import command_of
 from optim.campaign.analysis.summary import sample_statistics, summarise
 from optim.campaign.rollouts.evaluator import build_evaluator
 from optim.campaign.run import run_campaign
-from optim.campaign.store.folder import load_campaign
+from optim.campaign.store.netcdf import load_campaign
 from optim.campaign.store.run_settings import ScenarioSource
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.elements import registry

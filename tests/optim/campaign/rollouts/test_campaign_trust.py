@@ -9,7 +9,7 @@ from optim.campaign.analysis.summary import summarise
 from optim.campaign.rollouts.evaluator import build_evaluator
 from optim.campaign.rollouts.trust import DEPTH, DRIFT, RESIDUAL, doubts, drift_of, residual_of, untrusted
 from optim.campaign.run import run_campaign
-from optim.campaign.store.folder import load_campaign
+from optim.campaign.store.netcdf import load_campaign
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 
