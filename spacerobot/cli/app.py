@@ -105,7 +105,7 @@ def help_markup(text: str) -> str:
             paragraphs.append(escape(" ".join(paragraph.split())))
             continue
         lines = textwrap.wrap(
-            paragraph.strip(),
+            " ".join(paragraph.split()),
             width,
             subsequent_indent=" " * EXAMPLE_INDENT,
             break_long_words=False,

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import typer
+
+from spacerobot.registry import COMMANDS
+
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 @dataclass(frozen=True)
@@ -28,18 +32,23 @@ class Command:
     place: float = 100.0
 
     @classmethod
-    def of(cls, name: str, function: Callable[..., Any], help: str, place: float = 100.0) -> Command:
-        """A command that is one function.
+    def of(cls, name: str, place: float = 100.0) -> Callable[[Function], Function]:
+        """Decorator that registers a function as a command.
+
+        Its parameters are arguments and options, as Typer reads them; its docstring is the help: paragraphs,
+        of which an indented one is an example.
 
         Parameters
         ----------
         name
             Behind ``spacerobot``.
-        function
-            What it does; its parameters are arguments and options, as Typer reads them.
-        help
-            Paragraphs; an indented one is an example.
         place
             Its place in the help.
         """
-        return cls(name, lambda app: app.command(name, help=help)(function), place)
+
+        def add(function: Function) -> Function:
+            """Register it under its module."""
+            COMMANDS.add(cls(name, lambda app: app.command(name)(function), place), function.__module__)
+            return function
+
+        return add

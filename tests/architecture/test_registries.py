@@ -70,12 +70,10 @@ def own_figure(result):
     return Figure()
 
 
+@Command.of("own_command")
 def command(word: str = "nothing") -> None:
     "Say a word."
     typer.echo(f"said {word}")
-
-
-COMMANDS.add(Command.of("own_command", command, "Say a word."), __name__)
 """
 
 USED = """

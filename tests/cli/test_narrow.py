@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import io
 import itertools
 import json
@@ -289,7 +290,7 @@ def test_help_wraps_paragraphs_and_shows_every_word(monkeypatch, capsys, name, w
     shown_command(name, "--help")()
     lines = [line.strip() for line in capsys.readouterr().out.splitlines()]
     assert not any("\u2026" in line for line in lines)
-    text = sys.modules[f"spacerobot.cli.commands.{name.replace('-', '_')}"].HELP
+    text = inspect.getdoc(sys.modules[f"spacerobot.cli.commands.{name.replace('-', '_')}"].command)
     for paragraph in text.split("\n\n"):
         words = paragraph.split()
         if paragraph.startswith("    "):

@@ -13,7 +13,6 @@ from spacerobot.cli.output import console, progress
 from spacerobot.cli.page_data import campaign, campaign_at_once, is_campaign, to_play
 from spacerobot.cli.plugins import load_plugins_of
 from spacerobot.interrupts import keep
-from spacerobot.registry import COMMANDS
 
 if TYPE_CHECKING:
     from viz.page.live import LiveViewer
@@ -44,28 +43,7 @@ At = Annotated[
 NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Only print the address.")]
 
 
-HELP = """Play results in the browser, or write a page or a recording.
-
-Several results are shown side by side with their metrics and differences. The folder of a comparison gives
-the untuned design and each method's best, that of a campaign the worst samples among all others, that of a
-plan the result of following it, with the plan drawn pale underneath.
-
-Examples:
-
-    spacerobot animate out/paper
-
-    spacerobot animate out/paper --record docking.mp4 --speed 2
-
-    spacerobot animate out/docking --record poster.png --at 16.5
-
-    spacerobot animate out/before out/after --html docking.html
-
-    spacerobot animate out/campaign
-
-    spacerobot animate out/flown out/plan
-"""
-
-
+@Command.of("animate", place=4)
 def command(
     folders: Folders,
     compare: Compare = None,
@@ -76,7 +54,26 @@ def command(
     port: Port = 7000,
     no_browser: NoBrowser = False,
 ) -> None:
-    """Play, write or record."""
+    """Play results in the browser, or write a page or a recording.
+
+    Several results are shown side by side with their metrics and differences. The folder of a comparison
+    gives the untuned design and each method's best, that of a campaign the worst samples among all
+    others, that of a plan the result of following it, with the plan drawn pale underneath.
+
+    Examples:
+
+        spacerobot animate out/paper
+
+        spacerobot animate out/paper --record docking.mp4 --speed 2
+
+        spacerobot animate out/docking --record poster.png --at 16.5
+
+        spacerobot animate out/before out/after --html docking.html
+
+        spacerobot animate out/campaign
+
+        spacerobot animate out/flown out/plan
+    """
     from spacerobot.files import write_text
     from spacerobot.result import note_derived
     from viz.page.page import page
@@ -134,6 +131,3 @@ def _begin(viewer: LiveViewer, data: dict[str, Any], open_browser: bool) -> None
     console().print(f"playing at {viewer.url} (Ctrl-C ends it)", markup=False, soft_wrap=True)
     if open_browser:
         viewer.open()
-
-
-COMMANDS.add(Command.of("animate", command, HELP, place=4), __name__)

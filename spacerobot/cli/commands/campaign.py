@@ -15,7 +15,6 @@ from spacerobot.cli.commands.animate import serve
 from spacerobot.cli.options import Changes, Machines, Port, ScenarioName, Threads, View, parse_changes
 from spacerobot.cli.output import console, progress, warn
 from spacerobot.interrupts import keep
-from spacerobot.registry import COMMANDS
 
 if TYPE_CHECKING:
     from optim.campaign.run import CampaignProgress
@@ -46,22 +45,9 @@ Samples = Annotated[
 Page = Annotated[
     bool, typer.Option("--report", help="Also write DIR/report.html, as `spacerobot report DIR` does.")
 ]
-HELP = """Monte Carlo robustness analysis: percentiles, probability of failure, sensitivities.
-
-The scenario's `campaign` section (docs/how_to/monte_carlo.md) defines uncertain parameters, limits, sets of
-gains and signals to keep over time; the shipped `paper` has one. Interrupted campaigns resume: repeat the
-same command. Ctrl-C keeps what is there, and `spacerobot report DIR` makes a page of it, finished or not.
-
-Examples:
-
-    spacerobot campaign paper --out out/campaign --samples 10000
-
-    spacerobot campaign paper --out out/campaign --samples 100000 --dask tcp://scheduler:8786
-
-    spacerobot campaign paper --out out/both --gains scenario --gains tuned=out/tuned
-"""
 
 
+@Command.of("campaign", place=12)
 def command(
     scenario: ScenarioName,
     out: Folder,
@@ -74,7 +60,21 @@ def command(
     view: View = False,
     port: Port = 7000,
 ) -> None:
-    """Run a campaign; exit code 130 after Ctrl-C, with the samples so far."""
+    """Monte Carlo robustness analysis: percentiles, probability of failure, sensitivities.
+
+    The scenario's `campaign` section (docs/how_to/monte_carlo.md) defines uncertain parameters, limits,
+    sets of gains and signals to keep over time; the shipped `paper` has one. Interrupted campaigns
+    resume: repeat the same command. Ctrl-C keeps what is there, and `spacerobot report DIR` makes a page
+    of it, finished or not.
+
+    Examples:
+
+        spacerobot campaign paper --out out/campaign --samples 10000
+
+        spacerobot campaign paper --out out/campaign --samples 100000 --dask tcp://scheduler:8786
+
+        spacerobot campaign paper --out out/both --gains scenario --gains tuned=out/tuned
+    """
     from optim.campaign import ROLLING_OUT, LocalExecutor, ScenarioSource, run_campaign, summarise
     from optim.campaign.cluster import DaskExecutor
     from optim.campaign.rollouts.gain_sets import gain_sets
@@ -133,6 +133,3 @@ def command(
         with progress("simulating the worst samples") as tell:
             played = playing.campaign(out, tell, found.evaluator)
         serve(played.data, port)
-
-
-COMMANDS.add(Command.of("campaign", command, HELP, place=12), __name__)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from spacerobot.cli.command import Command
 from spacerobot.cli.options import Changes, ScenarioName, parse_changes
 from spacerobot.cli.output import console, prose, warn
-from spacerobot.registry import COMMANDS
 
 if TYPE_CHECKING:
     from rich.tree import Tree
@@ -15,16 +14,14 @@ if TYPE_CHECKING:
     from spacerobot.scene import Scene, SceneBody
 
 
-HELP = """Validate a scenario: print its scene as a tree, and every modelling assumption.
-
-Example:
-
-    spacerobot check paper --set grasps.left.stiffness=200
-"""
-
-
+@Command.of("check", place=2)
 def command(scenario: ScenarioName, changes: Changes = None) -> None:
-    """Print the scene as a tree and every assumption taken."""
+    """Validate a scenario: print its scene as a tree, and every modelling assumption.
+
+    Example:
+
+        spacerobot check paper --set grasps.left.stiffness=200
+    """
     from spacerobot.scene import load_scene
     from spacerobot.scene.memory import check_size
     from spacerobot.scene.overlaps import overlaps
@@ -75,6 +72,9 @@ def scene_tree(scene: Scene) -> Tree:
     """Tree of bodies, joints, tips, grasps, masses and initial gaps."""
     from rich.markup import escape
     from rich.tree import Tree
+    from spacerobot.scene.contacts import gaps
+    import numpy as np
+    import pinocchio as pin
 
     kind = "planar" if scene.planar else "spatial"
     simulation = scene.scenario.simulation
@@ -85,8 +85,34 @@ def scene_tree(scene: Scene) -> Tree:
     )
     for body in scene.bodies:
         _add_body(root, scene, body)
-    _add_grasps(root, scene)
-    _add_contacts(root, scene)
+    data = scene.model.createData()
+    pin.framesForwardKinematics(scene.model, data, scene.q)
+
+    def pose(place: pin.SE3) -> str:
+        """Position, and roll, pitch, yaw."""
+        angles = np.degrees(pin.rpy.matrixToRpy(place.rotation))
+        parts = (", ".join(f"{x + 0.0:.4g}" for x in np.round(v, 6)) for v in (place.translation, angles))
+        return "({}) m, roll, pitch, yaw ({}) deg".format(*parts)
+
+    for grasp in scene.grasps:
+        config, tip, frame = grasp.config, data.oMf[grasp.tip.frame], data.oMf[grasp.frame]
+        distance = float(np.linalg.norm(tip.translation - frame.translation))
+        holds = "holds" if config.begins == "closed" else "can hold"
+        text = f"{grasp.tip.label} {holds} {config.frame}, {config.words()}, initial gap {distance:.3g} m"
+        branch = root.add(f"grasp [bold]{escape(grasp.name)}[/]: {escape(text)}")
+        branch.add(escape(f"{grasp.tip.label} begins at {pose(tip)}"))
+        branch.add(escape(f"{config.frame} begins at {pose(frame)}"))
+        mated = (0.0, 0.0, 0.0) if config.capture is None else config.capture.mated_deg
+        turned = pin.log3((frame.rotation @ pin.rpy.rpyToMatrix(np.radians(mated))).T @ tip.rotation)
+        angle = float(np.degrees(np.linalg.norm(turned)))
+        branch.add(
+            escape(f"{angle:.3g} deg between them, from `mated_deg` [{', '.join(f'{x:g}' for x in mated)}]")
+        )
+    for contact in scene.contacts:
+        first, second = contact.config.between
+        apart = f"{min(gaps(scene, contact)):.3g} m apart at the start"
+        text = f"{first} and {second}, {contact.config.words()}, {apart}"
+        root.add(f"contact [bold]{escape(contact.name)}[/]: {escape(text)}")
     for name, environment in scene.scenario.environment.items():
         root.add(f"environment [bold]{escape(name)}[/]: {escape(environment.words())}")
     return root
@@ -155,48 +181,3 @@ def _tip_text(label: str, scene: Scene) -> str:
         if memory is not None:
             parts.append(f"{name} G_e {memory.ge:g} 1/s^2, t_a {memory.ta:.4g} 1/s")
     return f"tip [bold]{escape(label)}[/]: {escape('; '.join(parts))}"
-
-
-def _add_grasps(root: Tree, scene: Scene) -> None:
-    import numpy as np
-    import pinocchio as pin
-    from rich.markup import escape
-
-    data = scene.model.createData()
-    pin.framesForwardKinematics(scene.model, data, scene.q)
-
-    def pose(place: pin.SE3) -> str:
-        """Position, and roll, pitch, yaw."""
-        angles = np.degrees(pin.rpy.matrixToRpy(place.rotation))
-        parts = (", ".join(f"{x + 0.0:.4g}" for x in np.round(v, 6)) for v in (place.translation, angles))
-        return "({}) m, roll, pitch, yaw ({}) deg".format(*parts)
-
-    for grasp in scene.grasps:
-        config, tip, frame = grasp.config, data.oMf[grasp.tip.frame], data.oMf[grasp.frame]
-        distance = float(np.linalg.norm(tip.translation - frame.translation))
-        holds = "holds" if config.begins == "closed" else "can hold"
-        text = f"{grasp.tip.label} {holds} {config.frame}, {config.words()}, initial gap {distance:.3g} m"
-        branch = root.add(f"grasp [bold]{escape(grasp.name)}[/]: {escape(text)}")
-        branch.add(escape(f"{grasp.tip.label} begins at {pose(tip)}"))
-        branch.add(escape(f"{config.frame} begins at {pose(frame)}"))
-        mated = (0.0, 0.0, 0.0) if config.capture is None else config.capture.mated_deg
-        turned = pin.log3((frame.rotation @ pin.rpy.rpyToMatrix(np.radians(mated))).T @ tip.rotation)
-        angle = float(np.degrees(np.linalg.norm(turned)))
-        branch.add(
-            escape(f"{angle:.3g} deg between them, from `mated_deg` [{', '.join(f'{x:g}' for x in mated)}]")
-        )
-
-
-def _add_contacts(root: Tree, scene: Scene) -> None:
-    from rich.markup import escape
-
-    from spacerobot.scene.contacts import gaps
-
-    for contact in scene.contacts:
-        first, second = contact.config.between
-        apart = f"{min(gaps(scene, contact)):.3g} m apart at the start"
-        text = f"{first} and {second}, {contact.config.words()}, {apart}"
-        root.add(f"contact [bold]{escape(contact.name)}[/]: {escape(text)}")
-
-
-COMMANDS.add(Command.of("check", command, HELP, place=2), __name__)

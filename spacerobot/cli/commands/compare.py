@@ -15,7 +15,6 @@ from spacerobot.cli.commands.animate import serve
 from spacerobot.cli.options import Changes, Machines, Out, Port, Threads, View, parse_changes
 from spacerobot.cli.output import console, table, warn
 from spacerobot.cli.tuning_options import Budget, Runs, Seed, Starts, journals, parts, shown
-from spacerobot.registry import COMMANDS
 
 if TYPE_CHECKING:
     from optim.comparison.compare import Comparison
@@ -57,20 +56,6 @@ Page = Annotated[
     bool, typer.Option("--report", help="Also write DIR/report.html, as `spacerobot report DIR` does.")
 ]
 
-HELP = """Run every tuning method on the same problems and compare objectives, costs and robustness.
-
-The conclusion is printed first. Costs are operations of the generated code, in plain rollouts; see
-`docs/explanation/tuning_methods.md`. An interrupted comparison resumes when it is started again with the same
---out.
-
-Examples:
-
-    spacerobot compare paper --out out/compare --report
-
-    spacerobot compare suite --out out/suite --report
-
-    spacerobot compare my.yaml --methods ga,nlp --runs 3 --budget 2000
-"""
 
 LEGEND = (
     "Targets: relative gap to the best known value over all methods and runs of the problem. Expected "
@@ -80,6 +65,7 @@ LEGEND = (
 )
 
 
+@Command.of("compare", place=10)
 def command(
     scenario: Name,
     out: Out = None,
@@ -99,7 +85,20 @@ def command(
     view: View = False,
     port: Port = 7000,
 ) -> None:
-    """Compare methods; exit code 130 after Ctrl-C, with the results so far."""
+    """Run every tuning method on the same problems and compare objectives, costs and robustness.
+
+    The conclusion is printed first. Costs are operations of the generated code, in plain rollouts; see
+    `docs/explanation/tuning_methods.md`. An interrupted comparison resumes when it is started again with
+    the same --out.
+
+    Examples:
+
+        spacerobot compare paper --out out/compare --report
+
+        spacerobot compare suite --out out/suite --report
+
+        spacerobot compare my.yaml --methods ga,nlp --runs 3 --budget 2000
+    """
     from optim.comparison import SearchSession, compare
     from optim.comparison.compare import even_effort
     from optim.comparison.report import to_data
@@ -191,6 +190,3 @@ def show(data: Mapping[str, Any]) -> None:
 
 def _print(made: ComparisonTable, keys: int = 1) -> None:
     console().print(table(made.title, made.headings, made.rows, keys=keys))
-
-
-COMMANDS.add(Command.of("compare", command, HELP, place=10), __name__)

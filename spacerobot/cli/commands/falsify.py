@@ -10,7 +10,6 @@ from spacerobot.cli.command import Command
 from spacerobot.cli.options import Changes, Out, ScenarioName, Threads, parse_changes
 from spacerobot.cli.output import console, pairs
 from spacerobot.cli.tuning_options import Seed, journals, shown
-from spacerobot.registry import COMMANDS
 
 Metric = Annotated[
     str | None,
@@ -22,19 +21,9 @@ Limit = Annotated[
     float | None,
     typer.Option("--limit", help="Largest value that is no failure; that of `campaign.limits` if not given."),
 ]
-HELP = """Search the uncertain parameters of the campaign section for the worst value of a metric.
-
-Descents from many starts by exact gradients (by differences with fewer than four parameters), compared with
-random search at equal cost. With --out, the worst case is simulated and saved as a result.
-
-Examples:
-
-    spacerobot falsify paper --metric tip_error_peak --out out/worst
-
-    spacerobot falsify paper --metric grip_force_peak --limit 25 --starts 32
-"""
 
 
+@Command.of("falsify", place=13)
 def command(
     scenario: ScenarioName,
     out: Out = None,
@@ -49,7 +38,18 @@ def command(
     seed: Seed = None,
     threads: Threads = None,
 ) -> None:
-    """Print the worst case, and save its simulation."""
+    """Search the uncertain parameters of the campaign section for the worst value of a metric.
+
+    Descents from many starts by exact gradients (by differences with fewer than four parameters),
+    compared with random search at equal cost. With --out, the worst case is simulated and saved as a
+    result.
+
+    Examples:
+
+        spacerobot falsify paper --metric tip_error_peak --out out/worst
+
+        spacerobot falsify paper --metric grip_force_peak --limit 25 --starts 32
+    """
     from optim.methods.settings import Effort, NlpSettings
     from optim.reliability.falsification import falsify
     from optim.search.session import SearchSession
@@ -75,6 +75,3 @@ def command(
     console().print(pairs(scene.scenario.name, found.rows()))
     if out is not None:
         console().print(f"worst case in {out}", markup=False, soft_wrap=True)
-
-
-COMMANDS.add(Command.of("falsify", command, HELP, place=13), __name__)

@@ -10,7 +10,6 @@ import typer
 from spacerobot.cli.command import Command
 from spacerobot.cli.output import console, progress
 from spacerobot.cli.plugins import load_plugins_of
-from spacerobot.registry import COMMANDS
 
 ResultFolder = Annotated[Path, typer.Argument(metavar="RESULT", help="Folder of a result.")]
 Compare = Annotated[
@@ -31,20 +30,7 @@ Width = Annotated[
 ]
 
 
-HELP = """Draw a result: tips, docking, motions, joints, grasps, ledger; or a plan and its simulation.
-
-Examples:
-
-    spacerobot figures out/paper
-
-    spacerobot figures out/paper --width single --only tip_errors
-
-    spacerobot figures out/before --compare out/after --out figures --format svg
-
-    spacerobot figures out/plan --compare out/flown
-"""
-
-
+@Command.of("figures", place=5)
 def command(
     result: ResultFolder,
     compare: Compare = None,
@@ -53,7 +39,18 @@ def command(
     only: Only = None,
     width: Width = "double",
 ) -> None:
-    """Write all figures."""
+    """Draw a result: tips, docking, motions, joints, grasps, ledger; or a plan and its simulation.
+
+    Examples:
+
+        spacerobot figures out/paper
+
+        spacerobot figures out/paper --width single --only tip_errors
+
+        spacerobot figures out/before --compare out/after --out figures --format svg
+
+        spacerobot figures out/plan --compare out/flown
+    """
     from optim.planning.output.plan_folder import is_plan
     from spacerobot.errors import ResultError
     from spacerobot.result import Result
@@ -88,6 +85,3 @@ def _plan(folder: Path, flown: Path | None, out: Path, formats: list[str], width
             plan = with_flown(plan, load_scene(folder / SCENARIO), result.data)
         written = write_plan_figures(plan, summary, out, flown=result, formats=formats, width=width)
     console().print(f"{len(written)} files in {out}", markup=False, soft_wrap=True)
-
-
-COMMANDS.add(Command.of("figures", command, HELP, place=5), __name__)

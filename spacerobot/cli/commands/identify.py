@@ -10,18 +10,9 @@ import typer
 from spacerobot.cli.command import Command
 from spacerobot.cli.output import console, progress, table
 from spacerobot.cli.plugins import load_plugins_of
-from spacerobot.registry import COMMANDS
-
-HELP = """Identify mass, centre of mass and inertia of a held object from the momentum of a simulated motion.
-
-Examples:
-
-    spacerobot identify out/servicer
-
-    spacerobot identify out/servicer --noise 1 --since 5
-"""
 
 
+@Command.of("identify", place=6)
 def command(
     result: Annotated[Path, typer.Argument(metavar="RESULT", help="Folder of a result.")],
     since: Annotated[
@@ -38,7 +29,14 @@ def command(
     ] = 1.0,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the noise.")] = 0,
 ) -> None:
-    """Print estimates beside the simulation's own numbers."""
+    """Identify mass, centre of mass and inertia of a held object from the momentum of a simulated motion.
+
+    Examples:
+
+        spacerobot identify out/servicer
+
+        spacerobot identify out/servicer --noise 1 --since 5
+    """
     from optim.identification import SensorNoise, identify
     from spacerobot.result import Result
 
@@ -53,6 +51,3 @@ def command(
         console().print(
             "the estimate was no body's and was moved to the nearest that is: more motion is needed"
         )
-
-
-COMMANDS.add(Command.of("identify", command, HELP, place=6), __name__)

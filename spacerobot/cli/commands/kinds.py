@@ -8,23 +8,21 @@ import typer
 
 from spacerobot.cli.command import Command
 from spacerobot.cli.output import console, table
-from spacerobot.registry import COMMANDS
-
-HELP = """List the kinds of references, grasps, controllers, actuators, goals, ..., or the keys of one kind.
-
-Example:
-
-    spacerobot kinds
-
-    spacerobot kinds circle
-"""
 
 
+@Command.of("kinds", place=15)
 def command(
     kind: Annotated[str | None, typer.Argument(help="A kind whose keys to list.")] = None,
     markdown: Annotated[bool, typer.Option("--markdown", help="As a table for documentation.")] = False,
 ) -> None:
-    """List kinds, or the keys of one."""
+    """List the kinds of references, grasps, controllers, actuators, goals, ..., or the keys of one kind.
+
+    Example:
+
+        spacerobot kinds
+
+        spacerobot kinds circle
+    """
     from spacerobot.elements import FAMILIES, PLANS, kinds
     from spacerobot.elements import kind_table as tables
     from spacerobot.errors import SpaceRobotError, near_names
@@ -44,6 +42,3 @@ def command(
             ("key", "default", "description"),
         )
     console().print(table(kind, title, rows))
-
-
-COMMANDS.add(Command.of("kinds", command, HELP, place=15), __name__)

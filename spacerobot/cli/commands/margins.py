@@ -10,7 +10,6 @@ import typer
 from spacerobot.cli.command import Command
 from spacerobot.cli.options import Changes, Out, ScenarioName, parse_changes
 from spacerobot.cli.output import console, pairs, progress, table
-from spacerobot.registry import COMMANDS
 
 if TYPE_CHECKING:
     from spacerobot.linear import LinearSystem, LoopMargins
@@ -50,18 +49,6 @@ Together = Annotated[
     bool,
     typer.Option("--together", help="Disk margin of the --loops when all change at once."),
 ]
-HELP = """Linearise the closed loop; print its poles, and gain, phase, delay and disk margins of every loop.
-
-Loops are broken at one joint torque, measurement or wheel each, while the others stay closed.
-
-Examples:
-
-    spacerobot margins docking --at 2.5 --at captured --out out/margins
-
-    spacerobot margins docking --along 40 --out out/margins
-
-    spacerobot margins docking --at captured --worst-case target.links.body.mass=50..200 --loops 'torque/*'
-"""
 HEADINGS = ("loop", "gain [dB]", "phase [deg]", "delay [s]", "disk", "crossover [Hz]")
 MOST_LOOPS = 12
 """Loops with the least disk margins that are printed."""
@@ -69,6 +56,7 @@ MOST_MODES = 6
 """Least damped modes that are printed."""
 
 
+@Command.of("margins", place=4.5)
 def command(
     scenario: ScenarioName,
     at: At = None,
@@ -80,7 +68,19 @@ def command(
     loops: Loops = "*",
     together: Together = False,
 ) -> None:
-    """Print margins, and draw them if a folder is given."""
+    """Linearise the closed loop; print its poles, and gain, phase, delay and disk margins of every loop.
+
+    Loops are broken at one joint torque, measurement or wheel each, while the others stay closed.
+
+    Examples:
+
+        spacerobot margins docking --at 2.5 --at captured --out out/margins
+
+        spacerobot margins docking --along 40 --out out/margins
+
+        spacerobot margins docking --at captured --worst-case target.links.body.mass=50..200
+            --loops 'torque/*'
+    """
     from spacerobot.linear import margins
     from spacerobot.scene import load_scene
 
@@ -171,6 +171,3 @@ def _instant(text: str) -> float | str:
         return float(text)
     except ValueError:
         return text
-
-
-COMMANDS.add(Command.of("margins", command, HELP, place=4.5), __name__)

@@ -9,20 +9,7 @@ import typer
 
 from spacerobot.cli.command import Command
 from spacerobot.cli.output import console, warn
-from spacerobot.registry import COMMANDS
 
-HELP = """Draft a scenario from URDFs of robots and a target, ready to run, tune and edit.
-
-Bases, posture, gains, bounds and steps are computed from the URDFs; comments in the file explain them.
-
-Examples:
-
-    spacerobot new --robot planar_arm.urdf --target rectangle.urdf --out mine.yaml
-
-    spacerobot new --robot panda.urdf --tip panda_hand --target satellite_box.urdf --out mine.yaml
-
-    spacerobot new --capture --robot panda.urdf --tip panda_hand --target satellite_box.urdf --out dock.yaml
-"""
 Robots = Annotated[
     list[str],
     typer.Option("--robot", metavar="URDF", help="A robot: a file, or a shipped URDF. Repeatable."),
@@ -67,6 +54,7 @@ Point = Annotated[
 ]
 
 
+@Command.of("new", place=16)
 def command(
     robot: Robots,
     target: Target,
@@ -77,17 +65,46 @@ def command(
     capture: Capture = False,
     point: Point = None,
 ) -> None:
-    """Write the scenario and say what was chosen."""
+    """Draft a scenario from URDFs of robots and a target, ready to run, tune and edit.
+
+    Bases, posture, gains, bounds and steps are computed from the URDFs; comments in the file explain
+    them.
+
+    Examples:
+
+        spacerobot new --robot planar_arm.urdf --target rectangle.urdf --out mine.yaml
+
+        spacerobot new --robot panda.urdf --tip panda_hand --target satellite_box.urdf --out mine.yaml
+
+        spacerobot new --capture --robot panda.urdf --tip panda_hand --target satellite_box.urdf
+            --out dock.yaml
+    """
     from spacerobot.errors import ScenarioError
     from spacerobot.files import write_text
     from spacerobot.scene.draft import DraftRequest, draft_capture, draft_scenario
     from spacerobot.scene.overlaps import overlaps
+    from spacerobot.scene.draft.capture import POINT, surface_point
 
     file = out or Path(f"{Path(robot[0]).stem}.yaml")
     if file.exists():
         raise ScenarioError("exists already; name another file by --out", source=file)
     if point is not None:
-        target, frame = _with_point(target, point, file, frame, capture=capture)
+        # the object's URDF with a mating frame at the point
+        try:
+            place = [float(part) for part in point.split(",")]
+        except ValueError:
+            place = []
+        if len(place) != 3 or not capture or frame:
+            raise ScenarioError(
+                f"found {point!r}, allowed: x,y,z [m] on the object's root link, with --capture, without --frame",
+                where="--point",
+            )
+        file_name, object_text = surface_point(target, place, file)
+        urdf = file.absolute().parent / file_name
+        if urdf.exists():
+            raise ScenarioError("exists already; name another file by --out", source=urdf)
+        write_text(urdf, object_text)
+        target, frame = str(urdf), [POINT]
     draft = draft_capture if capture else draft_scenario
     text, scene = draft(DraftRequest(robot, target, tip or (), frame or (), base), file)
     write_text(file, text)
@@ -99,31 +116,3 @@ def command(
         console().print(line, markup=False, soft_wrap=True)
     following = "`plan`, `tune` and `campaign`" if capture else "`tune` and `campaign`"
     console().print(f"{file}: try `spacerobot run {file}`, then {following}", markup=False, soft_wrap=True)
-
-
-def _with_point(
-    target: str, point: str, file: Path, frame: list[str] | None, *, capture: bool
-) -> tuple[str, list[str]]:
-    """Write the object's URDF with a mating frame at a point; its file, and the frame's name."""
-    from spacerobot.errors import ScenarioError
-    from spacerobot.files import write_text
-    from spacerobot.scene.draft.capture import POINT, surface_point
-
-    try:
-        place = [float(part) for part in point.split(",")]
-    except ValueError:
-        place = []
-    if len(place) != 3 or not capture or frame:
-        raise ScenarioError(
-            f"found {point!r}, allowed: x,y,z [m] on the object's root link, with --capture, without --frame",
-            where="--point",
-        )
-    name, text = surface_point(target, place, file)
-    urdf = file.absolute().parent / name
-    if urdf.exists():
-        raise ScenarioError("exists already; name another file by --out", source=urdf)
-    write_text(urdf, text)
-    return str(urdf), [POINT]
-
-
-COMMANDS.add(Command.of("new", command, HELP, place=16), __name__)

@@ -8,7 +8,6 @@ from spacerobot.cli.command import Command
 from spacerobot.cli.commands.run import warn_if_open
 from spacerobot.cli.options import Out
 from spacerobot.cli.output import console, progress, table
-from spacerobot.registry import COMMANDS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,13 +15,6 @@ if TYPE_CHECKING:
     from spacerobot.paper import Variant
     from spacerobot.result import Result
 
-
-HELP = """Run PID only and PID + amnesia, with both feedback variants and both radii; compare with the paper.
-
-Example:
-
-    spacerobot paper --out out/paper
-"""
 
 LEGEND = (
     "Tip errors are reference minus position, least .. greatest over 10 s, in mm. base: the PID feeds back "
@@ -32,8 +24,14 @@ LEGEND = (
 )
 
 
+@Command.of("paper", place=7)
 def command(out: Out = None) -> None:
-    """Run every variant of the paper and print one table."""
+    """Run PID only and PID + amnesia, with both feedback variants and both radii; compare with the paper.
+
+    Example:
+
+        spacerobot paper --out out/paper
+    """
     from spacerobot.paper import VARIANTS, run_variants
     from spacerobot.result import check_folder
     from spacerobot.simulation import simulate
@@ -77,6 +75,3 @@ def _span(band: tuple[float, float]) -> str:
 
 def _short(value: float) -> str:
     return f"{value:.2f}" if abs(value) >= 0.095 else f"{value:.1g}"
-
-
-COMMANDS.add(Command.of("paper", command, HELP, place=7), __name__)

@@ -10,18 +10,9 @@ import typer
 from spacerobot.cli.command import Command
 from spacerobot.cli.output import console, pairs, progress
 from spacerobot.cli.plugins import load_plugins_of
-from spacerobot.registry import COMMANDS
-
-HELP = """Find the least distance of robots and target in free drift after an abort at any sample.
-
-Actuators are off and joints are braked from the abort on. Exits with 1 if a clearance is not kept.
-
-Examples:
-
-    spacerobot passive-safety out/docking --drift 600 --clearance 0.5
-"""
 
 
+@Command.of("passive-safety", place=6)
 def command(
     result: Annotated[Path, typer.Argument(metavar="RESULT", help="Folder of a result.")],
     drift: Annotated[float, typer.Option("--drift", min=1e-9, help="Length of the drift [s].")] = 600.0,
@@ -33,7 +24,14 @@ def command(
         typer.Option("--until", help="Last abort [s]; the first capture, else the end, if not given."),
     ] = None,
 ) -> None:
-    """Print the worst abort and, with a clearance, the first one that does not keep it."""
+    """Find the least distance of robots and target in free drift after an abort at any sample.
+
+    Actuators are off and joints are braked from the abort on. Exits with 1 if a clearance is not kept.
+
+    Examples:
+
+        spacerobot passive-safety out/docking --drift 600 --clearance 0.5
+    """
     from spacerobot.abort_drift import passive_safety
     from spacerobot.result import Result
 
@@ -54,6 +52,3 @@ def command(
     console().print(pairs(loaded.scenario.name, rows))
     if len(unsafe):
         raise typer.Exit(1)
-
-
-COMMANDS.add(Command.of("passive-safety", command, HELP, place=6), __name__)

@@ -14,7 +14,6 @@ from spacerobot.cli.commands.animate import serve
 from spacerobot.cli.options import Changes, Machines, Out, Port, ScenarioName, View, parse_changes
 from spacerobot.cli.output import console, pairs, progress, table, warn
 from spacerobot.interrupts import keep, recall
-from spacerobot.registry import COMMANDS
 
 if TYPE_CHECKING:
     from optim.planning.search.candidates import Candidate
@@ -61,28 +60,9 @@ From = Annotated[
         help="Warm start: a plan's folder or plan.nc, of a scene of the same bodies, as the first guess.",
     ),
 ]
-HELP = """Solve the trajectory optimisation problem of a scenario's `plan` section, and verify the solution.
-
-The plan is replayed by the simulator before it is kept: plan.nc, plan.json and followed.yaml, the scenario
-that follows it. Exit code 4 if no plan passes the verification. With --pareto two cost terms are
-traded against each other: front.json, its figure, and a plan for each point. With --design the numbers
-that `plan.design` names are chosen too: design.json, its figure, and the plan of the design that was found.
-Interrupted runs resume: repeat the same command.
-
-Examples:
-
-    spacerobot plan docking --out out/plan
-
-    spacerobot plan mine.yaml --set plan.duration=12 --out out/plan
-
-    spacerobot plan mine.yaml --set plan.costs.time=0.1 --from out/plan --out out/faster
-
-    spacerobot run out/plan/followed.yaml --out out/flown
-
-    spacerobot plan mine.yaml --pareto time,base_rotation --points 9 --dask local:2 --out out/front
-"""
 
 
+@Command.of("plan", place=13)
 def command(
     scenario: ScenarioName,
     out: Out = None,
@@ -97,7 +77,26 @@ def command(
     view: View = False,
     port: Port = 7000,
 ) -> None:
-    """Plan, print what was found, and write it if a folder is given; exit code 130 after Ctrl-C."""
+    """Solve the trajectory optimisation problem of a scenario's `plan` section, and verify the solution.
+
+    The plan is replayed by the simulator before it is kept: plan.nc, plan.json and followed.yaml, the
+    scenario that follows it. Exit code 4 if no plan passes the verification. With --pareto two cost terms
+    are traded against each other: front.json, its figure, and a plan for each point. With --design the
+    numbers that `plan.design` names are chosen too: design.json, its figure, and the plan of the design
+    that was found. Interrupted runs resume: repeat the same command.
+
+    Examples:
+
+        spacerobot plan docking --out out/plan
+
+        spacerobot plan mine.yaml --set plan.duration=12 --out out/plan
+
+        spacerobot plan mine.yaml --set plan.costs.time=0.1 --from out/plan --out out/faster
+
+        spacerobot run out/plan/followed.yaml --out out/flown
+
+        spacerobot plan mine.yaml --pareto time,base_rotation --points 9 --dask local:2 --out out/front
+    """
     from spacerobot.result import JOURNALS
     from spacerobot.scene import load_scene
 
@@ -238,6 +237,9 @@ def _front(scene: Scene, asked: tuple[str, int], out: Path | None, how: dict[str
 
 def _show(planned: PlanSolution) -> None:
     """Print the plan, its verification, and each run of the solver."""
+    from optim.planning.formulation.base_actuation import limiting_actuators
+    from optim.planning.formulation.formulate import plan_section
+
     phased_motion, verification = planned.phased_motion, planned.verification
     order = 2 * planned.motion.lobatto.points - 2
     intervals = sum(motion.intervals for motion in phased_motion.motions)
@@ -254,8 +256,16 @@ def _show(planned: PlanSolution) -> None:
         ("duration", f"{phased_motion.duration_s:.6g} s"),
         *((f"  {name}", f"{motion.duration_s:.6g} s") for name, motion in phases if name),
         ("mesh", f"{intervals} intervals of order {order}, {len(phased_motion.unknowns)} unknowns"),
-        *((f"candidate {_named(one)}", _outcome(one)) for one in planned.candidates),
-        *((f"base of {name}", f"within the limits of {own}") for name, own in _base_limits(planned)),
+        *(
+            (f"candidate {_named(one)}", one.failure if one.cost is None else f"cost {one.cost:.6g}")
+            for one in planned.candidates
+        ),
+        *(
+            (f"base of {name}", f"within the limits of {own}")
+            for name, own in limiting_actuators(
+                planned.scene, plan_section(planned.scene).by_phase.values()
+            ).items()
+        ),
         *((("collision avoidance", _avoided(planned)),) if planned.pairs else ()),
         ("cost", f"{planned.cost:.6g}"),
         *((f"  {name.replace('_', ' ')}", f"{value:.6g}") for name, value in planned.terms.items()),
@@ -289,20 +299,5 @@ def _avoided(planned: PlanSolution) -> str:
     return f"{planned.pairs} pairs of links apart" + (f", by a constraint {names}" if names else "")
 
 
-def _base_limits(planned: PlanSolution) -> Iterable[tuple[str, str]]:
-    """Robots whose bases are driven within the limits of their actuators, and which."""
-    from optim.planning.formulation.base_actuation import limiting_actuators
-    from optim.planning.formulation.formulate import plan_section
-
-    return limiting_actuators(planned.scene, plan_section(planned.scene).by_phase.values()).items()
-
-
 def _named(one: Candidate) -> str:
     return ", ".join(f"{name} {value}" for name, value in one.chosen.items())
-
-
-def _outcome(one: Candidate) -> str:
-    return one.failure if one.cost is None else f"cost {one.cost:.6g}"
-
-
-COMMANDS.add(Command.of("plan", command, HELP, place=13), __name__)

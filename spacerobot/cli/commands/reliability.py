@@ -12,21 +12,10 @@ from spacerobot.cli.commands.falsify import Limit, Metric
 from spacerobot.cli.options import Changes, ScenarioName, Threads, parse_changes
 from spacerobot.cli.output import console, pairs, progress, prose, table
 from spacerobot.cli.tuning_options import Seed
-from spacerobot.registry import COMMANDS, ESTIMATORS
-
-HELP = """Probability that a metric exceeds its limit, however rare, over the campaign's uncertain parameters.
-
-Finds the most probable failures by exact gradients and samples about them. Methods: importance (samples about
-all of them), line (lines along the most probable), subset (simulation by levels, without gradients).
-
-Examples:
-
-    spacerobot reliability paper --metric tip_error_peak --limit 0.008
-
-    spacerobot reliability paper --metric grip_force_peak --limit 30 --method line --out out/rare.json
-"""
+from spacerobot.registry import ESTIMATORS
 
 
+@Command.of("reliability", place=14)
 def command(
     scenario: ScenarioName,
     out: Annotated[
@@ -48,7 +37,18 @@ def command(
     seed: Seed = None,
     threads: Threads = None,
 ) -> None:
-    """Print the probability, and the most probable failures."""
+    """Probability that a metric exceeds its limit, however rare, over the campaign's uncertain parameters.
+
+    Finds the most probable failures by exact gradients and samples about them. Methods: importance
+    (samples about all of them), line (lines along the most probable), subset (simulation by levels,
+    without gradients).
+
+    Examples:
+
+        spacerobot reliability paper --metric tip_error_peak --limit 0.008
+
+        spacerobot reliability paper --metric grip_force_peak --limit 30 --method line --out out/rare.json
+    """
     from optim.reliability.estimator import SamplingEffort
     from optim.reliability.probability import failure_probability
     from spacerobot.scene import load_scene
@@ -76,6 +76,3 @@ def command(
     if out is not None:
         found.save(out)
         console().print(f"result in {out}", markup=False, soft_wrap=True)
-
-
-COMMANDS.add(Command.of("reliability", command, HELP, place=14), __name__)

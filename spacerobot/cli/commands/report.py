@@ -13,7 +13,6 @@ from spacerobot.cli.command import Command
 from spacerobot.cli.output import console, progress
 from spacerobot.cli.plugins import load_plugins_of
 from spacerobot.errors import ResultError
-from spacerobot.registry import COMMANDS
 
 Folders = Annotated[
     list[Path],
@@ -27,25 +26,23 @@ Out = Annotated[
 ]
 
 
-HELP = """Write one self-contained page: scenario, headline numbers, animation, figures, ledger, warnings.
-
-For a folder written by `spacerobot compare` the page compares the tuning methods; for one written by
-`spacerobot campaign` it reports the campaign, finished or not, with the worst samples animated.
-
-Examples:
-
-    spacerobot report out/paper
-
-    spacerobot report out/before out/after --out report.html
-
-    spacerobot report out/compare
-
-    spacerobot report out/campaign
-"""
-
-
+@Command.of("report", place=6)
 def command(folders: Folders, out: Out = None) -> None:
-    """Write the page."""
+    """Write one self-contained page: scenario, headline numbers, animation, figures, ledger, warnings.
+
+    For a folder written by `spacerobot compare` the page compares the tuning methods; for one written by
+    `spacerobot campaign` it reports the campaign, finished or not, with the worst samples animated.
+
+    Examples:
+
+        spacerobot report out/paper
+
+        spacerobot report out/before out/after --out report.html
+
+        spacerobot report out/compare
+
+        spacerobot report out/campaign
+    """
     from spacerobot.files import write_text
     from viz.report.report import find_results, write_report
 
@@ -72,6 +69,8 @@ def _special_page(folders: list[Path], tell: Callable[[str], object]) -> str | N
     ResultError
         If a comparison or a campaign is named with others.
     """
+    from spacerobot.result.store import DATA
+
     found = [(folder, _special(folder)) for folder in folders]
     for folder, special in found:
         if special is not None and len(folders) > 1:
@@ -79,7 +78,7 @@ def _special_page(folders: list[Path], tell: Callable[[str], object]) -> str | N
         if special is not None:
             return special[1](folder, tell)
         for inside in sorted(folder.glob("*/")):
-            if (kind := _special(inside)) is not None and not _is_result(folder):
+            if (kind := _special(inside)) is not None and not (folder / DATA).is_file():
                 message = f"holds a {kind[0]}, {inside.name}, among results; name the results, or it alone"
                 raise ResultError(message, source=folder)
     return None
@@ -95,12 +94,3 @@ def _special(folder: Path) -> tuple[str, Maker] | None:
     if (folder / HEAD).is_file():
         return "campaign", campaign_page
     return None
-
-
-def _is_result(folder: Path) -> bool:
-    from spacerobot.result.store import DATA
-
-    return (folder / DATA).is_file()
-
-
-COMMANDS.add(Command.of("report", command, HELP, place=6), __name__)

@@ -24,7 +24,6 @@ from spacerobot.cli.tuning_options import (
     shown,
     stop_if_interrupted,
 )
-from spacerobot.registry import COMMANDS
 
 Measure = Annotated[
     Literal["mean", "percentile", "worst"],
@@ -34,14 +33,9 @@ Percent = Annotated[float, typer.Option("--percent", min=1, max=99, metavar="P",
 Common = Annotated[int, typer.Option("--samples", min=2, metavar="N", help="Samples that are tuned for.")]
 Fresh = Annotated[int, typer.Option("--fresh", min=2, metavar="N", help="Samples of the verification.")]
 Method = Annotated[str, typer.Option("--method", metavar="NAME", help="ga, de, pso, cmaes or nlp.")]
-HELP = """Tune gains for the uncertain numbers of the campaign section; verify them on fresh samples.
-
-Example:
-
-    spacerobot robust paper --variant base --variables seven --measure worst --out out/robust
-"""
 
 
+@Command.of("robust", place=9)
 def command(
     scenario: ScenarioName,
     out: Out = None,
@@ -60,7 +54,12 @@ def command(
     threads: Threads = None,
     dask: Machines = None,
 ) -> None:
-    """Tune robustly and nominally, and print both on fresh samples."""
+    """Tune gains for the uncertain numbers of the campaign section; verify them on fresh samples.
+
+    Example:
+
+        spacerobot robust paper --variant base --variables seven --measure worst --out out/robust
+    """
     from optim import effort_of
     from optim.problem.scene_recipe import tuning_of
     from optim.robust.problem import Statistic, build_robust, describe, save_robust, tune_robust
@@ -110,6 +109,3 @@ def _cells(told: Mapping[str, float]) -> list[str]:
 
     plain = [f"{told[name]:.4g}" for name in COLUMNS[1:-1]]
     return [mean("mean"), *plain, mean("change") if told["change"] else ""]
-
-
-COMMANDS.add(Command.of("robust", command, HELP, place=9), __name__)

@@ -10,7 +10,6 @@ from spacerobot.cli.command import Command
 from spacerobot.cli.options import Changes, Out, Port, ScenarioName, parse_changes
 from spacerobot.cli.output import console, pairs, progress, table, warn
 from spacerobot.interrupts import keep
-from spacerobot.registry import COMMANDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,16 +34,7 @@ View = Annotated[
 ]
 
 
-HELP = """Simulate a scenario and print its headline numbers.
-
-Examples:
-
-    spacerobot run paper --out out/paper
-
-    spacerobot run my.yaml --set simulation.duration=20 --set 'robots.*.tips.*.amnesia=null'
-"""
-
-
+@Command.of("run", place=1)
 def command(
     scenario: ScenarioName,
     out: Out = None,
@@ -54,7 +44,14 @@ def command(
     view: View = False,
     port: Port = 7000,
 ) -> None:
-    """Simulate a scenario; exit code 3 if the rollout diverges."""
+    """Simulate a scenario and print its headline numbers.
+
+    Examples:
+
+        spacerobot run paper --out out/paper
+
+        spacerobot run my.yaml --set simulation.duration=20 --set 'robots.*.tips.*.amnesia=null'
+    """
     from spacerobot.scene import load_scene
 
     pairs_given = parse_changes(changes)
@@ -174,6 +171,3 @@ def warn_if_open(result: Result) -> None:
     doubt = warning(result.summary["status"])
     if doubt is not None:
         warn(f"{result.scenario.name}: {doubt}")
-
-
-COMMANDS.add(Command.of("run", command, HELP, place=1), __name__)

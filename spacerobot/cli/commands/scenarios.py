@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from spacerobot.cli.command import Command
 from spacerobot.cli.output import console, prose, table
-from spacerobot.registry import COMMANDS
-
-HELP = """List the shipped scenarios and URDFs.
-
-Example:
-
-    spacerobot scenarios
-"""
 
 
+@Command.of("scenarios", place=14)
 def command() -> None:
-    """List the shipped scenarios and URDFs."""
+    """List the shipped scenarios and URDFs.
+
+    Example:
+
+        spacerobot scenarios
+    """
     from spacerobot.description.find import shipped_names, shipped_urdf_folder
     from spacerobot.scenario.catalogue import shipped
     from spacerobot.scenario.load import read_document
@@ -27,6 +25,3 @@ def command() -> None:
     console().print(table("scenarios", ["name", "description"], rows))
     console().print()
     prose(f"URDFs in {shipped_urdf_folder()}: {', '.join(shipped_names())}")
-
-
-COMMANDS.add(Command.of("scenarios", command, HELP, place=14), __name__)

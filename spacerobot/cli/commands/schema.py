@@ -8,20 +8,18 @@ from typing import Annotated
 import typer
 
 from spacerobot.cli.command import Command
-from spacerobot.registry import COMMANDS
-
-HELP = """Export the JSON schema of scenario files, for completion and checking in editors.
-
-Example:
-
-    spacerobot schema scenario.schema.json
-"""
 
 
+@Command.of("schema", place=18)
 def command(
     file: Annotated[Path | None, typer.Argument(help="File to write; standard output if not given.")] = None,
 ) -> None:
-    """Write the JSON schema."""
+    """Export the JSON schema of scenario files, for completion and checking in editors.
+
+    Example:
+
+        spacerobot schema scenario.schema.json
+    """
     import json
 
     from spacerobot.scenario.load import json_schema
@@ -34,6 +32,3 @@ def command(
 
         write_text(file, text + "\n")
         typer.echo(f"schema in {file}")
-
-
-COMMANDS.add(Command.of("schema", command, HELP, place=18), __name__)

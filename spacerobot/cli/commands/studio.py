@@ -10,7 +10,6 @@ import typer
 from spacerobot.cli.command import Command
 from spacerobot.cli.options import Changes, Port, ScenarioName, parse_changes
 from spacerobot.cli.output import console, progress, warn
-from spacerobot.registry import COMMANDS
 
 Folder = Annotated[
     Path, typer.Option("--out", metavar="DIR", help="Folder for everything that the studio saves.")
@@ -20,16 +19,7 @@ NoBrowser = Annotated[
 ]
 
 
-HELP = """Change a scenario's parameters in the browser; motion, curves and metrics update at once.
-
-Examples:
-
-    spacerobot studio paper
-
-    spacerobot studio my.yaml --set simulation.duration=20 --out out/trials
-"""
-
-
+@Command.of("studio", place=3)
 def command(
     scenario: ScenarioName,
     changes: Changes = None,
@@ -37,7 +27,14 @@ def command(
     port: Port = 7000,
     no_browser: NoBrowser = False,
 ) -> None:
-    """Serve the studio's page to this computer until Ctrl-C."""
+    """Change a scenario's parameters in the browser; motion, curves and metrics update at once.
+
+    Examples:
+
+        spacerobot studio paper
+
+        spacerobot studio my.yaml --set simulation.duration=20 --out out/trials
+    """
     from spacerobot.scene import load_scene
     from viz.studio.prepared_design import Origin
     from viz.studio.server import Studio
@@ -53,6 +50,3 @@ def command(
         say = "opened in the browser" if opened else "open this address in a browser"
         console().print(f"{say}: {studio.url} (Ctrl-C ends it)", markup=False, soft_wrap=True)
         studio.wait()
-
-
-COMMANDS.add(Command.of("studio", command, HELP, place=3), __name__)

@@ -17,16 +17,9 @@ from spacerobot.cli.tuning_options import (
     journals,
     shown,
 )
-from spacerobot.registry import COMMANDS
-
-HELP = """Sensitivity of the GA to its settings: crossover and mutation probability, population size.
-
-Example:
-
-    spacerobot sweep paper --variant base --variables five --budget 1000 --runs 3
-"""
 
 
+@Command.of("sweep", place=11)
 def command(
     scenario: ScenarioName,
     out: Out = None,
@@ -39,7 +32,12 @@ def command(
     threads: Threads = None,
     dask: Machines = None,
 ) -> None:
-    """Run the GA with one setting changed at a time."""
+    """Sensitivity of the GA to its settings: crossover and mutation probability, population size.
+
+    Example:
+
+        spacerobot sweep paper --variant base --variables five --budget 1000 --runs 3
+    """
     from optim import EvolutionSettings, SearchSession, build_problem
     from optim.comparison.statistics import statistics
     from optim.comparison.sweep import sweep
@@ -67,6 +65,3 @@ def command(
     console().print(table(title, ("setting", "value", "best", "median", "worst"), rows))
     if out is not None:
         write_text(out / "sweep.json", json.dumps(data, indent=1) + "\n")
-
-
-COMMANDS.add(Command.of("sweep", command, HELP, place=11), __name__)

@@ -23,7 +23,7 @@ from spacerobot.cli.tuning_options import (
     shown,
     stop_if_interrupted,
 )
-from spacerobot.registry import COMMANDS, TUNING_METHODS
+from spacerobot.registry import TUNING_METHODS
 
 if TYPE_CHECKING:
     from optim import TuningResult
@@ -41,20 +41,9 @@ Vary = Annotated[
         "that end so. Repeatable.",
     ),
 ]
-HELP = """Tune a scenario's gains and simulate it with the best ones.
-
-Interrupted runs resume: repeat the same command with the same --out. Ctrl-C keeps the best so far.
-
-Examples:
-
-    spacerobot tune paper --variant base --variables five --method nlp --out out/tuned
-
-    spacerobot tune servicer --vary pid.kp=100..4000 --vary pid.ki=50..2000
-
-    spacerobot tune my.yaml --method ga --budget 2000 --runs 3 --dask local:4
-"""
 
 
+@Command.of("tune", place=8)
 def command(
     scenario: ScenarioName,
     out: Out = None,
@@ -70,7 +59,18 @@ def command(
     threads: Threads = None,
     dask: Machines = None,
 ) -> None:
-    """Tune, simulate the best design, and save it if a folder is given."""
+    """Tune a scenario's gains and simulate it with the best ones.
+
+    Interrupted runs resume: repeat the same command with the same --out. Ctrl-C keeps the best so far.
+
+    Examples:
+
+        spacerobot tune paper --variant base --variables five --method nlp --out out/tuned
+
+        spacerobot tune servicer --vary pid.kp=100..4000 --vary pid.ki=50..2000
+
+        spacerobot tune my.yaml --method ga --budget 2000 --runs 3 --dask local:4
+    """
     from optim import build_problem, effort_of, tune
     from optim.problem.objectives import reading
     from optim.problem.scene_recipe import tuning_of
@@ -124,6 +124,3 @@ def _show_trials(found: TuningResult) -> None:
 
 def _short(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-COMMANDS.add(Command.of("tune", command, HELP, place=8), __name__)
