@@ -114,7 +114,16 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
     with np.errstate(over="ignore", invalid="ignore"):  # a rollout that diverges says so by its status
         simulation = scene.scenario.simulation
         if simulation.engine == "pinocchio":
-            run = _check(scene, loop, tell)
+            from spacerobot.pinocchio_engine import simulate as check
+
+            # the independent engine, which takes long enough to say how far it is
+            tell(words := "simulating with Pinocchio's own algorithms")
+            ready = time.perf_counter()
+            local = simulation.tolerance * CHECKING_TOLERANCE
+            checked = check(
+                scene, rtol=local, atol=local / 10, progress=lambda part: tell(f"{words}: {part:.0%}")
+            )
+            run = _Run(scene, ready, dataclasses.replace(checked, events=fired_events(loop, checked)))
         elif simulation.engine == "cvodes":
             tell("integrating with CVODES")
             ready, grid = time.perf_counter(), time_grid(simulation.duration, simulation.output_step)
@@ -215,7 +224,32 @@ def prepare_simulation(
 
 def _result(run: _Run, loop: ClosedLoop, begin: float, built: float) -> Result:
     """Result of a run that began, and had its closed loop, at these times."""
-    trajectory = _good_part(run.trajectory, loop)
+    # trajectory up to the last sample that holds nothing but numbers, and none beyond :data:`LARGEST`
+    trajectory = run.trajectory
+    parts = [trajectory.state, *trajectory.outputs.values()]
+    if not all(np.abs(part).max(initial=0.0) <= LARGEST for part in parts):
+        values = np.hstack(parts)
+        with np.errstate(invalid="ignore"):
+            bad = ~(np.abs(values) <= LARGEST)
+        nothing = np.isnan(values[0])
+        nothing[: trajectory.state.shape[1]] = False
+        rows = np.flatnonzero((bad & ~nothing).any(axis=1))
+        if rows.size:
+            if rows[0] == 0:
+                at = int(np.nanargmax(np.abs(trajectory.state[0])))
+                worst = f"{loop.state_names[at]} = {trajectory.state[0, at]:.3g}"
+                raise DivergedError(
+                    f"the rollout diverged at the start, where {worst}: nothing could be kept"
+                )
+            good = slice(rows[0])
+            trajectory = dataclasses.replace(
+                trajectory,
+                time=trajectory.time[good],
+                state=trajectory.state[good],
+                outputs={name: output[good] for name, output in trajectory.outputs.items()},
+                status="diverged",
+                diverged_at_s=float(trajectory.time[good][-1]),
+            )
     done = time.perf_counter()
     whole = build_dataset(run.scene, trajectory, loop)
     timing = {
@@ -228,37 +262,6 @@ def _result(run: _Run, loop: ClosedLoop, begin: float, built: float) -> Result:
     summary = build_summary(run.scene, whole, trajectory, timing, run.notes, events)
     kept = whole if run.every == 1 else whole.isel(time=slice(None, None, run.every))
     return Result(run.scene.scenario, kept, summary)
-
-
-def _good_part(trajectory: Trajectory, loop: ClosedLoop) -> Trajectory:
-    """Trajectory up to the last sample that holds nothing but numbers, and none beyond :data:`LARGEST`.
-
-    What is no number from the start on belongs to outputs that not all elements declare.
-    """
-    parts = [trajectory.state, *trajectory.outputs.values()]
-    if all(np.abs(part).max(initial=0.0) <= LARGEST for part in parts):  # false for what is no number as well
-        return trajectory
-    values = np.hstack(parts)
-    with np.errstate(invalid="ignore"):
-        bad = ~(np.abs(values) <= LARGEST)
-    nothing = np.isnan(values[0])
-    nothing[: trajectory.state.shape[1]] = False
-    rows = np.flatnonzero((bad & ~nothing).any(axis=1))
-    if not rows.size:
-        return trajectory
-    if rows[0] == 0:
-        at = int(np.nanargmax(np.abs(trajectory.state[0])))
-        worst = f"{loop.state_names[at]} = {trajectory.state[0, at]:.3g}"
-        raise DivergedError(f"the rollout diverged at the start, where {worst}: nothing could be kept")
-    kept = slice(rows[0])
-    return dataclasses.replace(
-        trajectory,
-        time=trajectory.time[kept],
-        state=trajectory.state[kept],
-        outputs={name: output[kept] for name, output in trajectory.outputs.items()},
-        status="diverged",
-        diverged_at_s=float(trajectory.time[kept][-1]),
-    )
 
 
 @dataclass(frozen=True)
@@ -306,17 +309,6 @@ def _rolled(scene: Scene, rollout: Rollout, design: Mapping[str, float]) -> _Run
             )
             scene = dataclasses.replace(scene, warnings=(*scene.warnings, told))
     return _Run(scene, ready, trajectory, every, notes)
-
-
-def _check(scene: Scene, loop: ClosedLoop, tell: Progress) -> _Run:
-    """The independent engine, which takes long enough to say how far it is."""
-    from spacerobot.pinocchio_engine import simulate as check
-
-    tell(words := "simulating with Pinocchio's own algorithms")
-    ready = time.perf_counter()
-    local = scene.scenario.simulation.tolerance * CHECKING_TOLERANCE
-    checked = check(scene, rtol=local, atol=local / 10, progress=lambda part: tell(f"{words}: {part:.0%}"))
-    return _Run(scene, ready, dataclasses.replace(checked, events=fired_events(loop, checked)))
 
 
 def fired_events(loop: ClosedLoop, checked: PinocchioTrajectory) -> tuple[FiredEvent, ...]:

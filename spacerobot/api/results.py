@@ -322,7 +322,18 @@ def load(
     """
     path = Path(path)
     if path.is_file() and path.suffix == ".json":
-        return _load_json(path)
+        from optim.identification import IdentificationResult
+        from optim.reliability.falsification import Falsification
+        from optim.reliability.probability import FailureProbability
+
+        try:
+            key = next(iter(json.loads(path.read_text(encoding="utf-8"))))
+        except (OSError, ValueError, TypeError, StopIteration) as fault:
+            raise ResultError(f"cannot be read: {fault}", source=path) from None
+        kinds = {kind.key: kind for kind in (IdentificationResult, FailureProbability, Falsification)}
+        if key not in kinds:
+            raise ResultError(f"holds {key!r}, allowed: {', '.join(kinds)}", source=path)
+        return kinds[key].load(path)
     if path.is_file():
         from optim.evaluation import load_evaluation
 
@@ -339,21 +350,6 @@ def load(
 
         return TuningResult.load(path)
     return PlanResult.load(path) if "plan.json" in names else Result.load(path)
-
-
-def _load_json(path: Path) -> IdentificationResult | FailureProbability | Falsification:
-    from optim.identification import IdentificationResult
-    from optim.reliability.falsification import Falsification
-    from optim.reliability.probability import FailureProbability
-
-    try:
-        key = next(iter(json.loads(path.read_text(encoding="utf-8"))))
-    except (OSError, ValueError, TypeError, StopIteration) as fault:
-        raise ResultError(f"cannot be read: {fault}", source=path) from None
-    kinds = {kind.key: kind for kind in (IdentificationResult, FailureProbability, Falsification)}
-    if key not in kinds:
-        raise ResultError(f"holds {key!r}, allowed: {', '.join(kinds)}", source=path)
-    return kinds[key].load(path)
 
 
 def _copied(folder: Path, path: StrPath) -> Path:

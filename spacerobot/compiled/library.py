@@ -18,7 +18,7 @@ import numpy.typing as npt
 from spacerobot.arrays import Array
 from spacerobot.compiled import cache
 from spacerobot.compiled.build import Progress, SourceUnit, build
-from spacerobot.compiled.codegen import HIDDEN, GeneratedSource, maths_of, source_of
+from spacerobot.compiled.codegen import HIDDEN, maths_of, source_of
 from spacerobot.compiled.pieces import CodePiece
 from spacerobot.compiled.toolchain import NO_COMPILER, Toolchain, find_toolchain
 from spacerobot.errors import CompileError, near_names
@@ -132,28 +132,8 @@ def compile_functions(
     toolchain = toolchain or find_toolchain()
     if toolchain is None:
         raise CompileError(NO_COMPILER)
-    units = _units(source_of(functions, cold=cold, lanes=lanes), lanes, tail, toolchain)
-    folder = cache.cache_folder()
-    told = " ".join([*toolchain.command, *toolchain.flags, *toolchain.libraries])
-    parts = [*(unit.text for unit in units), toolchain.version, told, toolchain.processor]
-    key = hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
-    path = cache.find(folder, key)
-    cached = path is not None
-    try:
-        if path is None:
-            path = cache.store(folder, key, build(units, toolchain, folder, progress or tell))
-        handle = ctypes.CDLL(str(path))
-    except OSError as error:
-        raise CompileError(f"the compiled library cannot be made or loaded: {error}") from error
-    return Library(dict(functions), lanes, toolchain, path, cached, time.perf_counter() - begin, handle)
-
-
-UNIT = 3000
-"""Statements from which on a source holds no further piece."""
-
-
-def _units(source: GeneratedSource, lanes: int, tail: str, toolchain: Toolchain) -> list[SourceUnit]:
-    """Sources of about the same length, the longest first; the last holds everything but the pieces."""
+    # sources of about the same length, the longest first; the last holds everything but the pieces
+    source = source_of(functions, cold=cold, lanes=lanes)
     vector_symbols = toolchain.vector_symbols if lanes == toolchain.lanes else {}
     header = resources.files("spacerobot.compiled").joinpath("lanes.hpp").read_text(encoding="utf-8")
     head = "\n".join([f"#define LANES {lanes}", header, maths_of(vector_symbols)])
@@ -171,7 +151,24 @@ def _units(source: GeneratedSource, lanes: int, tail: str, toolchain: Toolchain)
         )
         for held in bins
     ]
-    return [*units, SourceUnit("\n".join([head, source.struct, tail, ""]))]
+    units = [*units, SourceUnit("\n".join([head, source.struct, tail, ""]))]
+    folder = cache.cache_folder()
+    told = " ".join([*toolchain.command, *toolchain.flags, *toolchain.libraries])
+    parts = [*(unit.text for unit in units), toolchain.version, told, toolchain.processor]
+    key = hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
+    path = cache.find(folder, key)
+    cached = path is not None
+    try:
+        if path is None:
+            path = cache.store(folder, key, build(units, toolchain, folder, progress or tell))
+        handle = ctypes.CDLL(str(path))
+    except OSError as error:
+        raise CompileError(f"the compiled library cannot be made or loaded: {error}") from error
+    return Library(dict(functions), lanes, toolchain, path, cached, time.perf_counter() - begin, handle)
+
+
+UNIT = 3000
+"""Statements from which on a source holds no further piece."""
 
 
 def _aligned(size: int, lanes: int) -> Array:

@@ -150,6 +150,10 @@ def _toolchain(variable: str, wish: str) -> Toolchain | None:
 
 def _described(command: tuple[str, ...], version: str) -> Toolchain:
     # Model and flags of the first processor; what Python knows about it where /proc does not exist.
+    import ctypes
+
+    from spacerobot.compiled.codegen import BINARY, UNARY
+
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
     except OSError:
@@ -164,9 +168,21 @@ def _described(command: tuple[str, ...], version: str) -> Toolchain:
     processor = " | ".join(
         [platform.machine(), *found] if found else [platform.machine(), platform.processor()]
     )
-    lanes = _lanes(processor)
-    symbols, libraries = _vector_maths(lanes)
-    if platform.machine().lower() not in ("x86_64", "amd64"):
+    flags = processor.split()
+    lanes = 8 if "avx512f" in flags and "avx512dq" in flags else 4 if "avx" in flags else 2
+    # symbols that the C library's vector maths offers for so many lanes, and how to link it
+    machine, symbols = platform.machine().lower(), dict[str, str]()
+    prefix = {"x86_64": {8: "e", 4: "d", 2: "b"}.get(lanes), "aarch64": {2: "n"}.get(lanes)}.get(machine)
+    try:
+        library = ctypes.CDLL("libmvec.so.1")
+    except OSError:
+        prefix = None
+    if prefix is not None:
+        symbols = {name: f"_ZGV{prefix}N{lanes}v_{name}" for name in UNARY}
+        symbols |= {name: f"_ZGV{prefix}N{lanes}vv_{name}" for name in BINARY}
+        symbols = {name: symbol for name, symbol in symbols.items() if hasattr(library, symbol)}
+    libraries: tuple[str, ...] = ("-l:libmvec.so.1",) if symbols else ()
+    if machine not in ("x86_64", "amd64"):
         own: tuple[str, ...] = ("-mcpu=native",)
     elif command == ZIG:
         own = ("-march=native",)
@@ -177,7 +193,7 @@ def _described(command: tuple[str, ...], version: str) -> Toolchain:
     own += ZIG_FLAGS if command == ZIG else () if "clang" in version else GCC_FLAGS
     if command == ZIG and sys.platform == "linux":
         own, libraries = (*own, *BARE[0]), (*BARE[1], *libraries)
-    return Toolchain(command, version, (*FLAGS, *own), libraries, processor, lanes, symbols)
+    return Toolchain(command, version, (*FLAGS, *own), libraries, processor, lanes, MappingProxyType(symbols))
 
 
 def _version(command: tuple[str, ...]) -> str | None:
@@ -186,30 +202,3 @@ def _version(command: tuple[str, ...]) -> str | None:
     except (OSError, subprocess.SubprocessError):
         return None
     return done.stdout.splitlines()[0].strip() if done.stdout.strip() else None
-
-
-def _lanes(processor: str) -> int:
-    flags = processor.split()
-    if "avx512f" in flags and "avx512dq" in flags:
-        return 8
-    return 4 if "avx" in flags else 2
-
-
-def _vector_maths(lanes: int) -> tuple[Mapping[str, str], tuple[str, ...]]:
-    """Symbols that the C library's vector maths offers for so many lanes, and how to link it."""
-    import ctypes
-
-    from spacerobot.compiled.codegen import BINARY, UNARY
-
-    machine = platform.machine().lower()
-    prefix = {"x86_64": {8: "e", 4: "d", 2: "b"}.get(lanes), "aarch64": {2: "n"}.get(lanes)}.get(machine)
-    try:
-        library = ctypes.CDLL("libmvec.so.1")
-    except OSError:
-        prefix = None
-    if prefix is None:
-        return MappingProxyType({}), ()
-    names = {name: f"_ZGV{prefix}N{lanes}v_{name}" for name in UNARY}
-    names |= {name: f"_ZGV{prefix}N{lanes}vv_{name}" for name in BINARY}
-    found = {name: symbol for name, symbol in names.items() if hasattr(library, symbol)}
-    return MappingProxyType(found), (("-l:libmvec.so.1",) if found else ())

@@ -115,7 +115,19 @@ def _link(
     shapes: dict[str, list[LinkShape]] = {"visual": [], "collision": []}
     for kind, found in (("visual", link.visuals), ("collision", link.collisions)):
         for shape in found:
-            geometry = _geometry(shape.geometry, source)
+            # A shape's geometry, or None if its mesh is not found
+            geometry = shape.geometry
+            if geometry.box is not None:
+                geometry = Geometry("box", frozen(geometry.box.size))
+            elif geometry.cylinder is not None:
+                geometry = Geometry("cylinder", frozen((geometry.cylinder.radius, geometry.cylinder.length)))
+            elif geometry.sphere is not None:
+                geometry = Geometry("sphere", frozen((geometry.sphere.radius,)))
+            else:
+                mesh = geometry.mesh
+                scale = frozen(np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3))
+                path = resolve_mesh(mesh.filename, source)
+                geometry = None if path is None else Geometry("mesh", scale, path)
             if kind == drawn and (geometry is None or not is_readable(geometry)):
                 fault = "not found" if geometry is None else "cannot be read"
                 missing.setdefault((shape.geometry.mesh.filename, fault), []).append(link.name)
@@ -140,20 +152,6 @@ def _link(
         visuals=tuple(shapes["visual"]),
         collisions=tuple(shapes["collision"]),
     )
-
-
-def _geometry(geometry: yp.Geometry, source: Path) -> Geometry | None:
-    """A shape's geometry, or None if its mesh is not found."""
-    if geometry.box is not None:
-        return Geometry("box", frozen(geometry.box.size))
-    if geometry.cylinder is not None:
-        return Geometry("cylinder", frozen((geometry.cylinder.radius, geometry.cylinder.length)))
-    if geometry.sphere is not None:
-        return Geometry("sphere", frozen((geometry.sphere.radius,)))
-    mesh = geometry.mesh
-    scale = frozen(np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3))
-    path = resolve_mesh(mesh.filename, source)
-    return None if path is None else Geometry("mesh", scale, path)
 
 
 def _placement(origin: Array | None) -> Array:

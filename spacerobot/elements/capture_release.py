@@ -243,10 +243,7 @@ class _Life:
             passed = context.time - self.memory["missed_at"].symbol - context.number("failure.retry")
             guard = ca.fmin(guard, ca.if_else(missed, passed, guard))
             armed = both(armed, either(negated(failed), missed))
-        yield self._captured(guard, armed, sets)
-
-    def _captured(self, guard: ca.SX, armed: ca.SX, sets: Mapping[str, bool]) -> Event:
-        """The capture, and what is remembered of it."""
+        # the capture, and what is remembered of it
         plant, context, capture = self.grasp.plant, self.grasp.context, self.config.capture
         gap, velocity, spin = apart(self.grasp)
         rotation, turn = plant.placement(self.grasp.mate_frame)[0], misalignment(self.grasp, self.mated)
@@ -266,7 +263,7 @@ class _Life:
         values |= {"draw_time": times} if self._is_drawn else {}
         updates = {self.memory[key].name: ca.densify(value) for key, value in values.items()}
         found = self._event("captured", guard, armed, sets)
-        return dataclasses.replace(found, updates=updates, impact=self.config.is_rigid)
+        yield dataclasses.replace(found, updates=updates, impact=self.config.is_rigid)
 
     def _opened(self, kind: str, guard: ca.SX, armed: ca.SX, loss: ca.SX | None) -> Event:
         """It lets go, and what its springs hold is lost."""

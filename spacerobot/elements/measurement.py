@@ -251,7 +251,45 @@ class Measurement:
         period = context.steady("period")
         clock = Clock.of(f"{name}.samples", context.time, period)
         value = memory(f"{name}.measured", observed.sample(observed.shown, ca.SX(-1)))
-        sample, kept, bias = _sample(name, context, errors, clock, observed, sensor)
+        # A sample (m x 1), what is remembered for the next one with its new values, and the bias (n x 1)
+        sample, kept = observed.shown, list[tuple[State, ca.SX]]()
+        size, root, number = sample.size1(), ca.sqrt(context.steady("period")), clock.count.symbol
+        rows = math.ceil(context.parameters.value("simulation.duration") / errors.period) + 2
+        begins, walks = (not context.is_zero(key) for key in ("bias", "bias_walk"))
+        bias = None
+        if begins or walks:
+            drift = memory(f"{name}.bias", ca.SX.zeros(size))
+            first, moved = ca.SX.zeros(size), drift.symbol
+            if begins:
+                first = context.number("bias") * context.random(f"{name}.bias", 1, size, ca.SX(0))
+            if walks:
+                step = context.random(f"{name}.walk", rows, size, number)
+                moved = moved + context.number("bias_walk") * root * step
+            kept.append((drift, ca.if_else(number < 0.5, first, moved)))
+            sample, bias = sample + kept[0][1], drift.symbol
+        if not context.is_zero("noise"):
+            density = context.number("noise")
+            if observed.distance is not None and not context.is_zero("noise_growth"):
+                density = density * (1 + context.number("noise_growth") * observed.distance)
+            sample = sample + density / root * context.random(name, rows, size, number)
+        if sensor is not None:
+            sample = sample + sensor.drift
+        if errors.range is not None:
+            limit = context.number("range")
+            sample = ca.fmin(ca.fmax(sample, -limit), limit)
+        if not context.is_zero("resolution"):
+            step = context.number("resolution")
+            sample = step * ca.floor(sample / step + 0.5)
+        sample = observed.sample(sample, clock.instant)
+        if errors.dropout or sensor is not None:
+            last = memory(f"{name}.last", observed.sample(observed.shown, ca.SX(-1)))
+            if errors.dropout:
+                far = NormalDist().inv_cdf(1 - errors.dropout / 2)  # both tails: a number of zero loses none
+                lost = ca.fabs(context.random(f"{name}.dropout", rows, 1, number)) > far
+                sample = ca.if_else(lost, last.symbol, sample)
+            if sensor is not None:
+                sample = sensor.shown(last.symbol, sample, clock.instant if observed.stamped else None)
+            kept.append((last, sample))
         states, updates = [*(state for state, _ in kept), value], {state.name: new for state, new in kept}
         later = [] if sensor is None else [sensor.event]
         if context.is_zero("delay"):
@@ -264,60 +302,6 @@ class Measurement:
         steps = not context.is_zero("resolution")
         due = clock.event(f"{name}.sampled", "measured", name, updates, silent=True, quantised=steps)
         return cls(observed.shown, value, (*states, clock.count), (due, *later), clock.count, bias)
-
-
-def _sample(
-    name: str,
-    context: SectionContext,
-    errors: SensorErrors,
-    clock: Clock,
-    observed: Observation,
-    sensor: FailingSensor | None,
-) -> tuple[ca.SX, list[tuple[State, ca.SX]], ca.SX | None]:
-    """A sample (m x 1), what is remembered for the next one with its new values, and the bias (n x 1).
-
-    Each error has a stream of numbers of its own, and only those that are used are drawn: what one sensor
-    sees of the white noise does not depend on whether its bias walks.
-    """
-    found, kept = observed.shown, list[tuple[State, ca.SX]]()
-    size, root, number = found.size1(), ca.sqrt(context.steady("period")), clock.count.symbol
-    rows = math.ceil(context.parameters.value("simulation.duration") / errors.period) + 2
-    begins, walks = (not context.is_zero(key) for key in ("bias", "bias_walk"))
-    bias = None
-    if begins or walks:
-        drift = memory(f"{name}.bias", ca.SX.zeros(size))
-        first, moved = ca.SX.zeros(size), drift.symbol
-        if begins:
-            first = context.number("bias") * context.random(f"{name}.bias", 1, size, ca.SX(0))
-        if walks:
-            step = context.random(f"{name}.walk", rows, size, number)
-            moved = moved + context.number("bias_walk") * root * step
-        kept.append((drift, ca.if_else(number < 0.5, first, moved)))
-        found, bias = found + kept[0][1], drift.symbol
-    if not context.is_zero("noise"):
-        density = context.number("noise")
-        if observed.distance is not None and not context.is_zero("noise_growth"):
-            density = density * (1 + context.number("noise_growth") * observed.distance)
-        found = found + density / root * context.random(name, rows, size, number)
-    if sensor is not None:
-        found = found + sensor.drift
-    if errors.range is not None:
-        limit = context.number("range")
-        found = ca.fmin(ca.fmax(found, -limit), limit)
-    if not context.is_zero("resolution"):
-        step = context.number("resolution")
-        found = step * ca.floor(found / step + 0.5)
-    found = observed.sample(found, clock.instant)
-    if errors.dropout or sensor is not None:
-        last = memory(f"{name}.last", observed.sample(observed.shown, ca.SX(-1)))
-        if errors.dropout:
-            far = NormalDist().inv_cdf(1 - errors.dropout / 2)  # both tails: a number of zero loses none
-            lost = ca.fabs(context.random(f"{name}.dropout", rows, 1, number)) > far
-            found = ca.if_else(lost, last.symbol, found)
-        if sensor is not None:
-            found = sensor.shown(last.symbol, found, clock.instant if observed.stamped else None)
-        kept.append((last, found))
-    return found, kept, bias
 
 
 def places_of(value: ca.SX) -> list[tuple[int, int]]:

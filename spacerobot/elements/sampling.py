@@ -22,7 +22,6 @@ their projection follows the posture.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import casadi as ca
@@ -123,7 +122,20 @@ def periodic(config: Sampling, context: SectionContext, name: str, continuous: C
             continue
         own = f"{name}.null_space" if null_space else name
         held = memory(f"{own}.held", ca.SX.zeros(len(rows)))
-        value, kept = _formed(config, context, own, asked[rows], period)
+        # output (n x 1) after its limits and quantisation, and the states that this takes
+        value = asked[rows]
+        kept = []
+        if config.limit is not None:
+            limit = context.number("limit")
+            value = ca.fmin(ca.fmax(value, -limit), limit)
+        if config.rate_limit is not None:
+            last = memory(f"{own}.last", ca.SX.zeros(value.size1()))
+            step = context.number("rate_limit") * period
+            value = ca.fmin(ca.fmax(value, last.symbol - step), last.symbol + step)
+            kept.append(last)
+        if not context.is_zero("resolution"):
+            step = context.number("resolution")
+            value = step * ca.floor(value / step + 0.5)
         states += [*kept, held]
         updates |= {state.name: value for state in kept}
         if context.is_zero("delay"):
@@ -172,22 +184,3 @@ def _advanced(state: State, period: ca.SX) -> ca.SX:
             factor = ca.if_else(small, 1 + a / 2, ca.expm1(a) / ca.if_else(small, 1, a))
         advanced.append(state.symbol[i] + period * factor * state.derivative[i])
     return ca.vertcat(*advanced)
-
-
-def _formed(
-    config: Sampling, context: SectionContext, name: str, value: ca.SX, period: ca.SX
-) -> tuple[ca.SX, Sequence[State]]:
-    """Output (n x 1) after its limits and quantisation, and the states that this takes."""
-    states = []
-    if config.limit is not None:
-        limit = context.number("limit")
-        value = ca.fmin(ca.fmax(value, -limit), limit)
-    if config.rate_limit is not None:
-        last = memory(f"{name}.last", ca.SX.zeros(value.size1()))
-        step = context.number("rate_limit") * period
-        value = ca.fmin(ca.fmax(value, last.symbol - step), last.symbol + step)
-        states.append(last)
-    if not context.is_zero("resolution"):
-        step = context.number("resolution")
-        value = step * ca.floor(value / step + 0.5)
-    return value, states

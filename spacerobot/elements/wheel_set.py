@@ -210,7 +210,9 @@ class WheelSet(Actuator):
         pull, out = ca.SX(0), self.left_out(actuator, count)
         if self.speed_limit is not None:
             switches = [actuator.context.switch(f"held.{i}") for i in range(count)]
-        if (switches or out.nnz()) and _is_redundant(axes):
+        if (switches or out.nnz()) and (
+            sum(axes[i, :].nnz() > 0 for i in range(axes.size1())) < axes.size2()
+        ):
             # A held wheel's motor gives its friction, so what others take over is what it would give beyond;
             # one that is left out gives nothing.
             least = friction * (1 - out)
@@ -318,11 +320,6 @@ def shares(axes: ca.SX) -> ca.SX:
     else:
         found[:, rows] = SymmetricFactors(ca.mtimes(own.T, own)).solve(own.T)
     return found
-
-
-def _is_redundant(axes: ca.SX) -> bool:
-    """Whether some wheels (k x n) can take over what others do not give."""
-    return sum(axes[i, :].nnz() > 0 for i in range(axes.size1())) < axes.size2()
 
 
 def _taken_over(asked: ca.SX, axes: ca.SX, held: ca.SX) -> ca.SX:

@@ -6,7 +6,6 @@ mechanical inputs. Mechanics, forward dynamics, impacts, distances and time inte
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -25,7 +24,7 @@ from spacerobot.pinocchio_engine.mechanical_state import MechanicalState, config
 from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene
 from spacerobot.section import numbers
-from spacerobot.symbolic import Constants, Parameters, Plant
+from spacerobot.symbolic import Parameters, Plant
 
 
 @dataclass(frozen=True)
@@ -101,19 +100,7 @@ class PinocchioLoop:
         self.events: tuple[LoopEvent, ...] = rules_of(acting.events, list(constants.switches))
         self._impacts = [event.impact for event in acting.events]
         self._kept: dict[float, Array] = {}
-        self._compile(plant, context.time, z, constants, found.outputs, acting)
-        self.x0 = self._first(acting)
-
-    def _compile(
-        self,
-        plant: InputPlant,
-        time: ca.SX,
-        z: ca.SX,
-        constants: Constants,
-        outputs: Mapping[str, ca.SX],
-        acting: Contribution,
-    ) -> None:
-        """Functions of (t, x, c, inputs) and, later ones, of what was solved for."""
+        # functions of (t, x, c, inputs) and, later ones, of what was solved for
         unknowns, which = self._unknowns, ca.SX.sym("which")
         none = ca.SX(0, 1)
         rates = ca.vertcat(none, *(state.derivative for state in acting.states))
@@ -121,7 +108,7 @@ class PinocchioLoop:
         armed = ca.vertcat(none, *(event.armed for event in acting.events))
         start = ca.vertcat(none, *(state.initial for state in acting.states))
         updated = update_of(plant, acting, which, unknowns.struck)
-        given = [time, ca.vertcat(plant.q, plant.v, z), constants.symbols, plant.inputs.symbols]
+        given = [context.time, ca.vertcat(plant.q, plant.v, z), constants.symbols, plant.inputs.symbols]
         null_space, output, solved = unknowns.null_space, unknowns.output, unknowns.solved
         self._solved, self._reactions = solved.size1(), unknowns.reaction.size1()
 
@@ -133,7 +120,7 @@ class PinocchioLoop:
         self._early = function("early", [*given, null_space], *unknowns.early)
         self._late = function("late", [*given, null_space, output], *unknowns.late)
         self._rates = function("rates", [*given, solved], rates)
-        self._outputs = function("outputs", [*given, solved], *outputs.values())
+        self._outputs = function("outputs", [*given, solved], *found.outputs.values())
         self._guards = function("guards", [*given, solved], guards)
         self._armed = function("armed", [constants.symbols], armed)
         sampled = ca.vertcat(none, *unknowns.sampled)
@@ -144,21 +131,19 @@ class PinocchioLoop:
         }
         self._rows = function("rows", given, constants.cursors)
         self._start = function("start", given, start)
-        self._output_names = tuple(outputs)
+        self._output_names = tuple(found.outputs)
         self._guards_see_forces = bool(ca.depends_on(guards, solved)) if guards.numel() else False
-
-    def _first(self, acting: Contribution) -> Array:
-        """Initial state (nx,): other states count as zero where one begins, but for what events change."""
+        # initial state (nx,): other states count as zero where one begins, but for what events change
         q, v, model = np.array(self.scene.q), np.array(self.scene.v), self.model
         remembers = np.concatenate(
             [np.empty(0), *(np.full(one.symbol.size1(), one.remembers) for one in acting.states)]
         )
         inputs = self._inputs.values(MechanicalState(model, q, v))
-        z = np.zeros(len(remembers))
+        others = np.zeros(len(remembers))
         for _ in range(2):
-            x = np.concatenate([q, v, z * remembers])
-            z = self._start(0.0, x, self.c, inputs)[0]
-        return np.concatenate([q, v, z])
+            x = np.concatenate([q, v, others * remembers])
+            others = self._start(0.0, x, self.c, inputs)[0]
+        self.x0 = np.concatenate([q, v, others])
 
     def change(self, p: Array) -> None:
         """Continue with other parameters (np,), in the order of ``parameter_paths``; switches stay."""
@@ -275,23 +260,20 @@ class PinocchioLoop:
         if self._impacts[number]:
             conditions = self._conditions(now.state, now.given)
             impact = conditions.strike(self._reactions)
-        sampled = self._sampled(now, event.name)
-        after = self._update(*now.given, now.solved, impact, sampled, number)[0]
-        self._kept.clear()
-        return after
-
-    def _sampled(self, now: EvaluatedInstant, event: str) -> Array:
-        """Outputs of laws that are evaluated at instants; zero for those that another event evaluates."""
+        # outputs of laws that are evaluated at instants; zero for those that another event evaluates
         found = [np.zeros(output.size1()) for output in self._unknowns.sampled]
         for place, (name, loads) in enumerate(self._unknowns.laws.items()):
-            if name == event:
+            if name == event.name:
                 values = self._laws[name].matrices(*now.given, now.solved)
                 own = dict(zip(loads, values, strict=True))
                 conditions = self._conditions(now.state, now.given)
                 conditions = DynamicsConditions(now.state, {**conditions.loads, **own})
                 outputs = conditions.solve(own["effort"][:, 0], outputs=True)[0]
                 found[place] = self._unknowns.instants[place].of(outputs)
-        return np.concatenate([np.empty(0), *found])
+        sampled = np.concatenate([np.empty(0), *found])
+        after = self._update(*now.given, now.solved, impact, sampled, number)[0]
+        self._kept.clear()
+        return after
 
     def _conditions(
         self, state: MechanicalState, given: tuple[float, Array, Array, Array]

@@ -71,15 +71,7 @@ def missing_data(data: xr.Dataset, scenario: Scenario) -> str | None:
 
 def missing_summary(summary: Mapping[str, Any], data: xr.Dataset) -> str | None:
     """First missing item of a summary, in words; None if it is complete."""
-    told = _missing(_expected(data), summary, "")
-    if told is not None:
-        return told
-    events = enumerate(summary["events"])
-    return next(filter(None, (_missing(_EVENT, event, f"events.{k}") for k, event in events)), None)
-
-
-def _expected(data: xr.Dataset) -> dict[str, Any]:
-    """Keys of a summary with the types of what they hold."""
+    # keys of a summary with the types of what they hold
     bodies = [str(body) for body in data.body.values]
     span = dict.fromkeys(("min_m", "max_m", "rms_m", "final_m"), Number)
     contact = {"force_n": Number, "contact": Name, "time_s": Maybe}
@@ -91,37 +83,45 @@ def _expected(data: xr.Dataset) -> dict[str, Any]:
         for kind, unit in KINDS:
             numbers = (f"drift_{unit}", f"largest_partial_{unit}", "relative_drift")
             momentum[kind] = {f"initial_{unit}": list, **dict.fromkeys(numbers, Number)}
-    return {
-        "name": str,
-        "status": {
-            "state": str,
-            "reached_s": Number,
-            "diverged_at_s": Maybe,
-            "trusted": bool,
-            "open": list,
-            "advice": Name,
-            "cause": Name,
+    told = _missing(
+        {
+            "name": str,
+            "status": {
+                "state": str,
+                "reached_s": Number,
+                "diverged_at_s": Maybe,
+                "trusted": bool,
+                "open": list,
+                "advice": Name,
+                "cause": Name,
+            },
+            "outcome": Name,
+            "events": list,
+            "tip_error": {str(tip): dict.fromkeys((*"xyz", "norm"), span) for tip in data.tip.values},
+            "target": motion if "target" in bodies else type(None),
+            "bases": {body: motion for body in bodies if body != "target"},
+            "greatest_torque": {"torque_n_m": Number, "unit": str, "joint": Name, "time_s": Maybe},
+            "greatest_grip": {"force_n": Number, "grasp": Name, "time_s": Maybe},
+            **({"greatest_contact": contact} if "contact" in data.coords else {}),
+            **({"attitude_error": dict} if "base_attitude_error" in data else {}),
+            **({"propellant_kg": dict} if "propellant" in data else {}),
+            **({"fastest_wheel": wheel} if "wheel" in data.dims else {}),
+            "fastest_joint": {"rate": Number, "unit": str, "joint": Name, "time_s": Maybe},
+            "ledger": {"momentum": momentum, "energy": _ENERGY},
+            "engine": {"name": str, "backend": str, "step_s": Maybe, "steps": Number},
+            "timing_s": dict.fromkeys(("closed_loop", "compile_or_load", "rollout", "total"), Number),
+            "assumptions": list,
+            "warnings": list,
+            "urdf_sha256": dict.fromkeys(bodies, str),
+            "versions": {"spacerobot": str, "python": str},
         },
-        "outcome": Name,
-        "events": list,
-        "tip_error": {str(tip): dict.fromkeys((*"xyz", "norm"), span) for tip in data.tip.values},
-        "target": motion if "target" in bodies else type(None),
-        "bases": {body: motion for body in bodies if body != "target"},
-        "greatest_torque": {"torque_n_m": Number, "unit": str, "joint": Name, "time_s": Maybe},
-        "greatest_grip": {"force_n": Number, "grasp": Name, "time_s": Maybe},
-        **({"greatest_contact": contact} if "contact" in data.coords else {}),
-        **({"attitude_error": dict} if "base_attitude_error" in data else {}),
-        **({"propellant_kg": dict} if "propellant" in data else {}),
-        **({"fastest_wheel": wheel} if "wheel" in data.dims else {}),
-        "fastest_joint": {"rate": Number, "unit": str, "joint": Name, "time_s": Maybe},
-        "ledger": {"momentum": momentum, "energy": _ENERGY},
-        "engine": {"name": str, "backend": str, "step_s": Maybe, "steps": Number},
-        "timing_s": dict.fromkeys(("closed_loop", "compile_or_load", "rollout", "total"), Number),
-        "assumptions": list,
-        "warnings": list,
-        "urdf_sha256": dict.fromkeys(bodies, str),
-        "versions": {"spacerobot": str, "python": str},
-    }
+        summary,
+        "",
+    )
+    if told is not None:
+        return told
+    events = enumerate(summary["events"])
+    return next(filter(None, (_missing(_EVENT, event, f"events.{k}") for k, event in events)), None)
 
 
 _EVENT = {"time_s": Number, "kind": str, "who": str}

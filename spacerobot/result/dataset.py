@@ -78,7 +78,12 @@ def build_dataset(scene: Scene, trajectory: Trajectory, loop: ClosedLoop) -> xr.
         orientations["body_angle"] = _array(
             angle, ("time", "body"), "rad", "angle of root links about z, unwrapped"
         )
-    variables |= orientations | _joints(scene, q, v)
+    joints, along = _arm_joints(scene), ("time", "joint")
+    position, rates = scene.joint_positions(joints, q), v[:, [scene.model.idx_vs[j] for j in joints]]
+    variables |= orientations | {
+        "joint_position": _array(position, along, _unit(scene, "rad or m"), "joint positions"),
+        "joint_velocity": _array(rates, along, _unit(scene, "rad/s or m/s"), "joint rates"),
+    }
     coordinates = {
         "time": ("time", trajectory.time, {"units": "s", "long_name": "time"}),
         "tip": [tip.label for tip in scene.tips],
@@ -123,12 +128,3 @@ def _joint_kinds(scene: Scene) -> list[str]:
 def _unit(scene: Scene, unit: str) -> str:
     """Unit of a variable of joints: ``rad or m`` is that of both kinds, and ``rad`` where none slides."""
     return unit if "prismatic" in _joint_kinds(scene) else unit.partition(" or ")[0]
-
-
-def _joints(scene: Scene, q: Array, v: Array) -> dict[str, xr.Variable]:
-    joints, dims = _arm_joints(scene), ("time", "joint")
-    position, rates = scene.joint_positions(joints, q), v[:, [scene.model.idx_vs[j] for j in joints]]
-    return {
-        "joint_position": _array(position, dims, _unit(scene, "rad or m"), "joint positions"),
-        "joint_velocity": _array(rates, dims, _unit(scene, "rad/s or m/s"), "joint rates"),
-    }

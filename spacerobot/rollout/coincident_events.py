@@ -315,25 +315,23 @@ class CoincidentInstant:
                 x, c, t = self._reverse("update", step.row, step.x, step.after, step.thing, found.x)
                 found.x, found.c, found.t = x, found.c + c, found.t + t
             if step.root:
-                self._move(found, step)
+                # from the bar of a thing's own time to what moves it
+                rise = float(found.x @ step.rate)
+                found.noise_t += ROUNDING * float(np.abs(found.x) @ np.abs(step.rate))
+                if step.thing >= 0:
+                    by_x, by_c, by_t, slope = self._root(step)
+                    mu, noise = -(found.t + rise) / slope, found.noise_t / abs(slope)
+                    found.x, found.c, found.t = found.x + mu * by_x, found.c + mu * by_c, found.t + mu * by_t
+                    found.noise_x = found.noise_x + noise * abs(by_x)
+                    found.noise_c = found.noise_c + noise * abs(by_c)
+                else:
+                    place = self._kernel.jump_bars[-1 - step.thing]
+                    if place >= 0:
+                        found.c[place] += found.t + rise
+                        found.noise_c[place] += found.noise_t
+                    found.t = -rise
                 self._meet(found, way, k, (step.row, step.x, step.c))
         return found
-
-    def _move(self, bars: _Bars, step: _Step) -> None:
-        """From the bar of a thing's own time to what moves it."""
-        rise = float(bars.x @ step.rate)
-        bars.noise_t += ROUNDING * float(np.abs(bars.x) @ np.abs(step.rate))
-        if step.thing >= 0:
-            x, c, t, rate = self._root(step)
-            mu, noise = -(bars.t + rise) / rate, bars.noise_t / abs(rate)
-            bars.x, bars.c, bars.t = bars.x + mu * x, bars.c + mu * c, bars.t + mu * t
-            bars.noise_x, bars.noise_c = bars.noise_x + noise * abs(x), bars.noise_c + noise * abs(c)
-            return
-        place = self._kernel.jump_bars[-1 - step.thing]
-        if place >= 0:
-            bars.c[place] += bars.t + rise
-            bars.noise_c[place] += bars.noise_t
-        bars.t = -rise
 
     def _meet(self, bars: _Bars, way: _Way, k: int, at: tuple[Integers, Array, Array]) -> None:
         """Take in the seeds of peaks that are met before step k."""

@@ -186,7 +186,19 @@ class HybridRun:
         while index < number and self.fate == COMPLETED:
             t = begin + index * h
             row = (index, number, first, part.last)
-            event = self._at_once(t)
+            # the event that fires where a step begins, or -1: what another armed before what rose by itself
+            rate = self._f["dynamics"](t, self.x, self.c)[0]
+            self._first, self._rates = self._f["guards"](t, self.x, self.c, rate)[:2]
+            if self._fresh and self._gaps:
+                self._speeds = self._values(t, self.x)[1]
+            if self._last >= 0:
+                self._level[self._last] = max(self._first[self._last], 0.0)
+            self._first = self._first - self._level
+            if not self._fresh:
+                event = -1
+            else:
+                armed = self._first_above(np.where(self._crossed, -1.0, self._first))
+                event = armed if armed >= 0 else self._first_above(self._first)
             if event >= 0 and not self._crossed[event]:
                 self._fire(event, t, first, self._moved(row)[0])
                 done = None
@@ -229,20 +241,6 @@ class HybridRun:
         g, speed = self._f["values"](t, x, self.c)
         return g, speed
 
-    def _at_once(self, t: float) -> int:
-        """The event that fires where a step begins, or -1: what another armed before what rose by itself."""
-        rate = self._f["dynamics"](t, self.x, self.c)[0]
-        self._first, self._rates = self._f["guards"](t, self.x, self.c, rate)[:2]
-        if self._fresh and self._gaps:
-            self._speeds = self._values(t, self.x)[1]
-        if self._last >= 0:
-            self._level[self._last] = max(self._first[self._last], 0.0)
-        self._first = self._first - self._level
-        if not self._fresh:
-            return -1
-        armed = self._first_above(np.where(self._crossed, -1.0, self._first))
-        return armed if armed >= 0 else self._first_above(self._first)
-
     def _first_above(self, g: Array) -> int:
         """The first event whose guard is above zero, or -1; backwards the one that rose last."""
         above = np.flatnonzero(g > 0)
@@ -261,7 +259,24 @@ class HybridRun:
         done.cut = done.cut or short
         slope = dt
         if done.cut:
-            done, slope = self._stretched(done, t, dt)
+            # A step cut short whose length moves with its event, and the derivative of the time of its end
+            rate = self.engine.kernel.rate
+            if rate is None:
+                slope = dt
+            else:
+                steps = [self._evaluated(t, done.length, dt, dh)[0] for dh in (0.0, 1.0)]
+                ends, done.m = [step.end for step in steps], steps[0].m
+                stretch = 0.0
+                if done.event >= 0:
+                    slopes = []
+                    for end, time_slope in zip(ends, (dt, dt + 1.0), strict=True):
+                        self.c[rate] = time_slope
+                        found = self._f["guards"](t + done.length, end, self.c, np.zeros_like(end))
+                        slopes.append(found[2][done.event])
+                    self.c[rate] = 0.0
+                    stretch = -slopes[0] / (slopes[1] - slopes[0])
+                done.end = ends[0] + stretch * (ends[1] - ends[0])
+                slope = dt + stretch
         if not self._sound(done.end):
             self.fate = DIVERGED
             return done
@@ -411,25 +426,6 @@ class HybridRun:
         events = events[~self._kinks[events]]
         if len(events) and (self.doubt[0] == 0 or (self.doubt[0] == COINCIDENT and why != COINCIDENT)):
             self.doubt = (why, int(events[0]))
-
-    def _stretched(self, done: _Done, t: float, dt: float) -> tuple[_Done, float]:
-        """A step cut short whose length moves with its event, and the derivative of the time of its end."""
-        rate = self.engine.kernel.rate
-        if rate is None:
-            return done, dt
-        steps = [self._evaluated(t, done.length, dt, dh)[0] for dh in (0.0, 1.0)]
-        ends, done.m = [step.end for step in steps], steps[0].m
-        stretch = 0.0
-        if done.event >= 0:
-            slopes = []
-            for end, time_slope in zip(ends, (dt, dt + 1.0), strict=True):
-                self.c[rate] = time_slope
-                found = self._f["guards"](t + done.length, end, self.c, np.zeros_like(end))
-                slopes.append(found[2][done.event])
-            self.c[rate] = 0.0
-            stretch = -slopes[0] / (slopes[1] - slopes[0])
-        done.end = ends[0] + stretch * (ends[1] - ends[0])
-        return done, dt + stretch
 
     def _fire(self, event: int, t: float, first: int, slope: float, near: int | None = None) -> None:
         """Let an event happen; the time has the given derivative, and so many are close to its root."""

@@ -100,7 +100,25 @@ class InterpretedEngine:
         begin, c = (part.full().ravel() for part in kernel.functions["setup"](p))
         if kernel.events:
             noise = kernel.noise.drawn(p[None, :])[0]
-            return self._hybrid(HybridRun(self, grid, begin, c, estimate, backwards, noise))
+            # A rollout with events
+            run = HybridRun(self, grid, begin, c, estimate, backwards, noise)
+            run.run()
+            last = self.kernel.functions["dynamics"](run.end_s, run.x, run.c)[1].full().ravel()
+            return DiscreteTrajectory(
+                plan=run.plan,
+                c=np.array([*run.constants, run.c]),
+                x=np.array([*run.states, run.x]),
+                m=np.array([*run.peaks, last]),
+                error=np.array(run.errors).reshape(-1, len(run.x)),
+                done=len(run.rows),
+                rows=np.array([*run.shown_rows, run.row], dtype=np.int64),
+                shown=np.array(run.shown),
+                end_s=run.end_s,
+                fate=run.fate,
+                happenings=tuple(run.happenings),
+                cut=run.cut,
+                doubt=run.doubt,
+            )
         times = c[list(kernel.jumps)]
         steps = plan(grid, times, backwards=backwards)
         # constants before each step and at the end, with the side of each jump in its place
@@ -108,7 +126,14 @@ class InterpretedEngine:
         sides[:, list(kernel.jumps)] = np.where(times <= 0, -np.inf, np.inf)
         for k in steps.passes:
             sides[k:, kernel.jumps[steps.first[k]]] = -np.inf
-        rows = self._looked_up(sides, begin, steps)
+        # rows of tables (K + 1, cursors) where jumps alone tell them; the constants then show them
+        if not kernel.tables:
+            rows = np.zeros((len(sides), 0), dtype=np.int64)
+        else:
+            rows = np.zeros((len(sides), kernel.size("rows", "row")), dtype=np.int64)
+            for k in (0, *steps.passes):
+                rows[k:] = kernel.functions["rows"](steps.t[k], begin, sides[k]).full().ravel()
+                fill(kernel.tables, rows[k], sides[k:], kernel.c_slopes)
         dt, dh = self._moved(c, steps)
         states, peaks, errors, done = [begin[None, :]], [], [np.empty((0, len(begin)))], 0
         # first step and length of pieces in which no jump is passed
@@ -147,37 +172,6 @@ class InterpretedEngine:
         end_s = float(grid.time[-1] if whole else steps.t[done])
         fate = COMPLETED if whole else DIVERGED
         return DiscreteTrajectory(steps, c, x, m, error, done, rows[: done + 1], shown, end_s, fate)
-
-    def _looked_up(self, sides: Array, begin: Array, steps: StepPlan) -> Integers:
-        """Rows of tables (K + 1, cursors) where jumps alone tell them; the constants then show them."""
-        kernel = self.kernel
-        if not kernel.tables:
-            return np.zeros((len(sides), 0), dtype=np.int64)
-        rows = np.zeros((len(sides), kernel.size("rows", "row")), dtype=np.int64)
-        for k in (0, *steps.passes):
-            rows[k:] = kernel.functions["rows"](steps.t[k], begin, sides[k]).full().ravel()
-            fill(kernel.tables, rows[k], sides[k:], kernel.c_slopes)
-        return rows
-
-    def _hybrid(self, run: HybridRun) -> DiscreteTrajectory:
-        """A rollout with events."""
-        run.run()
-        last = self.kernel.functions["dynamics"](run.end_s, run.x, run.c)[1].full().ravel()
-        return DiscreteTrajectory(
-            plan=run.plan,
-            c=np.array([*run.constants, run.c]),
-            x=np.array([*run.states, run.x]),
-            m=np.array([*run.peaks, last]),
-            error=np.array(run.errors).reshape(-1, len(run.x)),
-            done=len(run.rows),
-            rows=np.array([*run.shown_rows, run.row], dtype=np.int64),
-            shown=np.array(run.shown),
-            end_s=run.end_s,
-            fate=run.fate,
-            happenings=tuple(run.happenings),
-            cut=run.cut,
-            doubt=run.doubt,
-        )
 
     def _moved(self, c: Array, steps: StepPlan) -> tuple[Array, Array]:
         """Derivatives of each step's beginning and length along the direction of a sensitivity."""
@@ -233,30 +227,6 @@ class InterpretedEngine:
             )
         return np.concatenate([x[self.kernel.nx :], winners, e])
 
-    def _step(self, estimate: bool) -> ca.Function:
-        kernel, method = self.kernel, self.kernel.method
-        nx, nc = kernel.scale.size, kernel.size("setup", "c")
-        x, c = ca.MX.sym("x", nx), ca.MX.sym("c", nc)
-        t, h, dt, dh = (ca.MX.sym(name) for name in ("t", "h", "dt", "dh"))
-        slopes: list[ca.MX] = []
-        peaks = ca.MX(kernel.size("dynamics", "m"), 1)
-        for s in range(len(method.nodes) if estimate else method.stages):
-            here = c
-            if kernel.rate is not None:
-                here = ca.vertcat(c[: kernel.rate], dt + method.nodes[s] * dh)
-            stage = self._combined(x, h, dh, method.a[s], slopes)
-            slope, m = kernel.functions["dynamics"](t + method.nodes[s] * h, stage, here)
-            slopes.append(slope)
-            peaks = m if s == 0 else peaks
-        end = kernel.functions["normalise"](self._combined(x, h, dh, method.b, slopes))
-        error = ca.MX(nx, 1)
-        for weight, slope in zip(method.error, slopes, strict=False):
-            error = error + (h * weight * slope if estimate else 0)
-        inside = ca.mtimes(h * ca.horzcat(*slopes[: method.stages]), ca.DM(method.dense))
-        inner = inside if kernel.events else ca.MX(nx, 0)
-        found = [ca.densify(value) for value in (end, peaks, error, inner)]
-        return ca.Function("step", [x, t, h, dt, dh, c], found)
-
     def _combined(
         self, x: ca.MX, h: ca.MX, dh: ca.MX, weights: Sequence[float] | Array, slopes: Sequence[ca.MX]
     ) -> ca.MX:
@@ -286,5 +256,26 @@ class InterpretedEngine:
         These are coefficients of the powers 1 to 4 of the part of a step, four columns for each.
         """
         if (n, estimate) not in self._made:
-            self._made[n, estimate] = self._step(estimate).mapaccum("steps", n)
+            kernel, method = self.kernel, self.kernel.method
+            nx, nc = kernel.scale.size, kernel.size("setup", "c")
+            x, c = ca.MX.sym("x", nx), ca.MX.sym("c", nc)
+            t, h, dt, dh = (ca.MX.sym(name) for name in ("t", "h", "dt", "dh"))
+            slopes: list[ca.MX] = []
+            peaks = ca.MX(kernel.size("dynamics", "m"), 1)
+            for s in range(len(method.nodes) if estimate else method.stages):
+                here = c
+                if kernel.rate is not None:
+                    here = ca.vertcat(c[: kernel.rate], dt + method.nodes[s] * dh)
+                stage = self._combined(x, h, dh, method.a[s], slopes)
+                slope, m = kernel.functions["dynamics"](t + method.nodes[s] * h, stage, here)
+                slopes.append(slope)
+                peaks = m if s == 0 else peaks
+            end = kernel.functions["normalise"](self._combined(x, h, dh, method.b, slopes))
+            error = ca.MX(nx, 1)
+            for weight, slope in zip(method.error, slopes, strict=False):
+                error = error + (h * weight * slope if estimate else 0)
+            inside = ca.mtimes(h * ca.horzcat(*slopes[: method.stages]), ca.DM(method.dense))
+            inner = inside if kernel.events else ca.MX(nx, 0)
+            found = [ca.densify(value) for value in (end, peaks, error, inner)]
+            self._made[n, estimate] = ca.Function("step", [x, t, h, dt, dh, c], found).mapaccum("steps", n)
         return self._made[n, estimate]

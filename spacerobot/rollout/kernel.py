@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -140,7 +139,11 @@ def build_kernel(
     used = _used_parameters(measures)
     prepared, chosen = ca.SX.sym("c", loop.setup.numel_out(1)), ca.SX.sym("p", len(used))
     x, c = ca.vertcat(state, sums), ca.vertcat(prepared, chosen)
-    y, signals = _as_list(loop.outputs(t, state, prepared)), measures.signals
+    result = loop.outputs(t, state, prepared)
+    y, signals = (
+        [ca.SX(part) for part in result] if isinstance(result, tuple | list) else [ca.SX(result)],
+        measures.signals,
+    )
     check_measures(loop, measures, y)
     symbols = [signals.t, signals.x, *signals.outputs.values(), *[signals.parameters[path] for path in used]]
     values = [t, state, *y, *ca.vertsplit(chosen)]
@@ -151,8 +154,13 @@ def build_kernel(
 
     xdot = ca.vertcat(loop.dynamics(t, state, prepared), stacked(integrals))
     at, peaks = {"t": t, "x": x, "c": c}, stacked(measures.of_kind("peak"))
+    # the closed loop's, with integrals that begin at zero and the parameters that the measures use
+    x0, c0 = loop.setup(p)
+    order = {path: i for i, path in enumerate(loop.parameter_paths)}
+    start = ca.vertcat(x0, ca.SX.zeros(count))
+    c = ca.vertcat(c0, *[p[order[path]] for path in used])
     functions = {
-        "setup": _setup(loop, p, count, used),
+        "setup": sx_function("setup", {"p": p}, {"x0": start, "c": c}),
         "dynamics": sx_function("dynamics", at, {"xdot": xdot, "m": peaks}),
         "normalise": sx_function("normalise", {"x": x}, {"n": ca.vertcat(loop.normalise(state), sums)}),
         "outputs": sx_function("outputs", at, {"y": ca.vertcat(*y)}),
@@ -216,15 +224,6 @@ def _hybrid(
     }
 
 
-def _setup(loop: ClosedLoopFunctions, p: ca.SX, integrals: int, used: Sequence[str]) -> ca.Function:
-    """The closed loop's, with integrals that begin at zero and the parameters that the measures use."""
-    x0, c0 = loop.setup(p)
-    order = {path: i for i, path in enumerate(loop.parameter_paths)}
-    start = ca.vertcat(x0, ca.SX.zeros(integrals))
-    c = ca.vertcat(c0, *[p[order[path]] for path in used])
-    return sx_function("setup", {"p": p}, {"x0": start, "c": c})
-
-
 def entries(column: ca.SX, places: slice | Sequence[int]) -> ca.SX:
     """Some entries of a column; of a column of one, ``column[places]`` may be a row."""
     return column[places, 0]
@@ -248,7 +247,3 @@ def _used_parameters(measures: Measures) -> list[str]:
     """Paths of the parameters that occur in the measures themselves."""
     stack = ca.vertcat(ca.SX(0, 1), *[m.expression for m in measures.named.values()])
     return [path for path, symbol in measures.signals.parameters.items() if ca.depends_on(stack, symbol)]
-
-
-def _as_list(result: Any) -> list[ca.SX]:
-    return [ca.SX(part) for part in result] if isinstance(result, tuple | list) else [ca.SX(result)]

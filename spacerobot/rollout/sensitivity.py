@@ -123,7 +123,14 @@ def _functions(
         "normalise": sx_function("normalise", {"x": state}, {"n": _paired(normal, along(normal), n)}),
         "outputs": sx_function("outputs", at, {"y": along(wanted)}),
         "final": sx_function("final", at, {"e": ca.vertcat(e, along(e))}),
-        "objective": _no_costs(2 * kernel.size("objective", "r"), setup.numel_in("p")),
+        "objective": sx_function(
+            "objective",
+            {
+                "r": ca.SX.sym("r", (2 * kernel.size("objective", "r"))),
+                "p": ca.SX.sym("p", setup.numel_in("p")),
+            },
+            {"J": ca.SX(0, 1)},
+        ),
     }
 
 
@@ -156,7 +163,3 @@ def _along(value: ca.SX, variables: ca.SX, direction: ca.SX) -> ca.SX:
     if value.numel() == 0 or variables.numel() == 0:
         return ca.SX.zeros(value.numel())
     return ca.densify(ca.jtimes(value, variables, direction))
-
-
-def _no_costs(r: int, p: int) -> ca.Function:
-    return sx_function("objective", {"r": ca.SX.sym("r", r), "p": ca.SX.sym("p", p)}, {"J": ca.SX(0, 1)})

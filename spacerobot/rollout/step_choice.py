@@ -117,7 +117,19 @@ def search_step(
             error = _error(coarse, fine, order)
             if max(error, coarse.step_error / GUARD) <= tolerance:
                 choice = StepChoice(coarse.step_s, error, coarse.step_error, tolerance, unstable)
-                return _lengthen(pilot, fine, choice, longest_s, order)
+                ratio = SAFETY * (
+                    choice.tolerance / max(choice.error, choice.step_error / GUARD, 1e-300)
+                ) ** (1 / order)
+                longer_s = min(choice.step_s * min(ratio, 2.0), longest_s)
+                if longer_s > 1.05 * choice.step_s:
+                    longer = pilot(longer_s)
+                    if longer.status == "completed" and longer.step_s > choice.step_s:
+                        found = _error(longer, fine, order)
+                        if max(found, longer.step_error / GUARD) <= choice.tolerance:
+                            return replace(
+                                choice, step_s=longer.step_s, error=found, step_error=longer.step_error
+                            )
+                return choice
         coarse = fine
     raise NoStepError(tolerance, coarse, _reached(coarse, error, tolerance))
 
@@ -133,20 +145,6 @@ def _reached(finest: Trajectory, error: float, tolerance: float) -> str:
     if np.isfinite(error):
         return f"an error of {error:.3g} was left"
     return "no two rollouts were completed to tell an error from"
-
-
-def _lengthen(
-    run: Callable[[float], Trajectory], exact: Trajectory, good: StepChoice, longest_s: float, order: int
-) -> StepChoice:
-    ratio = SAFETY * (good.tolerance / max(good.error, good.step_error / GUARD, 1e-300)) ** (1 / order)
-    longer_s = min(good.step_s * min(ratio, 2.0), longest_s)
-    if longer_s > 1.05 * good.step_s:
-        longer = run(longer_s)
-        if longer.status == "completed" and longer.step_s > good.step_s:
-            found = _error(longer, exact, order)
-            if max(found, longer.step_error / GUARD) <= good.tolerance:
-                return replace(good, step_s=longer.step_s, error=found, step_error=longer.step_error)
-    return good
 
 
 def _error(coarse: Trajectory, fine: Trajectory, order: int) -> float:

@@ -165,7 +165,25 @@ class Campaign(Section):
         if self.correlation is not None:
             if not self.sampler.takes_correlation:
                 raise ValueError(f"correlation: the design {self.design} takes parameters as independent")
-            _check_correlation(self.correlation, list(self.parameters))
+            rows = self.correlation
+            names = list(self.parameters)
+            size = len(names)
+            if len(rows) != size or any(len(row) != size for row in rows):
+                raise ValueError(
+                    f"correlation: {size} rows of {size} numbers, one for each of {', '.join(names)}"
+                )
+            matrix = np.array(rows)
+            for i in range(size):
+                if matrix[i, i] != 1:
+                    raise ValueError(f"correlation: {names[i]} with itself is 1, found {matrix[i, i]:g}")
+                for j in range(i):
+                    if matrix[i, j] != matrix[j, i] or abs(matrix[i, j]) >= 1:
+                        raise ValueError(
+                            f"correlation: {names[i]} with {names[j]} is one number between -1 and 1, "
+                            f"found {matrix[i, j]:g} and {matrix[j, i]:g}"
+                        )
+            if np.linalg.eigvalsh(matrix)[0] < EIGENVALUE:
+                raise ValueError("correlation: not positive definite, so no joint distribution has it")
         self.sampler.check(self)
         if self.count > MOST_SAMPLES:
             raise ValueError(f"{self.count} samples, allowed: at most {MOST_SAMPLES}")
@@ -181,24 +199,6 @@ class Campaign(Section):
         """The sampler that `design` names."""
         found: Sampler = SAMPLERS.find(self.design)
         return found
-
-
-def _check_correlation(rows: tuple[tuple[float, ...], ...], names: list[str]) -> None:
-    size = len(names)
-    if len(rows) != size or any(len(row) != size for row in rows):
-        raise ValueError(f"correlation: {size} rows of {size} numbers, one for each of {', '.join(names)}")
-    matrix = np.array(rows)
-    for i in range(size):
-        if matrix[i, i] != 1:
-            raise ValueError(f"correlation: {names[i]} with itself is 1, found {matrix[i, i]:g}")
-        for j in range(i):
-            if matrix[i, j] != matrix[j, i] or abs(matrix[i, j]) >= 1:
-                found = f"{matrix[i, j]:g} and {matrix[j, i]:g}"
-                raise ValueError(
-                    f"correlation: {names[i]} with {names[j]} is one number between -1 and 1, found {found}"
-                )
-    if np.linalg.eigvalsh(matrix)[0] < EIGENVALUE:
-        raise ValueError("correlation: not positive definite, so no joint distribution has it")
 
 
 def _check_word(word: Any, key: str, allowed: Iterable[str], hint: str = "") -> None:

@@ -244,9 +244,45 @@ def check_phases(phases: Phases, grasps: Mapping[str, Any], bodies: list[str]) -
             raise ValueError(
                 f"grasps.{grasp}.capture: never holds, for no phase names {grasp!r} in `captures`"
             )
-    _check_reached(phases)
-    _check_captured(phases, grasps)
-    _check_cycles(phases)
+    # refuse phases that nothing leads to
+    first = next(iter(phases))
+    reached = {first} | reached_from(first, phases)
+    for name in phases:
+        if name not in reached:
+            earlier = list(phases)[list(phases).index(name) - 1]
+            why = f"; {earlier!r} never ends" if not phases[earlier].ends else ""
+            raise ValueError(
+                f"phases.{name}: never reached{why}; lead to it by `next`, `on_timeout` or `on_abort`"
+            )
+    # refuse phases that wait for grasps which are open when they begin and may not close in them
+    follows, before = _following(phases), {name: set[str]() for name in phases}
+    before[next(iter(phases))] = {name for name, grasp in grasps.items() if grasp.begins == "closed"}
+    held = dict(before)
+    for name in [*phases] * len(phases):  # as often as a way through all of them is long
+        phase = phases[name]
+        closing = grasps if phase.captures is None else phase.captures
+        closes = {grasp for grasp in closing if grasps[grasp].capture is not None}
+        held[name] = (before[name] - set(phase.releases)) | closes
+        for following in follows[name]:
+            if following != END:
+                before[following] |= held[name]
+    for name, phase in phases.items():
+        for grasp in (phase.until and phase.until.captured) or ():
+            if grasp not in held[name]:
+                raise ValueError(
+                    f"phases.{name}.until.captured: never holds, for {grasp!r} is open when the phase begins "
+                    "and `captures` does not name it"
+                )
+    # refuse phases that end at once in turn: their grasps are captured or released as it is
+    next_ones = successors(phases)
+    for first in phases:
+        name, seen = first, list[str]()
+        while name in phases and name not in seen and _ends_at_once(phases[name]):
+            seen.append(name)
+            name = next_ones[name][0]
+        if name == first and seen and not _contradict([phases[at] for at in seen]):
+            way = " -> ".join([*seen, first])
+            raise ValueError(f"phases.{first}: no time passes in {way}: each ends as soon as it begins")
 
 
 def check_planned(names: list[str], phases: Phases) -> None:
@@ -291,54 +327,6 @@ def _names(
             yield key, name, grasps
     if until.settled is not None:
         yield "until.settled.of", until.settled.of, bodies
-
-
-def _check_reached(phases: Phases) -> None:
-    """Refuse phases that nothing leads to."""
-    first = next(iter(phases))
-    reached = {first} | reached_from(first, phases)
-    for name in phases:
-        if name not in reached:
-            before = list(phases)[list(phases).index(name) - 1]
-            why = f"; {before!r} never ends" if not phases[before].ends else ""
-            raise ValueError(
-                f"phases.{name}: never reached{why}; lead to it by `next`, `on_timeout` or `on_abort`"
-            )
-
-
-def _check_captured(phases: Phases, grasps: Mapping[str, Any]) -> None:
-    """Refuse phases that wait for grasps which are open when they begin and may not close in them."""
-    follows, before = _following(phases), {name: set[str]() for name in phases}
-    before[next(iter(phases))] = {name for name, grasp in grasps.items() if grasp.begins == "closed"}
-    held = dict(before)
-    for name in [*phases] * len(phases):  # as often as a way through all of them is long
-        phase = phases[name]
-        closing = grasps if phase.captures is None else phase.captures
-        closes = {grasp for grasp in closing if grasps[grasp].capture is not None}
-        held[name] = (before[name] - set(phase.releases)) | closes
-        for following in follows[name]:
-            if following != END:
-                before[following] |= held[name]
-    for name, phase in phases.items():
-        for grasp in (phase.until and phase.until.captured) or ():
-            if grasp not in held[name]:
-                raise ValueError(
-                    f"phases.{name}.until.captured: never holds, for {grasp!r} is open when the phase begins "
-                    "and `captures` does not name it"
-                )
-
-
-def _check_cycles(phases: Phases) -> None:
-    """Refuse phases that end at once in turn: their grasps are captured or released as it is."""
-    follows = successors(phases)
-    for first in phases:
-        name, seen = first, list[str]()
-        while name in phases and name not in seen and _ends_at_once(phases[name]):
-            seen.append(name)
-            name = follows[name][0]
-        if name == first and seen and not _contradict([phases[at] for at in seen]):
-            way = " -> ".join([*seen, first])
-            raise ValueError(f"phases.{first}: no time passes in {way}: each ends as soon as it begins")
 
 
 def _ends_at_once(phase: Phase) -> bool:

@@ -53,7 +53,10 @@ def explain(error: Mapping[str, Any], document: Document) -> tuple[str, str]:
     for i, key in enumerate(location):
         # pydantic puts a union's tag into the location; the document does not hold it, nor always the kind
         absent = isinstance(node, dict) and key not in node and not (missing and i == len(location) - 1)
-        if absent and (key == node.get("kind") or ("kind" not in node and _is_kind(key))):
+        if absent and (
+            key == node.get("kind")
+            or ("kind" not in node and any(key in kinds(family) for family in FAMILIES | PLANS))
+        ):
             continue
         if key == "[key]":
             continue
@@ -82,11 +85,6 @@ def explain(error: Mapping[str, Any], document: Document) -> tuple[str, str]:
     if allowed is None:
         return ".".join(path), f"{message[:1].lower()}{message[1:]}, found {_short(given)}"
     return ".".join(path), f"found {_short(given)}, allowed: {allowed}"
-
-
-def _is_kind(name: Any) -> bool:
-    """Whether a kind of some family has this name."""
-    return any(name in kinds(family) for family in FAMILIES | PLANS)
 
 
 def _element(node: Any, key: Any) -> Any:

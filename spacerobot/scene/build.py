@@ -90,7 +90,25 @@ def build_scene(
     model, bodies = build_model(resolved, descriptions)
     check_motion(model, source=source)
     tips = tuple(tip for body in bodies for tip in _tips(model, body, resolved, source))
-    grasps = _grasps(model, resolved, tips, source)
+    by_label = {tip.label: tip for tip in tips}
+    held = list[SceneGrasp]()
+    for name, config in resolved.grasps.items():
+        path = f"grasps.{name}"
+        links = [
+            f.name.removeprefix("target/")
+            for f in model.frames
+            if f.type == pin.FrameType.BODY and f.name.startswith("target/")
+        ]
+        frame = model.getFrameId(f"target/{config.frame}", pin.FrameType.BODY)
+        if frame >= model.nframes:
+            raise ScenarioError(
+                f"no link {config.frame!r} in the target's URDF; {near_names(config.frame, links)}",
+                source=source,
+                where=f"{path}.frame",
+            )
+        joint = int(model.frames[frame].parentJoint)
+        held.append(SceneGrasp(name, path, by_label[config.tip], int(frame), joint, config))
+    grasps = tuple(held)
     q, v = initial_state(model, bodies, grasps, source=source)
     planar = is_planar(model, bodies, q)
     contacts = find_contacts(model, bodies, resolved, source)
@@ -185,27 +203,3 @@ def _tips(model: Any, body: SceneBody, scenario: Scenario, source: Path | None) 
         label = f"{body.name}/{name}"
         tips.append(SceneTip(label, path, body, frame, joint, tip, references_of(label, scenario, during)))
     return tips
-
-
-def _grasps(
-    model: Any, scenario: Scenario, tips: Sequence[SceneTip], source: Path | None
-) -> tuple[SceneGrasp, ...]:
-    by_label = {tip.label: tip for tip in tips}
-    grasps = []
-    for name, config in scenario.grasps.items():
-        path = f"grasps.{name}"
-        links = [
-            f.name.removeprefix("target/")
-            for f in model.frames
-            if f.type == pin.FrameType.BODY and f.name.startswith("target/")
-        ]
-        frame = model.getFrameId(f"target/{config.frame}", pin.FrameType.BODY)
-        if frame >= model.nframes:
-            raise ScenarioError(
-                f"no link {config.frame!r} in the target's URDF; {near_names(config.frame, links)}",
-                source=source,
-                where=f"{path}.frame",
-            )
-        joint = int(model.frames[frame].parentJoint)
-        grasps.append(SceneGrasp(name, path, by_label[config.tip], int(frame), joint, config))
-    return tuple(grasps)

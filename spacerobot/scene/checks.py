@@ -53,32 +53,27 @@ def check_masses(scenario: Scenario, descriptions: Mapping[str, Description], *,
             message = f"{fault.where} {fault.message}"
             raise ScenarioError(message, source=source, where=f"{path}.links") from None
         for name in config.flexible:
-            _check_share(config, description, name, f"{path}.flexible.{name}", source)
-
-
-def _check_share(
-    config: Robot | Target, description: Description, name: str, where: str, source: Path | None
-) -> None:
-    """Refuse a flexible link of which more moves than the link has; the rest must be semidefinite."""
-    flexible = config.flexible[name]
-    carrier = flexible.carrier(name)
-    link = _with_masses(find_link(description, carrier), config.links.get(carrier))
-    whole = pin.Inertia(link.mass, link.com, np.zeros((3, 3))).matrix()
-    whole[3:, 3:] += link.inertia
-    moving = flexible.moving_inertia(description, name)
-    scale = np.sqrt(np.maximum(np.diag(whole), np.diag(moving)))
-    scale[scale == 0] = 1.0
-    values, vectors = np.linalg.eigh((whole - moving) / np.outer(scale, scale))
-    if values[0] < -SHARE_TOLERANCE:
-        part = int(np.argmax(np.abs(vectors[:, 0])))
-        motion, way = f"{('along', 'about')[part // 3]} {'xyz'[part % 3]}", vectors[:, 0] / scale
-        share = float(way @ moving @ way) / max(float(way @ whole @ way), np.finfo(float).tiny)
-        raise ScenarioError(
-            f"more moves than link {carrier!r} has, mostly {motion}: found {share:.4g} times its inertia, "
-            "allowed: once; lower what moves, or give the link more mass or inertia by `links`",
-            source=source,
-            where=where,
-        )
+            # refuse a flexible link of which more moves than the link has; the rest must be semidefinite
+            flexible = config.flexible[name]
+            carrier = flexible.carrier(name)
+            link = _with_masses(find_link(description, carrier), config.links.get(carrier))
+            whole = pin.Inertia(link.mass, link.com, np.zeros((3, 3))).matrix()
+            whole[3:, 3:] += link.inertia
+            moving = flexible.moving_inertia(description, name)
+            scale = np.sqrt(np.maximum(np.diag(whole), np.diag(moving)))
+            scale[scale == 0] = 1.0
+            values, vectors = np.linalg.eigh((whole - moving) / np.outer(scale, scale))
+            if values[0] < -SHARE_TOLERANCE:
+                part = int(np.argmax(np.abs(vectors[:, 0])))
+                motion, way = f"{('along', 'about')[part // 3]} {'xyz'[part % 3]}", vectors[:, 0] / scale
+                share = float(way @ moving @ way) / max(float(way @ whole @ way), np.finfo(float).tiny)
+                raise ScenarioError(
+                    f"more moves than link {carrier!r} has, mostly {motion}: found {share:.4g} times its "
+                    "inertia, allowed: once; lower what moves, or give the link more mass or inertia by "
+                    "`links`",
+                    source=source,
+                    where=f"{path}.flexible.{name}",
+                )
 
 
 def resolved_bodies(config: Robot | Target, description: Description) -> list[RigidBody]:

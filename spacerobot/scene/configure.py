@@ -34,7 +34,21 @@ def initial_state(
         turned |= _set_base(model, body, giving.get(body.name), q, v)
     for closing in closings:
         if closing.aligns:
-            turned[closing.body.root_joint] = _align(model, closing, turned, q, v)
+            # turn a base so that its grasp begins aligned, and its described velocity with its axes
+            joint = model.joints[closing.body.root_joint]
+            offset = _turn(closing.body.base.align_rotation_deg)
+            found = base_alignment.aligned(model, closing, turned, offset)
+            if joint.nv == 3:
+                found = base_alignment.upright(found, np.hypot(*found[2:]))
+            rotation = pin.Quaternion(np.array(found, dtype=float)).toRotationMatrix()
+            if joint.nv == 3:
+                q[joint.idx_q + 2 : joint.idx_q + 4] = rotation[:2, 0]
+            else:
+                q[joint.idx_q + 3 : joint.idx_q + 7] = found
+            size = 2 if joint.nv == 3 else 3
+            for first in range(joint.idx_v, joint.idx_v + joint.nv - 1, 3):
+                v[first : first + size] = rotation[:size, :size].T @ v[first : first + size]
+            turned[closing.body.root_joint] = found
         # move a base, and set it in motion, so that its grasp begins closed
         data = model.createData()
         pin.forwardKinematics(model, data, q, v)
@@ -51,26 +65,6 @@ def initial_state(
                 [*linear[:2], angular[2]] if joint.nv == 3 else [*linear, *angular]
             )
     return q, v
-
-
-def _align(
-    model: Any, closing: ClosingBase, turned: Mapping[int, base_alignment.Quaternion], q: Array, v: Array
-) -> base_alignment.Quaternion:
-    """Turn a base so that its grasp begins aligned, and its described velocity with its axes."""
-    joint = model.joints[closing.body.root_joint]
-    offset = _turn(closing.body.base.align_rotation_deg)
-    found = base_alignment.aligned(model, closing, turned, offset)
-    if joint.nv == 3:
-        found = base_alignment.upright(found, np.hypot(*found[2:]))
-    rotation = pin.Quaternion(np.array(found, dtype=float)).toRotationMatrix()
-    if joint.nv == 3:
-        q[joint.idx_q + 2 : joint.idx_q + 4] = rotation[:2, 0]
-    else:
-        q[joint.idx_q + 3 : joint.idx_q + 7] = found
-    size = 2 if joint.nv == 3 else 3
-    for first in range(joint.idx_v, joint.idx_v + joint.nv - 1, 3):
-        v[first : first + size] = rotation[:size, :size].T @ v[first : first + size]
-    return found
 
 
 def _velocity(model: Any, data: Any, frame: int) -> Array:

@@ -12,7 +12,6 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.description.parts import LinkShape as UrdfShape
 from spacerobot.elements import CollisionShape, Contact
 from spacerobot.elements.collision_shape import Wrap, wrapping_shapes
 from spacerobot.errors import ScenarioError, near_names
@@ -119,7 +118,19 @@ class _Finder:
             raise self._fault(f"{side} has no collision shape; name a pad on it under `pads`", where)
         for link in links:
             for shape in link.collisions:
-                yield self._urdf(body, link.name, shape, wrap, where)
+                label, geometry, own = f"{body.name}/{link.name}", shape.geometry, np.eye(4)
+                if wraps_around(geometry) and wrap is not None:
+                    config, own = wrapped(geometry, wrap, label)
+                elif geometry.mesh is not None:
+                    wraps = " or ".join(f"`wrap: {name}`" for name in sorted(wrapping_shapes()))
+                    raise self._fault(
+                        f"{label} collides by a mesh, which has no contact law; give {wraps} to use a shape "
+                        "around it, or name a pad",
+                        where,
+                    )
+                else:
+                    config = shape_of(geometry, label)
+                yield SceneShape(label, None, config, *self._frame(body, link.name), shape.placement @ own)
 
     def _body(self, side: str, fault: str, others: list[str], where: str) -> SceneBody:
         """Body whose name stands before a slash."""
@@ -142,24 +153,6 @@ class _Finder:
             raise self._fault(f"no link {link!r} in {body.description.path.name}; {hint}", f"{where}.link")
         placement = pin.SE3(pin.rpy.rpyToMatrix(np.radians(pad.rotation_deg)), np.array(pad.position))
         return SceneShape(name, where, pad, *self._frame(body, link), placement.homogeneous)
-
-    def _urdf(
-        self, body: SceneBody, link: str, shape: UrdfShape, wrap: Wrap | None, where: str
-    ) -> SceneShape:
-        label, geometry, placement = f"{body.name}/{link}", shape.geometry, np.array(shape.placement)
-        own = np.eye(4)
-        if wraps_around(geometry) and wrap is not None:
-            config, own = wrapped(geometry, wrap, label)
-        elif geometry.mesh is not None:
-            names = " or ".join(f"`wrap: {name}`" for name in sorted(wrapping_shapes()))
-            raise self._fault(
-                f"{label} collides by a mesh, which has no contact law; give {names} to use a shape around "
-                "it, or name a pad",
-                where,
-            )
-        else:
-            config = shape_of(geometry, label)
-        return SceneShape(label, None, config, *self._frame(body, link), placement @ own)
 
 
 def coal_distance(first: SceneShape, second: SceneShape, places: Sequence[Any]) -> Any:

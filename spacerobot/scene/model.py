@@ -58,7 +58,19 @@ def build_model(
     model.gravity.linear = np.array(scenario.gravity)
     bodies = tuple(_body(model, path, config, descriptions[path]) for path, config in configs.items())
     for body in bodies:
-        _set_inertias(model, body)
+        # inertias from the scenario: links welded together by fixed joints add up at their moving joint
+        totals = {joint: pin.Inertia.Zero() for joint in body.subtree}
+        for name, link in body.config.links.items():
+            frame = model.frames[model.getFrameId(f"{body.name}/{name}", pin.FrameType.BODY)]
+            if frame.parentJoint in totals:  # not welded to the world
+                totals[frame.parentJoint] += frame.placement.act(link_inertia(link))
+        for name, lender, rest in lent(model, body):
+            if lender.parentJoint in totals:
+                totals[lender.parentJoint] -= (lender.placement * rest).act(
+                    link_inertia(body.config.links[name])
+                )
+        for place, inertia in totals.items():
+            model.inertias[place] = inertia
         damping, springs = np.array(model.damping), body.spring_constants
         for name, joint in body.config.joints.items():
             resistance = (joint.damping or 0.0) + springs.get(name, (0.0, 0.0))[1]
@@ -102,20 +114,6 @@ def _body(model: Any, path: str, config: Robot | Target, description: Descriptio
     owned = tuple(ids[joint] for _, actuator in actuators for joint in actuator.owns(free))
     passive = tuple(joint for name, joint in ids.items() if name in bends)
     return SceneBody(name, path, config, description, root_frame, root_joint, joints, ties, owned, passive)
-
-
-def _set_inertias(model: Any, body: SceneBody) -> None:
-    """Inertias from the scenario: links welded together by fixed joints add up at their moving joint."""
-    totals = {joint: pin.Inertia.Zero() for joint in body.subtree}
-    for name, link in body.config.links.items():
-        frame = model.frames[model.getFrameId(f"{body.name}/{name}", pin.FrameType.BODY)]
-        if frame.parentJoint in totals:  # not welded to the world
-            totals[frame.parentJoint] += frame.placement.act(link_inertia(link))
-    for name, lender, rest in lent(model, body):
-        if lender.parentJoint in totals:
-            totals[lender.parentJoint] -= (lender.placement * rest).act(link_inertia(body.config.links[name]))
-    for joint, inertia in totals.items():
-        model.inertias[joint] = inertia
 
 
 def lent(model: Any, body: SceneBody) -> Iterator[tuple[str, Any, Any]]:

@@ -78,9 +78,24 @@ def read_files(document: Document, *, source: Path | None) -> None:
         if section.get("file") is None or section.get(str(kind.fills)) is not None:
             continue
         try:
-            section[str(kind.fills)] = kind.read(
-                _inside(section["file"], source), where, section.get("phase")
-            )
+            # file that a scenario names, in the scenario's folder
+            name = section["file"]
+            if source is None:
+                raise ScenarioError(
+                    f"found {name!r}, but there is no scenario file in whose folder it could be"
+                )
+            folder = source.resolve().parent
+            try:
+                file = (folder / name).resolve()
+            except (OSError, ValueError, RuntimeError):
+                raise ScenarioError(f"found {name!r}, which is no path") from None
+            if not file.is_relative_to(folder):
+                raise ScenarioError(
+                    f"found {name!r}, which leads out of the scenario's folder; put it into that"
+                )
+            if not is_file(file):
+                raise ScenarioError(f"no such file: {name!r} in the scenario's folder")
+            section[str(kind.fills)] = kind.read(file, where, section.get("phase"))
         except ScenarioError as fault:
             found = (
                 f"{fault.source.name}: {fault.message}" if isinstance(fault.source, Path) else fault.message
@@ -114,22 +129,6 @@ def _sections(node: Any, path: str = "") -> Iterator[tuple[str, Document]]:
         yield path, node
         for key, value in node.items():
             yield from _sections(value, f"{path}.{key}" if path else str(key))
-
-
-def _inside(name: str, source: Path | None) -> Path:
-    """File that a scenario names, in the scenario's folder."""
-    if source is None:
-        raise ScenarioError(f"found {name!r}, but there is no scenario file in whose folder it could be")
-    folder = source.resolve().parent
-    try:
-        file = (folder / name).resolve()
-    except (OSError, ValueError, RuntimeError):
-        raise ScenarioError(f"found {name!r}, which is no path") from None
-    if not file.is_relative_to(folder):
-        raise ScenarioError(f"found {name!r}, which leads out of the scenario's folder; put it into that")
-    if not is_file(file):
-        raise ScenarioError(f"no such file: {name!r} in the scenario's folder")
-    return file
 
 
 def read_descriptions(document: Document, *, source: Path | None) -> dict[str, Description]:

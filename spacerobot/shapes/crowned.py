@@ -231,15 +231,7 @@ class _Reach:
         """One step as a function, which takes less time to repeat than its expressions to build."""
         n = ca.SX.sym("n", 3)
         memory = [ca.SX.sym("memory", term.first_memory().numel()) for term in self.terms]
-        step, ahead = self._step(n, memory)
-        whole = _scaled(n + step)
-        if self.is_curved:  # else all of it never does harm
-            worse = self.value(whole) < self.value(n) - _WORSE
-            whole = ca.if_else(worse, _scaled(n + _SHORTER * step), whole)
-        return ca.Function("step", [n, *memory, *self._free], [whole, *ahead])
-
-    def _step(self, n: ca.SX, memory: Sequence[ca.SX]) -> tuple[ca.SX, list[ca.SX]]:
-        """Step on the sphere (3x1), and the memory of each term after it."""
+        # step on the sphere (3x1), and the memory of each term after it
         tangents = _tangents(n)
         pull = ca.mtimes(tangents, self.centre)
         bend = [self.ball, ca.SX(0), self.ball]  # minus the Hessian
@@ -249,7 +241,12 @@ class _Reach:
             bend = [whole + own for whole, own in zip(bend, entries, strict=True)]
         step = ca.mtimes(tangents.T, _solved(bend, self.value(n), pull))
         kept = zip(self.terms, memory, strict=True)
-        return step, [term.next_memory(n, self.crown, step, old) for term, old in kept]
+        ahead = [term.next_memory(n, self.crown, step, old) for term, old in kept]
+        whole = _scaled(n + step)
+        if self.is_curved:  # else all of it never does harm
+            worse = self.value(whole) < self.value(n) - _WORSE
+            whole = ca.if_else(worse, _scaled(n + _SHORTER * step), whole)
+        return ca.Function("step", [n, *memory, *self._free], [whole, *ahead])
 
 
 def _solved(bend: Sequence[ca.SX], value: ca.SX, pull: ca.SX) -> ca.SX:

@@ -70,11 +70,12 @@ def command(scenario: ScenarioName, changes: Changes = None) -> None:
 
 def scene_tree(scene: Scene) -> Tree:
     """Tree of bodies, joints, tips, grasps, masses and initial gaps."""
-    from rich.markup import escape
-    from rich.tree import Tree
-    from spacerobot.scene.contacts import gaps
     import numpy as np
     import pinocchio as pin
+    from rich.markup import escape
+    from rich.tree import Tree
+
+    from spacerobot.scene.contacts import gaps
 
     kind = "planar" if scene.planar else "spatial"
     simulation = scene.scenario.simulation

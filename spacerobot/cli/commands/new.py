@@ -82,8 +82,8 @@ def command(
     from spacerobot.errors import ScenarioError
     from spacerobot.files import write_text
     from spacerobot.scene.draft import DraftRequest, draft_capture, draft_scenario
-    from spacerobot.scene.overlaps import overlaps
     from spacerobot.scene.draft.capture import POINT, surface_point
+    from spacerobot.scene.overlaps import overlaps
 
     file = out or Path(f"{Path(robot[0]).stem}.yaml")
     if file.exists():
@@ -96,7 +96,8 @@ def command(
             place = []
         if len(place) != 3 or not capture or frame:
             raise ScenarioError(
-                f"found {point!r}, allowed: x,y,z [m] on the object's root link, with --capture, without --frame",
+                f"found {point!r}, allowed: x,y,z [m] on the object's root link, with --capture, "
+                "without --frame",
                 where="--point",
             )
         file_name, object_text = surface_point(target, place, file)

@@ -397,8 +397,11 @@ class _Jets:
             events=(*acting.events, *events),
         )
 
-    def _stuck(self, parts: ca.SX) -> tuple[ca.SX, list[Event]]:
-        """Parts of their thrust that thrusters give although valves fail (n x 1), and when they do."""
+    def _acting(self, parts: ca.SX) -> Contribution:
+        """Wrench, power, propellant and outputs of thrusters of which parts are asked (n x 1)."""
+        actuator, expected = self.actuator, self.expected(parts)
+        tests = Contribution() if self.test is None else self.test.contribution(expected)
+        # parts of their thrust that thrusters give although valves fail (n x 1), and when they do
         context, given, events = self.actuator.context, ca.vertsplit(parts), list[Event]()
         for i, (name, nozzle) in enumerate(self.config.nozzles.items()):
             if nozzle.failure is None:
@@ -407,13 +410,8 @@ class _Jets:
             failed, event = failing(valve, f"{self.name}.{name}")
             events.append(event)
             given[i] = (1 - failed) * given[i] + failed * valve.number("opening")
-        return ca.vertcat(*given), events
-
-    def _acting(self, parts: ca.SX) -> Contribution:
-        """Wrench, power, propellant and outputs of thrusters of which parts are asked (n x 1)."""
-        actuator, expected = self.actuator, self.expected(parts)
-        tests = Contribution() if self.test is None else self.test.contribution(expected)
-        parts, failures = self._stuck(parts)
+        parts = ca.vertcat(*given)
+        failures = events
         rotation, origin = actuator.plant.placement(actuator.base_frame)
         velocity, spin = actuator.plant.velocity(actuator.base_frame)
         whole = ca.SX(6, 1)

@@ -136,7 +136,19 @@ class Transmission(Actuator):
 
         def answer(asked: ca.SX) -> Contribution:
             """States of motors and gears, and their reaction on the links that carry the motors."""
-            given, beyond = self._motor(actuator, asked / ratio, speed)
+            # torques of the motors (n x 1), and by how much limits are exceeded (n x 1 each), of the limit's
+            wanted = asked / ratio
+            context, given, beyond = actuator.context, wanted, dict[str, ca.SX]()
+            if self.no_load_speed is not None:
+                stall = context.number("torque_limit" if self.stall_torque is None else "stall_torque")
+                relative = speed / context.number("no_load_speed")
+                given = ca.fmin(ca.fmax(wanted, -stall * (1 + relative)), stall * (1 - relative))
+                beyond["forward"] = wanted / stall + relative - 1
+                beyond["backward"] = -wanted / stall - relative - 1
+            if self.torque_limit is not None:
+                limit = context.number("torque_limit")
+                given = ca.fmin(ca.fmax(given, -limit), limit)
+                beyond[""] = ca.fabs(wanted) / limit - 1
             net = given - torque / ratio - friction
             wrenches = [
                 Wrench(
@@ -224,23 +236,6 @@ class Transmission(Actuator):
                     events.append(Event(f"{label}.{kind}.{side}", kind, label, guard, armed, sets))
         stretch = ca.fmax(deflection - half, 0) + ca.fmin(deflection + half, 0)
         return stretch, torque, tuple(events)
-
-    def _motor(
-        self, actuator: ActuatorContext, wanted: ca.SX, speed: ca.SX
-    ) -> tuple[ca.SX, dict[str, ca.SX]]:
-        """Torques of the motors (n x 1), and by how much limits are exceeded (n x 1 each), of the limit's."""
-        context, given, beyond = actuator.context, wanted, dict[str, ca.SX]()
-        if self.no_load_speed is not None:
-            stall = context.number("torque_limit" if self.stall_torque is None else "stall_torque")
-            relative = speed / context.number("no_load_speed")
-            given = ca.fmin(ca.fmax(wanted, -stall * (1 + relative)), stall * (1 - relative))
-            beyond["forward"] = wanted / stall + relative - 1
-            beyond["backward"] = -wanted / stall - relative - 1
-        if self.torque_limit is not None:
-            limit = context.number("torque_limit")
-            given = ca.fmin(ca.fmax(given, -limit), limit)
-            beyond[""] = ca.fabs(wanted) / limit - 1
-        return given, beyond
 
     def _axis(self, actuator: ActuatorContext, joint: int) -> ca.SX:
         """Axis of a joint (3x1), world axes."""

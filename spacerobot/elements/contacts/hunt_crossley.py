@@ -8,11 +8,10 @@ from typing import Literal
 import casadi as ca
 from pydantic import model_validator
 
-from spacerobot.elements.contact import Contact, ContactForce, ContactPair, booked, touches, watch
+from spacerobot.elements.contact import Contact, ContactForce, booked, touches, watch
 from spacerobot.elements.context import ContactContext
 from spacerobot.elements.contribution import Contribution
 from spacerobot.elements.registry import register
-from spacerobot.elements.section_context import SectionContext
 from spacerobot.section import quantity
 
 _SHALLOWEST = 1e-30
@@ -76,7 +75,14 @@ class HuntCrossley(Contact):
             depth = ca.fmax(-touch.gap, _SHALLOWEST)
             spring = ca.if_else(touch.gap < 0, stiffness * depth**exponent, 0)
             normal = ca.fmax(spring * (1 - dissipation * touch.opening), 0)
-            rub = self._friction(context, touch, normal)
+            # force on the second across the normal (3x1): mu N against sliding, linear near none
+            path = f"{context.path}.friction"
+            coefficient = context.once("friction", context.parameters.sparse(path))
+            if not coefficient.nnz():
+                rub = ca.SX(3, 1)
+            else:
+                sliding, slip = touch.sliding, context.number("slip_velocity")
+                rub = -coefficient * normal * sliding / ca.sqrt(ca.dot(sliding, sliding) + slip**2)
             taken = (spring - normal) * touch.opening - ca.dot(rub, touch.velocity)
             presses.append(ContactForce(normal * touch.normal + rub, normal, taken))
             energy += spring * depth / (exponent + 1)
@@ -84,15 +90,6 @@ class HuntCrossley(Contact):
         marks = watch(contact, touching, self, pull, rough=not self.exponent.is_integer())
         found = booked(contact, touching, presses)
         return dataclasses.replace(found, energy=energy, events=marks.events, fine=marks.fine)
-
-    def _friction(self, context: SectionContext, touch: ContactPair, press: ca.SX) -> ca.SX:
-        """Force on the second across the normal (3x1): mu N against sliding, linear near none."""
-        path = f"{context.path}.friction"
-        coefficient = context.once("friction", context.parameters.sparse(path))
-        if not coefficient.nnz():
-            return ca.SX(3, 1)
-        sliding, slip = touch.sliding, context.number("slip_velocity")
-        return -coefficient * press * sliding / ca.sqrt(ca.dot(sliding, sliding) + slip**2)
 
     def assumptions(self) -> list[str]:
         """How it acts."""

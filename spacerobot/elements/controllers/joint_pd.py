@@ -16,7 +16,7 @@ from typing import Literal
 import casadi as ca
 from pydantic import Field
 
-from spacerobot.dynamics import Kinematics, forward_kinematics, frame_jacobian, frame_placement
+from spacerobot.dynamics import forward_kinematics, frame_jacobian, frame_placement
 from spacerobot.dynamics.algebra import SymmetricFactors
 from spacerobot.elements.context import RobotContext
 from spacerobot.elements.contribution import Contribution, State
@@ -107,14 +107,8 @@ def _inverse_kinematics(robot: RobotContext, desired: ca.SX) -> ca.SX:
             q[pin_joint.idx_q : pin_joint.idx_q + 2] = ca.vertcat(ca.cos(position), ca.sin(position))
         else:
             q[pin_joint.idx_q] = position
-    rows, wanted = _tasks(robot, forward_kinematics(model, q), rate_gain)
-    jacobian = robot.plant.gathered(ca.vertcat(*rows).T).T[:, list(robot.columns)]
-    gram = ca.mtimes(jacobian, jacobian.T) + damping**2 * ca.SX.eye(jacobian.size1())
-    return ca.mtimes(jacobian.T, SymmetricFactors(gram).solve(ca.vertcat(*wanted)))
-
-
-def _tasks(robot: RobotContext, kinematics: Kinematics, gain: ca.SX) -> tuple[list[ca.SX], list[ca.SX]]:
-    """Jacobian rows and wanted velocities of all tips: positions, and orientations where controlled."""
+    # jacobian rows and wanted velocities of all tips: positions, and orientations where controlled
+    kinematics = forward_kinematics(model, q)
     plant, rows, wanted = robot.plant, [], []
     for tip in robot.tips:
         motion = tip.motion
@@ -122,10 +116,12 @@ def _tasks(robot: RobotContext, kinematics: Kinematics, gain: ca.SX) -> tuple[li
         turned, position = frame_placement(plant.model, kinematics, tip.frame)
         axes = list(plant.translation_axes)
         rows.append(jacobian[axes, :])
-        wanted.append((motion.velocity + gain * (motion.position - position))[axes])
+        wanted.append((motion.velocity + rate_gain * (motion.position - position))[axes])
         if "orientation_pid" in tip.siblings:
             axes = list(plant.rotation_axes)
             error = plant.orientation_error(motion.rotation, turned)
             rows.append(jacobian[[axis + 3 for axis in axes], :])
-            wanted.append((motion.angular_velocity + gain * error)[axes])
-    return rows, wanted
+            wanted.append((motion.angular_velocity + rate_gain * error)[axes])
+    jacobian = robot.plant.gathered(ca.vertcat(*rows).T).T[:, list(robot.columns)]
+    gram = ca.mtimes(jacobian, jacobian.T) + damping**2 * ca.SX.eye(jacobian.size1())
+    return ca.mtimes(jacobian.T, SymmetricFactors(gram).solve(ca.vertcat(*wanted)))

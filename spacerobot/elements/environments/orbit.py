@@ -93,7 +93,21 @@ class Orbit(Environment):
         now = self._now(environment.context)
         pairs = []
         for load in environment.loads:
-            pull, line, strength = self._pull(now, load.com)
+            # acceleration relative to the origin's at a place (3x1), the vertical there and mu / r^3
+            place = load.com
+            if self.model == "linear":
+                up = ca.dot(now.direction, place)
+                pull = -now.strength * (place - 3 * up * now.direction)
+                line = now.direction
+                strength = now.strength
+            else:
+                at = now.radius * now.direction
+                s = ca.dot(place, place + 2 * at) / now.radius**2
+                length = ca.sqrt(1 + s)
+                power = (1 + s) * length
+                strength, f = now.strength / power, s * (3 + 3 * s + s**2) / (1 + power)
+                pull = -strength * (place - f * at)
+                line = (at + place) / (now.radius * length)
             torque = ca.SX(3, 1)
             if self.gravity_gradient:
                 own = ca.mtimes(load.rotation.T, line)
@@ -138,22 +152,6 @@ class Orbit(Environment):
         line = ca.vertcat(cos * cos0 + sin * sin0, sin * cos0 - cos * sin0, 0)
         turning = rate * narrow / near**2
         return OrbitState(line, a * near, turning, rate**2 / near**3, ca.atan2(sin, cos))
-
-    def _pull(self, now: OrbitState, place: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Acceleration relative to the origin's at a place (3x1), the vertical there and mu / r^3.
-
-        Exact without the cancellation of two large accelerations: with R of the origin and |R + p|^2 =
-        R^2 (1 + s), the difference is -mu/R^3 (1 + s)^(-3/2) (p - f R), f = (1 + s)^(3/2) - 1 (Battin).
-        """
-        if self.model == "linear":
-            up = ca.dot(now.direction, place)
-            return -now.strength * (place - 3 * up * now.direction), now.direction, now.strength
-        at = now.radius * now.direction
-        s = ca.dot(place, place + 2 * at) / now.radius**2
-        length = ca.sqrt(1 + s)
-        power = (1 + s) * length
-        strength, f = now.strength / power, s * (3 + 3 * s + s**2) / (1 + power)
-        return -strength * (place - f * at), (at + place) / (now.radius * length), strength
 
     def mean_motion(self) -> float | None:
         """Of a circular orbit; None for others."""

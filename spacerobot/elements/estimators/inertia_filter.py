@@ -159,18 +159,7 @@ class _InertiaFilterLaw:
         self.axes = [*plant.translation_axes, *(axis + 3 for axis in plant.rotation_axes)]
         self.tip, self.label = robot.tips[config.tip], robot.label
         once, expanded = robot.context.once, robot.context.constants.expanded
-        self.assumed = once("assumed", expanded(self._assumed()))
-        self.first = once("prior", expanded(triangle(self._prior())))
-        size = len(self.columns) + len(self.base)
-        self.size = size
-        self.start = ca.densify(self.assumed[self.columns])
-        self.mean = memory(f"{self.label}.mean", self.start)
-        self.covariance = memory(f"{self.label}.covariance", self.first)
-        self.information = memory(f"{self.label}.information", ca.SX.zeros(size * (size + 1) // 2))
-        self.vector = memory(f"{self.label}.vector", ca.SX.zeros(size))
-
-    def _assumed(self) -> ca.SX:
-        """Parameters of the assumed object (10x1), axes of the mating frame, which the tip's are to meet."""
+        # parameters of the assumed object (10x1), axes of the mating frame, which the tip's are to meet
         number, target = self.robot.context.number, self.robot.target
         assert target is not None, "scenes are refused whose filters see nothing"
         mass = ca.SX(target.mass) if self.config.mass is None else number("mass")
@@ -185,7 +174,28 @@ class _InertiaFilterLaw:
             inertia = ca.vertcat(*(number(f"inertia.{i}") for i in range(6)))
         rotation, origin = (ca.SX(ca.DM(part)) for part in target.poses[self.config.frame])
         known = inertial_parameters(mass, centre, inertia)
-        return in_other_axes(known, rotation.T, -ca.mtimes(rotation.T, origin))
+        self.assumed = once(
+            "assumed", expanded(in_other_axes(known, rotation.T, -ca.mtimes(rotation.T, origin)))
+        )
+        # covariance at the start, of independent errors of mass, centre and inertia
+        number = self.robot.context.number
+        mass, _, mean = self._scales()
+        deviation = self._by_name(
+            number("mass_deviation") * mass, number("com_deviation"), number("inertia_deviation") * mean
+        )
+        count = deviation.size1()
+        # d pi / d named is the inverse of a triangular matrix
+        back = ca.solve(ca.densify(self._slope(self.assumed[self.columns])), ca.SX.eye(count))
+        self.first = once(
+            "prior", expanded(triangle(ca.mtimes(back, ca.mtimes(ca.diag(deviation**2), back.T))))
+        )
+        size = len(self.columns) + len(self.base)
+        self.size = size
+        self.start = ca.densify(self.assumed[self.columns])
+        self.mean = memory(f"{self.label}.mean", self.start)
+        self.covariance = memory(f"{self.label}.covariance", self.first)
+        self.information = memory(f"{self.label}.information", ca.SX.zeros(size * (size + 1) // 2))
+        self.vector = memory(f"{self.label}.vector", ca.SX.zeros(size))
 
     def _whole(self) -> ca.SX:
         """The estimate (10x1); what a plane's motion does not depend on is as assumed."""
@@ -217,18 +227,6 @@ class _InertiaFilterLaw:
         centres, inertias = (2, 1) if self.planar else (3, 6)
         return ca.vertcat(mass, ca.repmat(centre, centres, 1), ca.repmat(inertia, inertias, 1))
 
-    def _prior(self) -> ca.SX:
-        """Covariance at the start, of independent errors of mass, centre and inertia."""
-        number = self.robot.context.number
-        mass, _, mean = self._scales()
-        deviation = self._by_name(
-            number("mass_deviation") * mass, number("com_deviation"), number("inertia_deviation") * mean
-        )
-        count = deviation.size1()
-        # d pi / d named is the inverse of a triangular matrix
-        back = ca.solve(ca.densify(self._slope(self.assumed[self.columns])), ca.SX.eye(count))
-        return ca.mtimes(back, ca.mtimes(ca.diag(deviation**2), back.T))
-
     def _variance(self, key: str) -> ca.SX:
         """Of a sample (1x1)."""
         if getattr(self.config, key) is not None:
@@ -236,12 +234,10 @@ class _InertiaFilterLaw:
         errors = self.robot.errors(NOISY[key])
         return errors.number("noise") ** 2 / errors.steady("period") + errors.number("resolution") ** 2 / 12
 
-    def _measured(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        """Measured q with the true base (nq x 1), v (nv x 1), and from momentum about the world's origin.
-
-        The last is X (k x k); all else that follows does not depend on where the base is.
-        """
+    def _added(self) -> tuple[ca.SX, ca.SX]:
+        """Information that an instant adds: triangle of the matrix, and vector."""
         robot, plant = self.robot, self.robot.plant
+        # measured q with the true base (nq x 1), v (nv x 1), and from momentum about the world's origin
         model, read = plant.model, robot.read
         rotation, origin = plant.placement(robot.base_frame)
         start = robot.context.once("attitude", robot.attitude)
@@ -268,12 +264,7 @@ class _InertiaFilterLaw:
             else:
                 q[at], q[at + 1] = ca.cos(angle), ca.sin(angle)
         whole = ca.vertcat(ca.horzcat(turn, ca.SX(3, 3)), ca.horzcat(-ca.mtimes(turn, skew(place)), turn))
-        return q, v, ca.mtimes(onto.T, whole)[:, self.axes], onto
-
-    def _added(self) -> tuple[ca.SX, ca.SX]:
-        """Information that an instant adds: triangle of the matrix, and vector."""
-        robot, plant = self.robot, self.robot.plant
-        q, v, total, onto = self._measured()
+        total = ca.mtimes(onto.T, whole)[:, self.axes]
         split = FreeFloating.split(plant.model, plant.kinematics, plant.inertias, self.joint)
         count = plant.v.size1()
         inertia = ca.SX(len(self.base), count)
@@ -305,17 +296,6 @@ class _InertiaFilterLaw:
         bias = [ca.sum1(ca.sum2(spatial_inertia(one[:, i]) * shared)) for i in self.columns]
         return triangle(added[:, :-1]), added[:, -1] + ca.vertcat(*bias, ca.SX(len(self.base), 1))
 
-    def _solved(self, information: ca.SX, vector: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Parameters and the triangle of their covariance, the total momentum eliminated."""
-        n = len(self.columns)
-        whole = symmetric(information, self.size)
-        momentum, coupling = SymmetricFactors(whole[n:, n:]), whole[n:, :n]
-        prior = SymmetricFactors(symmetric(self.first, n)).solve(ca.SX.eye(n))
-        reduced = whole[:n, :n] - ca.mtimes(coupling.T, momentum.solve(coupling))
-        factors = SymmetricFactors(prior + reduced)
-        right = vector[:n] - ca.mtimes(coupling.T, momentum.solve(vector[n:]))
-        return self.start + factors.solve(right), triangle(factors.solve(ca.SX.eye(n)))
-
     def contribution(self) -> Contribution:
         """States, the event at its instants, the estimate and outputs."""
         robot = self.robot
@@ -332,7 +312,16 @@ class _InertiaFilterLaw:
         information, vector = (
             old.symbol + new for old, new in zip((self.information, self.vector), self._added(), strict=True)
         )
-        mean, covariance = self._solved(information, vector)
+        # parameters and the triangle of their covariance, the total momentum eliminated
+        n = len(self.columns)
+        whole = symmetric(information, self.size)
+        momentum, coupling = SymmetricFactors(whole[n:, n:]), whole[n:, :n]
+        prior = SymmetricFactors(symmetric(self.first, n)).solve(ca.SX.eye(n))
+        reduced = whole[:n, :n] - ca.mtimes(coupling.T, momentum.solve(coupling))
+        factors = SymmetricFactors(prior + reduced)
+        right = vector[:n] - ca.mtimes(coupling.T, momentum.solve(vector[n:]))
+        mean = self.start + factors.solve(right)
+        covariance = triangle(factors.solve(ca.SX.eye(n)))
         updates: list[tuple[State, ca.SX]] = [
             (self.mean, ca.if_else(closed, mean, self.start)),
             (self.covariance, ca.if_else(closed, covariance, self.first)),

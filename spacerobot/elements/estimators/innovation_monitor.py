@@ -22,7 +22,7 @@ import casadi as ca
 from pydantic import Field
 
 from spacerobot.elements.clock import Clock
-from spacerobot.elements.contribution import Contribution, Innovation, Output, memory
+from spacerobot.elements.contribution import Contribution, Output, memory
 from spacerobot.elements.estimator import Estimator, EstimatorContext
 from spacerobot.elements.event import Event, negated
 from spacerobot.elements.registry import register
@@ -69,9 +69,21 @@ class InnovationMonitor(Estimator):
 
     def build(self, robot: EstimatorContext) -> Contribution:
         """The test's memory, its instants, and the event of detection."""
-        tested, context, label = self._innovation(robot), robot.context, robot.label
+        from scipy.special import chdtri
+
+        context, label = robot.context, robot.label
+        offered = {one.signal: one for one in robot.innovations(self.filter)}
+        if not offered:
+            raise ScenarioError(f"found no filter {self.filter!r} above it", where=f"{context.path}.filter")
+        if self.signal not in offered:
+            message = f"no innovations of {self.signal!r}; {near_names(self.signal, offered)}"
+            raise ScenarioError(message, where=f"{context.path}.signal")
+        tested = offered[self.signal]
         detected, who = context.switch("detected"), f"{robot.robot}/{self.filter}.{self.signal}"
-        lower, upper = self._limits(tested)
+        # least and greatest sum that is no alarm
+        passes = min(self.false_alarms * self.window * tested.period_s / 3600, 1.0)
+        freedoms = tested.size * self.window
+        lower, upper = (float(chdtri(freedoms, part)) for part in (1 - passes / 2, passes / 2))
         clock = Clock.of(f"{label}.instants", context.time, tested.period, tested.delay)
         total, count = (memory(f"{label}.{key}", ca.SX.zeros(1)) for key in ("total", "count"))
         seen = memory(f"{label}.seen", ca.SX(-0.5))  # time of the last sample that was counted
@@ -105,29 +117,6 @@ class InnovationMonitor(Estimator):
         return Contribution(
             states=(seen, total, count, found, clock.count), events=tuple(events), outputs=outputs
         )
-
-    def _innovation(self, robot: EstimatorContext) -> Innovation:
-        """Innovations that it tests."""
-        found = {one.signal: one for one in robot.innovations(self.filter)}
-        if self.signal not in found:
-            key, message = "filter", f"found no filter {self.filter!r} above it"
-            if found:
-                key, message = (
-                    "signal",
-                    f"no innovations of {self.signal!r}; {near_names(self.signal, found)}",
-                )
-            raise ScenarioError(message, where=f"{robot.context.path}.{key}")
-        return found[self.signal]
-
-    def _limits(self, tested: Innovation) -> tuple[float, float]:
-        """Least and greatest sum that is no alarm."""
-        # takes time to load, and a run without monitors needs none of it
-        from scipy.special import chdtri
-
-        passes = min(self.false_alarms * self.window * tested.period_s / 3600, 1.0)
-        freedoms = tested.size * self.window
-        lower, upper = chdtri(freedoms, [1 - passes / 2, passes / 2])
-        return float(lower), float(upper)
 
     def words(self) -> str:
         """Signal, filter and window."""

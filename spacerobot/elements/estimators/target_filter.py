@@ -22,7 +22,7 @@ from there on with the closed loop. Controllers read that.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import ClassVar, Literal
 
 import casadi as ca
@@ -151,13 +151,15 @@ class _TargetFilterLaw:
         velocity, spin = plant.velocity(body.root)
         lever = ca.mtimes(rotation, ca.SX(ca.DM(body.centre)))
         self.axes = ca.sparsify(ca.SX(ca.DM(body.axes)))  # principal ones, in those of the root link
-        self.true = self._motion(
-            origin + lever,
-            velocity + cross(spin, lever),
-            ca.mtimes(rotation, self.axes),
-            ca.mtimes(self.axes.T, ca.mtimes(rotation.T, spin)),
+        turned = attitude_numbers(ca.mtimes(rotation, self.axes), planar=self.planar)
+        parts = (
+            (origin + lever)[self.along],
+            (velocity + cross(spin, lever))[self.along],
+            turned,
+            ca.mtimes(self.axes.T, ca.mtimes(rotation.T, spin))[self.about],
             self._true_ratios(ca.mtimes(rotation, self.axes), origin + lever),
         )
+        self.true = ca.densify(ca.vertcat(*parts))
         seen_rotation, seen_place = body.poses[config.frame]
         # the frame that is seen, in principal axes about the centre of mass
         self.arm = ca.mtimes(self.axes.T, ca.SX(ca.DM(seen_place - body.centre)))
@@ -171,7 +173,10 @@ class _TargetFilterLaw:
         self.attitude = robot.sample(ATTITUDE, how, plant.rotation_axes, carrier, (self.camera, away))
         label, whole = robot.label, self.true
         self.mean = memory(f"{label}.mean", whole)
-        self.covariance = memory(f"{label}.covariance", triangle(self._initial()))
+        self.covariance = memory(
+            f"{label}.covariance",
+            triangle(ca.diag((self.robot.context.number("initial_factor") * self._deviations()) ** 2)),
+        )
         self.used = memory(f"{label}.used", ca.SX([-0.5, -0.5]))
         self.nis = memory(f"{label}.nis", ca.SX.zeros(2))
         symbol = ca.SX.sym(f"{label}.now", whole.size1())
@@ -194,18 +199,9 @@ class _TargetFilterLaw:
         moments = ca.diag(ca.mtimes(axes.T, ca.mtimes(total, axes)))
         return ca.log(moments[:2] / moments[2])
 
-    def _motion(self, place: ca.SX, velocity: ca.SX, attitude: ca.SX, spin: ca.SX, ratios: ca.SX) -> ca.SX:
-        """Numbers of a motion, from vectors (3x1) and a rotation (3x3)."""
-        turned = attitude_numbers(attitude, planar=self.planar)
-        parts = (place[self.along], velocity[self.along], turned, spin[self.about], ratios)
-        return ca.densify(ca.vertcat(*parts))
-
     def _parts(self, motion: ca.SX) -> list[ca.SX]:
         """r, v, attitude numbers, spin and ratios of a motion."""
         return [ca.SX(part) for part in ca.vertsplit(motion, [0, *_summed(self.numbers)])]
-
-    def _gravity(self) -> ca.SX:
-        return ca.SX(ca.DM(self.robot.plant.model.gravity.linear))[self.along]
 
     def _spin_rate(self, spin: ca.SX, ratios: ca.SX) -> ca.SX:
         """Euler's equations with the moments e^k1, e^k2, 1; none in a plane."""
@@ -222,7 +218,7 @@ class _TargetFilterLaw:
         else:
             vector, scalar = attitude[:3], attitude[3]
             turning = ca.vertcat(scalar * spin + cross(vector, spin), -ca.dot(vector, spin)) / 2
-        gravity = self._gravity()
+        gravity = ca.SX(ca.DM(self.robot.plant.model.gravity.linear))[self.along]
         return ca.densify(
             ca.vertcat(velocity, gravity, turning, self._spin_rate(spin, ratios), ca.SX.zeros(self.ratios))
         )
@@ -293,9 +289,6 @@ class _TargetFilterLaw:
         )
         return ca.vertcat(*(ca.repmat(x, size, 1) for x, size in zip(own, self.errors, strict=True)))
 
-    def _initial(self) -> ca.SX:
-        return ca.diag((self.robot.context.number("initial_factor") * self._deviations()) ** 2)
-
     def _corrected(self, motion: ca.SX, correction: ca.SX) -> ca.SX:
         """A motion moved by errors."""
         place, velocity, attitude, spin, ratios = self._parts(motion)
@@ -308,24 +301,6 @@ class _TargetFilterLaw:
     def _turned(self, attitude: ca.SX, vector: ca.SX) -> ca.SX:
         """Attitude numbers after a small rotation about world axes."""
         return attitude_numbers(ca.mtimes(turned_by(vector), attitude_of(attitude)), planar=self.planar)
-
-    def _difference(self, motion: ca.SX, other: ca.SX) -> ca.SX:
-        """Errors that lead from one motion to another."""
-        own, others = self._parts(motion), self._parts(other)
-        turn = rotation_log(ca.mtimes(attitude_of(others[2]), attitude_of(own[2]).T))[self.about]
-        return ca.vertcat(
-            *(b - a for a, b in zip(own[:2], others[:2], strict=True)),
-            turn,
-            *(b - a for a, b in zip(own[3:], others[3:], strict=True)),
-        )
-
-    def _variance(self, key: str, signal: str, away: ca.SX) -> ca.SX:
-        """Of a component of a sample, taken at a distance (1x1)."""
-        if getattr(self.config, key) is not None:
-            return self.robot.context.number(key) ** 2
-        errors = self.robot.errors(signal)
-        grown = errors.number("noise") * (1 + errors.number("noise_growth") * away)
-        return grown**2 / errors.steady("period")
 
     def _updates(self, first: ca.SX) -> list[tuple[State, ca.SX]]:
         """New values of the filter's states when a sample arrives, the first one or not (1x1)."""
@@ -354,7 +329,13 @@ class _TargetFilterLaw:
             (slice(m, m + n), turned, "attitude_noise", ATTITUDE),
         )
         for i, (part, value, key, signal) in enumerate(samples):
-            variance = self._variance(key, signal, away)
+            # of a component of a sample, taken at a distance (1x1)
+            if getattr(self.config, key) is not None:
+                variance = self.robot.context.number(key) ** 2
+            else:
+                errors = self.robot.errors(signal)
+                grown = errors.number("noise") * (1 + errors.number("noise_growth") * away)
+                variance = grown**2 / errors.steady("period")
             left = innovation[part] - ca.mtimes(rows[part, :], correction)
             step, after, nis = updated(spread, rows[part, :], left, [variance] * left.size1())
             fresh = both(value[-1] > self.used.symbol[i], negated(self.robot.rejected(signal)))
@@ -393,25 +374,7 @@ class _TargetFilterLaw:
             begins.event(f"{label}.begun", "estimated", label, first, silent=True),
             clock.event(f"{label}.estimated", "estimated", label, named, silent=True),
         )
-        return Contribution(
-            states=(*(state for state, _ in updates), begins.count, clock.count),
-            events=events,
-            outputs=tuple(self._outputs()),
-            estimates=tuple(self._estimates().items()),
-            innovations=tuple(self._innovations()),
-        )
-
-    def _innovations(self) -> Iterable[Innovation]:
-        """Of the position and, given that, of the attitude, which are independent."""
-        robot, errors = self.robot, self.robot.errors(PLACE)
-        instants = errors.steady("period"), errors.steady("delay")
-        period_s = robot.context.parameters.value(f"{errors.path}.period")
-        for i, (signal, axes) in enumerate(((PLACE, self.along), (ATTITUDE, self.about))):
-            square, used = self.nis.symbol[i], self.used.symbol[i]
-            yield Innovation(robot.label, signal, square, len(axes), used, *instants, period_s)
-
-    def _estimates(self) -> dict[str, Callable[[ca.SX], ca.SX]]:
-        """Place and velocity of points (3x1) of the target, its rotation vectors and spin, world axes."""
+        # place and velocity of points (3x1) of the target, its rotation vectors and spin, world axes
         plant = self.robot.plant
         place, velocity, attitude, spin, _ = self._parts(self.now.symbol)
         centre, moving, turning = ca.SX(3, 1), ca.SX(3, 1), ca.SX(3, 1)
@@ -427,12 +390,29 @@ class _TargetFilterLaw:
         def lever(point: ca.SX) -> ca.SX:
             return ca.mtimes(error, point - true)
 
-        return {
-            PLACE: lambda point: centre + lever(point),
-            ATTITUDE: lambda vector: rotation_log(ca.mtimes(error, rotation_exp(vector))),
-            "target_velocity": lambda point: moving + cross(turning, lever(point)),
-            "target_spin": lambda _: turning,
-        }
+        return Contribution(
+            states=(*(state for state, _ in updates), begins.count, clock.count),
+            events=events,
+            outputs=tuple(self._outputs()),
+            estimates=tuple(
+                {
+                    PLACE: lambda point: centre + lever(point),
+                    ATTITUDE: lambda vector: rotation_log(ca.mtimes(error, rotation_exp(vector))),
+                    "target_velocity": lambda point: moving + cross(turning, lever(point)),
+                    "target_spin": lambda _: turning,
+                }.items()
+            ),
+            innovations=tuple(self._innovations()),
+        )
+
+    def _innovations(self) -> Iterable[Innovation]:
+        """Of the position and, given that, of the attitude, which are independent."""
+        robot, errors = self.robot, self.robot.errors(PLACE)
+        instants = errors.steady("period"), errors.steady("delay")
+        period_s = robot.context.parameters.value(f"{errors.path}.period")
+        for i, (signal, axes) in enumerate(((PLACE, self.along), (ATTITUDE, self.about))):
+            square, used = self.nis.symbol[i], self.used.symbol[i]
+            yield Innovation(robot.label, signal, square, len(axes), used, *instants, period_s)
 
     def _outputs(self) -> Iterable[Output]:
         """Errors and deviations at present, and how the ones agree with the others."""
@@ -446,7 +426,13 @@ class _TargetFilterLaw:
         covariance = ca.mtimes(transition, ca.mtimes(covariance, transition.T))
         covariance = covariance + self._noise(self._parts(mean)[2], since)
         deviation = ca.sqrt(ca.diag(covariance))
-        error = self._difference(self.now.symbol, self.true)
+        own, others = self._parts(self.now.symbol), self._parts(self.true)
+        turn = rotation_log(ca.mtimes(attitude_of(others[2]), attitude_of(own[2]).T))[self.about]
+        error = ca.vertcat(
+            *(b - a for a, b in zip(own[:2], others[:2], strict=True)),
+            turn,
+            *(b - a for a, b in zip(own[3:], others[3:], strict=True)),
+        )
         texts = (
             ("position", "m", "of the target's centre of mass", self.along),
             ("velocity", "m/s", "of its velocity", self.along),

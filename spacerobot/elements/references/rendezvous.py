@@ -84,31 +84,7 @@ class Rendezvous(Reference):
         del pivot
         plant, seen = context.plant, _Seen.of(context, context.links[self.frame])
         mated = context.once("mated", rotation_from_rpy(_vector(context, "mated_deg") * DEGREE))
-        moved, turned = self._way(context, start, seen, mated)
-        rotation, spin = seen.rotation, seen.spin
-        lever, rate, bend = (
-            ca.mtimes(rotation, part) for part in (moved.value, moved.rate, moved.acceleration)
-        )
-        turning, gain = ca.mtimes(rotation, turned.rate), ca.mtimes(rotation, turned.acceleration)
-        linear, angular = _free_acceleration(context, seen)
-        swing, about = cross(spin, lever), plant.rotation_axes
-        return DesiredMotion(
-            position=seen.position + lever,
-            velocity=seen.velocity + swing + rate,
-            acceleration=linear + cross(angular, lever) + cross(spin, swing + 2 * rate) + bend,
-            rotation=ca.mtimes(rotation, ca.mtimes(rotation_exp(turned.value), mated)),
-            angular_velocity=only(spin + turning, about),
-            angular_acceleration=only(angular + cross(spin, turning) + gain, about),
-        )
-
-    def _way(
-        self, context: ReferenceContext, start: InitialMotion, seen: _Seen, mated: ca.SX
-    ) -> tuple[TimeProfile, TimeProfile]:
-        """Displacement and rotation vector (3x1 each) relative to the mated pose, axes of the mating frame.
-
-        The way to the standoff begins with the velocity that the tip has relative to the mating frame; the
-        rotation begins at rest relative to it.
-        """
+        # displacement and rotation vector (3x1 each) relative to the mated pose, axes of the mating frame
         first = seen.at(start)
         back, apart = first.rotation.T, start.origin - first.position
         offset = context.begun("offset", ca.mtimes(back, apart))
@@ -118,7 +94,15 @@ class Rendezvous(Reference):
         turn = context.begun("turn", twist)
         axis = _vector(context, "axis")
         axis = context.once("axis", axis / ca.norm_2(ca.densify(axis)))
-        time, left, closing = self._times(context)
+        # times at which it comes to the standoff and leaves it, and from there to the end (1x1 each) [s]
+        number = context.number
+        if self.closing_speed is not None:
+            closing = PEAK * (number("standoff") - number("end_distance")) / number("closing_speed")
+        else:
+            closing = ca.SX(5) if self.duration is None else number("duration")
+        arrived = number("approach_time")
+        time = arrived
+        left = arrived + number("wait") if self.wait else arrived
         arrive = smooth_blend(context, (None, "arrived"), ca.SX(0), time)
         close = smooth_blend(context, ("left" if self.wait else "arrived", "closed"), left, closing)
         standoff = -context.number("standoff") * axis
@@ -136,17 +120,22 @@ class Rendezvous(Reference):
             -away * arrive.rate + drift * coast.rate + onward * close.rate,
             -away * arrive.acceleration + drift * coast.acceleration + onward * close.acceleration,
         )
-        return moved, TimeProfile(turn * (1 - arrive.value), -turn * arrive.rate, -turn * arrive.acceleration)
-
-    def _times(self, context: ReferenceContext) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Times at which it comes to the standoff and leaves it, and from there to the end (1x1 each) [s]."""
-        number = context.number
-        if self.closing_speed is not None:
-            closing = PEAK * (number("standoff") - number("end_distance")) / number("closing_speed")
-        else:
-            closing = ca.SX(5) if self.duration is None else number("duration")
-        arrived = number("approach_time")
-        return arrived, arrived + number("wait") if self.wait else arrived, closing
+        turned = TimeProfile(turn * (1 - arrive.value), -turn * arrive.rate, -turn * arrive.acceleration)
+        rotation, spin = seen.rotation, seen.spin
+        lever, rate, bend = (
+            ca.mtimes(rotation, part) for part in (moved.value, moved.rate, moved.acceleration)
+        )
+        turning, gain = ca.mtimes(rotation, turned.rate), ca.mtimes(rotation, turned.acceleration)
+        linear, angular = _free_acceleration(context, seen)
+        swing, about = cross(spin, lever), plant.rotation_axes
+        return DesiredMotion(
+            position=seen.position + lever,
+            velocity=seen.velocity + swing + rate,
+            acceleration=linear + cross(angular, lever) + cross(spin, swing + 2 * rate) + bend,
+            rotation=ca.mtimes(rotation, ca.mtimes(rotation_exp(turned.value), mated)),
+            angular_velocity=only(spin + turning, about),
+            angular_acceleration=only(angular + cross(spin, turning) + gain, about),
+        )
 
     def jumps(self) -> tuple[float, ...]:
         """At the standoff, when it leaves there, and at the end."""

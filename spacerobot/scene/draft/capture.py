@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
 from spacerobot.description.parts import UrdfJoint, UrdfLink
 from spacerobot.description.write import urdf_xml
 from spacerobot.errors import ScenarioError
@@ -112,7 +111,15 @@ def draft_capture(order: DraftRequest, file: StrPath) -> tuple[str, Scene]:
     data = held.model.createData()
     pin.framesForwardKinematics(held.model, data, held.q)
     tip, mate = data.oMf[grasp.tip.frame], data.oMf[grasp.frame]
-    axis = _inward(held, data, mate)
+    # direction of approach: the axis of the mating frame (3,) nearest to the way to the object's mass
+    target = held.bodies[-1]
+    masses = [held.model.inertias[joint].mass for joint in target.subtree]
+    places = [data.oMi[joint].act(held.model.inertias[joint].lever) for joint in target.subtree]
+    centre = np.average(places, axis=0, weights=masses)
+    toward = mate.rotation.T @ (centre - mate.translation)
+    toward = toward * np.isin(range(3), held.translation_axes) if held.planar else toward
+    axis = np.zeros(3)
+    axis[int(np.argmax(np.abs(toward)))] = 1.0 if toward[int(np.argmax(np.abs(toward)))] >= 0 else -1.0
     direction = mate.rotation @ axis
     numbers = DraftNumbers(held, {arm.name: arm})
     gains = {one.label: numbers.gains(one) for one in held.tips}
@@ -140,7 +147,12 @@ def draft_capture(order: DraftRequest, file: StrPath) -> tuple[str, Scene]:
     section["reference"] = {"kind": "hold"}
     lever = float(np.linalg.norm(mate.translation - root.translation))
     spin = min(TURN_DEG / until, np.degrees(DRIFT * way / max(lever, 1e-3) / until))
-    sideways = _sideways(direction, planar=held.planar)
+    # at right angles to it, in the plane of a planar scene
+    if held.planar:
+        sideways = np.array([-direction[1], direction[0], 0.0])
+    else:
+        sideways = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
+        sideways /= np.linalg.norm(sideways)
     base: dict[str, Any] = {"joint": bare["target"]["base"]["joint"]}
     base["position"] = [round(float(x), 4) + 0.0 for x in root.translation + way * direction]
     base["rotation_deg"] = bare["target"]["base"]["rotation_deg"]
@@ -167,27 +179,6 @@ def draft_capture(order: DraftRequest, file: StrPath) -> tuple[str, Scene]:
         holding["orientation_pid"] = own.pid(own.inertia)
     text = _text(found, reference, goal, until, holding)
     return text, build_scene(validate(parse_yaml(text, source=source), source=source), source=source)
-
-
-def _inward(scene: Scene, data: Any, mate: Any) -> Array:
-    """Direction of approach: the axis of the mating frame (3,) nearest to the way to the object's mass."""
-    target = scene.bodies[-1]
-    masses = [scene.model.inertias[joint].mass for joint in target.subtree]
-    places = [data.oMi[joint].act(scene.model.inertias[joint].lever) for joint in target.subtree]
-    centre = np.average(places, axis=0, weights=masses)
-    toward = mate.rotation.T @ (centre - mate.translation)
-    toward = toward * np.isin(range(3), scene.translation_axes) if scene.planar else toward
-    found = np.zeros(3)
-    found[int(np.argmax(np.abs(toward)))] = 1.0 if toward[int(np.argmax(np.abs(toward)))] >= 0 else -1.0
-    return found
-
-
-def _sideways(direction: Array, *, planar: bool) -> Array:
-    """A direction (3,) at right angles to another one, in the plane of a planar scene."""
-    if planar:
-        return np.array([-direction[1], direction[0], 0.0])
-    found = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
-    return np.asarray(found / np.linalg.norm(found))
 
 
 def _text(found: DraftText, reference: Document, goal: Document, until: float, holding: Document) -> str:

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.description.read import Description
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.files import StrPath
 from spacerobot.scenario.load import parse_yaml, validate
@@ -81,10 +80,10 @@ def held_scene(order: DraftRequest, source: Path) -> tuple[list[DraftArm], Docum
         As :func:`draft_scenario`.
     """
     if len(order.tips) > 1 and len(order.tips) != len(order.robots):
-        found = (
-            f"found {len(order.tips)} for {len(order.robots)} robots, allowed: one for all, or one for each"
+        raise ScenarioError(
+            f"found {len(order.tips)} for {len(order.robots)} robots, allowed: one for all, or one for each",
+            where="--tip",
         )
-        raise ScenarioError(found, where="--tip")
     tips: list[str | None] = [*order.tips]
     if len(tips) < 2:
         tips = (tips or [None]) * len(order.robots)
@@ -94,27 +93,8 @@ def held_scene(order: DraftRequest, source: Path) -> tuple[list[DraftArm], Docum
         name = as_name(named[1].path.stem, [arm.name for arm in arms])
         arms.append(make_arm(name, named, tip))
     urdf, description = read(order.target, source.parent)
-    frames = _frames(description, order.frames, len(arms))
-    planar = all(arm.planar for arm in arms)
-    base = order.base or ("planar" if planar else "free_flyer")
-    if base == "free_flyer" and planar:
-        arms = [replace(arm, turns=False) for arm in arms]  # not about every axis of space
-    object_base = "planar" if planar and base != "free_flyer" else "free_flyer"
-    bare = _document(arms, frames, (base, object_base, urdf))
-    scene = build_scene(validate(bare, source=source), source=source)
-    bare["target"]["base"]["rotation_deg"] = _ahead(scene)
-    scene = build_scene(validate(bare, source=source), source=source)
-    return arms, bare, scene
-
-
-def _frames(description: Description, wanted: Sequence[str], count: int) -> list[str]:
-    """Mating frame of each robot: those asked for, else massless ends of the target, else its root.
-
-    Raises
-    ------
-    ScenarioError
-        If there is no such link, or not one for each robot.
-    """
+    # mating frame of each robot: those asked for, else massless ends of the target, else its root
+    wanted, count = order.frames, len(arms)
     file, names = description.path.name, [link.name for link in description.links]
     for frame in wanted:
         if frame not in names:
@@ -122,17 +102,22 @@ def _frames(description: Description, wanted: Sequence[str], count: int) -> list
     light = {link.name for link in description.links if link.mass == 0}
     found = [*wanted] or [name for name in ends(description) if name in light and name != description.root]
     if not found and count == 1:
-        return [description.root]
-    if len(found) < count or (wanted and len(wanted) != count):
-        raise ScenarioError(
-            f"name one link of {file} for each of the {count} robots; its links: {', '.join(names[:12])}",
-            where="--frame",
-        )
-    return found[:count]
-
-
-def _ahead(scene: Scene) -> list[float]:
-    """Orientation of the target, at right angles to the first tip, that keeps it farthest from that arm."""
+        frames = [description.root]
+    else:
+        if len(found) < count or (wanted and len(wanted) != count):
+            raise ScenarioError(
+                f"name one link of {file} for each of the {count} robots; its links: {', '.join(names[:12])}",
+                where="--frame",
+            )
+        frames = found[:count]
+    planar = all(arm.planar for arm in arms)
+    base = order.base or ("planar" if planar else "free_flyer")
+    if base == "free_flyer" and planar:
+        arms = [replace(arm, turns=False) for arm in arms]  # not about every axis of space
+    object_base = "planar" if planar and base != "free_flyer" else "free_flyer"
+    bare = _document(arms, frames, (base, object_base, urdf))
+    scene = build_scene(validate(bare, source=source), source=source)
+    # orientation of the target, at right angles to the first tip, that keeps it farthest from that arm
     data = scene.model.createData()
     pin.framesForwardKinematics(scene.model, data, scene.q)
     grasp, target = scene.grasps[0], scene.bodies[-1]
@@ -145,9 +130,13 @@ def _ahead(scene: Scene) -> list[float]:
     places = [tip.translation - rotation @ held.translation for rotation in tried]
     spaces = [np.linalg.norm(arm - place, axis=1).min() for place in places]
     best = tried[int(np.argmax(np.round(spaces, 6)))]
-    if scene.planar:
-        return [0.0, 0.0, round(float(np.degrees(np.arctan2(best[1, 0], best[0, 0]))), 3) + 0.0]
-    return [round(float(x), 3) + 0.0 for x in np.degrees(pin.rpy.matrixToRpy(best))]
+    bare["target"]["base"]["rotation_deg"] = (
+        [0.0, 0.0, round(float(np.degrees(np.arctan2(best[1, 0], best[0, 0]))), 3) + 0.0]
+        if scene.planar
+        else [round(float(x), 3) + 0.0 for x in np.degrees(pin.rpy.matrixToRpy(best))]
+    )
+    scene = build_scene(validate(bare, source=source), source=source)
+    return arms, bare, scene
 
 
 def _document(arms: Sequence[DraftArm], frames: Sequence[str], placed: tuple[str, str, str]) -> Document:
