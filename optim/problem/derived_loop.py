@@ -15,7 +15,7 @@ import numpy as np
 
 from spacerobot.arrays import Array
 from spacerobot.rollout import ClosedLoopFunctions, EventRule, Signals
-from spacerobot.rollout.closed_loop_protocol import NoiseRule, TableRule
+from spacerobot.symbolic import NoiseTable, WindowTable
 
 
 @dataclass(frozen=True)
@@ -38,11 +38,11 @@ class DerivedLoop:
     switches: tuple[int, ...]
     events: Sequence[EventRule]
     fine: tuple[tuple[int, float, float], ...]
-    tables: Sequence[TableRule]
+    tables: Sequence[WindowTable]
     rows: ca.Function
     guards: ca.Function
     update: ca.Function
-    noise: Sequence[NoiseRule] = ()
+    noise: Sequence[NoiseTable] = ()
 
     @classmethod
     def of(cls, loop: ClosedLoopFunctions, **changes: Any) -> DerivedLoop:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 import casadi as ca
 import numpy as np
@@ -44,7 +43,20 @@ def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
     """
     sizes = {name: kernel.size("dynamics", name) for name in ("x", "c", "m")}
     t, x, c = ca.SX.sym("t"), ca.SX.sym("x", sizes["x"]), ca.SX.sym("c", sizes["c"])
-    ends, reached = _ends_reverse(kernel, wrt)
+    # reverse of setup and objective, and the places of the prepared constants that parameters reach; those
+    # that no other function sees, the rows of tables, come last
+    p, r = ca.SX.sym("p", kernel.size("setup", "p")), ca.SX.sym("r", kernel.size("objective", "r"))
+    wanted = p[list(wrt)]
+    x0, c0 = kernel.functions["setup"](p)
+    own = sources(kernel.tables)
+    found = reached_with(kernel.tables, set(ca.jacobian_sparsity(c0, wanted).row()))
+    reached = sorted(found, key=lambda place: (place in own, place))
+    xbar, cbar = ca.SX.sym("xbar", x0.numel()), ca.SX.sym("cbar", len(reached))
+    cost = ca.SX(kernel.functions["objective"](r, p))
+    jbar = ca.SX.sym("Jbar", cost.numel())
+    toward = _transposed(cost, ca.vertcat(r, wanted), jbar)
+    back = _transposed(ca.vertcat(x0, entries(c0, reached)), wanted, ca.vertcat(xbar, cbar))
+    ends = {"rbar": entries(toward, slice(r.numel())), "pbar": entries(toward, slice(r.numel(), None))}
     constants = entries(c, [place for place in reached if place not in sources(kernel.tables)])
     at = {"t": t, "x": x, "c": c}
     xdot, m = kernel.functions["dynamics"](t, x, c)
@@ -62,7 +74,9 @@ def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
         split = {name: entries(back, where) for name, where in places.items()}
         return sx_function(name, {**at, **given, bar: seed}, split)
 
-    functions = {**kernel.functions, **ends} | {
+    functions = {**kernel.functions} | {
+        "objective_reverse": sx_function("objective_reverse", {"r": r, "p": p, "Jbar": jbar}, ends),
+        "setup_reverse": sx_function("setup_reverse", {"p": p, "xbar": xbar, "cbar": cbar}, {"pbar": back}),
         "dynamics_reverse": reverse("dynamics_reverse", xdot, "vbar", moved),
         "peaks_reverse": reverse("peaks_reverse", m, "mbar", moved),
         "final_reverse": reverse("final_reverse", final, "ebar", t if kernel.events else ca.SX(0, 1)),
@@ -80,55 +94,11 @@ def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
     return replace(kernel, functions=functions, jump_bars=bars, c_bars=bar_places, moving=moving)
 
 
-def _ends_reverse(kernel: Kernel, wrt: Sequence[int]) -> tuple[dict[str, ca.Function], list[int]]:
-    """Reverse of setup and objective, and the places of the prepared constants that parameters reach.
-
-    Those that no other function sees, the rows of tables, come last.
-    """
-    p, r = ca.SX.sym("p", kernel.size("setup", "p")), ca.SX.sym("r", kernel.size("objective", "r"))
-    wanted = p[list(wrt)]
-    x0, c0 = kernel.functions["setup"](p)
-    own = sources(kernel.tables)
-    found = reached_with(kernel.tables, set(ca.jacobian_sparsity(c0, wanted).row()))
-    reached = sorted(found, key=lambda place: (place in own, place))
-    xbar, cbar = ca.SX.sym("xbar", x0.numel()), ca.SX.sym("cbar", len(reached))
-    cost = ca.SX(kernel.functions["objective"](r, p))
-    jbar = ca.SX.sym("Jbar", cost.numel())
-    toward = _transposed(cost, ca.vertcat(r, wanted), jbar)
-    back = _transposed(ca.vertcat(x0, entries(c0, reached)), wanted, ca.vertcat(xbar, cbar))
-    bars = {"rbar": entries(toward, slice(r.numel())), "pbar": entries(toward, slice(r.numel(), None))}
-    return {
-        "objective_reverse": sx_function("objective_reverse", {"r": r, "p": p, "Jbar": jbar}, bars),
-        "setup_reverse": sx_function("setup_reverse", {"p": p, "xbar": xbar, "cbar": cbar}, {"pbar": back}),
-    }, reached
-
-
 def _transposed(value: ca.SX, variables: ca.SX, seed: ca.SX) -> ca.SX:
     """Transposed Jacobian times a seed, dense also where nothing depends on anything."""
     if value.numel() == 0 or variables.numel() == 0:
         return ca.SX.zeros(variables.numel())
     return ca.densify(ca.jtimes(value, variables, seed, True))
-
-
-class AdjointEngine(Protocol):
-    """Evaluates costs and their gradients."""
-
-    @property
-    def kernel(self) -> Kernel:
-        """The kernel, with its reverse functions."""
-
-    @property
-    def backend(self) -> str:
-        """``compiled`` or ``interpreted``."""
-
-    @property
-    def lanes(self) -> int:
-        """Rollouts carried at once."""
-
-    def gradients(
-        self, p: Array, seed: Array, grid: TimeGrid, raw: RolloutArrays, gradient: Array, stop: StopFlag
-    ) -> None:
-        """Fill ``raw`` and ``gradient`` (N, k) for rows p (N, np) and cost weights ``seed`` (N, nj)."""
 
 
 class _AdjointJob(ctypes.Structure):
@@ -165,7 +135,7 @@ class CompiledAdjoint:
     def gradients(
         self, p: Array, seed: Array, grid: TimeGrid, raw: RolloutArrays, gradient: Array, stop: StopFlag
     ) -> None:
-        """Costs and gradients of every row; see :class:`AdjointEngine`."""
+        """Fill ``raw`` and ``gradient`` (N, k) for rows p (N, np) and cost weights ``seed`` (N, nj)."""
         job, _keep = make_job(self.kernel, p, grid, raw, (), stop)
         per_step = self.bytes_per_step
         whole = grid.steps * per_step <= self.whole_bytes // self.lanes
@@ -195,7 +165,7 @@ class InterpretedAdjoint:
     def gradients(
         self, p: Array, seed: Array, grid: TimeGrid, raw: RolloutArrays, gradient: Array, stop: StopFlag
     ) -> None:
-        """Costs and gradients of every row; see :class:`AdjointEngine`."""
+        """As :meth:`CompiledAdjoint.gradients`."""
         engine, objective = InterpretedEngine(self.kernel), self.kernel.functions["objective"]
         for i, row in enumerate(p):
             if stop.is_set:
@@ -207,3 +177,7 @@ class InterpretedAdjoint:
                 part = None if raw.instants is None else raw.instants.part(slice(i, i + 1))
                 gradient[i] = AdjointSweep(self.kernel, path, part).gradient(row, seed[i], raw.r[i])
             raw.cost[i] = objective(raw.r[i], row).full().ravel()
+
+
+AdjointEngine = CompiledAdjoint | InterpretedAdjoint
+"""Evaluates costs and their gradients."""

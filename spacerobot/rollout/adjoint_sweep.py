@@ -55,9 +55,16 @@ class AdjointSweep:
             self._events(k + 1)
             t, h = self._step(k) if k < steps else (tbar, 0.0)
             if (when == k).any():
-                t += self._peaks(k, np.where(when == k, rbar[first:last], 0.0))
+                # the peaks that were met before step k
+                at = path.plan.t[k] if k < steps else path.end_s
+                met = np.where(when == k, rbar[first:last], 0.0)
+                x, c, moved = self._reverse("peaks", path.rows[k], at, path.x[k], path.c[k], met)
+                self._x, self._c, t = self._x + x, self._c + c, t + moved
             if k < steps:
-                self._ends(k, t, h)
+                # from the bars of the step's beginning and length to the ends of its segment
+                share = (h + path.plan.index[k] * t) / path.plan.number[k]
+                self._end(int(path.plan.first[k]), t - share)
+                self._end(int(path.plan.last[k]), share)
             elif path.fate == ENDED:
                 self._end(path.happenings[-1].first, t)
         self._events(0)
@@ -79,27 +86,12 @@ class AdjointSweep:
         gather(self._kernel.tables, row, self._kernel.c_bars, c)
         return x, c, float(t.sum())
 
-    def _peaks(self, k: int, seed: Array) -> float:
-        """Take in the peaks that were met before step k; bar of the time."""
-        path = self._path
-        t = path.plan.t[k] if k < path.plan.steps else path.end_s
-        x, c, tbar = self._reverse("peaks", path.rows[k], t, path.x[k], path.c[k], seed)
-        self._x, self._c = self._x + x, self._c + c
-        return tbar
-
     def _end(self, place: int, value: float) -> None:
         """Take in the bar of the time at which a segment begins or ends."""
         if place == HERE:
             self._begin += value
         elif place >= 0 and self._kernel.jump_bars[place] >= 0:
             self._c[self._kernel.jump_bars[place]] += value
-
-    def _ends(self, k: int, t: float, h: float) -> None:
-        """From the bars of a step's beginning and length to the ends of its segment."""
-        steps = self._path.plan
-        share = (h + steps.index[k] * t) / steps.number[k]
-        self._end(int(steps.first[k]), t - share)
-        self._end(int(steps.last[k]), share)
 
     def _events(self, steps: int) -> None:
         """Through the events behind so many steps that fired at once."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from spacerobot.rollout.closed_loop_protocol import Array
-from spacerobot.rollout.engines import KernelEngine
+from spacerobot.rollout.interpreted import KernelEngine
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.rollout_arrays import AT_END, CHATTERING, COINCIDENT, ENDED, GRAZING, RolloutArrays
 from spacerobot.rollout.time_grid import TimeGrid
@@ -37,6 +37,16 @@ def trajectory_of(raw: RolloutArrays, kernel: Kernel, grid: TimeGrid, p: Array) 
             cause = f"{kernel.names[int(np.argmax(np.abs(rate) * kernel.scale))]} grows fastest"
     state = np.empty((0, 0)) if raw.x is None else raw.x[0, :samples, : kernel.nx]
     y = np.empty((samples, 0)) if raw.y is None else raw.y[0, :samples]
+    events = []
+    if kernel.events and raw.log.jump is not None:
+        switches = kernel.functions["setup"](p)[1].full().ravel()[list(kernel.switches)]
+        jump = raw.log.jump[0, :, :, : kernel.nx]
+        for k, event in enumerate(raw.log.event[0, : raw.log.fired[0]]):
+            for place, on in kernel.events[event].sets:
+                switches[place] = on
+            before, after = (frozen(state.copy()) for state in jump[k])
+            when = float(raw.log.when[0, k])
+            events.append(FiredEvent(when, int(event), before, after, frozen(switches.copy())))
     return Trajectory(
         time=frozen(grid.time[:samples]),
         state=frozen(state),
@@ -54,25 +64,9 @@ def trajectory_of(raw: RolloutArrays, kernel: Kernel, grid: TimeGrid, p: Array) 
         backend="",
         wall_s=0.0,
         step_error=float("nan") if raw.error is None else float(raw.error[0]),
-        events=_fired(raw, kernel, p),
+        events=tuple(events),
         ended_at_s=float(raw.reached[0]) if ended else None,
     )
-
-
-def _fired(raw: RolloutArrays, kernel: Kernel, p: Array) -> tuple[FiredEvent, ...]:
-    """Events of the only rollout of ``raw``, which holds the states at them."""
-    if not kernel.events or raw.log.jump is None:
-        return ()
-    switches = kernel.functions["setup"](p)[1].full().ravel()[list(kernel.switches)]
-    found, jump = [], raw.log.jump[0, :, :, : kernel.nx]
-    for k, event in enumerate(raw.log.event[0, : raw.log.fired[0]]):
-        for place, on in kernel.events[event].sets:
-            switches[place] = on
-        before, after = (frozen(state.copy()) for state in jump[k])
-        found.append(
-            FiredEvent(float(raw.log.when[0, k]), int(event), before, after, frozen(switches.copy()))
-        )
-    return tuple(found)
 
 
 def batch_of(

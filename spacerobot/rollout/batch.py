@@ -14,7 +14,8 @@ from spacerobot.compiled import usable_cores
 from spacerobot.rollout.adjoint import AdjointEngine
 from spacerobot.rollout.closed_loop_protocol import Array
 from spacerobot.rollout.coincident_events import judge_orders
-from spacerobot.rollout.engines import KernelEngine, StopFlag
+from spacerobot.rollout.engines import StopFlag
+from spacerobot.rollout.interpreted import KernelEngine
 from spacerobot.rollout.rollout_arrays import MOST_EVENTS, CoincidentInstants, Integers, RolloutArrays
 from spacerobot.rollout.time_grid import TimeGrid
 

@@ -8,6 +8,7 @@ from typing import Protocol
 import casadi as ca
 
 from spacerobot.arrays import Array as Array
+from spacerobot.symbolic import NoiseTable, WindowTable
 
 
 class EventRule(Protocol):
@@ -56,45 +57,6 @@ class EventRule(Protocol):
     @property
     def quantised(self) -> bool:
         """Whether what it updates has steps, which derivatives do not see."""
-
-
-class TableRule(Protocol):
-    """Rows of equal width in c, one after the other, and a window that shows one of them."""
-
-    @property
-    def cursor(self) -> int:
-        """Which of the cursors tells the row."""
-
-    @property
-    def first(self) -> int:
-        """Place in c of the first row."""
-
-    @property
-    def window(self) -> int:
-        """Place in c of the window."""
-
-    @property
-    def width(self) -> int:
-        """Numbers in a row."""
-
-    @property
-    def count(self) -> int:
-        """Rows."""
-
-    @property
-    def noise(self) -> int:
-        """Place of the first row among the random numbers; -1 where the rows are in c."""
-
-
-class NoiseRule(Protocol):
-    """Random numbers that a rollout draws, by two of the parameters."""
-
-    @property
-    def keys(self) -> tuple[str, str]:
-        """Paths of these parameters: seed and draw."""
-
-    def drawn(self, seed: float, draw: float) -> Array:
-        """All numbers (n,)."""
 
 
 class LoopParameters(Protocol):
@@ -161,7 +123,7 @@ class ClosedLoopFunctions(LoopParameters, Protocol):
         """
 
     @property
-    def tables(self) -> Sequence[TableRule]:
+    def tables(self) -> Sequence[WindowTable]:
         """Tables in c, whose windows a rollout fills; the functions see no other of their entries."""
 
     @property
@@ -172,7 +134,7 @@ class ClosedLoopFunctions(LoopParameters, Protocol):
         """
 
     @property
-    def noise(self) -> Sequence[NoiseRule]:
+    def noise(self) -> Sequence[NoiseTable]:
         """Random numbers, one rule after the other, into which tables have windows."""
 
     @property

@@ -8,8 +8,8 @@ from typing import TypeVar
 
 from spacerobot.compiled import Library, Toolchain
 from spacerobot.rollout.adjoint import AdjointEngine, CompiledAdjoint, InterpretedAdjoint, adjoint_kernel
-from spacerobot.rollout.engines import CompiledEngine, KernelEngine, compile_kernel
-from spacerobot.rollout.interpreted import InterpretedEngine
+from spacerobot.rollout.engines import CompiledEngine, compile_kernel
+from spacerobot.rollout.interpreted import InterpretedEngine, KernelEngine
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.sensitivity import sensitivity_kernel
 
@@ -56,7 +56,14 @@ class Engines:
     def adjoint(self, wrt: tuple[int, ...], *, many: bool) -> AdjointEngine:
         """For gradients with respect to some places in p, one at a time or many."""
         lanes = self._lanes if many else 1
-        return self._once(("adjoint", wrt, lanes), lambda: self._adjoint(wrt, lanes))
+
+        def make() -> AdjointEngine:
+            kernel = adjoint_kernel(self.kernel, wrt)
+            if self.toolchain is None:
+                return InterpretedAdjoint(kernel)
+            return CompiledAdjoint(kernel, self._compiled(kernel, lanes, adjoint=True))
+
+        return self._once(("adjoint", wrt, lanes), make)
 
     def sensitivity(self, wrt: tuple[int, ...], outputs: tuple[str, ...]) -> KernelEngine:
         """For derivatives along directions, one in each lane; ``engine.kernel`` names what it returns."""
@@ -74,12 +81,6 @@ class Engines:
         if self.toolchain is None:
             return InterpretedEngine(kernel)
         return CompiledEngine(kernel, self._compiled(kernel, lanes, adjoint=False))
-
-    def _adjoint(self, wrt: tuple[int, ...], lanes: int) -> AdjointEngine:
-        kernel = adjoint_kernel(self.kernel, wrt)
-        if self.toolchain is None:
-            return InterpretedAdjoint(kernel)
-        return CompiledAdjoint(kernel, self._compiled(kernel, lanes, adjoint=True))
 
     def _compiled(self, kernel: Kernel, lanes: int, *, adjoint: bool) -> Library:
         say = self._progress

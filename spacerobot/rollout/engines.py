@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -39,27 +39,6 @@ class StopFlag:
     def address(self) -> int:
         """Where the number lies."""
         return ctypes.addressof(self._value)
-
-
-class KernelEngine(Protocol):
-    """Evaluates a kernel."""
-
-    @property
-    def kernel(self) -> Kernel:
-        """The kernel."""
-
-    @property
-    def backend(self) -> str:
-        """``compiled`` or ``interpreted``."""
-
-    @property
-    def lanes(self) -> int:
-        """Rollouts carried at once."""
-
-    def rollouts(
-        self, p: Array, grid: TimeGrid, raw: RolloutArrays, rows: Sequence[int], stop: StopFlag
-    ) -> None:
-        """Roll out every row of parameters (N, np) into ``raw``, recording outputs ``rows``."""
 
 
 class _EngineCall(ctypes.Structure):
@@ -125,16 +104,7 @@ def compile_kernel(
     parts = {"steps": True, "tables": kernel.tables, "events": kernel.events, "forward": True}
     names = [name for name, needed in (parts | {"adjoint": adjoint}).items() if needed]
     loops = [folder.joinpath(f"{name}.hpp").read_text(encoding="utf-8") for name in names]
-    tail = "\n".join([*_facts(kernel), kernel.method.source(), *loops])
-    often = {"update", "guards"} if any(event.clock for event in kernel.events) else set()
-    cold = set(kernel.functions) - HOT - often
-    return compile_functions(
-        kernel.functions, lanes=lanes, cold=cold, tail=tail, toolchain=toolchain, progress=progress
-    )
-
-
-def _facts(kernel: Kernel) -> list[str]:
-    """Definitions of a kernel that the loops need at compile time."""
+    # what the loops need to know of the kernel at compile time
     sizes = {
         "INTEGRALS": kernel.integrals,
         "PEAKS": kernel.peaks,
@@ -180,7 +150,13 @@ def _facts(kernel: Kernel) -> list[str]:
     lines += [f"static const {name}[] = {{{_listed(found)}}};" for name, found in numbers.items()]
     rows = [_listed(row.get(place, -1) for place in range(len(kernel.switches))) for row in sets]
     table = ", ".join(f"{{{row}}}" for row in [*rows, "-1"])
-    return [*lines, f"static const int SETS[][SWITCHES + 1] = {{{table}}};"]
+    lines.append(f"static const int SETS[][SWITCHES + 1] = {{{table}}};")
+    tail = "\n".join([*lines, kernel.method.source(), *loops])
+    often = {"update", "guards"} if any(event.clock for event in kernel.events) else set()
+    cold = set(kernel.functions) - HOT - often
+    return compile_functions(
+        kernel.functions, lanes=lanes, cold=cold, tail=tail, toolchain=toolchain, progress=progress
+    )
 
 
 def _listed(numbers: Iterable[float]) -> str:
@@ -204,7 +180,7 @@ class CompiledEngine:
     def rollouts(
         self, p: Array, grid: TimeGrid, raw: RolloutArrays, rows: Sequence[int], stop: StopFlag
     ) -> None:
-        """Roll out every row of parameters; see :class:`KernelEngine`."""
+        """Roll out every row of parameters (N, np) into ``raw``, recording outputs ``rows``."""
         job, _keep = make_job(self.kernel, p, grid, raw, rows, stop)
         entry = self.library.entry("rollouts")
         entry.restype = ctypes.c_int64

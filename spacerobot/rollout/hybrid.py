@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from spacerobot.numeric_function import NumericFunction
 from spacerobot.rollout.closed_loop_protocol import Array
 from spacerobot.rollout.event_location import RootBracket, TrialStep
 from spacerobot.rollout.interpreted_event import InterpretedEvent
-from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.methods.tableau import INNER
 from spacerobot.rollout.rollout_arrays import (
     AT_END,
@@ -28,6 +27,8 @@ from spacerobot.rollout.segments import HERE, Segment, StepPlan, graded, segment
 from spacerobot.rollout.tables import Integers, fill
 from spacerobot.rollout.time_grid import ROUNDING, TimeGrid
 
+if TYPE_CHECKING:
+    from spacerobot.rollout.interpreted import InterpretedEngine
 TOLERANCE = 1e-12
 """Of an event's time [s]."""
 
@@ -42,17 +43,6 @@ MARGIN = 0.05
 
 SECANTS, TRIES, BURST = 8, 60, 100
 """Lengths tried at peaks, or before they are halved; in all; events in a step that are not yet chattering."""
-
-
-class Stepper(Protocol):
-    """Evaluator of steps of a kernel."""
-
-    @property
-    def kernel(self) -> Kernel:
-        """The kernel."""
-
-    def steps(self, n: int, estimate: bool) -> Any:
-        """Function of so many steps, ``(x, t, h, dt, dh, c) -> (x, m, error, states inside)``."""
 
 
 @dataclass
@@ -88,7 +78,7 @@ class HybridRun:
         Random numbers (n,).
     """
 
-    engine: Stepper
+    engine: InterpretedEngine
     grid: TimeGrid
     x: Array
     c: Array
@@ -162,18 +152,6 @@ class HybridRun:
         limits = [step_s for place, step_s, _ in kernel.fine if self.c[kernel.switches[place]] != 0]
         return min([self.grid.step_s, *(self.grid.finer * step_s for step_s in limits)])
 
-    def _graded(self, t: float, h: float) -> float:
-        """How long a step of length h may be where a switch is turned on or off nearby."""
-        kernel = self.engine.kernel
-        for (place, step_s, grow), on, off in zip(kernel.fine, self._on, self._off, strict=True):
-            if grow > 0 and self.c[kernel.switches[place]] != 0:
-                own_s = self.grid.finer * step_s
-                window = grow * (own_s if own_s < np.inf else self.grid.step_s)
-                near = min(t - on, max(off - t, 0.0)) / window
-                shorter = graded(min(self.grid.step_s, own_s), window, near)
-                h = shorter if h > shorter * (1 + ROUNDING) else h
-        return h
-
     def _cross(self, part: Segment) -> None:
         """Steps from the beginning of a segment to its end, cut anew wherever an event is."""
         begin, first, whole = part.begin_s, part.first, self._longest() == self.grid.step_s
@@ -210,16 +188,13 @@ class HybridRun:
                 first = first if done is None else HERE
                 number, index = self._number(part.end_s - begin), 0
                 h = (part.end_s - begin) / number
-                if first == HERE and begin >= part.end_s and part.last < 0 and self._at_rest(begin):
+                # carried over an instant at which clocks leave nothing to happen
+                ended = first == HERE and begin >= part.end_s and part.last < 0 and self._clocks.any()
+                if ended and not (self._values(begin, self.x)[0] > self._level).any():
                     self._carried = True
                     return
         if self.fate == COMPLETED:
             self.end_s = part.end_s
-
-    def _at_rest(self, t: float) -> bool:
-        """Whether nothing is left to happen at an instant, as far as clocks are concerned."""
-        values = self._values(t, self.x)[0]
-        return bool(self._clocks.any()) and not (values > self._level).any()
 
     def _number(self, length_s: float) -> int:
         return max(1, math.ceil(length_s / self._longest() * (1 - ROUNDING)))
@@ -253,30 +228,46 @@ class HybridRun:
     def _step(self, t: float, h: float, row: tuple[int, int, int, int], until_s: float, own: int) -> _Done:
         """One step of length h, or one cut short: to the root, where it begins, of event `own`."""
         dt, dh = self._moved(row)
-        shorter = self._aimed(t, self._graded(t, h))
+        # how long the step may be where a switch is turned on or off nearby
+        kernel, shorter = self.engine.kernel, h
+        for (place, step_s, grow), on, off in zip(kernel.fine, self._on, self._off, strict=True):
+            if grow > 0 and self.c[kernel.switches[place]] != 0:
+                own_s = self.grid.finer * step_s
+                window = grow * (own_s if own_s < np.inf else self.grid.step_s)
+                near = min(t - on, max(off - t, 0.0)) / window
+                allowed = graded(min(self.grid.step_s, own_s), window, near)
+                shorter = allowed if shorter > allowed * (1 + ROUNDING) else shorter
+        # it passes no clock's instant
+        past = (TOGETHER if self.backwards else EARLY) + 4 * 2.2e-16 * t
+        left = past - self._first[self._clocks & (self._first <= 0)]
+        nearest = float(left.min(initial=np.inf))
+        shorter = nearest if nearest < shorter - TOLERANCE else shorter
         short = shorter < h
-        done = self._tried(t, shorter, dt, 0.0 if short else dh) if own < 0 else self._at_root(t, dt, own)
+        if own < 0:
+            done = self._tried(t, shorter, dt, 0.0 if short else dh)
+        else:
+            done, _ = self._evaluated(t, 0.0, dt, 0.0)
+            done.cut, done.event = True, own
+            self._crossed[own] = False
+            self._off[:] = np.inf
         done.cut = done.cut or short
         slope = dt
-        if done.cut:
-            # A step cut short whose length moves with its event, and the derivative of the time of its end
-            rate = self.engine.kernel.rate
-            if rate is None:
-                slope = dt
-            else:
-                steps = [self._evaluated(t, done.length, dt, dh)[0] for dh in (0.0, 1.0)]
-                ends, done.m = [step.end for step in steps], steps[0].m
-                stretch = 0.0
-                if done.event >= 0:
-                    slopes = []
-                    for end, time_slope in zip(ends, (dt, dt + 1.0), strict=True):
-                        self.c[rate] = time_slope
-                        found = self._f["guards"](t + done.length, end, self.c, np.zeros_like(end))
-                        slopes.append(found[2][done.event])
-                    self.c[rate] = 0.0
-                    stretch = -slopes[0] / (slopes[1] - slopes[0])
-                done.end = ends[0] + stretch * (ends[1] - ends[0])
-                slope = dt + stretch
+        rate = kernel.rate
+        if done.cut and rate is not None:
+            # its length moves with its event: stretched, and the derivative of the time of its end
+            steps = [self._evaluated(t, done.length, dt, dh)[0] for dh in (0.0, 1.0)]
+            ends, done.m = [step.end for step in steps], steps[0].m
+            stretch = 0.0
+            if done.event >= 0:
+                slopes = []
+                for end, time_slope in zip(ends, (dt, dt + 1.0), strict=True):
+                    self.c[rate] = time_slope
+                    found = self._f["guards"](t + done.length, end, self.c, np.zeros_like(end))
+                    slopes.append(found[2][done.event])
+                self.c[rate] = 0.0
+                stretch = -slopes[0] / (slopes[1] - slopes[0])
+            done.end = ends[0] + stretch * (ends[1] - ends[0])
+            slope = dt + stretch
         if not self._sound(done.end):
             self.fate = DIVERGED
             return done
@@ -294,13 +285,6 @@ class HybridRun:
         elif done.cut:
             self._slope = slope
         return done
-
-    def _aimed(self, t: float, h: float) -> float:
-        """Length of a step of at most h that does not pass a clock's instant."""
-        past = (TOGETHER if self.backwards else EARLY) + 4 * 2.2e-16 * t
-        left = past - self._first[self._clocks & (self._first <= 0)]
-        nearest = float(left.min(initial=np.inf))
-        return nearest if nearest < h - TOLERANCE else h
 
     def _sound(self, x: Array) -> bool:
         with np.errstate(over="ignore", invalid="ignore"):
@@ -330,14 +314,6 @@ class HybridRun:
         )
         return _Done(end, m, error, h), tried
 
-    def _at_root(self, t: float, dt: float, event: int) -> _Done:
-        """A step of length zero to an event's root."""
-        done, _ = self._evaluated(t, 0.0, dt, 0.0)
-        done.cut, done.event = True, event
-        self._crossed[event] = False
-        self._off[:] = np.inf
-        return done
-
     def _tried(self, t: float, h: float, dt: float, dh: float) -> _Done:
         """The step, taken with other lengths until no guard is above its level before its end."""
         done, seen = self._evaluated(t, h, dt, dh)
@@ -345,7 +321,17 @@ class HybridRun:
         for peaks in range(TRIES + 1):
             if not self._sound(done.end):
                 return done
-            shorter = self._shortest_peak(seen, done.length, GRAZES if peaks else MARGIN)
+            # it ends at the first peak of a guard that may rise above its level
+            s, peak, bend = seen.peaks()
+            margin = GRAZES if peaks else MARGIN
+            with np.errstate(all="ignore"):
+                high = (s > SHORTEST) & (s < 1 - GRAZES) & (s * done.length > TOLERANCE)
+                high &= peak > -margin * bend
+                near = (abs(s - 1) < 10 * GRAZES) & (seen.end <= 0) & (-seen.end < GRAZES**2 * bend)
+            if peaks:
+                self._doubt(GRAZING, np.flatnonzero(near))
+            half = done.length / 2 if done.length > TOLERANCE and seen.unsure().any() else done.length
+            shorter = float((s[high] * done.length).min(initial=half))
             meets, sure = (1.0, False) if done.length <= max(clear, TOLERANCE) else seen.meets()
             clear = meets * done.length if sure else clear
             skipped = meets < (1 - GRAZES if seen.rise else 1)
@@ -357,28 +343,21 @@ class HybridRun:
         if seen.rise:
             done, seen = self._located(t, RootBracket(0.0, self._first, done.length, seen.end), done, seen)
             done.near = self._judge(done.event, done.length, seen)
-        self._judge_end(t + done.length, seen)
+        # a gradient is doubted where parameters move an event at the rollout's end, or just behind it
+        kernel = self.engine.kernel
+        if kernel.moving and t + done.length >= self.grid.duration_s - TOGETHER:
+            with np.errstate(invalid="ignore"):
+                late = seen.end + TOGETHER * np.maximum(self._rates, 0.0) > 0
+            self._doubt(AT_END, np.flatnonzero(late & np.array(kernel.moving)))
         self._speeds = seen.reach[-1] / done.length if done.length > 0 else self._speeds
         self._crossed = seen.end > 0
         self._crossed[done.event] &= done.event < 0
         self._level = np.minimum(self._level, np.maximum(seen.end + self._level, 0.0))
-        kernel = self.engine.kernel
         for i, (place, _, _) in enumerate(kernel.fine):
             left = seen.left(done.length)
             ends = [left[e] for e, rule in enumerate(kernel.events) if (place, False) in rule.sets]
             self._off[i] = t + done.length + min(ends, default=np.inf)
         return done
-
-    def _shortest_peak(self, seen: TrialStep, h: float, margin: float) -> float:
-        """How long a step must be to end at the first peak of a guard that may rise above its level."""
-        s, peak, bend = seen.peaks()
-        with np.errstate(all="ignore"):
-            high = (s > SHORTEST) & (s < 1 - GRAZES) & (s * h > TOLERANCE) & (peak > -margin * bend)
-            ends = (abs(s - 1) < 10 * GRAZES) & (seen.end <= 0)
-            if margin == GRAZES:
-                self._doubt(GRAZING, np.flatnonzero(ends & (-seen.end < GRAZES**2 * bend)))
-        half = h / 2 if h > TOLERANCE and seen.unsure().any() else h
-        return float((s[high] * h).min(initial=half))
 
     def _located(
         self, t: float, bracket: RootBracket, done: _Done, seen: TrialStep
@@ -412,15 +391,6 @@ class HybridRun:
         others = np.flatnonzero(near & ~self._kinks & ~self._kinks[event])
         self._doubt(COINCIDENT, others)
         return len(others)
-
-    def _judge_end(self, t: float, seen: TrialStep) -> None:
-        """Doubt a gradient where parameters move an event at the rollout's end, or just behind it."""
-        moving = self.engine.kernel.moving
-        if not moving or t < self.grid.duration_s - TOGETHER:
-            return
-        with np.errstate(invalid="ignore"):
-            near = seen.end + TOGETHER * np.maximum(self._rates, 0.0) > 0
-        self._doubt(AT_END, np.flatnonzero(near & np.array(moving)))
 
     def _doubt(self, why: int, events: Array | np.ndarray[tuple[int], np.dtype[np.int64]]) -> None:
         events = events[~self._kinks[events]]

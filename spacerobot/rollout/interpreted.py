@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -11,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from spacerobot.rollout.closed_loop_protocol import Array
-from spacerobot.rollout.engines import StopFlag
+from spacerobot.rollout.engines import CompiledEngine, StopFlag
 from spacerobot.rollout.hybrid import HybridRun
 from spacerobot.rollout.interpreted_event import InterpretedEvent
 from spacerobot.rollout.kernel import Kernel
@@ -82,15 +81,36 @@ class InterpretedEngine:
     kernel: Kernel
     backend: str = field(default="interpreted", init=False)
     lanes: int = field(default=1, init=False)
+    _made: dict[tuple[int, bool], ca.Function] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     def rollouts(
         self, p: Array, grid: TimeGrid, raw: RolloutArrays, rows: Sequence[int], stop: StopFlag
     ) -> None:
-        """Roll out every row of parameters; see :class:`spacerobot.rollout.engines.KernelEngine`."""
+        """Roll out every row of parameters (N, np) into ``raw``, recording outputs ``rows``."""
         for i, row in enumerate(p):
             if stop.is_set:
                 return
-            self._one(row, grid, raw.part(slice(i, i + 1)), rows)
+            own = raw.part(slice(i, i + 1))
+            path = self.path(row, grid, estimate=raw.error is not None, backwards=raw.backwards)
+            at = path.plan.sampled[: len(path.shown)]
+            seen = path.x[at]
+            seen[0] = (
+                self.kernel.functions["setup"](row)[0].full().ravel()
+            )  # before what happens at the start
+            if own.x is not None:
+                own.x[0, : len(at)] = seen
+            if own.y is not None:
+                y = self.kernel.functions["outputs"](grid.time[None, : len(at)], seen.T, path.shown.T)
+                own.y[0, : len(at)] = y.full().T[:, list(rows)]
+            if own.error is not None:
+                size = np.maximum(1.0, np.abs(path.x).max(axis=0))
+                own.error[0] = (path.error.max(axis=0, initial=0.0) / size)[: self.kernel.nx].max()
+            self.note(path, own)
+            if path.whole:
+                own.r[0] = self.reduce(path)
+            own.cost[0] = self.kernel.functions["objective"](own.r[0], row).full().ravel()
 
     def path(
         self, p: Array, grid: TimeGrid, *, estimate: bool = False, backwards: bool = False
@@ -100,10 +120,9 @@ class InterpretedEngine:
         begin, c = (part.full().ravel() for part in kernel.functions["setup"](p))
         if kernel.events:
             noise = kernel.noise.drawn(p[None, :])[0]
-            # A rollout with events
             run = HybridRun(self, grid, begin, c, estimate, backwards, noise)
             run.run()
-            last = self.kernel.functions["dynamics"](run.end_s, run.x, run.c)[1].full().ravel()
+            last = kernel.functions["dynamics"](run.end_s, run.x, run.c)[1].full().ravel()
             return DiscreteTrajectory(
                 plan=run.plan,
                 c=np.array([*run.constants, run.c]),
@@ -134,7 +153,14 @@ class InterpretedEngine:
             for k in (0, *steps.passes):
                 rows[k:] = kernel.functions["rows"](steps.t[k], begin, sides[k]).full().ravel()
                 fill(kernel.tables, rows[k], sides[k:], kernel.c_slopes)
-        dt, dh = self._moved(c, steps)
+        # derivatives of each step's beginning and length along the direction of a sensitivity
+        moves = np.array([0.0 if place < 0 else c[place] for place in (*kernel.jump_slopes, -1)])
+        dh = (
+            (moves[steps.last] - moves[steps.first]) / steps.number
+            if len(moves) > 1
+            else np.zeros(steps.steps)
+        )
+        dt = moves[steps.first] + steps.index * dh if len(moves) > 1 else dh
         states, peaks, errors, done = [begin[None, :]], [], [np.empty((0, len(begin)))], 0
         # first step and length of pieces in which no jump is passed
         cuts = np.unique(np.concatenate([[0], steps.passes, [steps.steps]]))
@@ -172,33 +198,6 @@ class InterpretedEngine:
         end_s = float(grid.time[-1] if whole else steps.t[done])
         fate = COMPLETED if whole else DIVERGED
         return DiscreteTrajectory(steps, c, x, m, error, done, rows[: done + 1], shown, end_s, fate)
-
-    def _moved(self, c: Array, steps: StepPlan) -> tuple[Array, Array]:
-        """Derivatives of each step's beginning and length along the direction of a sensitivity."""
-        slopes = np.array([0.0 if place < 0 else c[place] for place in (*self.kernel.jump_slopes, -1)])
-        if len(slopes) == 1:
-            return np.zeros(steps.steps), np.zeros(steps.steps)
-        begin, end = slopes[steps.first], slopes[steps.last]
-        dh = (end - begin) / steps.number
-        return begin + steps.index * dh, dh
-
-    def _one(self, p: Array, grid: TimeGrid, raw: RolloutArrays, rows: Sequence[int]) -> None:
-        path = self.path(p, grid, estimate=raw.error is not None, backwards=raw.backwards)
-        at = path.plan.sampled[: len(path.shown)]
-        seen = path.x[at]
-        seen[0] = self.kernel.functions["setup"](p)[0].full().ravel()  # before what happens at the start
-        if raw.x is not None:
-            raw.x[0, : len(at)] = seen
-        if raw.y is not None:
-            y = self.kernel.functions["outputs"](grid.time[None, : len(at)], seen.T, path.shown.T)
-            raw.y[0, : len(at)] = y.full().T[:, list(rows)]
-        if raw.error is not None:
-            size = np.maximum(1.0, np.abs(path.x).max(axis=0))
-            raw.error[0] = (path.error.max(axis=0, initial=0.0) / size)[: self.kernel.nx].max()
-        self.note(path, raw)
-        if path.whole:
-            raw.r[0] = self.reduce(path)
-        raw.cost[0] = self.kernel.functions["objective"](raw.r[0], p).full().ravel()
 
     def note(self, path: DiscreteTrajectory, raw: RolloutArrays) -> None:
         """Write down how the only rollout of ``raw`` went, and its events."""
@@ -246,10 +245,6 @@ class InterpretedEngine:
         shear = [ca.MX(n, 1), plain[:n], ca.MX(m, 1), plain[2 * n : 2 * n + m]]
         return total + dh * ca.vertcat(*shear)
 
-    @functools.cached_property
-    def _made(self) -> dict[tuple[int, bool], ca.Function]:
-        return {}
-
     def steps(self, n: int, estimate: bool) -> ca.Function:
         """So many steps with the same constants: states, peak quantities, errors, and what states inside add.
 
@@ -279,3 +274,7 @@ class InterpretedEngine:
             found = [ca.densify(value) for value in (end, peaks, error, inner)]
             self._made[n, estimate] = ca.Function("step", [x, t, h, dt, dh, c], found).mapaccum("steps", n)
         return self._made[n, estimate]
+
+
+KernelEngine = CompiledEngine | InterpretedEngine
+"""Evaluates a kernel."""

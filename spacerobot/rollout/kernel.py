@@ -9,11 +9,12 @@ import casadi as ca
 import numpy as np
 
 from spacerobot.rollout.check_measures import check_measures
-from spacerobot.rollout.closed_loop_protocol import Array, ClosedLoopFunctions, EventRule, TableRule
+from spacerobot.rollout.closed_loop_protocol import Array, ClosedLoopFunctions, EventRule
 from spacerobot.rollout.initial_gaps import Closure
 from spacerobot.rollout.measures import Measures, Signals
 from spacerobot.rollout.methods import DEFAULT, METHODS, Tableau
 from spacerobot.rollout.noise import NoiseInput
+from spacerobot.symbolic import WindowTable
 
 POSITION_LIMIT = VELOCITY_LIMIT = 1e6
 CONTROLLER_LIMIT = 1e12
@@ -85,7 +86,7 @@ class Kernel:
     jump_slopes: tuple[int, ...] = ()
     rate: int | None = None
     seen: tuple[int, ...] = ()
-    tables: tuple[TableRule, ...] = ()
+    tables: tuple[WindowTable, ...] = ()
     c_bars: tuple[int, ...] = ()
     c_slopes: tuple[int, ...] = ()
     moving: tuple[bool, ...] = ()
@@ -136,14 +137,14 @@ def build_kernel(
     count = len(summed)
     p, t = ca.SX.sym("p", len(loop.parameter_paths)), ca.SX.sym("t")
     state, sums = ca.SX.sym("x", nx), ca.SX.sym("sums", count)
-    used = _used_parameters(measures)
+    # paths of the parameters that occur in the measures themselves
+    written = ca.vertcat(ca.SX(0, 1), *[m.expression for m in measures.named.values()])
+    signals = measures.signals
+    used = [path for path, symbol in signals.parameters.items() if ca.depends_on(written, symbol)]
     prepared, chosen = ca.SX.sym("c", loop.setup.numel_out(1)), ca.SX.sym("p", len(used))
     x, c = ca.vertcat(state, sums), ca.vertcat(prepared, chosen)
     result = loop.outputs(t, state, prepared)
-    y, signals = (
-        [ca.SX(part) for part in result] if isinstance(result, tuple | list) else [ca.SX(result)],
-        measures.signals,
-    )
+    y = [ca.SX(part) for part in result] if isinstance(result, tuple | list) else [ca.SX(result)]
     check_measures(loop, measures, y)
     symbols = [signals.t, signals.x, *signals.outputs.values(), *[signals.parameters[path] for path in used]]
     values = [t, state, *y, *ca.vertsplit(chosen)]
@@ -154,20 +155,43 @@ def build_kernel(
 
     xdot = ca.vertcat(loop.dynamics(t, state, prepared), stacked(integrals))
     at, peaks = {"t": t, "x": x, "c": c}, stacked(measures.of_kind("peak"))
-    # the closed loop's, with integrals that begin at zero and the parameters that the measures use
+    # of the closed loop, with integrals that begin at zero and the parameters that the measures use
     x0, c0 = loop.setup(p)
     order = {path: i for i, path in enumerate(loop.parameter_paths)}
-    start = ca.vertcat(x0, ca.SX.zeros(count))
-    c = ca.vertcat(c0, *[p[order[path]] for path in used])
+    begun = {
+        "x0": ca.vertcat(x0, ca.SX.zeros(count)),
+        "c": ca.vertcat(c0, *[p[order[path]] for path in used]),
+    }
     functions = {
-        "setup": sx_function("setup", {"p": p}, {"x0": start, "c": c}),
+        "setup": sx_function("setup", {"p": p}, begun),
         "dynamics": sx_function("dynamics", at, {"xdot": xdot, "m": peaks}),
         "normalise": sx_function("normalise", {"x": x}, {"n": ca.vertcat(loop.normalise(state), sums)}),
         "outputs": sx_function("outputs", at, {"y": ca.vertcat(*y)}),
         "final": sx_function("final", at, {"e": stacked(measures.of_kind("final"))}),
     }
-    functions |= _hybrid(loop, at, state, sums, prepared)
-    functions["objective"], costs = _objective(measures, loop.parameter_paths, p)
+    if loop.tables:
+        functions["rows"] = sx_function("rows", at, {"row": ca.SX(loop.rows(t, state, prepared))})
+    seen: tuple[int, ...] = ()
+    if loop.events:
+        # guards, their values with the speeds of gaps, and updates, which leave the integrals alone
+        slope, e = ca.SX.sym("xdot", nx), ca.SX.sym("e")
+        g, rate, speed = loop.guards(t, state, prepared, slope)
+        after = ca.vertcat(loop.update(t, state, prepared, e), sums)
+        slopes = ca.vertcat(slope, ca.SX.sym("y", count))
+        functions |= {
+            "guards": sx_function("guards", {**at, "xdot": slopes}, {"g": g, "rate": rate}),
+            "values": sx_function("values", at, {"g": g, "speed": speed}),
+            "update": sx_function("update", {**at, "e": e}, {"x_after": after}),
+        }
+        # places in x of what changes between events and guards depend on
+        places = functions["values"].jac_sparsity
+        looked = {place for output in (0, 1) for place in places(output, 1).get_triplet()[1]}
+        seen = tuple(sorted(looked & set(ca.sparsify(ca.SX(xdot)).sparsity().row())))
+    r = ca.SX.sym("r", sum(measures.sizes.values()))
+    named = {name: entries(r, where) for name, where in slices(measures.sizes).items()}
+    costs = measures.cost_expressions(named, dict(zip(loop.parameter_paths, ca.vertsplit(p), strict=True)))
+    stack = ca.vertcat(ca.SX(0, 1), *costs.values())
+    functions["objective"] = sx_function("objective", {"r": r, "p": p}, {"J": stack})
     limits = [POSITION_LIMIT] * loop.nq + [VELOCITY_LIMIT] * loop.nv
     scale = 1 / np.array(limits + [CONTROLLER_LIMIT] * (loop.nz + count))
     return Kernel(
@@ -178,50 +202,18 @@ def build_kernel(
         scale,
         slices({name: loop.outputs.numel_out(name) for name in loop.outputs.name_out()}),
         slices(measures.sizes),
-        costs,
+        tuple(costs),
         Closure(loop.gaps, loop.max_gaps),
         method,
         tuple(loop.jumps),
         tuple(loop.switches),
         tuple(loop.events),
         tuple(loop.fine),
-        seen=_seen(functions) if loop.events else (),
+        seen=seen,
         tables=tuple(loop.tables),
         names=(*loop.state_names, *summed),
         noise=NoiseInput.of(getattr(loop, "noise", ()), list(loop.parameter_paths)),
     )
-
-
-def _seen(functions: Mapping[str, ca.Function]) -> tuple[int, ...]:
-    """Places in x of what changes between events and guards depend on."""
-    values, dynamics = functions["values"], functions["dynamics"]
-    at = [ca.SX.sym(name, dynamics.numel_in(name)) for name in dynamics.name_in()]
-    rates = ca.sparsify(ca.SX(dynamics(*at)[0]))
-    used = {place for output in (0, 1) for place in values.jac_sparsity(output, 1).get_triplet()[1]}
-    return tuple(sorted(used & set(rates.sparsity().row())))
-
-
-def _hybrid(
-    loop: ClosedLoopFunctions, at: Mapping[str, ca.SX], state: ca.SX, sums: ca.SX, prepared: ca.SX
-) -> dict[str, ca.Function]:
-    """Rows of tables; guards, their values with the speeds of gaps, and updates.
-
-    Updates leave the integrals ``sums`` alone.
-    """
-    t, found = at["t"], dict[str, ca.Function]()
-    if loop.tables:
-        found["rows"] = sx_function("rows", at, {"row": ca.SX(loop.rows(t, state, prepared))})
-    if not loop.events:
-        return found
-    xdot, e = ca.SX.sym("xdot", state.numel()), ca.SX.sym("e")
-    g, rate, speed = loop.guards(t, state, prepared, xdot)
-    after = ca.vertcat(loop.update(t, state, prepared, e), sums)
-    slopes = ca.vertcat(xdot, ca.SX.sym("y", sums.numel()))
-    return found | {
-        "guards": sx_function("guards", {**at, "xdot": slopes}, {"g": g, "rate": rate}),
-        "values": sx_function("values", at, {"g": g, "speed": speed}),
-        "update": sx_function("update", {**at, "e": e}, {"x_after": after}),
-    }
 
 
 def entries(column: ca.SX, places: slice | Sequence[int]) -> ca.SX:
@@ -233,17 +225,3 @@ def slices(sizes: Mapping[str, int]) -> dict[str, slice]:
     """Consecutive slices for named vectors of given lengths."""
     ends = np.cumsum([0, *sizes.values()])
     return {name: slice(int(a), int(b)) for name, a, b in zip(sizes, ends[:-1], ends[1:], strict=True)}
-
-
-def _objective(measures: Measures, paths: Sequence[str], p: ca.SX) -> tuple[ca.Function, tuple[str, ...]]:
-    r = ca.SX.sym("r", sum(measures.sizes.values()))
-    named = {name: entries(r, where) for name, where in slices(measures.sizes).items()}
-    costs = measures.cost_expressions(named, dict(zip(paths, ca.vertsplit(p), strict=True)))
-    stack = ca.vertcat(ca.SX(0, 1), *costs.values())
-    return sx_function("objective", {"r": r, "p": p}, {"J": stack}), tuple(costs)
-
-
-def _used_parameters(measures: Measures) -> list[str]:
-    """Paths of the parameters that occur in the measures themselves."""
-    stack = ca.vertcat(ca.SX(0, 1), *[m.expression for m in measures.named.values()])
-    return [path for path, symbol in measures.signals.parameters.items() if ca.depends_on(stack, symbol)]

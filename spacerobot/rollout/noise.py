@@ -7,18 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spacerobot.rollout.closed_loop_protocol import Array, NoiseRule
+from spacerobot.rollout.closed_loop_protocol import Array
+from spacerobot.symbolic import NoiseTable
 
 
 @dataclass(frozen=True)
 class NoiseInput:
     """Random numbers of a closed loop, and the places in p of the parameters that decide each rule's."""
 
-    rules: tuple[NoiseRule, ...] = ()
+    rules: tuple[NoiseTable, ...] = ()
     places: tuple[tuple[int, int], ...] = ()
 
     @classmethod
-    def of(cls, rules: Sequence[NoiseRule], paths: Sequence[str]) -> NoiseInput:
+    def of(cls, rules: Sequence[NoiseTable], paths: Sequence[str]) -> NoiseInput:
         """Of rules and the paths of p."""
         places = tuple((paths.index(rule.keys[0]), paths.index(rule.keys[1])) for rule in rules)
         return cls(tuple(rules), places)

@@ -41,10 +41,56 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str
         derivative along the direction. The slices of a measure's derivative carry its name after ``d``. It
         has no costs.
     """
-    n, count, nc = kernel.nx, kernel.integrals, kernel.size("setup", "c")
-    setup, reached = _setup(kernel, wrt)
+    f, n, count, nc = kernel.functions, kernel.nx, kernel.integrals, kernel.size("setup", "c")
+    # setup, and the places of the prepared constants that a direction reaches: only they have slopes
+    p, w = ca.SX.sym("p", kernel.size("setup", "p")), ca.SX.sym("w", len(wrt))
+    chosen = p[list(wrt)]
+    x0, c0 = f["setup"](p)
+    reached = sorted(reached_with(kernel.tables, set(ca.jacobian_sparsity(c0, chosen).row())))
+    slope, c_slope = _along(x0, chosen, w), _along(entries(c0, reached), chosen, w)
+    # whether a direction may move a jump or an event, and with it the steps
+    moves = bool(kernel.events) or any(jump in reached for jump in kernel.jumps)
+    begun = {"x0": _paired(x0, slope, n), "c": ca.vertcat(c0, c_slope, ca.SX.zeros(int(moves)))}
+    setup = sx_function("setup", {"p": ca.vertcat(p, w)}, begun)
     places = tuple(nc + reached.index(jump) if jump in reached else -1 for jump in kernel.jumps)
-    rate = nc + len(reached) if _moves(kernel, reached) else None
+    # every function, followed by its derivative along the direction
+    t, state = ca.SX.sym("t"), ca.SX.sym("x", 2 * (n + count))
+    prepared = ca.SX.sym("c", setup.numel_out("c"))
+    x, dx = _unpaired(state, n, count)
+    last = nc + len(reached)
+    c, dc = entries(prepared, slice(nc)), entries(prepared, slice(nc, last))
+    rate = entries(prepared, slice(last, None))  # of time, if it moves
+    at = {"t": t, "x": state, "c": prepared}
+
+    def along(value: ca.SX) -> ca.SX:
+        moving = t if rate.numel() else ca.SX(0, 1)
+        return _along(value, ca.vertcat(x, entries(c, reached), moving), ca.vertcat(dx, dc, rate))
+
+    xdot, m = f["dynamics"](t, x, c)
+    normal, e, y = f["normalise"](x), f["final"](t, x, c), f["outputs"](t, x, c)
+    wanted = ca.vertcat(ca.SX(0, 1), *[entries(y, kernel.outputs[name]) for name in outputs])
+    moved = {"xdot": _paired(xdot, along(xdot), n), "m": ca.vertcat(m, along(m))}
+    functions = {
+        "setup": setup,
+        "dynamics": sx_function("dynamics", at, moved),
+        "normalise": sx_function("normalise", {"x": state}, {"n": _paired(normal, along(normal), n)}),
+        "outputs": sx_function("outputs", at, {"y": along(wanted)}),
+        "final": sx_function("final", at, {"e": ca.vertcat(e, along(e))}),
+    }
+    if kernel.events:
+        xdots, event = ca.SX.sym("xdot", state.numel()), ca.SX.sym("e")
+        g, g_rate = f["guards"](t, x, c, _unpaired(xdots, n, count)[0])
+        after = f["update"](t, x, c, event)
+        told = {"g": g, "rate": g_rate, "slope": along(g)}
+        updated = {"x_after": _paired(after, along(after), n)}
+        functions["guards"] = sx_function("guards", {**at, "xdot": xdots}, told)
+        functions["values"] = sx_function("values", at, {"g": g, "speed": f["values"](t, x, c)[1]})
+        functions["update"] = sx_function("update", {**at, "e": event}, updated)
+    if kernel.tables:
+        functions["rows"] = sx_function("rows", at, {"row": ca.SX(f["rows"](t, x, c))})
+    r = ca.SX.sym("r", 2 * kernel.size("objective", "r"))
+    none = {"r": r, "p": ca.SX.sym("p", setup.numel_in("p"))}
+    functions["objective"] = sx_function("objective", none, {"J": ca.SX(0, 1)})
     # Where each measure and its derivative lie: each kind is followed by its derivatives.
     found: dict[str, slice] = {}
     ends = (0, kernel.integrals, kernel.integrals + kernel.peaks, kernel.size("objective", "r"))
@@ -54,7 +100,7 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str
                 found[name] = slice(where.start + begin, where.stop + begin)
                 found[DERIVATIVE + name] = slice(where.start + end, where.stop + end)
     return Kernel(
-        _functions(kernel, outputs, setup, reached),
+        functions,
         2 * n,
         2 * count,
         kernel.peaks,
@@ -69,81 +115,13 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str
         kernel.events,
         kernel.fine,
         jump_slopes=places,
-        rate=rate,
+        rate=last if moves else None,
         seen=kernel.seen,
         tables=kernel.tables,
         noise=kernel.noise,
         c_slopes=places_in(reached, nc, nc) if kernel.tables else (),
         moving=moving_events(kernel, wrt, reached),
     )
-
-
-def _moves(kernel: Kernel, reached: Sequence[int]) -> bool:
-    """Whether a direction may move a jump or an event, and with it the steps."""
-    return bool(kernel.events) or any(jump in reached for jump in kernel.jumps)
-
-
-def _functions(
-    kernel: Kernel, outputs: Sequence[str], setup: ca.Function, reached: Sequence[int]
-) -> dict[str, ca.Function]:
-    """Every function of the kernel, followed by its derivative along the direction."""
-    f, n, count = kernel.functions, kernel.nx, kernel.integrals
-    nc = kernel.size("setup", "c")
-    t, state = ca.SX.sym("t"), ca.SX.sym("x", 2 * (n + count))
-    prepared = ca.SX.sym("c", setup.numel_out("c"))
-    x, dx = _unpaired(state, n, count)
-    end = nc + len(reached)
-    c, dc = entries(prepared, slice(nc)), entries(prepared, slice(nc, end))
-    rate = entries(prepared, slice(end, None))  # of time, if it moves
-    at = {"t": t, "x": state, "c": prepared}
-
-    def along(value: ca.SX) -> ca.SX:
-        moving = t if rate.numel() else ca.SX(0, 1)
-        return _along(value, ca.vertcat(x, entries(c, reached), moving), ca.vertcat(dx, dc, rate))
-
-    xdot, m = f["dynamics"](t, x, c)
-    normal, e, y = f["normalise"](x), f["final"](t, x, c), f["outputs"](t, x, c)
-    wanted = ca.vertcat(ca.SX(0, 1), *[entries(y, kernel.outputs[name]) for name in outputs])
-    moved = {"xdot": _paired(xdot, along(xdot), n), "m": ca.vertcat(m, along(m))}
-    hybrid = {}
-    if kernel.events:
-        slope, event = ca.SX.sym("xdot", state.numel()), ca.SX.sym("e")
-        g, g_rate = f["guards"](t, x, c, _unpaired(slope, n, count)[0])
-        after = f["update"](t, x, c, event)
-        told = {"g": g, "rate": g_rate, "slope": along(g)}
-        hybrid["guards"] = sx_function("guards", {**at, "xdot": slope}, told)
-        hybrid["values"] = sx_function("values", at, {"g": g, "speed": f["values"](t, x, c)[1]})
-        updated = {"x_after": _paired(after, along(after), n)}
-        hybrid["update"] = sx_function("update", {**at, "e": event}, updated)
-    if kernel.tables:
-        hybrid["rows"] = sx_function("rows", at, {"row": ca.SX(f["rows"](t, x, c))})
-    return hybrid | {
-        "setup": setup,
-        "dynamics": sx_function("dynamics", at, moved),
-        "normalise": sx_function("normalise", {"x": state}, {"n": _paired(normal, along(normal), n)}),
-        "outputs": sx_function("outputs", at, {"y": along(wanted)}),
-        "final": sx_function("final", at, {"e": ca.vertcat(e, along(e))}),
-        "objective": sx_function(
-            "objective",
-            {
-                "r": ca.SX.sym("r", (2 * kernel.size("objective", "r"))),
-                "p": ca.SX.sym("p", setup.numel_in("p")),
-            },
-            {"J": ca.SX(0, 1)},
-        ),
-    }
-
-
-def _setup(kernel: Kernel, wrt: Sequence[int]) -> tuple[ca.Function, list[int]]:
-    """``setup``, and the places of the prepared constants that a direction reaches: only they have slopes."""
-    p, w = ca.SX.sym("p", kernel.size("setup", "p")), ca.SX.sym("w", len(wrt))
-    wanted, n = p[list(wrt)], kernel.nx
-    x0, c0 = kernel.functions["setup"](p)
-    reached = sorted(reached_with(kernel.tables, set(ca.jacobian_sparsity(c0, wanted).row())))
-    slope, c_slope = _along(x0, wanted, w), _along(entries(c0, reached), wanted, w)
-    rate = ca.SX.zeros(1 if _moves(kernel, reached) else 0)
-    prepared = {"x0": _paired(x0, slope, n), "c": ca.vertcat(c0, c_slope, rate)}
-    return sx_function("setup", {"p": ca.vertcat(p, w)}, prepared), reached
 
 
 def _paired(value: ca.SX, slope: ca.SX, n: int) -> ca.SX:

@@ -7,13 +7,14 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from spacerobot.rollout.closed_loop_protocol import Array, TableRule
+from spacerobot.rollout.closed_loop_protocol import Array
+from spacerobot.symbolic import WindowTable
 
 Integers = npt.NDArray[np.int64]
 
 
 def fill(
-    tables: Sequence[TableRule],
+    tables: Sequence[WindowTable],
     rows: Integers,
     c: Array,
     slopes: Sequence[int] = (),
@@ -44,7 +45,7 @@ def fill(
                 c[..., slopes[window + j]] = c[..., slopes[begin + j]] if known else 0.0
 
 
-def gather(tables: Sequence[TableRule], rows: Integers, bars: Sequence[int], cbar: Array) -> None:
+def gather(tables: Sequence[WindowTable], rows: Integers, bars: Sequence[int], cbar: Array) -> None:
     """Let what flowed back to windows, in cbar, belong to the rows that they showed.
 
     Parameters
@@ -66,7 +67,7 @@ def gather(tables: Sequence[TableRule], rows: Integers, bars: Sequence[int], cba
                 cbar[window] = 0.0
 
 
-def cells(tables: Sequence[TableRule]) -> Iterator[tuple[int, int, int]]:
+def cells(tables: Sequence[WindowTable]) -> Iterator[tuple[int, int, int]]:
     """Window's place, its table's place, and the table's number, of every entry of every table."""
     for number, table in enumerate(tables):
         if table.noise >= 0:
@@ -75,12 +76,12 @@ def cells(tables: Sequence[TableRule]) -> Iterator[tuple[int, int, int]]:
             yield table.window + place % table.width, table.first + place, number
 
 
-def sources(tables: Sequence[TableRule]) -> set[int]:
+def sources(tables: Sequence[WindowTable]) -> set[int]:
     """Places in c that no function sees."""
     return {place for _, place, _ in cells(tables)}
 
 
-def reached_with(tables: Sequence[TableRule], reached: set[int]) -> set[int]:
+def reached_with(tables: Sequence[WindowTable], reached: set[int]) -> set[int]:
     """Places in c that parameters reach, with the windows that may show them."""
     return reached | {window for window, place, _ in cells(tables) if place in reached}
 

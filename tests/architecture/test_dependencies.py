@@ -45,7 +45,7 @@ KNOWS = {
     "spacerobot.progress": set(),
     "spacerobot.compiled": {"interrupts", "progress"},
     "spacerobot.numeric_function": set(),
-    "spacerobot.rollout": {"compiled", "numeric_function"},
+    "spacerobot.rollout": {"compiled", "numeric_function", "symbolic"},
     "spacerobot.loop_cache": {"closedloop", "compiled", "elements", "scenario", "scene"},
     "spacerobot.pinocchio_engine": {
         "section",
