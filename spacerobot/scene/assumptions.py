@@ -14,7 +14,7 @@ from spacerobot.scene.checks import resolved_bodies, robot_elements, robot_facts
 from spacerobot.scene.configure import initial_state
 from spacerobot.scene.contacts import dome_warnings
 from spacerobot.scene.envelope_checks import envelope_warnings, mating_warnings
-from spacerobot.scene.grasp_closing import ClosingBase, find_closings, has_loops, is_rigid, open_grasps
+from spacerobot.scene.grasp_closing import find_closings, has_loops, is_rigid, open_grasps
 from spacerobot.scene.reference_checks import reference_warnings
 from spacerobot.scene.scene import Scene, SceneBody
 
@@ -29,7 +29,41 @@ def list_assumptions(scene: Scene) -> tuple[str, ...]:
     for name, environment in scene.scenario.environment.items():
         found += [f"environment.{name}: {assumed}" for assumed in environment.assumptions()]
     for body in scene.bodies:
-        found += _of_body(scene, body)
+        for closing in find_closings(scene.bodies, scene.grasps):
+            if closing.body is body:
+                placement = _base_motion(scene, body)[0]
+                x, y, z = placement.translation
+                turn = np.degrees(pin.rpy.matrixToRpy(placement.rotation)) + 0.0
+                turned = f", turned by {_vector(turn)} deg," if closing.aligns else ""
+                follows = f"; its velocity {'and spin follow' if closing.sets_spin else 'follows'}"
+                found.append(
+                    f"{body.path}.base: placed at ({x:.4f}, {y:.4f}, {z:.4f}) m{turned} so that grasp "
+                    f"{closing.grasp.name!r} closes{' aligned' if closing.aligns else ''}"
+                    + (follows if closing.sets_velocity else "")
+                )
+        given = scene.scenario.target if body.name == "target" else scene.scenario.robots[body.name]
+        locked = [name for name, joint in (given.joints if given else {}).items() if joint.locked]
+        if locked:
+            found.append(f"{body.path}: locked where they begin: {', '.join(locked)}")
+        changed = []
+        for link in body.description.links:
+            own = body.config.links.get(link.name)
+            if own is not None and own.mass != link.mass and own.inertia_at_mass is not None:
+                changed.append(link.name)
+        if changed:
+            found.append(
+                f"{body.path}: inertia scaled with the mass, which is not the URDF's (give `inertia` if it "
+                f"shall not be): {', '.join(changed)}"
+            )
+        if isinstance(body.config, Robot):
+            controlled = any(any(tip.config.elements()) for tip in scene.tips if tip.body is body)
+            if not controlled and not any(body.config.elements()):
+                found.append(f"{body.path}: no controller, so its joints are passive")
+            if body.config.sensors is None:
+                found.append(f"{body.path}: ideal sensors (a = 0, b = 1)")
+            names = robot_facts(scene, body).joints
+            if not any(actuator.limits(names) for _, actuator in body.config.driven_by()):
+                found.append(f"{body.path}: torques are not limited")
     for tip in scene.tips:
         place = f"{tip.path}.reference"
         if any(reference.from_target for reference in tip.references):
@@ -82,27 +116,26 @@ def list_warnings(scene: Scene) -> tuple[str, ...]:
                     f"{body.path}.joints.{joint.name}: begins at {begin} {unit}, outside the URDF's limits "
                     f"{lower} to {upper} {unit}; limits are not enforced"
                 )
-        found += _unread_sensors(scene, body)
-    # warnings about pads that neither a contact nor a plan names
-    plan = scene.scenario.plan
-    named = {side for contact in scene.scenario.contacts.values() for side in contact.between}
-    for _, _, limit in plan.every_limit() if plan is not None else ():
-        named |= set(limit.separated.between if limit.separated is not None else ())
-    unused_pads = [
-        f"pads.{name}: without effect, no contact names it"
-        for name in scene.scenario.pads
-        if name not in named
-    ]
-    found += _never(scene) + unused_pads
-    for body, path, element in robot_elements(scene):
-        found += [f"{path}: {caution}" for caution in element.cautions(robot_facts(scene, body))]
-    found += [*_given_way(scene), *dome_warnings(scene)]
-    return (*found, *reference_warnings(scene), *envelope_warnings(scene), *mating_warnings(scene))
-
-
-def _never(scene: Scene) -> list[str]:
-    """Warnings about grasps that cannot close or let go before the simulation ends."""
-    duration, found = scene.scenario.simulation.duration, []
+        # sensor errors of a signal that no controller of the robot feeds back
+        config = body.config
+        if isinstance(config, Robot) and config.sensors is not None:
+            read = {signal for _, controller in config.elements() for signal in controller.reads()}
+            read |= {signal for estimator in config.estimators.values() for signal in estimator.reads()}
+            for tip in scene.tips:
+                if tip.body is body:
+                    for key, controller in tip.config.elements():
+                        read |= controller.reads(key, tip.config.sections)
+                    for reference in tip.references:
+                        read |= reference.config.reads()
+            texts = {signal: field.description for signal, field in type(config.sensors).model_fields.items()}
+            for signal, sensor in config.sensors:
+                if signal not in read and not sensor.is_ideal:
+                    found.append(
+                        f"{body.path}.sensors.{signal}: without effect, nothing of this robot reads it "
+                        f"({texts[signal]})"
+                    )
+    # grasps that cannot close or release before the simulation ends
+    duration = scene.scenario.simulation.duration
     for grasp in scene.grasps:
         capture, release = grasp.config.capture, grasp.config.release
         for key, time, what in (
@@ -114,51 +147,24 @@ def _never(scene: Scene) -> list[str]:
                 found.append(
                     f"{grasp.path}.{key}: never {what}, for the simulation ends after {duration:g} s"
                 )
-    return found
-
-
-def _unread_sensors(scene: Scene, body: SceneBody) -> list[str]:
-    """Warnings about sensor errors of a signal that no controller of the robot feeds back."""
-    config = body.config
-    if not isinstance(config, Robot) or config.sensors is None:
-        return []
-    read = {signal for _, controller in config.elements() for signal in controller.reads()}
-    read |= {signal for estimator in config.estimators.values() for signal in estimator.reads()}
-    for tip in scene.tips:
-        if tip.body is body:
-            for key, controller in tip.config.elements():
-                read |= controller.reads(key, tip.config.sections)
-            for reference in tip.references:
-                read |= reference.config.reads()
-    texts = {signal: field.description for signal, field in type(config.sensors).model_fields.items()}
-    return [
-        f"{body.path}.sensors.{signal}: without effect, nothing of this robot reads it ({texts[signal]})"
-        for signal, sensor in config.sensors
-        if signal not in read and not sensor.is_ideal
+    # warnings about pads that neither a contact nor a plan names
+    plan = scene.scenario.plan
+    named = {side for contact in scene.scenario.contacts.values() for side in contact.between}
+    for _, _, limit in plan.every_limit() if plan is not None else ():
+        named |= set(limit.separated.between if limit.separated is not None else ())
+    found += [
+        f"pads.{name}: without effect, no contact names it"
+        for name in scene.scenario.pads
+        if name not in named
     ]
-
-
-def _closed(scene: Scene, closing: ClosingBase) -> str:
-    """Base that is placed so that a grasp closes, and its pose, in words."""
-    x, y, z = _base_motion(scene, closing.body)[0]
-    turned = f", turned by {_vector(_base_turn(scene, closing.body))} deg," if closing.aligns else ""
-    found = (
-        f"{closing.body.path}.base: placed at ({x:.4f}, {y:.4f}, {z:.4f}) m{turned} so that grasp "
-        f"{closing.grasp.name!r} closes{' aligned' if closing.aligns else ''}"
-    )
-    if closing.sets_velocity:
-        found += f"; its velocity {'and spin follow' if closing.sets_spin else 'follows'}"
-    return found
-
-
-def _given_way(scene: Scene) -> list[str]:
-    """Warnings about described positions and velocities that give way to grasps."""
-    found = []
+    for body, path, element in robot_elements(scene):
+        found += [f"{path}: {caution}" for caution in element.cautions(robot_facts(scene, body))]
+    # described positions and velocities that give way to grasps
     for closing in find_closings(scene.bodies, scene.grasps):
         base, path, free = closing.body.base, f"{closing.body.path}.base", range(closing.axes)
-        position, linear, spin = _base_motion(scene, closing.body)
+        placement, linear, spin = _base_motion(scene, closing.body)
         end = f"so that grasp {closing.grasp.name!r} begins closed"
-        moved = float(np.linalg.norm((position - base.position)[free]))
+        moved = float(np.linalg.norm((placement.translation - base.position)[free]))
         if base.close_grasp is None and moved > closing.grasp.config.max_gap:
             found.append(f"{path}: moved {moved:.3g} m from its `position` {end}")
         if closing.sets_velocity and _gives_way(base.velocity, linear):
@@ -174,25 +180,18 @@ def _given_way(scene: Scene) -> list[str]:
                 f"initial velocities changed by up to {change:.3g} m/s or rad/s so that grasp {names} "
                 "begins closed"
             )
-    return found
+    found += dome_warnings(scene)
+    return (*found, *reference_warnings(scene), *envelope_warnings(scene), *mating_warnings(scene))
 
 
-def _base_motion(scene: Scene, body: SceneBody) -> tuple[Array, Array, Array]:
-    """Position [m], velocity [m/s] and spin [rad/s] of a body's root link, world axes (3,) each."""
+def _base_motion(scene: Scene, body: SceneBody) -> tuple[pin.SE3, Array, Array]:
+    """Pose of a body's root link, its velocity [m/s] and spin [rad/s] (3,), world axes."""
     data = scene.model.createData()
     pin.forwardKinematics(scene.model, data, scene.q, scene.v)
     pin.updateFramePlacements(scene.model, data)
     world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     motion = pin.getFrameVelocity(scene.model, data, body.root_frame, world)
-    return data.oMf[body.root_frame].translation, motion.linear, motion.angular
-
-
-def _base_turn(scene: Scene, body: SceneBody) -> Array:
-    """Roll, pitch, yaw of a body's root link (3,) [deg]."""
-    data = scene.model.createData()
-    pin.framesForwardKinematics(scene.model, data, scene.q)
-    found: Array = np.degrees(pin.rpy.matrixToRpy(data.oMf[body.root_frame].rotation)) + 0.0
-    return found
+    return data.oMf[body.root_frame], motion.linear, motion.angular
 
 
 def _gives_way(described: Sequence[float], found: Array) -> bool:
@@ -202,32 +201,3 @@ def _gives_way(described: Sequence[float], found: Array) -> bool:
 
 def _vector(values: Array) -> str:
     return f"({', '.join(f'{value:.4g}' for value in values)})"
-
-
-def _of_body(scene: Scene, body: SceneBody) -> list[str]:
-    found = [_closed(scene, c) for c in find_closings(scene.bodies, scene.grasps) if c.body is body]
-    config = scene.scenario.target if body.name == "target" else scene.scenario.robots[body.name]
-    locked = [name for name, joint in (config.joints if config else {}).items() if joint.locked]
-    if locked:
-        found.append(f"{body.path}: locked where they begin: {', '.join(locked)}")
-    changed = []
-    for link in body.description.links:
-        given = body.config.links.get(link.name)
-        if given is not None and given.mass != link.mass and given.inertia_at_mass is not None:
-            changed.append(link.name)
-    if changed:
-        found.append(
-            f"{body.path}: inertia scaled with the mass, which is not the URDF's (give `inertia` if it "
-            f"shall not be): {', '.join(changed)}"
-        )
-    if not isinstance(body.config, Robot):
-        return found
-    controlled = any(any(tip.config.elements()) for tip in scene.tips if tip.body is body)
-    if not controlled and not any(body.config.elements()):
-        found.append(f"{body.path}: no controller, so its joints are passive")
-    if body.config.sensors is None:
-        found.append(f"{body.path}: ideal sensors (a = 0, b = 1)")
-    names = robot_facts(scene, body).joints
-    if not any(actuator.limits(names) for _, actuator in body.config.driven_by()):
-        found.append(f"{body.path}: torques are not limited")
-    return found

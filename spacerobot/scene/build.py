@@ -37,7 +37,7 @@ from spacerobot.scene.model import build_model
 from spacerobot.scene.reference_checks import check_followed, check_in_plane
 from spacerobot.scene.references import references_of
 from spacerobot.scene.resolve import fill, forget_files, locate, read_descriptions, read_files, settle
-from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp, SceneTip
+from spacerobot.scene.scene import Scene, SceneGrasp, SceneTip
 
 
 def load_scene(name: StrPath, changes: Mapping[str, Any] | Sequence[tuple[str, Any]] = ()) -> Scene:
@@ -89,7 +89,23 @@ def build_scene(
     check_masses(resolved, descriptions, source=source)
     model, bodies = build_model(resolved, descriptions)
     check_motion(model, source=source)
-    tips = tuple(tip for body in bodies for tip in _tips(model, body, resolved, source))
+    during = {name: resolved.during(name) for name in resolved.phases}
+    tips = list[SceneTip]()
+    for body in bodies:
+        for name, tip in body.config.tips.items() if isinstance(body.config, Robot) else ():
+            path = f"{body.path}.tips.{name}"
+            link = tip.frame or name
+            names = [link.name for link in body.description.links]
+            if link not in names:
+                raise ScenarioError(
+                    f"no link {link!r} in {body.description.path.name}; {near_names(link, names)}",
+                    source=source,
+                    where=(f"{path}.frame" if tip.frame else path),
+                )
+            frame = int(model.getFrameId(f"{body.name}/{link}", pin.FrameType.BODY))
+            joint = int(model.frames[frame].parentJoint)
+            references = references_of(f"{body.name}/{name}", resolved, during)
+            tips.append(SceneTip(f"{body.name}/{name}", path, body, frame, joint, tip, references))
     by_label = {tip.label: tip for tip in tips}
     held = list[SceneGrasp]()
     for name, config in resolved.grasps.items():
@@ -112,7 +128,7 @@ def build_scene(
     q, v = initial_state(model, bodies, grasps, source=source)
     planar = is_planar(model, bodies, q)
     contacts = find_contacts(model, bodies, resolved, source)
-    scene = Scene(resolved, source, model, bodies, tips, grasps, planar, q, v, (), (), contacts)
+    scene = Scene(resolved, source, model, bodies, tuple(tips), grasps, planar, q, v, (), (), contacts)
     check_inertia(scene)
     check_alignment(scene)
     check_gaps(scene)
@@ -182,24 +198,3 @@ def _change(document: Document, pattern: str, value: Any, source: Path | None) -
     with contextlib.suppress(ScenarioError):  # several changes may be valid together only
         changed = to_document(validate(changed))
     return changed
-
-
-def _tips(model: Any, body: SceneBody, scenario: Scenario, source: Path | None) -> list[SceneTip]:
-    if not isinstance(body.config, Robot):
-        return []
-    tips, during = [], {name: scenario.during(name) for name in scenario.phases}
-    for name, tip in body.config.tips.items():
-        path = f"{body.path}.tips.{name}"
-        link = tip.frame or name
-        names = [link.name for link in body.description.links]
-        if link not in names:
-            raise ScenarioError(
-                f"no link {link!r} in {body.description.path.name}; {near_names(link, names)}",
-                source=source,
-                where=(f"{path}.frame" if tip.frame else path),
-            )
-        frame = int(model.getFrameId(f"{body.name}/{link}", pin.FrameType.BODY))
-        joint = int(model.frames[frame].parentJoint)
-        label = f"{body.name}/{name}"
-        tips.append(SceneTip(label, path, body, frame, joint, tip, references_of(label, scenario, during)))
-    return tips

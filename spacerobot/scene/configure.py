@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from spacerobot.arrays import Array
 from spacerobot.scene import base_alignment
-from spacerobot.scene.grasp_closing import ClosingBase, begun, find_closings, is_rigid
+from spacerobot.scene.grasp_closing import begun, find_closings, is_rigid
 from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp
 
 
@@ -30,8 +30,39 @@ def initial_state(
     giving = {closing.body.name: closing for closing in closings}
     turned: dict[int, base_alignment.Quaternion] = {}
     for body in bodies:
-        turned |= _set_joints(model, body, q, v)
-        turned |= _set_base(model, body, giving.get(body.name), q, v)
+        # joints as described
+        begins = {}
+        for name, joint in body.config.joints.items():
+            position = np.radians(joint.angle_deg or 0.0) + (joint.offset or 0.0)
+            rate = np.radians(joint.rate_deg or 0.0) + (joint.speed or 0.0)
+            begins[model.getJointId(f"{body.name}/{name}")] = (position, rate)
+        for tie in body.ties:
+            position, rate = begins[tie.leader]
+            begins[tie.joint] = (tie.multiplier * position + tie.offset, tie.multiplier * rate)
+        for index, (angle, rate) in begins.items():
+            pin_joint = model.joints[index]
+            v[pin_joint.idx_v] = rate
+            if pin_joint.nq == 2:
+                q[pin_joint.idx_q : pin_joint.idx_q + 2] = [np.cos(angle), np.sin(angle)]
+            else:
+                q[pin_joint.idx_q] = angle
+            turned[index] = base_alignment.joint(model, index, np.cos(angle / 2), np.sin(angle / 2))
+        # a floating base as described, zero where it gives way to a grasp
+        if body.root_joint:
+            closing = giving.get(body.name)
+            root = model.joints[body.root_joint]
+            rotation = pin.rpy.rpyToMatrix(np.radians(body.base.rotation_deg))
+            position = np.array(body.base.position) * (closing is None)
+            linear = rotation.T @ body.base.velocity * (closing is None or not closing.sets_velocity)
+            angular = rotation.T @ np.radians(body.base.spin_deg) * (closing is None or not closing.sets_spin)
+            if body.base.joint == "planar":
+                yaw = np.radians(body.base.rotation_deg[2])
+                q[root.idx_q : root.idx_q + 4] = [position[0], position[1], np.cos(yaw), np.sin(yaw)]
+                v[root.idx_v : root.idx_v + 3] = [linear[0], linear[1], angular[2]]
+            else:
+                q[root.idx_q : root.idx_q + 7] = [*position, *_turn(body.base.rotation_deg)]
+                v[root.idx_v : root.idx_v + 6] = np.concatenate([linear, angular])
+            turned[body.root_joint] = _turn(body.base.rotation_deg)
     for closing in closings:
         if closing.aligns:
             # turn a base so that its grasp begins aligned, and its described velocity with its axes
@@ -107,49 +138,7 @@ def relative_jacobian(scene: Scene, grasp: SceneGrasp) -> Array:
     return jacobian
 
 
-def _set_base(
-    model: Any, body: SceneBody, closing: ClosingBase | None, q: Array, v: Array
-) -> Mapping[int, base_alignment.Quaternion]:
-    """Set a floating base as described, to zero what gives way to a grasp; its turn by its joint's id."""
-    if not body.root_joint:
-        return {}
-    joint = model.joints[body.root_joint]
-    rotation = pin.rpy.rpyToMatrix(np.radians(body.base.rotation_deg))
-    position = np.array(body.base.position) * (closing is None)
-    linear = rotation.T @ body.base.velocity * (closing is None or not closing.sets_velocity)
-    angular = rotation.T @ np.radians(body.base.spin_deg) * (closing is None or not closing.sets_spin)
-    if body.base.joint == "planar":
-        yaw = np.radians(body.base.rotation_deg[2])
-        q[joint.idx_q : joint.idx_q + 4] = [position[0], position[1], np.cos(yaw), np.sin(yaw)]
-        v[joint.idx_v : joint.idx_v + 3] = [linear[0], linear[1], angular[2]]
-    else:
-        q[joint.idx_q : joint.idx_q + 7] = [*position, *_turn(body.base.rotation_deg)]
-        v[joint.idx_v : joint.idx_v + 6] = np.concatenate([linear, angular])
-    return {body.root_joint: _turn(body.base.rotation_deg)}
-
-
 def _turn(rpy_deg: Sequence[float]) -> base_alignment.Quaternion:
     """Quaternion of roll, pitch, yaw [deg]."""
     halves = np.radians(rpy_deg) / 2
     return base_alignment.rpy(tuple(np.cos(halves)), tuple(np.sin(halves)))
-
-
-def _set_joints(model: Any, body: SceneBody, q: Array, v: Array) -> Mapping[int, base_alignment.Quaternion]:
-    """Set joints as described; their turns by their ids."""
-    begins, turned = {}, {}
-    for name, joint in body.config.joints.items():
-        position = np.radians(joint.angle_deg or 0.0) + (joint.offset or 0.0)
-        rate = np.radians(joint.rate_deg or 0.0) + (joint.speed or 0.0)
-        begins[model.getJointId(f"{body.name}/{name}")] = (position, rate)
-    for tie in body.ties:
-        position, rate = begins[tie.leader]
-        begins[tie.joint] = (tie.multiplier * position + tie.offset, tie.multiplier * rate)
-    for index, (angle, rate) in begins.items():
-        pin_joint = model.joints[index]
-        v[pin_joint.idx_v] = rate
-        if pin_joint.nq == 2:
-            q[pin_joint.idx_q : pin_joint.idx_q + 2] = [np.cos(angle), np.sin(angle)]
-        else:
-            q[pin_joint.idx_q] = angle
-        turned[index] = base_alignment.joint(model, index, np.cos(angle / 2), np.sin(angle / 2))
-    return turned

@@ -12,7 +12,6 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.elements import CollisionShape, Contact
 from spacerobot.elements.collision_shape import Wrap, wrapping_shapes
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario import Scenario
@@ -36,7 +35,10 @@ def find_contacts(
         If a contact names what there is not, or shapes that have no distance.
     """
     finder = _Finder(model, {body.name: body for body in bodies}, scenario, source)
-    return tuple(finder.contact(name, config) for name, config in scenario.contacts.items())
+    return tuple(
+        SceneContact(name, f"contacts.{name}", one, finder.pairs(one.between, one.wrap, f"contacts.{name}"))
+        for name, one in scenario.contacts.items()
+    )
 
 
 def find_pairs(
@@ -70,11 +72,6 @@ class _Finder:
     ) -> None:
         self.model, self.bodies, self.scenario, self.source = model, bodies, scenario, source
 
-    def contact(self, name: str, config: Contact) -> SceneContact:
-        """A contact with every pair of shapes of its two sides, each pair one that has a distance."""
-        path = f"contacts.{name}"
-        return SceneContact(name, path, config, self.pairs(config.between, config.wrap, path))
-
     def pairs(
         self, between: tuple[str, str], wrap: Wrap | None, path: str
     ) -> tuple[tuple[SceneShape, SceneShape], ...]:
@@ -99,7 +96,15 @@ class _Finder:
     def _side(self, side: str, wrap: Wrap | None, where: str) -> Iterator[SceneShape]:
         """Shapes that a pad or links stand for."""
         if side in self.scenario.pads:
-            yield self._pad(side, self.scenario.pads[side])
+            pad, path = self.scenario.pads[side], f"pads.{side}"
+            body = self._body(pad.link, f"no body for {pad.link!r}", [], f"{path}.link")
+            name, names = pad.link.partition("/")[2], [link.name for link in body.description.links]
+            if name not in names:
+                hint = near_names(name, names)
+                raise self._fault(f"no link {name!r} in {body.description.path.name}; {hint}", f"{path}.link")
+            turn = pin.rpy.rpyToMatrix(np.radians(pad.rotation_deg))
+            placed = pin.SE3(turn, np.array(pad.position)).homogeneous
+            yield SceneShape(side, path, pad, *self._frame(body, name), placed)
             return
         body = self._body(side, f"no pad nor body/link {side!r}", [*self.scenario.pads], where)
         pattern = side.partition("/")[2]
@@ -143,16 +148,6 @@ class _Finder:
     def _frame(self, body: SceneBody, link: str) -> tuple[int, int]:
         frame = int(self.model.getFrameId(f"{body.name}/{link}", pin.FrameType.BODY))
         return frame, int(self.model.frames[frame].parentJoint)
-
-    def _pad(self, name: str, pad: CollisionShape) -> SceneShape:
-        where = f"pads.{name}"
-        body = self._body(pad.link, f"no body for {pad.link!r}", [], f"{where}.link")
-        link, names = pad.link.partition("/")[2], [link.name for link in body.description.links]
-        if link not in names:
-            hint = near_names(link, names)
-            raise self._fault(f"no link {link!r} in {body.description.path.name}; {hint}", f"{where}.link")
-        placement = pin.SE3(pin.rpy.rpyToMatrix(np.radians(pad.rotation_deg)), np.array(pad.position))
-        return SceneShape(name, where, pad, *self._frame(body, link), placement.homogeneous)
 
 
 def coal_distance(first: SceneShape, second: SceneShape, places: Sequence[Any]) -> Any:

@@ -10,7 +10,8 @@ import pinocchio as pin
 
 from spacerobot.arrays import Array
 from spacerobot.scenario import Robot
-from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp
+from spacerobot.scene.reference_checks import lengths_to_root, reach
+from spacerobot.scene.scene import Scene, SceneBody
 
 
 def envelope_warnings(scene: Scene) -> list[str]:
@@ -25,7 +26,26 @@ def envelope_warnings(scene: Scene) -> list[str]:
     outside = scene.contacts or any(scene.scenario.gravity) or scene.scenario.environment or acted_on
     if len(living) < len(scene.grasps) or outside:
         return []
-    distant = [told for told in (_too_far(scene, grasp) for grasp in living) if told]
+    distant = []
+    for grasp in living:
+        capture, target = grasp.config.capture, scene.target
+        if target is None or capture is None or capture.distance is None:
+            continue
+        data = scene.model.createData()
+        pin.forwardKinematics(scene.model, data, scene.q, scene.v)
+        pin.updateFramePlacements(scene.model, data)
+        robot, own = _centre(scene, data, grasp.tip.body), _within(scene, grasp.tip.body, grasp.tip.frame)
+        aim, other = _centre(scene, data, target), _within(scene, target, grasp.frame)
+        apart, speed = aim[0] - robot[0], aim[1] - robot[1]
+        square, duration = float(speed @ speed), scene.scenario.simulation.duration
+        nearest_at = float(np.clip(-(apart @ speed) / square, 0, duration)) if square else 0.0
+        nearest = float(np.linalg.norm(apart + nearest_at * speed))
+        if nearest > own + other + capture.distance:
+            distant.append(
+                f"{grasp.path}.capture.distance: never holds: in {duration:g} s the centres of mass of "
+                f"{grasp.tip.body.name} and the target come no nearer than {nearest:.4g} m, and the tip "
+                f"reaches {own:.4g} m from the one, the mating frame {other:.4g} m from the other"
+            )
     # one that captures moves what the others reach for
     return distant if len(distant) == len(living) else []
 
@@ -73,29 +93,6 @@ def _angles(values: Sequence[float]) -> str:
     return f"[{', '.join(f'{value:g}' for value in values)}]"
 
 
-def _too_far(scene: Scene, grasp: SceneGrasp) -> str | None:
-    """Why a tip never comes as near as its envelope asks; None if it may."""
-    capture, target = grasp.config.capture, scene.target
-    if target is None or capture is None or capture.distance is None:
-        return None
-    data = scene.model.createData()
-    pin.forwardKinematics(scene.model, data, scene.q, scene.v)
-    pin.updateFramePlacements(scene.model, data)
-    robot, own = _centre(scene, data, grasp.tip.body), _within(scene, grasp.tip.body, grasp.tip.frame)
-    aim, other = _centre(scene, data, target), _within(scene, target, grasp.frame)
-    apart, speed = aim[0] - robot[0], aim[1] - robot[1]
-    square, duration = float(speed @ speed), scene.scenario.simulation.duration
-    nearest_at = float(np.clip(-(apart @ speed) / square, 0, duration)) if square else 0.0
-    nearest = float(np.linalg.norm(apart + nearest_at * speed))
-    if nearest <= own + other + capture.distance:
-        return None
-    return (
-        f"{grasp.path}.capture.distance: never holds: in {duration:g} s the centres of mass of "
-        f"{grasp.tip.body.name} and the target come no nearer than {nearest:.4g} m, and the tip reaches "
-        f"{own:.4g} m from the one, the mating frame {other:.4g} m from the other"
-    )
-
-
 def _centre(scene: Scene, data: pin.Data, body: SceneBody) -> tuple[Array, Array]:
     """Centre of mass of a body [m] and its velocity [m/s]; of a body that is held, its root link and none."""
     if not body.root_joint:
@@ -114,32 +111,15 @@ def _centre(scene: Scene, data: pin.Data, body: SceneBody) -> tuple[Array, Array
 def _within(scene: Scene, body: SceneBody, frame: int) -> float:
     """Greatest distance [m] of a frame from what :func:`_centre` takes of its body: lengths, end to end."""
     model, tip = scene.model, scene.model.frames[frame]
-    own = _chain(scene, body, int(tip.parentJoint), np.array(tip.placement.translation))
     if not body.root_joint:
-        root = model.frames[body.root_frame]
-        length, point = own[root.parentJoint]
-        return length + float(np.linalg.norm(point - root.placement.translation))
+        return reach(scene, body, frame)
+    own = lengths_to_root(scene, body, int(tip.parentJoint), np.array(tip.placement.translation))
     weighed, total = 0.0, 0.0
     for joint in body.subtree:
         inertia = model.inertias[joint]
-        other = _chain(scene, body, joint, np.array(inertia.lever))
+        other = lengths_to_root(scene, body, joint, np.array(inertia.lever))
         meets = next(ancestor for ancestor in own if ancestor in other)
         (one, here), (two, there) = own[meets], other[meets]
         weighed += inertia.mass * (one + two + float(np.linalg.norm(here - there)))
         total += inertia.mass
     return weighed / total
-
-
-def _chain(scene: Scene, body: SceneBody, joint: int, point: Array) -> dict[int, tuple[float, Array]]:
-    """Of each joint towards the root: greatest length [m] up to a point fixed in it, and that point (3,)."""
-    model, by_name = scene.model, {own.name: own for own in body.description.joints}
-    found, length = {joint: (0.0, point)}, 0.0
-    while joint in body.joints:
-        length += float(np.linalg.norm(point))
-        own = by_name[model.names[joint].removeprefix(f"{body.name}/")]
-        if own.kind == "prismatic":
-            length += max(abs(own.lower), abs(own.upper))
-        point = np.array(model.jointPlacements[joint].translation)
-        joint = int(model.parents[joint])
-        found[joint] = (length, point)
-    return found

@@ -12,7 +12,6 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.arrays import Array
-from spacerobot.description.parts import Geometry
 from spacerobot.scene.scene import Scene, SceneBody
 
 DEPTH = 1e-3
@@ -81,9 +80,15 @@ def solids(scene: Scene, body: SceneBody) -> Iterator[Solid]:
     for link in body.description.links:
         frame = scene.model.frames[scene.model.getFrameId(f"{body.name}/{link.name}", pin.FrameType.BODY)]
         for shape in link.collisions:
-            geometry = _geometry(shape.geometry)
-            if geometry is None:
-                continue
+            # Coal's form of it; a mesh that cannot be read has none
+            if shape.geometry.mesh is not None:
+                try:
+                    geometry = coal.MeshLoader().load(str(shape.geometry.mesh), np.array(shape.geometry.size))
+                except (RuntimeError, ValueError):
+                    continue
+            else:
+                makers = {"box": coal.Box, "cylinder": coal.Cylinder, "sphere": coal.Sphere}
+                geometry = makers[shape.geometry.kind](*(float(x) for x in shape.geometry.size))
             geometry.computeLocalAABB()
             place = frame.placement * pin.SE3(np.array(shape.placement))
             centre, radius = place.act(np.array(geometry.aabb_center)), float(geometry.aabb_radius)
@@ -112,14 +117,3 @@ def overlap_depth(one: Solid, other: Solid, *joints: Any) -> float:
     if not coal.collide(one.geometry, placed[0], other.geometry, placed[1], request, met):
         return -1.0
     return max(abs(float(met.getContact(k).penetration_depth)) for k in range(met.numContacts()))
-
-
-def _geometry(geometry: Geometry) -> Any:
-    """Coal's form of a shape; None for a mesh that cannot be read."""
-    if geometry.mesh is not None:
-        try:
-            return coal.MeshLoader().load(str(geometry.mesh), np.array(geometry.size))
-        except (RuntimeError, ValueError):
-            return None
-    makers = {"box": coal.Box, "cylinder": coal.Cylinder, "sphere": coal.Sphere}
-    return makers[geometry.kind](*(float(x) for x in geometry.size))

@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError, near_names
-from spacerobot.scene.scene import Scene, SceneBody, SceneTip
+from spacerobot.scene.scene import Scene, SceneBody
 
 
 def check_in_plane(scene: Scene) -> None:
@@ -79,7 +79,7 @@ def out_of_reach(scene: Scene) -> list[str]:
         moved, turned = tip.reference.way()
         points: Array = pivot + moved + np.array([pin.exp3(turn) @ lever for turn in turned])
         farthest = float(np.linalg.norm(points - base, axis=1).max())
-        longest = reach(scene, tip)
+        longest = reach(scene, tip.body, tip.frame)
         if farthest > longest * (1 + 1e-9):
             found.append(
                 f"{tip.references[0].path}: leads {tip.label} {farthest:.4g} m from where its base begins, "
@@ -88,31 +88,44 @@ def out_of_reach(scene: Scene) -> list[str]:
     return found
 
 
-def reach(scene: Scene, tip: SceneTip) -> float:
-    """Greatest distance [m] of a tip from its robot's root link: the lengths along the chain, end to end."""
-    model, by_name = scene.model, {joint.name: joint for joint in tip.body.description.joints}
-    placement, joint, reach = model.frames[tip.frame].placement, tip.joint, 0.0
-    while joint in tip.body.joints:
-        reach += float(np.linalg.norm(placement.translation))
-        own = by_name[model.names[joint].removeprefix(f"{tip.body.name}/")]
+def lengths_to_root(
+    scene: Scene, body: SceneBody, joint: int, point: Array
+) -> dict[int, tuple[float, Array]]:
+    """Of each joint towards the root: greatest length [m] up to a point fixed in it, and that point (3,).
+
+    Parameters
+    ----------
+    scene, body
+        The scene, and whose chain it is.
+    joint, point
+        Where the chain ends: a joint, and a point in its frame (3,) [m].
+    """
+    model, by_name = scene.model, {own.name: own for own in body.description.joints}
+    found, length = {joint: (0.0, point)}, 0.0
+    while joint in body.joints:
+        length += float(np.linalg.norm(point))
+        own = by_name[body.joint_name(model, joint)]
         if own.kind == "prismatic":
-            reach += max(abs(own.lower), abs(own.upper))
-        placement, joint = model.jointPlacements[joint], model.parents[joint]
-    # what is left hangs in the root joint or, of a fixed base, in the universe as its root link does
-    base = pin.SE3.Identity() if tip.body.root_joint else model.frames[tip.body.root_frame].placement
-    return reach + float(np.linalg.norm(base.actInv(placement).translation))
+            length += max(abs(own.lower), abs(own.upper))
+        point = np.array(model.jointPlacements[joint].translation)
+        joint = int(model.parents[joint])
+        found[joint] = (length, point)
+    return found
+
+
+def reach(scene: Scene, body: SceneBody, frame: int) -> float:
+    """Greatest distance [m] of a frame from its body's root link: the lengths along the chain, end to end."""
+    end, root = scene.model.frames[frame], scene.model.frames[body.root_frame]
+    lengths = lengths_to_root(scene, body, int(end.parentJoint), np.array(end.placement.translation))
+    length, point = lengths[int(root.parentJoint)]
+    # a fixed root link stands in the universe as the chain does; a floating one is the root joint itself
+    return length + float(np.linalg.norm(point - root.placement.translation * (not body.root_joint)))
 
 
 def joint_from_base(scene: Scene, body: SceneBody, joint: int) -> float:
     """Greatest distance [m] of a joint's origin from that of its floating base, or of the world."""
-    model, by_name, found = scene.model, {own.name: own for own in body.description.joints}, 0.0
-    while joint in body.joints:
-        found += float(np.linalg.norm(model.jointPlacements[joint].translation))
-        urdf = by_name[body.joint_name(model, joint)]
-        if urdf.kind == "prismatic":
-            found += max(abs(urdf.lower), abs(urdf.upper))
-        joint = model.parents[joint]
-    return found
+    length, point = list(lengths_to_root(scene, body, joint, np.zeros(3)).values())[-1]
+    return length + float(np.linalg.norm(point))
 
 
 def com_from_base(scene: Scene, body: SceneBody) -> float:

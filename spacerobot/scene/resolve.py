@@ -148,14 +148,28 @@ def read_descriptions(document: Document, *, source: Path | None) -> dict[str, D
         description = known[files[path]]
         for name, mount in body.get("mounts", {}).items():
             where = f"{path}.mounts.{name}"
-            arm, placement = known[files[where]], np.eye(4)
-            placement[:3, :3] = pin.rpy.rpyToMatrix(np.radians(mount["rotation_deg"]))
-            placement[:3, 3] = mount["position"]
+            arm, mounting = known[files[where]], np.eye(4)
+            mounting[:3, :3] = pin.rpy.rpyToMatrix(np.radians(mount["rotation_deg"]))
+            mounting[:3, 3] = mount["position"]
             try:
-                description = mounted(description, arm, name, mount["link"], placement)
+                description = mounted(description, arm, name, mount["link"], mounting)
             except DescriptionError as fault:
                 raise ScenarioError(fault.message, source=source, where=where) from None
-        description = _placed(description, body["placements"], path, source)
+        # links where the scenario places them; what is as in the URDF keeps its very numbers
+        origins = {}
+        joints = {joint.child: joint.origin for joint in description.joints}
+        for link, placement in body["placements"].items():
+            own = joints.get(link, np.eye(4))
+            origin, was, given = np.array(own), _placement(own), placement or {}
+            if given.get("position") not in (None, was["position"]):
+                origin[:3, 3] = given["position"]
+            if given.get("rotation_deg") not in (None, was["rotation_deg"]):
+                origin[:3, :3] = pin.rpy.rpyToMatrix(np.radians(given["rotation_deg"]))
+            origins[link] = origin
+        try:
+            description = placed(description, origins) if origins else description
+        except DescriptionError as fault:
+            raise ScenarioError(fault.message, source=source, where=f"{path}.placements") from None
         for name, section in body.get("flexible", {}).items():
             try:
                 description = create("flexible_link", **section).expanded(description, name)
@@ -164,24 +178,6 @@ def read_descriptions(document: Document, *, source: Path | None) -> dict[str, D
                 raise ScenarioError(fault.message, source=source, where=where) from None
         descriptions[path] = description
     return descriptions
-
-
-def _placed(description: Description, given: Document, path: str, source: Path | None) -> Description:
-    """A URDF with links where a scenario places them; what is as in the URDF keeps its very numbers."""
-    origins = {}
-    known = {joint.child: joint.origin for joint in description.joints}
-    for link, placement in given.items():
-        own = known.get(link, np.eye(4))
-        origin, was = np.array(own), _placement(own)
-        if (placement := placement or {}).get("position") not in (None, was["position"]):
-            origin[:3, 3] = placement["position"]
-        if placement.get("rotation_deg") not in (None, was["rotation_deg"]):
-            origin[:3, :3] = pin.rpy.rpyToMatrix(np.radians(placement["rotation_deg"]))
-        origins[link] = origin
-    try:
-        return placed(description, origins) if origins else description
-    except DescriptionError as fault:
-        raise ScenarioError(fault.message, source=source, where=f"{path}.placements") from None
 
 
 def _placement(origin: Array) -> Document:
@@ -204,67 +200,57 @@ def fill(document: Document, descriptions: Mapping[str, Description], *, source:
     filled = dict(document)
     filled["robots"] = dict(document["robots"])
     for path, body in body_documents(document).items():
-        new = dict(body)
-        new["links"] = _links(body["links"], descriptions[path], path=path, source=source)
-        origins = {joint.child: joint.origin for joint in descriptions[path].joints}
+        new, description = dict(body), descriptions[path]
+        names = [link.name for link in description.links]
+        given = _by_name(body["links"], names, f"{path}.links", "link", source)
+        new["links"] = {}
+        for link in description.links:
+            own = given.get(link.name, {})
+            if link.mass == 0 and not link.inertia.any() and not own:
+                continue
+            inertia = link.inertia
+            from_urdf: Document = {"mass": float(link.mass), "com": [float(x) for x in link.com]}
+            if "inertia" not in own:
+                places = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+                from_urdf["inertia"] = [float(inertia[i, j]) for i, j in places]
+                if link.mass > 0 and inertia.any():
+                    from_urdf["inertia_at_mass"] = float(link.mass)
+            found = from_urdf | own
+            # an inertia that belongs to another mass is scaled to the link's own
+            mass, belongs = found["mass"], found.get("inertia_at_mass")
+            if belongs is not None and belongs != mass:
+                found["inertia"] = [value * (mass / belongs) for value in found["inertia"]]
+                found["inertia_at_mass"] = mass or None
+            new["links"][link.name] = found
+        origins = {joint.child: joint.origin for joint in description.joints}
         new["placements"] = {
             link: _placement(origins[link]) | {k: v for k, v in (own or {}).items() if v is not None}
             for link, own in body["placements"].items()
         }
-        new["joints"] = _joints(body["joints"], descriptions[path], path=path, source=source)
+        moving = [joint for joint in description.joints if joint.kind != "fixed"]
+        names = [joint.name for joint in moving]
+        given = _by_name(body["joints"], names, f"{path}.joints", "moving joint", source)
+        new["joints"] = {}
+        for joint in moving:
+            own = given.get(joint.name, {})
+            state = ("offset", "speed") if joint.kind == "prismatic" else ("angle_deg", "rate_deg")
+            follows = joint.mimic is not None and not own.get("locked")
+            for key in [key for key in (*_STATES, "torque_limit") if key in own]:
+                if follows or (key in _STATES and key not in state):
+                    where = f"{path}.joints.{joint.name}.{key}"
+                    why = f"not for a {joint.kind} joint; use {' and '.join(state)}"
+                    if follows and joint.mimic is not None:
+                        why = f"this joint mimics {joint.mimic.joint!r}; give that one's, or `locked: true`"
+                    raise ScenarioError(why, source=source, where=where)
+            from_urdf = {} if joint.mimic is not None else dict.fromkeys(state, 0.0)
+            from_urdf["damping"] = float(joint.damping)
+            if 0 < joint.effort < NO_LIMIT and joint.mimic is None:
+                from_urdf["torque_limit"] = float(joint.effort)
+            new["joints"][joint.name] = from_urdf | own
         if path == "target":
             filled["target"] = new
         else:
             filled["robots"][path.removeprefix("robots.")] = new
-    return filled
-
-
-def _links(given: Document, description: Description, *, path: str, source: Path | None) -> Document:
-    names = [link.name for link in description.links]
-    given = _by_name(given, names, f"{path}.links", "link", source)
-    filled = {}
-    for link in description.links:
-        own = given.get(link.name, {})
-        if link.mass == 0 and not link.inertia.any() and not own:
-            continue
-        inertia = link.inertia
-        from_urdf: Document = {"mass": float(link.mass), "com": [float(x) for x in link.com]}
-        if "inertia" not in own:
-            places = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-            from_urdf["inertia"] = [float(inertia[i, j]) for i, j in places]
-            if link.mass > 0 and inertia.any():
-                from_urdf["inertia_at_mass"] = float(link.mass)
-        found = from_urdf | own
-        # an inertia that belongs to another mass is scaled to the link's own
-        mass, belongs = found["mass"], found.get("inertia_at_mass")
-        if belongs is not None and belongs != mass:
-            found["inertia"] = [value * (mass / belongs) for value in found["inertia"]]
-            found["inertia_at_mass"] = mass or None
-        filled[link.name] = found
-    return filled
-
-
-def _joints(given: Document, description: Description, *, path: str, source: Path | None) -> Document:
-    moving = [joint for joint in description.joints if joint.kind != "fixed"]
-    names = [joint.name for joint in moving]
-    given = _by_name(given, names, f"{path}.joints", "moving joint", source)
-    filled = {}
-    for joint in moving:
-        own = given.get(joint.name, {})
-        state = ("offset", "speed") if joint.kind == "prismatic" else ("angle_deg", "rate_deg")
-        follows = joint.mimic is not None and not own.get("locked")
-        for key in [key for key in (*_STATES, "torque_limit") if key in own]:
-            if follows or (key in _STATES and key not in state):
-                where = f"{path}.joints.{joint.name}.{key}"
-                why = f"not for a {joint.kind} joint; use {' and '.join(state)}"
-                if follows and joint.mimic is not None:
-                    why = f"this joint mimics {joint.mimic.joint!r}; give that one's, or `locked: true`"
-                raise ScenarioError(why, source=source, where=where)
-        from_urdf: Document = {} if joint.mimic is not None else dict.fromkeys(state, 0.0)
-        from_urdf["damping"] = float(joint.damping)
-        if 0 < joint.effort < NO_LIMIT and joint.mimic is None:
-            from_urdf["torque_limit"] = float(joint.effort)
-        filled[joint.name] = from_urdf | own
     return filled
 
 

@@ -292,7 +292,7 @@ def check_reach(problem: PlanningProblem, plan: PlanSection, tips: dict[str, Sce
 def _greatest_distance(problem: PlanningProblem, tip: SceneTip) -> float:
     """Bound of the distance of a tip from what does not move of its robot [m]."""
     scene = problem.stage.scene
-    length = reach(scene, tip)
+    length = reach(scene, tip.body, tip.frame)
     if not tip.body.root_joint:
         return length
     return length + com_from_base(scene, tip.body)

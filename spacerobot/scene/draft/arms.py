@@ -137,7 +137,10 @@ def make_arm(name: str, named: tuple[str, Description], tip: str | None) -> Draf
     scene = build_scene(validate({"robots": {"trial": trial}}))
     # the posture, of some drawn about the middles of the joints' ranges, from which the tip moves best
     free = [joint for joint in chain if joint.mimic is None]
-    middle = np.array([_middle(joint) for joint in free])
+    limited = [bool(np.isfinite(joint.lower) and np.isfinite(joint.upper)) for joint in free]
+    middle = np.array(
+        [(own.lower + own.upper) / 2 if known else 0.0 for own, known in zip(free, limited, strict=True)]
+    )
     spread = np.array([min(float((joint.upper - joint.lower) / 2) * 0.7, SPREAD) for joint in free])
     best, posture, turns = -np.inf, middle, False
     draws = np.random.default_rng(0).uniform(-1, 1, (POSTURES, len(free)))
@@ -156,20 +159,14 @@ def make_arm(name: str, named: tuple[str, Description], tip: str | None) -> Draf
         for joint, x in zip(free, posture, strict=True)
     }
     joints = {n: {k: round(x, 6) for k, x in state.items()} for n, state in values.items()}
-    return DraftArm(
-        name, urdf, description, link, tuple(chain), joints | locked, scene.planar, turns, _bus(description)
-    )
-
-
-def _bus(description: Description) -> Document | None:
-    """A cube of 20 times the mass of what moves, where the base is lighter than that."""
-    base, *others = welded_bodies(description.links, description.joints, description.root)
-    moving = sum(body.mass for body in others)
-    if base.mass >= moving:
-        return None
-    mass = float(f"{BUS * moving:.1g}")
-    inertia = float(f"{mass * (mass / BUS_DENSITY) ** (2 / 3) / 6:.2g}")
-    return {"mass": mass, "inertia": [inertia, inertia, inertia, 0, 0, 0]}
+    # a cube of 20 times the mass of what moves, where the base is lighter than that
+    base, *moved = welded_bodies(description.links, description.joints, description.root)
+    moving, bus = sum(body.mass for body in moved), None
+    if base.mass < moving:
+        mass = float(f"{BUS * moving:.1g}")
+        inertia = float(f"{mass * (mass / BUS_DENSITY) ** (2 / 3) / 6:.2g}")
+        bus = {"mass": mass, "inertia": [inertia, inertia, inertia, 0, 0, 0]}
+    return DraftArm(name, urdf, description, link, tuple(chain), joints | locked, scene.planar, turns, bus)
 
 
 def _agility(scene: Scene, free: Sequence[UrdfJoint], posture: Array) -> tuple[float, bool]:
@@ -191,19 +188,10 @@ def _agility(scene: Scene, free: Sequence[UrdfJoint], posture: Array) -> tuple[f
     singular = np.linalg.svd(rows, compute_uv=False)
     every_way = len(singular) == len(axes) and bool(singular[-1] > MOVES)
     chain = [data.oMi[model.getJointId(f"trial/{joint.name}")].translation for joint in free]
-    return float(singular[-1]) * min(1.0, 2 * distance) * _outward(
-        data.oMf[tip.frame].translation, chain
-    ), every_way
-
-
-def _outward(tip: Array, chain: Sequence[Array]) -> float:
-    """How far the last part of an arm points away from its first joint: 1 straight away, 0 straight back."""
-    last = next((origin for origin in reversed(chain) if np.linalg.norm(tip - origin) > SHORTEST), tip)
-    end, out = tip - last, tip - chain[0]
-    lengths = float(np.linalg.norm(end) * np.linalg.norm(out))
-    return 0.5 + 0.5 * float(end @ out) / lengths if lengths > 0 else 0.5
-
-
-def _middle(joint: UrdfJoint) -> float:
-    limited = np.isfinite(joint.lower) and np.isfinite(joint.upper)
-    return (joint.lower + joint.upper) / 2 if limited else 0.0
+    # how far the last part of the arm points away from its first joint: 1 straight away, 0 straight back
+    end = data.oMf[tip.frame].translation
+    last = next((origin for origin in reversed(chain) if np.linalg.norm(end - origin) > SHORTEST), end)
+    part, out = end - last, end - chain[0]
+    lengths = float(np.linalg.norm(part) * np.linalg.norm(out))
+    outward = 0.5 + 0.5 * float(part @ out) / lengths if lengths > 0 else 0.5
+    return float(singular[-1]) * min(1.0, 2 * distance) * outward, every_way

@@ -126,10 +126,8 @@ def draft_capture(order: DraftRequest, file: StrPath) -> tuple[str, Scene]:
     ((label, own),) = gains.items()
     w = own.bandwidth
     move = numbers.move(w, direction)
-    way, half = (
-        float(np.linalg.norm(move.displacement)),
-        short(float(np.linalg.norm(move.displacement)) / 2, 2),
-    )
+    way = float(np.linalg.norm(move.displacement))
+    half = short(way / 2, 2)
     speed = short(PEAK * half / move.duration, 2)
     until = move.duration + PEAK * half / speed
     root = data.oMf[held.bodies[-1].root_frame]

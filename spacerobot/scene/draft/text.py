@@ -101,7 +101,14 @@ def robot_lines(found: DraftText, arm: DraftArm) -> list[str]:
         f"  {arm.name}:",
         f"    urdf: {flow(bare['urdf'])}",
         f"    base: {flow(bare['base'])}",
-        *_bus(bare),
+    ]
+    for link, bus in bare.get("links", {}).items():
+        lines += [
+            "    # the URDF's own base is lighter than what it moves: a spacecraft stands in, of 20 times "
+            "that\n    # mass, a cube of 300 kg/m^3; take the line out to have the bare base",
+            f"    links: {{{flow(link)}: {flow(bus)}}}",
+        ]
+    lines += [
         "    joints:   # a posture, well within the ranges, from which the tip moves in every direction",
         *(f"      {flow(name)}: {flow(state)}" for name, state in chain.items()),
     ]
@@ -136,17 +143,6 @@ def robot_lines(found: DraftText, arm: DraftArm) -> list[str]:
         lines.append("    # damps motion of the joints that moves no tip: their median inertia times w")
         lines.append(f"    joint_pd: {flow({'kd': kd, 'null_space': True})}")
     return lines
-
-
-def _bus(bare: Document) -> list[str]:
-    if "links" not in bare:
-        return []
-    ((link, bus),) = bare["links"].items()
-    return [
-        "    # the URDF's own base is lighter than what it moves: a spacecraft stands in, of 20 times that",
-        "    # mass, a cube of 300 kg/m^3; take the line out to have the bare base",
-        f"    links: {{{flow(link)}: {flow(bus)}}}",
-    ]
 
 
 def tuning_lines(found: DraftText) -> list[str]:
