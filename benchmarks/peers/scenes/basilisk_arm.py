@@ -114,7 +114,7 @@ def our_wheeled(scene: Scene, step_s: float) -> Side:
 SCENE = PeerScene(
     "Basilisk",
     "bsk",
-    "a servicer with two arms of seven joints, four wheels under torque, and a satellite, in orbit, 60 s",
+    "servicer (two arms, four wheels) and satellite in orbit, 60 s",
     "`MJScene` with `NBodyGravity`",
     measure,
 )

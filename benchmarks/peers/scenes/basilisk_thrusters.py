@@ -57,7 +57,7 @@ def measure() -> Outcome:
 SCENE = PeerScene(
     "Basilisk",
     "bsk",
-    "a rigid hub that eight thrusters brake in pulses of decided lengths, 16 s",
-    "`thrusterDynamicEffector`; its step has to divide the pulses (multiples of 50 ms), ours not",
+    "hub with eight pulsed thrusters, 16 s",
+    "`thrusterDynamicEffector`; its step must divide the pulses",
     measure,
 )

@@ -54,7 +54,7 @@ def measure() -> Outcome:
 SCENE = PeerScene(
     "Basilisk",
     "bsk",
-    "a rigid hub with four reaction wheels under constant torque, 300 s",
+    "hub with four reaction wheels, 300 s",
     "`reactionWheelStateEffector`, balanced wheels",
     measure,
 )

@@ -100,7 +100,7 @@ def drakes(scene: Scene, intervals: int) -> Job:
 SCENE = PeerScene(
     "Drake",
     "drake",
-    "the detumbling of Vyas et al. 2022 planned (`detumble-published`) by IPOPT from a first guess",
+    "plan of `detumble-published` by IPOPT",
     "`DirectCollocation`; IPOPT by `limited-memory`, ends at its acceptable level",
     measure,
 )

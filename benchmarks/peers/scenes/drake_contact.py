@@ -12,7 +12,7 @@ from spacerobot.scene import Scene, load_scene
 
 DURATION, TOLERANCE = 4.0, 1e-6
 STIFFNESS, DISSIPATION = 20000.0, 1.5
-TITLE = "a ball bounces off the fist of a free-floating arm (`bounce`, frictionless, without control), 4 s"
+TITLE = "`bounce`, frictionless, without control, 4 s"
 
 
 def bounce(contact: dict[str, object]) -> Scene:

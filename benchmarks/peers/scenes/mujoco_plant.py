@@ -73,5 +73,5 @@ def their_plant(scene: Scene, model: Any, step_ms: float, duration_s: float) -> 
     return Side(ready, lambda level: f"RK4, {step_ms / 2**level:g} ms")
 
 
-TITLE = "two free-floating arms of eight links and an object, no forces but joint damping, 10 s"
+TITLE = "two free-floating arms of eight links, an object, joint damping, 10 s"
 SCENE = PeerScene("MuJoCo", "mujoco", TITLE, "", measure)

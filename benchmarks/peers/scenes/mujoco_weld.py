@@ -16,7 +16,7 @@ from spacerobot.scene import Scene, load_scene
 DURATION, TOLERANCE = 4.0, 1e-5
 TORQUES = (0.6, -0.4, 0.5, -0.3, 0.4, -0.5, 0.3, -0.6)
 GRASPS = (("left", "rpr1", "mate_1"), ("right", "rpr2", "mate_2"))
-TITLE = "the paper's two robots hold the rectangle rigidly (closed chain), constant joint torques, 4 s"
+TITLE = "the paper's closed chain, rigid, constant joint torques, 4 s"
 
 
 def held() -> Scene:
