@@ -94,16 +94,36 @@ def source_of(
                 f"function '{name}' has sparse inputs or outputs, only dense ones can be compiled"
             )
     members, parts = [], []
-    for names in _chains(functions, cold):
+    # names, those together that have the same inputs and probably much work in common
+    chains: dict[str, list[str]] = {}
+    head: dict[object, str] = {}  # long function that runs often, by its inputs
+    for name in sorted(functions, key=lambda name: name in cold):  # what runs often comes first
+        function = functions[name]
+        inputs = tuple((function.name_in(i), function.numel_in(i)) for i in range(function.n_in()))
+        long = function.n_instructions() > pieces.LONGEST
+        if long and name in cold and inputs in head:
+            chains[head[inputs]].append(name)
+            continue
+        chains[name] = [name]
+        if long and name not in cold:
+            head.setdefault(inputs, name)
+    for names in chains.values():
         chain = {name: functions[name] for name in names}
         found = _together(chain) if len(names) > 1 else None
         if found is None:
             one = [_alone(name, function, name in cold, lanes) for name, function in chain.items()]
-            found = [member for member, _ in one], [piece for _, pieces in one for piece in pieces]
+            found = [member for member, _ in one], [piece for _, own in one for piece in own]
         members += found[0]
         parts += found[1]
     declared = [f"{HIDDEN} {piece.head};" for piece in parts]
-    exports = [_export(name, function) for name, function in functions.items()]
+    exports = []
+    for name, function in functions.items():
+        given = [f"arg[{i}]" for i in range(function.n_in())]
+        arguments = ", ".join([*given, *(f"res[{i}]" for i in range(function.n_out()))])
+        exports.append(
+            f'extern "C" void call_{name}(const real* const* arg, real* const* res) '
+            f"{{ Generated::{name}({arguments}); }}"
+        )
     text = "\n".join([*declared, "struct Generated {", *members, "};", *exports, ""])
     return GeneratedSource(text, tuple(parts))
 
@@ -123,23 +143,6 @@ def maths_of(vector_symbols: Mapping[str, str]) -> str:
 
     lines = [line(name, 1) for name in UNARY] + [line(name, 2) for name in BINARY]
     return "\n".join(["#if LANES > 1", *lines, "#endif", ""])
-
-
-def _chains(functions: Mapping[str, ca.Function], cold: Collection[str]) -> list[list[str]]:
-    """Names, those together that have the same inputs and probably much work in common."""
-    chains: dict[str, list[str]] = {}
-    head: dict[object, str] = {}  # long function that runs often, by its inputs
-    for name in sorted(functions, key=lambda name: name in cold):  # what runs often comes first
-        function = functions[name]
-        inputs = tuple((function.name_in(i), function.numel_in(i)) for i in range(function.n_in()))
-        long = function.n_instructions() > pieces.LONGEST
-        if long and name in cold and inputs in head:
-            chains[head[inputs]].append(name)
-            continue
-        chains[name] = [name]
-        if long and name not in cold:
-            head.setdefault(inputs, name)
-    return list(chains.values())
 
 
 def _together(chain: Mapping[str, ca.Function]) -> tuple[list[str], list[CodePiece]] | None:
@@ -221,11 +224,3 @@ def _member(name: str, function: ca.Function, parameters: Sequence[str], lines: 
     sizes += [f"{name}_{function.name_out(i)} = {function.numel_out(i)}" for i in range(function.n_out())]
     head = f"static __attribute__((noinline)) void {name}({', '.join(parameters)})"
     return "\n".join([f"enum {{ {', '.join(sizes)} }};", f"{head} {{", *lines, "}"])
-
-
-def _export(name: str, function: ca.Function) -> str:
-    arguments = [f"arg[{i}]" for i in range(function.n_in())] + [f"res[{i}]" for i in range(function.n_out())]
-    return (
-        f'extern "C" void call_{name}(const real* const* arg, real* const* res) '
-        f"{{ Generated::{name}({', '.join(arguments)}); }}"
-    )

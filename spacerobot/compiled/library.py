@@ -81,18 +81,16 @@ class Library:
             raise KeyError(f"no function '{name}', {near_names(name, self.functions)}")
         function = self.functions[name]
         wide = any(np.ndim(argument) == 2 for argument in arguments)
-        given = [self._lanewise(function.numel_in(i), a) for i, a in enumerate(arguments)]
+        given = []
+        for i, argument in enumerate(arguments):
+            values, size = np.asarray(argument, dtype=float), function.numel_in(i)
+            given.append(_aligned(size, self.lanes))
+            given[-1][:] = values if values.ndim == 2 else values.reshape(size, 1)
         results = [_aligned(function.numel_out(i), self.lanes) for i in range(function.n_out())]
         pointers = (ctypes.c_void_p * len(given))(*[a.ctypes.data for a in given])
         targets = (ctypes.c_void_p * len(results))(*[a.ctypes.data for a in results])
         self.entry(f"call_{name}")(pointers, targets)
         return tuple(r.copy() if wide else r[:, 0].copy() for r in results)
-
-    def _lanewise(self, size: int, argument: npt.ArrayLike) -> Array:
-        values = np.asarray(argument, dtype=float)
-        out = _aligned(size, self.lanes)
-        out[:] = values if values.ndim == 2 else values.reshape(size, 1)
-        return out
 
 
 def compile_functions(
@@ -151,7 +149,7 @@ def compile_functions(
         )
         for held in bins
     ]
-    units = [*units, SourceUnit("\n".join([head, source.struct, tail, ""]))]
+    units.append(SourceUnit("\n".join([head, source.struct, tail, ""])))
     folder = cache.cache_folder()
     told = " ".join([*toolchain.command, *toolchain.flags, *toolchain.libraries])
     parts = [*(unit.text for unit in units), toolchain.version, told, toolchain.processor]

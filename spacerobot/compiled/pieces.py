@@ -91,7 +91,16 @@ def cut(sections: Sequence[CodeSection]) -> tuple[list[list[CodePiece]], int]:
         for section in sections
         for k in range(0, len(section.statements), section.size)
     ]
-    uses = [_uses(statements) for _, _, statements in parts]
+    # registers that each piece reads before it writes them, and those it writes
+    uses = list[tuple[set[str], set[str]]]()
+    for _, _, statements in parts:
+        read, written = set[str](), set[str]()
+        for statement in statements:
+            target, _, value = statement.partition("=")
+            read |= set(_REGISTER.findall(value)) - written
+            if _REGISTER.fullmatch(target.strip()):
+                written.add(target.strip())
+        uses.append((read, written))
     # registers of each piece that a later one reads
     wanted, passed = set[str](), list[set[str]]()
     for read, written in reversed(uses):
@@ -108,15 +117,3 @@ def cut(sections: Sequence[CodeSection]) -> tuple[list[list[CodePiece]], int]:
         lines = (*registers, *loads, *statements, *stores)
         pieces[section.name].append(CodePiece(name, head, lines, section.cold))
     return [pieces[section.name] for section in sections], len(slots)
-
-
-def _uses(statements: Sequence[str]) -> tuple[set[str], set[str]]:
-    """Registers that a piece reads before it writes them, and those it writes."""
-    read: set[str] = set()
-    written: set[str] = set()
-    for statement in statements:
-        target, _, value = statement.partition("=")
-        read |= set(_REGISTER.findall(value)) - written
-        if _REGISTER.fullmatch(target.strip()):
-            written.add(target.strip())
-    return read, written

@@ -60,11 +60,7 @@ def order_statements(lines: Sequence[str], window: int = WINDOW) -> list[str]:
         else:
             latency = DIVISION if "/" in value else LATENCY
         statements.append(_Statement(f"{target}={renamed}", needs, latency))
-    return [statements[i].text for i in _schedule(statements, window)]
-
-
-def _schedule(statements: Sequence[_Statement], window: int) -> list[int]:
-    """Places in the order of issue: within the window, the longest remaining chain comes first."""
+    # places in the order of issue: within the window, the longest remaining chain comes first
     users: list[list[int]] = [[] for _ in statements]
     for i, statement in enumerate(statements):
         for need in statement.needs:
@@ -104,4 +100,4 @@ def _schedule(statements: Sequence[_Statement], window: int) -> list[int]:
             if len(order) == len(statements):
                 break
         cycle += 1
-    return order
+    return [statements[i].text for i in order]

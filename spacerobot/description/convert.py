@@ -94,64 +94,60 @@ def convert_links(robot: yp.Robot, source: Path) -> tuple[tuple[UrdfLink, ...], 
             colours.setdefault(material.name, frozen(np.clip(material.color.rgba, 0, 1)))
     drawn = "visual" if any(link.visuals for link in robot.links) else "collision"
     missing: dict[tuple[str, str], list[str]] = {}
-    links = tuple(_link(link, colours, source, drawn, missing) for link in robot.links)
-    return links, missing_meshes(missing)
-
-
-def _link(
-    link: yp.Link,
-    colours: dict[str, Array],
-    source: Path,
-    drawn: str,
-    missing: dict[tuple[str, str], list[str]],
-) -> UrdfLink:
-    mass, com, inertia = 0.0, np.zeros(3), np.zeros((3, 3))
-    if link.inertial is not None:
-        origin = _placement(link.inertial.origin)
-        turn, mass, com = origin[:3, :3], link.inertial.mass, origin[:3, 3]
-        if link.inertial.inertia is not None:
-            inertia = turn @ link.inertial.inertia @ turn.T
-            inertia = (inertia + inertia.T) / 2
-    shapes: dict[str, list[LinkShape]] = {"visual": [], "collision": []}
-    for kind, found in (("visual", link.visuals), ("collision", link.collisions)):
-        for shape in found:
-            # A shape's geometry, or None if its mesh is not found
-            geometry = shape.geometry
-            if geometry.box is not None:
-                geometry = Geometry("box", frozen(geometry.box.size))
-            elif geometry.cylinder is not None:
-                geometry = Geometry("cylinder", frozen((geometry.cylinder.radius, geometry.cylinder.length)))
-            elif geometry.sphere is not None:
-                geometry = Geometry("sphere", frozen((geometry.sphere.radius,)))
-            else:
-                mesh = geometry.mesh
-                scale = frozen(np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3))
-                path = resolve_mesh(mesh.filename, source)
-                geometry = None if path is None else Geometry("mesh", scale, path)
-            if kind == drawn and (geometry is None or not is_readable(geometry)):
-                fault = "not found" if geometry is None else "cannot be read"
-                missing.setdefault((shape.geometry.mesh.filename, fault), []).append(link.name)
-                shapes[kind].append(stand_in(mass, com, inertia))
-                continue
-            if geometry is None:
-                continue
-            material = getattr(shape, "material", None)
-            if material is None:
-                rgba = None
-            elif material.color is not None:
-                rgba = frozen(np.clip(material.color.rgba, 0, 1))
-            else:
-                rgba = colours.get(material.name)
-            named = getattr(material, "name", None) or ""
-            shapes[kind].append(LinkShape(shape.name, _placement(shape.origin), geometry, rgba, named))
-    return UrdfLink(
-        name=link.name,
-        mass=mass,
-        com=frozen(com),
-        inertia=frozen(inertia),
-        visuals=tuple(shapes["visual"]),
-        collisions=tuple(shapes["collision"]),
-    )
+    converted = []
+    for link in robot.links:
+        mass, com, inertia = 0.0, np.zeros(3), np.zeros((3, 3))
+        if link.inertial is not None:
+            origin = _placement(link.inertial.origin)
+            turn, mass, com = origin[:3, :3], link.inertial.mass, origin[:3, 3]
+            if link.inertial.inertia is not None:
+                inertia = turn @ link.inertial.inertia @ turn.T
+                inertia = (inertia + inertia.T) / 2
+        shapes: dict[str, list[LinkShape]] = {"visual": [], "collision": []}
+        for kind, found in (("visual", link.visuals), ("collision", link.collisions)):
+            for shape in found:
+                # A shape's geometry, or None if its mesh is not found
+                geometry = shape.geometry
+                if geometry.box is not None:
+                    geometry = Geometry("box", frozen(geometry.box.size))
+                elif geometry.cylinder is not None:
+                    geometry = Geometry(
+                        "cylinder", frozen((geometry.cylinder.radius, geometry.cylinder.length))
+                    )
+                elif geometry.sphere is not None:
+                    geometry = Geometry("sphere", frozen((geometry.sphere.radius,)))
+                else:
+                    mesh = geometry.mesh
+                    scale = frozen(np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3))
+                    path = resolve_mesh(mesh.filename, source)
+                    geometry = None if path is None else Geometry("mesh", scale, path)
+                if kind == drawn and (geometry is None or not is_readable(geometry)):
+                    fault = "not found" if geometry is None else "cannot be read"
+                    missing.setdefault((shape.geometry.mesh.filename, fault), []).append(link.name)
+                    shapes[kind].append(stand_in(mass, com, inertia))
+                    continue
+                if geometry is None:
+                    continue
+                material = getattr(shape, "material", None)
+                if material is None:
+                    rgba = None
+                elif material.color is not None:
+                    rgba = frozen(np.clip(material.color.rgba, 0, 1))
+                else:
+                    rgba = colours.get(material.name)
+                named = getattr(material, "name", None) or ""
+                shapes[kind].append(LinkShape(shape.name, _placement(shape.origin), geometry, rgba, named))
+        converted.append(
+            UrdfLink(
+                name=link.name,
+                mass=mass,
+                com=frozen(com),
+                inertia=frozen(inertia),
+                visuals=tuple(shapes["visual"]),
+                collisions=tuple(shapes["collision"]),
+            )
+        )
+    return tuple(converted), missing_meshes(missing)
 
 
 def _placement(origin: Array | None) -> Array:

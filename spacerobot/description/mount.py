@@ -40,7 +40,16 @@ def mounted(
             f"no link {parent!r} in {host.path.name}; {near_names(parent, names)}", where="link"
         )
     links = tuple(replace(own, name=f"{name}_{own.name}") for own in arm.links)
-    joints = tuple(_renamed(joint, name) for joint in arm.joints)
+    joints = tuple(
+        replace(
+            joint,
+            name=f"{name}_{joint.name}",
+            parent=f"{name}_{joint.parent}",
+            child=f"{name}_{joint.child}",
+            mimic=joint.mimic and replace(joint.mimic, joint=f"{name}_{joint.mimic.joint}"),
+        )
+        for joint in arm.joints
+    )
     weld = UrdfJoint(
         f"{name}_mount", "fixed", parent, f"{name}_{arm.root}", frozen(placement), frozen([1, 0, 0])
     )
@@ -57,15 +66,4 @@ def mounted(
         links=(*host.links, *links),
         joints=(*host.joints, weld, *joints),
         warnings=(*host.warnings, *(f"{name}: {warning}" for warning in arm.warnings)),
-    )
-
-
-def _renamed(joint: UrdfJoint, name: str) -> UrdfJoint:
-    mimic = joint.mimic and replace(joint.mimic, joint=f"{name}_{joint.mimic.joint}")
-    return replace(
-        joint,
-        name=f"{name}_{joint.name}",
-        parent=f"{name}_{joint.parent}",
-        child=f"{name}_{joint.child}",
-        mimic=mimic,
     )

@@ -101,21 +101,19 @@ class _Checker:
                     self._numbers(inertia, attribute, 1, needed=False)
         for shape in (*link.findall("visual"), *link.findall("collision")):
             self._origin(shape)
-            self._geometry(self._one(shape, "geometry"))
+            geometry = self._one(shape, "geometry")
+            if len(geometry) != 1 or geometry[0].tag not in _SHAPES:
+                found = ", ".join(f"<{child.tag}>" for child in geometry) or "nothing"
+                raise self._error(geometry, f"holds {found}; allowed is one of {', '.join(_SHAPES)}")
+            form = geometry[0]
+            for attribute, count in _SHAPES[str(form.tag)].items():
+                self._numbers(form, attribute, count, low=0)
+            if form.tag == "mesh":
+                self._text(form, "filename")
+                scale = form.get("scale", "1").split()
+                self._numbers(form, "scale", 1 if len(scale) == 1 else 3, needed=False)
             for material in self._at_most_one(shape, "material"):
                 self._material(material)
-
-    def _geometry(self, geometry: etree._Element) -> None:
-        if len(geometry) != 1 or geometry[0].tag not in _SHAPES:
-            found = ", ".join(f"<{child.tag}>" for child in geometry) or "nothing"
-            raise self._error(geometry, f"holds {found}; allowed is one of {', '.join(_SHAPES)}")
-        shape = geometry[0]
-        for attribute, count in _SHAPES[str(shape.tag)].items():
-            self._numbers(shape, attribute, count, low=0)
-        if shape.tag == "mesh":
-            self._text(shape, "filename")
-            scale = shape.get("scale", "1").split()
-            self._numbers(shape, "scale", 1 if len(scale) == 1 else 3, needed=False)
 
     def _material(self, material: etree._Element) -> None:
         for colour in self._at_most_one(material, "color"):

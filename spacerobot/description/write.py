@@ -8,7 +8,7 @@ import numpy as np
 from lxml import etree
 
 from spacerobot.description.library import yourdfpy as yp
-from spacerobot.description.parts import Geometry, LinkShape, UrdfJoint, UrdfLink
+from spacerobot.description.parts import Geometry, UrdfJoint, UrdfLink
 
 
 def urdf_xml(name: str, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], prefix: str) -> str:
@@ -16,34 +16,48 @@ def urdf_xml(name: str, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], 
 
     Inertias are written in link axes, colours inside the shape that has them, meshes by absolute path.
     """
-    robot = yp.Robot(
-        name=name,
-        links=[_link(link, prefix) for link in links],
-        joints=[_joint(joint, prefix) for joint in joints],
-    )
+    made, held = [], []
+    for link in links:
+        inertial, visuals = None, []
+        if link.mass > 0:
+            at_com = np.eye(4)
+            at_com[:3, 3] = link.com
+            inertial = yp.Inertial(origin=at_com, mass=link.mass, inertia=link.inertia)
+        for shape in link.visuals:
+            # named after its colour: of two materials with the same name, readers take the first for both
+            material = None
+            if shape.rgba is not None:
+                named = "rgba_" + "_".join(f"{value:g}" for value in shape.rgba)
+                material = yp.Material(name=named, color=yp.Color(shape.rgba))
+            visuals.append(yp.Visual(shape.name, shape.placement, _geometry(shape.geometry), material))
+        collisions = [yp.Collision(s.name, s.placement, _geometry(s.geometry)) for s in link.collisions]
+        made.append(yp.Link(prefix + link.name, inertial, visuals, collisions))
+    for joint in joints:
+        limits = {
+            "effort": joint.effort,
+            "velocity": joint.velocity,
+            "lower": joint.lower,
+            "upper": joint.upper,
+        }
+        finite = {key: value for key, value in limits.items() if np.isfinite(value)}
+        moves = joint.kind != "fixed"
+        held.append(
+            yp.Joint(
+                name=prefix + joint.name,
+                type=joint.kind,
+                parent=prefix + joint.parent,
+                child=prefix + joint.child,
+                origin=joint.origin,
+                axis=joint.axis if moves else None,
+                dynamics=yp.Dynamics(joint.damping, joint.friction) if moves else None,
+                limit=yp.Limit(**finite) if finite and moves else None,
+            )
+        )
+    robot = yp.Robot(name=name, links=made, joints=held)
     urdf = yp.URDF(
         robot, build_scene_graph=False, load_meshes=False, filename_handler=yp.filename_handler_null
     )
     return str(etree.tostring(urdf.write_xml(), encoding="unicode", pretty_print=True))
-
-
-def _link(link: UrdfLink, prefix: str) -> yp.Link:
-    inertial = None
-    if link.mass > 0:
-        at_com = np.eye(4)
-        at_com[:3, 3] = link.com
-        inertial = yp.Inertial(origin=at_com, mass=link.mass, inertia=link.inertia)
-    return yp.Link(
-        name=prefix + link.name,
-        inertial=inertial,
-        visuals=[
-            yp.Visual(shape.name, shape.placement, _geometry(shape.geometry), _material(shape))
-            for shape in link.visuals
-        ],
-        collisions=[
-            yp.Collision(shape.name, shape.placement, _geometry(shape.geometry)) for shape in link.collisions
-        ],
-    )
 
 
 def _geometry(geometry: Geometry) -> yp.Geometry:
@@ -55,32 +69,3 @@ def _geometry(geometry: Geometry) -> yp.Geometry:
     if geometry.kind == "sphere":
         return yp.Geometry(sphere=yp.Sphere(size[0]))
     return yp.Geometry(mesh=yp.Mesh(str(geometry.mesh), size))
-
-
-def _material(shape: LinkShape) -> yp.Material | None:
-    """Material named after its colour: of two with the same name, readers take the first for both."""
-    if shape.rgba is None:
-        return None
-    name = "rgba_" + "_".join(f"{value:g}" for value in shape.rgba)
-    return yp.Material(name=name, color=yp.Color(shape.rgba))
-
-
-def _joint(joint: UrdfJoint, prefix: str) -> yp.Joint:
-    limits = {
-        "effort": joint.effort,
-        "velocity": joint.velocity,
-        "lower": joint.lower,
-        "upper": joint.upper,
-    }
-    finite = {key: value for key, value in limits.items() if np.isfinite(value)}
-    moves = joint.kind != "fixed"
-    return yp.Joint(
-        name=prefix + joint.name,
-        type=joint.kind,
-        parent=prefix + joint.parent,
-        child=prefix + joint.child,
-        origin=joint.origin,
-        axis=joint.axis if moves else None,
-        dynamics=yp.Dynamics(joint.damping, joint.friction) if moves else None,
-        limit=yp.Limit(**finite) if finite and moves else None,
-    )

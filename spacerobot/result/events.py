@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
+from spacerobot.rollout import FiredEvent
 from spacerobot.scene import Scene, SceneGrasp
 
 INNER = ("reference", "eased", "settling", "moving", "control", "cut", "measured", "clipped", "unclipped")
@@ -22,31 +23,7 @@ AT_ONCE = 1e-9
 """A grasp that is released so soon after its capture [s] was never held."""
 
 
-class EventRecord(Protocol):
-    """An event of a rollout, as :class:`spacerobot.rollout.trajectory.FiredEvent` is one."""
-
-    @property
-    def time_s(self) -> float:
-        """When it was."""
-
-    @property
-    def event(self) -> int:
-        """Place among the closed loop's events."""
-
-    @property
-    def before(self) -> Array:
-        """State before it (nx,)."""
-
-    @property
-    def after(self) -> Array:
-        """State after it (nx,)."""
-
-    @property
-    def switches(self) -> Array:
-        """Values of the switches after it (ns,)."""
-
-
-def build_events(scene: Scene, loop: ClosedLoop, happened: Sequence[EventRecord]) -> list[dict[str, Any]]:
+def build_events(scene: Scene, loop: ClosedLoop, happened: Sequence[FiredEvent]) -> list[dict[str, Any]]:
     """Events as they stand in a summary, in their order.
 
     Each has ``time_s``, ``kind``, ``who``, ``name``; of a grasp, the tip's velocity and spin relative to the
@@ -78,7 +55,17 @@ def build_events(scene: Scene, loop: ClosedLoop, happened: Sequence[EventRecord]
             velocity, spin = relative_velocity(scene, grasps[rule.who], one.before)
             told |= {"relative_velocity_m_s": velocity.tolist(), "relative_spin_rad_s": spin.tolist()}
         if rule.who in contacts:
-            told |= _touch(contacts.index(rule.who), rule.name, touched, before)
+            # relative velocity at a contact; as it parts, impulse on the second and loss since it touched
+            place = contacts.index(rule.who)
+            told["relative_velocity_m_s"] = before["contact_velocity"].reshape(-1, 3)[place].tolist()
+            pair, _, kind = rule.name.rpartition(".")
+            if kind == "touched":
+                touched[pair] = before
+            elif kind == "parted" and pair in touched:
+                first = touched.pop(pair)
+                impulse = (before["contact_impulse"] - first["contact_impulse"]).reshape(-1, 3)[place]
+                told["impulses_n_s"] = {rule.name.partition(".")[0]: impulse.tolist()}
+                told["energy_lost_j"] = float((before["contact_loss"] - first["contact_loss"])[place])
         if rule.kind == "detected":
             failed = [e["time_s"] for e in found if e["kind"] == "failed" and e["who"] == rule.who]
             told |= {"delay_s": one.time_s - failed[-1]} if failed else {}
@@ -93,7 +80,14 @@ def build_events(scene: Scene, loop: ClosedLoop, happened: Sequence[EventRecord]
         if "work_event" in after:
             lost = float(after["work_event"][0] - before["work_event"][0])
             taken |= {"energy_lost_j": lost} if lost else {}
-        found.append(told | taken | {"momentum_change": _change(before, after)})
+        # greatest change of the whole's momentum, in parts of the largest of a body; 0 where nothing moves
+        parts = []
+        for kind in ("linear", "angular"):
+            partial = np.concatenate([before[f"body_momentum_{kind}"], after[f"body_momentum_{kind}"]])
+            largest = float(np.linalg.norm(partial.reshape(-1, 3), axis=1).max())
+            moved = float(np.linalg.norm(after[f"momentum_{kind}"] - before[f"momentum_{kind}"]))
+            parts.append(moved / largest if largest else 0.0)
+        found.append(told | taken | {"momentum_change": max(parts)})
     return found
 
 
@@ -113,33 +107,6 @@ def _outputs(loop: ClosedLoop, time: float, x: Array, c: Array) -> dict[str, Arr
     """Outputs by name, each (n,)."""
     values = loop.outputs(time, x, loop.at(time, x, c))
     return {name: value.full().ravel() for name, value in zip(loop.outputs.name_out(), values, strict=True)}
-
-
-def _touch(
-    place: int, name: str, touched: dict[str, Mapping[str, Array]], now: Mapping[str, Array]
-) -> dict[str, Any]:
-    """Relative velocity at a contact; as it parts, impulse on the second and loss since it touched."""
-    told: dict[str, Any] = {"relative_velocity_m_s": now["contact_velocity"].reshape(-1, 3)[place].tolist()}
-    pair, _, kind = name.rpartition(".")
-    if kind == "touched":
-        touched[pair] = now
-    elif kind == "parted" and pair in touched:
-        before = touched.pop(pair)
-        impulse = (now["contact_impulse"] - before["contact_impulse"]).reshape(-1, 3)[place]
-        told["impulses_n_s"] = {name.partition(".")[0]: impulse.tolist()}
-        told["energy_lost_j"] = float((now["contact_loss"] - before["contact_loss"])[place])
-    return told
-
-
-def _change(before: Mapping[str, Array], after: Mapping[str, Array]) -> float:
-    """Greatest change of the whole's momentum, in parts of the largest of a body; 0 where nothing moves."""
-    parts = []
-    for kind in ("linear", "angular"):
-        partial = np.concatenate([before[f"body_momentum_{kind}"], after[f"body_momentum_{kind}"]])
-        largest = float(np.linalg.norm(partial.reshape(-1, 3), axis=1).max())
-        change = float(np.linalg.norm(after[f"momentum_{kind}"] - before[f"momentum_{kind}"]))
-        parts.append(change / largest if largest else 0.0)
-    return max(parts)
 
 
 def outcome_of(scene: Scene, events: Sequence[Mapping[str, Any]]) -> str | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -44,9 +44,14 @@ def beyond_limits(scene: Scene, data: xr.Dataset) -> list[dict[str, Any]]:
             label = f"{body.name}/{joint.name}"
             if label not in labels:
                 continue
-            for quantity, lower, upper in _limits(
-                joint.kind, (joint.lower, joint.upper), joint.velocity, joint.effort
-            ):
+            # of those that the URDF limits; an effort or velocity of 0 stands for none
+            ranges = list[tuple[str, float, float]]()
+            if joint.kind != "continuous" and np.isfinite((joint.lower, joint.upper)).any():
+                ranges.append(("position", joint.lower, joint.upper))
+            for quantity, largest in (("rate", joint.velocity), ("torque", joint.effort)):
+                if 0 < largest < np.inf:
+                    ranges.append((quantity, -largest, largest))
+            for quantity, lower, upper in ranges:
                 name, factor, units = QUANTITIES[quantity]
                 slides = joint.kind == "prismatic"
                 values: Array = data[name].values[:, labels.index(label)]
@@ -69,17 +74,6 @@ def beyond_limits(scene: Scene, data: xr.Dataset) -> list[dict[str, Any]]:
                     }
                 )
     return found
-
-
-def _limits(
-    kind: str, travel: tuple[float, float], velocity: float, effort: float
-) -> Iterator[tuple[str, float, float]]:
-    """Quantity and its range, of those that the URDF limits; an effort or velocity of 0 stands for none."""
-    if kind != "continuous" and np.isfinite(travel).any():
-        yield "position", *travel
-    for quantity, largest in (("rate", velocity), ("torque", effort)):
-        if 0 < largest < np.inf:
-            yield quantity, -largest, largest
 
 
 def limit_warnings(found: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -58,28 +58,21 @@ def missed_captures(
         if grasp.config.begins == "closed" or capture is None or grasp.name in captured:
             continue
         time = data["time"].values
-        allowed = _may_close(scene, grasp, time, events)
+        # instants at which the phase lets it close (nt,)
+        phases = scene.scenario.phases
+        allowed = np.full(len(time), not phases)
+        begun = [(next(iter(phases)), -np.inf)] if phases else []
+        begun += [(event["who"], event["time_s"]) for event in events if event["kind"] == "phase"]
+        for (name, begin), (_, end) in pairwise([*begun, ("", np.inf)]):
+            captures = phases[name].captures
+            if captures is None or grasp.name in captures:
+                allowed |= (time >= begin) & (time <= end)
         if not allowed.any():
             found[grasp.name] = {"words": "no phase in which it may close began"}
         elif capture.at is not None:
             found[grasp.name] = {"words": f"the simulation ended before {capture.at:g} s"}
         else:
             found[grasp.name] = _why(scene, grasp, capture, data, allowed)
-    return found
-
-
-def _may_close(scene: Scene, grasp: SceneGrasp, time: Array, events: Sequence[Mapping[str, Any]]) -> Booleans:
-    """Instants at which the phase lets a grasp close (nt,)."""
-    phases = scene.scenario.phases
-    if not phases:
-        return np.ones(len(time), bool)
-    begun = [(next(iter(phases)), -np.inf)]
-    begun += [(event["who"], event["time_s"]) for event in events if event["kind"] == "phase"]
-    found = np.zeros(len(time), bool)
-    for (name, begin), (_, end) in pairwise([*begun, ("", np.inf)]):
-        captures = phases[name].captures
-        if captures is None or grasp.name in captures:
-            found |= (time >= begin) & (time <= end)
     return found
 
 
@@ -130,6 +123,9 @@ def _why(
         around = next(run for run in passes if run.start <= stay.start < run.stop)
         part = slice(stay.stop, around.stop)
     span = rows[part]
+    # each instant stands for half of its gaps
+    edges = time[span]
+    lengths = np.diff(np.r_[edges[:1], (edges[1:] + edges[:-1]) / 2, edges[-1:]])
     for name, mask in over.items():
         here = mask[part]
         if here.any():
@@ -139,7 +135,7 @@ def _why(
                     "allowed": limits[name],
                     "found": float(values[name][part].max()),
                     "from_s": float(time[span[int(np.argmax(here))]]),
-                    "for_s": _duration(time, span, here),
+                    "for_s": float(lengths[here].sum()) if len(span) > 1 else 0.0,
                 }
             )
     told["violated"].sort(key=lambda one: (one["from_s"], -one["for_s"]))
@@ -169,15 +165,6 @@ def _runs(mask: Booleans, rows: npt.NDArray[np.int64], close: Booleans) -> Itera
             begin = None
         if k < len(rows) and mask[k] and begin is None:
             begin = k
-
-
-def _duration(time: Array, span: npt.NDArray[np.int64], mask: Booleans) -> float:
-    """Time [s] for which a mask holds at instants of a span, each instant standing for half of its gaps."""
-    if len(span) < 2:
-        return 0.0
-    edges = time[span]
-    middle = np.r_[edges[0], (edges[1:] + edges[:-1]) / 2, edges[-1]]
-    return float(np.diff(middle)[mask].sum())
 
 
 def _quantities(
