@@ -169,7 +169,8 @@ def _begin(layout: ThrusterLayout, wanted: ca.SX) -> _Path:
 
 def _step(layout: ThrusterLayout, path: _Path) -> _Path:
     """To the next kink, or to the end."""
-    moves = _worth(layout, _system(layout, path.levels), path.wrench) / EVEN
+    solved = ca.ldl_solve(path.wrench, *_system(layout, path.levels))
+    moves = ca.densify(ca.mtimes(layout.gains.T, solved)) / EVEN  # B^T y (n x 1)
     levels, values, left = [], [], 1 - path.part
     kinks, ways = [], []
     for i, level in enumerate(ca.vertsplit(path.levels)):
@@ -201,11 +202,6 @@ def _system(layout: ThrusterLayout, levels: ca.SX) -> tuple[ca.SX, ca.SX, list[i
         system += (level == THROTTLED) * square
     diagonal, factor, order = ca.ldl(system)
     return diagonal, factor, order
-
-
-def _worth(layout: ThrusterLayout, system: tuple[ca.SX, ca.SX, list[int]], wrench: ca.SX) -> ca.SX:
-    """``B^T y`` (n x 1) of a wrench."""
-    return ca.densify(ca.mtimes(layout.gains.T, ca.ldl_solve(wrench, *system)))
 
 
 def _cut(values: ca.SX) -> ca.SX:

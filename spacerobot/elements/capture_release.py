@@ -166,23 +166,22 @@ class _Life:
             return GraspState(self.closed, self.mated, STILL, STILL)
         gap, turn = self.memory["rest_gap"].symbol, self._said("rest_turn", plant.rotation_axes)
         kept = TimeProfile(ca.SX(1), ca.SX(1, 1), ca.SX(1, 1))
-        drawing = self._fade() if self._is_drawn else kept
+        drawing = kept
+        if self._is_drawn:
+            # from 1 to 0 since the capture, by the cubic blend of Eq. 42; 0 where nothing is drawn any more
+            time = self.memory["draw_time"].symbol
+            passed = (self.grasp.context.time - self.memory["captured_at"].symbol) / time
+            s = ca.fmin(ca.fmax(passed, 0), 1)
+            drawing = TimeProfile(
+                self.drawn * (1 - s * s * (3 - 2 * s)),
+                -self.drawn * 6 * s * (1 - s) / time,
+                -self.drawn * (6 - 12 * s) / time**2,
+            )
         return GraspState(
             self.closed,
             self.mated,
             along(gap, kept if capture.draw_in is None else drawing),
             along(turn, kept if capture.draw_in_deg is None else drawing),
-        )
-
-    def _fade(self) -> TimeProfile:
-        """From 1 to 0 since the capture, by the cubic blend of Eq. 42; 0 where nothing is drawn any more."""
-        time = self.memory["draw_time"].symbol
-        passed = (self.grasp.context.time - self.memory["captured_at"].symbol) / time
-        s = ca.fmin(ca.fmax(passed, 0), 1)
-        return TimeProfile(
-            self.drawn * (1 - s * s * (3 - 2 * s)),
-            -self.drawn * 6 * s * (1 - s) / time,
-            -self.drawn * (6 - 12 * s) / time**2,
         )
 
     def _remembering(self, held: AccelerationConstraint, loss: ca.SX | None) -> AccelerationConstraint:

@@ -23,7 +23,6 @@ from spacerobot.elements.capture import Capture, GraspFailure, Release
 from spacerobot.elements.context import GraspContext
 from spacerobot.elements.contribution import Contribution, Output, PowerTerm
 from spacerobot.elements.element import Element
-from spacerobot.elements.grasp_state import GraspState
 from spacerobot.section import quantity
 
 OBSERVED = {
@@ -206,7 +205,22 @@ def relative_motion(grasp: GraspContext) -> RelativeMotion:
         none = ca.SX(3, 1)
         rest = RestPose(none, none, none, none, none)
     else:
-        wanted, rest = _held(grasp, hold)
+        # the tip's orientation at rest (3x3), and its place, which may be drawn in
+        mate_spin = plant.velocity(grasp.mate_frame)[1]
+        value, rate, acceleration = (
+            part if plant.planar else ca.mtimes(mate_rotation, part)
+            for part in (hold.turn.value, hold.turn.rate, hold.turn.acceleration)
+        )
+        mated = ca.mtimes(mate_rotation, hold.mated)
+        moving = ca.mtimes(mate_rotation, hold.gap.rate)
+        rest = RestPose(
+            ca.mtimes(mate_rotation, hold.gap.value),
+            moving,
+            rate,
+            cross(mate_spin, moving) + ca.mtimes(mate_rotation, hold.gap.acceleration),
+            cross(mate_spin, rate) + acceleration,
+        )
+        wanted = ca.mtimes(rotation_exp(value), mated) if value.nnz() else mated
     gap, velocity, spin = apart(grasp)
     return RelativeMotion(
         gap - rest.gap,
@@ -224,26 +238,6 @@ def apart(grasp: GraspContext) -> tuple[ca.SX, ca.SX, ca.SX]:
     mate_velocity, mate_spin = plant.velocity(grasp.mate_frame)
     gap = plant.placement(grasp.tip_frame)[1] - plant.placement(grasp.mate_frame)[1]
     return gap, tip_velocity - mate_velocity - cross(mate_spin, gap), tip_spin - mate_spin
-
-
-def _held(grasp: GraspContext, hold: GraspState) -> tuple[ca.SX, RestPose]:
-    """Tip's orientation at rest (3x3), and its place, which may be drawn in."""
-    plant, rotation = grasp.plant, grasp.plant.placement(grasp.mate_frame)[0]
-    mate_spin = plant.velocity(grasp.mate_frame)[1]
-    value, rate, acceleration = (
-        part if plant.planar else ca.mtimes(rotation, part)
-        for part in (hold.turn.value, hold.turn.rate, hold.turn.acceleration)
-    )
-    mated = ca.mtimes(rotation, hold.mated)
-    moving = ca.mtimes(rotation, hold.gap.rate)
-    rest = RestPose(
-        ca.mtimes(rotation, hold.gap.value),
-        moving,
-        rate,
-        cross(mate_spin, moving) + ca.mtimes(rotation, hold.gap.acceleration),
-        cross(mate_spin, rate) + acceleration,
-    )
-    return ca.mtimes(rotation_exp(value), mated) if value.nnz() else mated, rest
 
 
 def observed(

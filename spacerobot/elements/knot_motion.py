@@ -104,7 +104,12 @@ class Knots:
 
     def here(self, name: str, values: ca.SX) -> ca.SX:
         """Row of the interval (m x 1), of those of all intervals and of what is behind them (n + 1 x m)."""
-        changing = [j for j in range(values.size2()) if not _is_constant(values[:, j])]
+        # columns whose entries are not all one and the same number
+        changing = [
+            j
+            for j, column in enumerate(ca.horzsplit(values))
+            if not (column.is_constant() and len(np.unique(ca.DM(column).full())) == 1)
+        ]
         found = values[0, :].T
         if changing:
             constants, path = self.context.constants, f"{self.context.path}.{name}"
@@ -150,11 +155,6 @@ def _summed(weights: Sequence[ca.SX], values: list[ca.SX]) -> ca.SX:
     """Values (s of m x 1), each times its weight."""
     terms = [weight * value for weight, value in zip(weights, values, strict=True)]
     return sum(terms[1:], terms[0])
-
-
-def _is_constant(column: ca.SX) -> bool:
-    """Whether all its entries are one and the same number."""
-    return column.is_constant() and len(np.unique(ca.DM(column).full())) == 1
 
 
 def is_parted(times: Sequence[float] | Array, points: int) -> bool:

@@ -249,7 +249,14 @@ class Family:
                 if former and "kind" not in value:
                     raise ValueError(f"unknown key {former[0]!r}; use 'kind'")
             if isinstance(value, dict) and value.get("kind") not in tuple(found):
-                raise PydanticCustomError("unknown_kind", "{told}", {"told": _unknown(value, tuple(found))})
+                # the kind that was found, the registered kinds and those with similar names
+                allowed = f"allowed: {', '.join(found)}"
+                told = f"missing, {allowed}"
+                if "kind" in value:
+                    near = difflib.get_close_matches(str(value["kind"]), tuple(found), n=2)
+                    hint = f"did you mean {' or '.join(near)}? " if near else ""
+                    told = f"found {value['kind']!r}, {allowed}; {hint}your own come with --plugin FILE"
+                raise PydanticCustomError("unknown_kind", "{told}", {"told": told})
             return value
 
         return core_schema.no_info_before_validator_function(known, union)
@@ -266,12 +273,3 @@ class Family:
             each if each["$ref"] == default else each | {"required": ["kind"]} for each in found["oneOf"]
         ]
         return found
-
-
-def _unknown(section: Mapping[str, Any], found: tuple[str, ...]) -> str:
-    """Error text with the kind that was found, the registered kinds and those with similar names."""
-    if "kind" not in section:
-        return f"missing, allowed: {', '.join(found)}"
-    near = difflib.get_close_matches(str(section["kind"]), found, n=2)
-    hint = f"did you mean {' or '.join(near)}? " if near else ""
-    return f"found {section['kind']!r}, allowed: {', '.join(found)}; {hint}your own come with --plugin FILE"

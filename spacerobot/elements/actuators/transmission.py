@@ -123,7 +123,10 @@ class Transmission(Actuator):
         columns = [actuator.columns[joint] for joint in names]
         kinematics = plant.kinematics
         joints = [next(one for one in kinematics.joints if one.idx_v == column) for column in columns]
-        axes = [self._axis(actuator, joint.index) for joint in joints]
+        turning = [joint.index for joint in joints]
+        axes = [
+            kinematics.angular[j] if kinematics.angular[j].nnz() else kinematics.linear[j] for j in turning
+        ]
         spins = [kinematics.angular_velocity[joint.parent] for joint in joints]
         carried = ca.vertcat(*(ca.dot(axis, spin) for axis, spin in zip(axes, spins, strict=True)))
         size, rates = len(names), plant.v[columns]
@@ -132,7 +135,16 @@ class Transmission(Actuator):
         twisting = speed / ratio - rates
         labels = [f"{actuator.robot}/{joint}" for joint in names]
         stretch, torque, teeth = self._gear(actuator, labels, deflection, twisting)
-        friction = self._friction(actuator, speed)
+        # friction against the motors' motion (n x 1) [N m]
+        once = {
+            key: context.once(key, context.parameters.sparse(f"{context.path}.{key}"))
+            for key in ("coulomb", "viscous", *(("stribeck",) if self.stribeck else ()))
+        }
+        most, friction = once["coulomb"], once["viscous"] * speed
+        if self.stribeck:
+            most = most + once["stribeck"] * ca.exp(-((speed / context.number("stribeck_speed")) ** 2))
+        if self.coulomb or self.stribeck:
+            friction = friction + most * speed / ca.sqrt(speed**2 + context.number("coulomb_speed") ** 2)
 
         def answer(asked: ca.SX) -> Contribution:
             """States of motors and gears, and their reaction on the links that carry the motors."""
@@ -236,27 +248,6 @@ class Transmission(Actuator):
                     events.append(Event(f"{label}.{kind}.{side}", kind, label, guard, armed, sets))
         stretch = ca.fmax(deflection - half, 0) + ca.fmin(deflection + half, 0)
         return stretch, torque, tuple(events)
-
-    def _axis(self, actuator: ActuatorContext, joint: int) -> ca.SX:
-        """Axis of a joint (3x1), world axes."""
-        kinematics = actuator.plant.kinematics
-        turning = kinematics.angular[joint]
-        return turning if turning.nnz() else kinematics.linear[joint]
-
-    def _friction(self, actuator: ActuatorContext, speed: ca.SX) -> ca.SX:
-        """Friction against the motors' motion (n x 1) [N m]."""
-        context = actuator.context
-
-        def once(key: str) -> ca.SX:
-            return context.once(key, context.parameters.sparse(f"{context.path}.{key}"))
-
-        most, viscous = once("coulomb"), once("viscous")
-        found = viscous * speed
-        if self.stribeck:
-            most = most + once("stribeck") * ca.exp(-((speed / context.number("stribeck_speed")) ** 2))
-        if self.coulomb or self.stribeck:
-            found = found + most * speed / ca.sqrt(speed**2 + context.number("coulomb_speed") ** 2)
-        return found
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
         """A pattern that no joint matches."""

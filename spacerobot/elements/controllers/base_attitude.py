@@ -69,7 +69,15 @@ class BaseAttitude(RobotController):
         plant, joints = robot.plant, subtree(robot.plant.model, robot.base_joint)
         rotation, origin = plant.placement(robot.base_frame)
         centre = centre_of_mass(plant.model, plant.kinematics, plant.inertias, joints)
-        own = ca.mtimes(rotation, ca.mtimes(_inertia(robot), rotation.T))
+        # of the robot about its centre of mass as it begins (3x3), axes of the base; once computed
+        split = FreeFloating.split(plant.model, robot.start.kinematics, plant.inertias, robot.base_joint)
+        linear = split.base_inertia.size1() - (3 if split.base_inertia.size1() == 6 else 1)
+        inertia, coupling = split.base_inertia[linear:, linear:], split.base_inertia[:linear, linear:]
+        central = inertia - ca.mtimes(coupling.T, coupling) / total_mass(plant.model, plant.inertias, joints)
+        inertia = ca.SX(3, 3)
+        inertia[3 - central.size1() :, 3 - central.size1() :] = central
+        inertia = robot.context.once("inertia", ca.sparsify(robot.context.constants.expanded(inertia)))
+        own = ca.mtimes(rotation, ca.mtimes(inertia, rotation.T))
         if self.derivative == "filtered":
             spin = plant.velocity(robot.base_frame)[1]
             carried = ca.mtimes(own, spin)
@@ -92,16 +100,3 @@ class BaseAttitude(RobotController):
     def words(self) -> str:
         """Its gains."""
         return f"base_attitude {self.kp:g} / {self.ki:g} / {self.kd:g}, feed-forward {self.feed_forward:g}"
-
-
-def _inertia(robot: RobotContext) -> ca.SX:
-    """Inertia of the robot about its centre of mass as it begins (3x3), axes of the base; once computed."""
-    plant, constants = robot.plant, robot.context.constants
-    split = FreeFloating.split(plant.model, robot.start.kinematics, plant.inertias, robot.base_joint)
-    linear = split.base_inertia.size1() - (3 if split.base_inertia.size1() == 6 else 1)
-    whole, coupling = split.base_inertia[linear:, linear:], split.base_inertia[:linear, linear:]
-    mass = total_mass(plant.model, plant.inertias, subtree(plant.model, robot.base_joint))
-    central = whole - ca.mtimes(coupling.T, coupling) / mass
-    found = ca.SX(3, 3)
-    found[3 - central.size1() :, 3 - central.size1() :] = central
-    return robot.context.once("inertia", ca.sparsify(constants.expanded(found)))

@@ -100,9 +100,8 @@ class Rendezvous(Reference):
             closing = PEAK * (number("standoff") - number("end_distance")) / number("closing_speed")
         else:
             closing = ca.SX(5) if self.duration is None else number("duration")
-        arrived = number("approach_time")
-        time = arrived
-        left = arrived + number("wait") if self.wait else arrived
+        time = number("approach_time")
+        left = time + number("wait") if self.wait else time
         arrive = smooth_blend(context, (None, "arrived"), ca.SX(0), time)
         close = smooth_blend(context, ("left" if self.wait else "arrived", "closed"), left, closing)
         standoff = -context.number("standoff") * axis

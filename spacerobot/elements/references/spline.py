@@ -60,7 +60,15 @@ class Spline(Reference):
         found = TimeProfile(points[count - 1, :].T, ca.SX(3, 1), ca.SX(3, 1))
         for i in reversed(range(count - 1)):
             here = context.time < context.jump(f"times.{i + 1}", float(knots[i + 1]))
-            inside = _piece(knots[i : i + 2], context.time, points[i : i + 2, :], second[i : i + 2, :])
+            # cubic between two knots, from the waypoints and second derivatives there
+            width = float(knots[i + 1] - knots[i])
+            left, right = (knots[i + 1] - context.time) / width, (context.time - knots[i]) / width
+            a, b, m, n = points[i, :].T, points[i + 1, :].T, second[i, :].T, second[i + 1, :].T
+            inside = TimeProfile(
+                left * a + right * b + (m * (left**3 - left) + n * (right**3 - right)) * (width**2 / 6),
+                (b - a) / width + (n * (3 * right**2 - 1) - m * (3 * left**2 - 1)) * (width / 6),
+                left * m + right * n,
+            )
             found = TimeProfile(
                 ca.if_else(here, inside.value, found.value),
                 ca.if_else(here, inside.rate, found.rate),
@@ -98,18 +106,6 @@ class Spline(Reference):
         for i, displacement in enumerate(self.displacements):
             if displacement[2]:
                 yield f"displacements.{i}", list(displacement)
-
-
-def _piece(knots: Array, time: ca.SX, points: ca.SX, second: ca.SX) -> TimeProfile:
-    """Cubic between two knots, from the waypoints and second derivatives (2x3 each) there."""
-    width = float(knots[1] - knots[0])
-    left, right = (knots[1] - time) / width, (time - knots[0]) / width
-    a, b, m, n = points[0, :].T, points[1, :].T, second[0, :].T, second[1, :].T
-    return TimeProfile(
-        left * a + right * b + (m * (left**3 - left) + n * (right**3 - right)) * (width**2 / 6),
-        (b - a) / width + (n * (3 * right**2 - 1) - m * (3 * left**2 - 1)) * (width / 6),
-        left * m + right * n,
-    )
 
 
 def _clamped_spline_operator(knots: Array) -> ca.DM:
