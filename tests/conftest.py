@@ -3,6 +3,7 @@
 Code is compiled in a hurry, but as for users where compilers or rollouts are tested.
 """
 
+import gc
 import os
 import signal
 
@@ -57,6 +58,13 @@ def pytest_collection_modifyitems(items):
     for item in items:
         for marker in needs(item):
             item.add_marker(marker)
+
+
+def pytest_collection_finish():
+    """Collect garbage of tests alone: each collection would look through all modules and tests again."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(10_000, 20, 20)
 
 
 @pytest.fixture

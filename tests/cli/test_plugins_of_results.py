@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -15,6 +12,7 @@ import pytest
 from optim.campaign.store.folder import load_head, open_store
 from spacerobot.cli import plugins
 from spacerobot.errors import ResultError
+from tests import forks
 
 REPOSITORY = Path(__file__).parents[2]
 LED = ("--set", "robots.*.tips.tip.reference={kind: lemniscate, duration: 2}")
@@ -23,19 +21,9 @@ LED = ("--set", "robots.*.tips.tip.reference={kind: lemniscate, duration: 2}")
 @pytest.fixture(scope="module")
 def spacerobot(tmp_path_factory):
     home = tmp_path_factory.mktemp("plugins")
-    places = {"PYTHONPATH": str(REPOSITORY), "XDG_CONFIG_HOME": str(home / "config")}
 
     def run(*arguments):
-        command = [sys.executable, "-m", "spacerobot", *map(str, arguments)]
-        return subprocess.run(
-            command,
-            check=False,
-            env=os.environ | places,
-            cwd=home,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-        )
+        return forks.command(*arguments, folder=home, XDG_CONFIG_HOME=str(home / "config"))
 
     run.home = home
     return run

@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
 from spacerobot.rollout import build_rollout
+from tests import forks
 from tests.oracles.engine import Engine
 from tests.oracles.small_scenes import PLANAR, SPATIAL, random_x, small_scene
-
-ROOT = Path(__file__).parents[2]
 
 
 def run(script):
     """A script in a process of its own, so that its kinds stay out of other tests."""
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, check=False
-    )
+    done = forks.run(script)
     assert done.returncode == 0, done.stderr
 
 

@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from spacerobot.elements import load_plugin
 from spacerobot.errors import SpaceRobotError
+from tests import forks
 
 ROOT = Path(__file__).parents[2]
 PLUGINS = ROOT / "examples" / "plugins"
-
-
-def run(*arguments):
-    """The command in a process of its own, so that kinds stay out of other tests."""
-    command = [sys.executable, "-m", "spacerobot", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
 
 
 @pytest.mark.parametrize("name", ["impedance", "lemniscate", "reaction_wheel"])
@@ -83,9 +76,7 @@ assert formulate(sr.load_scene("docking", changes)).goal[0].name == "go: abreast
 
 
 def test_the_worked_examples_get_what_shipped_elements_get():
-    done = subprocess.run(
-        [sys.executable, "-c", SCRIPT], capture_output=True, text=True, cwd=ROOT, check=False
-    )
+    done = forks.run(SCRIPT)
     assert done.returncode == 0, done.stderr
 
 
@@ -107,24 +98,23 @@ assert done.stdout.split() == [b"lemniscate"], done
 
 
 def test_a_scene_with_kinds_of_ones_own_travels_to_other_processes():
-    command = [sys.executable, "-c", TRAVEL]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
+    done = forks.run(TRAVEL)
     assert done.returncode == 0, done.stderr
 
 
 def test_a_plugin_is_given_on_the_command_line():
     change = "robots.*.tips.tip.reference={kind: lemniscate}"
-    done = run("check", "paper", "--plugin", PLUGINS / "lemniscate.py", "--set", change)
+    done = forks.command("check", "paper", "--plugin", PLUGINS / "lemniscate.py", "--set", change)
     assert done.returncode == 0, done.stderr
     assert "reference lemniscate" in " ".join(done.stdout.split())
-    assert run("check", "paper", "--set", change).returncode == 2
+    assert forks.command("check", "paper", "--set", change).returncode == 2
 
 
 def test_the_pinocchio_engine_runs_a_plugin_from_its_one_file(tmp_path):
     changes = ["robots.rpr1.tips.tip.controllers={soft: {kind: impedance}}", "simulation.duration=0.02"]
     given = [word for change in changes for word in ("--set", change)]
     told = ["--plugin", PLUGINS / "impedance.py", *given, "--engine", "pinocchio", "--out", tmp_path / "out"]
-    done = run("run", "paper", *told)
+    done = forks.command("run", "paper", *told)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "out" / "result.nc").exists()
 

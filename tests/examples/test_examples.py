@@ -1,12 +1,11 @@
 """The numbered examples, each run as a user runs it, but small."""
 
-import os
 import runpy
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests import forks
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
@@ -51,14 +50,7 @@ def test_an_example_with_elements_of_its_own_runs(tmp_path):
     """In a process of its own, so that its kinds stay out of other tests."""
     name = OWN
     sizes, printed = SMALL[name]
-    code = f"import runpy; runpy.run_path({str(EXAMPLES / f'{name}.py')!r})['main'](**{sizes!r})"
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        check=False,
-    )
+    run = lambda: runpy.run_path(str(EXAMPLES / f"{name}.py"))["main"](**sizes)  # noqa: E731
+    done = forks.start(run, folder=tmp_path).wait()
     assert done.returncode == 0, done.stderr
     assert printed in done.stdout

@@ -1,8 +1,8 @@
 """The plugins of ``examples/plugins``, all in one scene: simulated, differentiated, planned and on a page."""
 
-import subprocess
-import sys
 from pathlib import Path
+
+from tests import forks
 
 ROOT = Path(__file__).parents[2]
 PLUGINS = sorted(path.stem for path in (ROOT / "examples" / "plugins").glob("*.py"))
@@ -110,7 +110,5 @@ def test_there_is_a_plugin_of_each_kind_that_the_documentation_shows():
 
 def test_plugins_are_simulated_differentiated_planned_with_and_shown(tmp_path):
     """In a process of its own, so that kinds stay out of other tests."""
-    done = subprocess.run(
-        [sys.executable, "-c", SCRIPT, str(tmp_path)], capture_output=True, text=True, cwd=ROOT, check=False
-    )
+    done = forks.run(SCRIPT, tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr

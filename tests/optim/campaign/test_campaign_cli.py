@@ -1,8 +1,6 @@
 """The command itself."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -13,6 +11,7 @@ from optim.campaign import load_campaign
 from optim.campaign.rollouts.gain_sets import controllers, gain_sets
 from spacerobot.errors import ScenarioError
 from spacerobot.registry import COMMANDS
+from tests import forks
 from tests.oracles import one_arm
 
 KP = json.dumps({"parameters": {"kp": {"paths": "robots.arm.tips.tip.pid.kp", "lower": 50, "upper": 90}}})
@@ -145,9 +144,7 @@ main()
 def test_a_full_disk_takes_nothing_with_it(invoke, small_file, tmp_path):
     section = ["--set", "campaign.series=[joint_torque, tip_error]", "--set", "campaign.series_step=0.01"]
     words = ["campaign", str(small_file), "--out", str(tmp_path / "store"), *section, "--threads", "1"]
-    child = subprocess.run(
-        [sys.executable, "-c", FULL, "850000", *words], capture_output=True, text=True, check=False
-    )
+    child = forks.run(FULL, 850000, *words)
     assert child.returncode == 2
     assert child.stderr.count("\n") == 1
     assert "campaign.nc: cannot be written" in child.stderr

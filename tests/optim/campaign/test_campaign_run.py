@@ -2,8 +2,6 @@
 
 import os
 import signal
-import subprocess
-import sys
 import time
 
 import numpy as np
@@ -18,6 +16,7 @@ from spacerobot.errors import ResultError, ScenarioError
 from spacerobot.quantities import default_metrics
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
+from tests import forks
 
 
 @pytest.fixture(scope="module")
@@ -120,14 +119,14 @@ run_campaign(load_scene(sys.argv[1]), Path(sys.argv[2]), executor=LocalExecutor(
 def test_kill_9_at_any_time(small, small_file, whole, tmp_path):
     folder = tmp_path / "store"
     for wait in (1, 6):  # until so many chunks are there
-        child = subprocess.Popen([sys.executable, "-c", KILLED, str(small_file), str(folder)])
+        child = forks.begin(KILLED, small_file, folder)
         began = time.monotonic()
         while child.poll() is None and time.monotonic() - began < 30:
             if len(list((folder / "chunks").glob("*.npz"))) >= wait:
                 break
             time.sleep(0.001)
         os.kill(child.pid, signal.SIGKILL)
-        assert child.wait() == -signal.SIGKILL
+        assert child.wait().returncode == -signal.SIGKILL
     assert not (folder / "campaign.nc").exists()
     run_campaign(small(), folder)
     xr.testing.assert_identical(load_campaign(folder), load_campaign(whole.folder))

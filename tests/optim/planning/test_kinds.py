@@ -1,8 +1,6 @@
 """Costs and limits of plans as kinds: their sections, factors by joint and by axis, and a user's own."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import casadi as ca
@@ -17,6 +15,7 @@ from optim.planning.search.plan_solver import PlanSolver
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.plan import PlanSection
+from tests import forks
 from tests.optim.planning.conftest import REACH
 
 ROOT = Path(__file__).parents[3]
@@ -119,15 +118,12 @@ def test_a_cost_and_a_limit_of_ones_own_come_from_one_file(tmp_path):
         "order": 4,
     }
     file.write_text(yaml.safe_dump(REACH | {"plan": plan}))
-    command = [sys.executable, "-m", "spacerobot"]
-    words = [*command, "plan", str(file), "--plugin", str(plugin), "--out", str(tmp_path / "out")]
-    done = subprocess.run(words, capture_output=True, text=True, cwd=ROOT, check=False)
+    done = forks.command("plan", file, "--plugin", plugin, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stdout + done.stderr
     told = json.loads((tmp_path / "out" / "plan.json").read_text())
     assert told["terms"]["tip_speed"] > 0.01
     assert "tip speed" in done.stdout
-    words = [*command, "check", str(file)]
-    without = subprocess.run(words, capture_output=True, text=True, cwd=ROOT, check=False)
+    without = forks.command("check", file)
     assert without.returncode == 2
     assert "your own come with --plugin FILE" in without.stderr.replace("\n", " ")
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import subprocess
 import sys
 import textwrap
@@ -20,6 +18,7 @@ from optim.methods.settings import EvolutionSettings, NlpSettings
 from optim.search.journal import Journal
 from optim.search.search import Search
 from spacerobot.errors import ResultError
+from tests import forks
 from tests.oracles.known_optima import quadratic, rosenbrock
 
 SMALL = EvolutionSettings(population=10, budget=150)
@@ -109,22 +108,25 @@ SCRIPT = """
 @pytest.mark.parametrize("method", ["ga", "nlp"])
 def test_a_process_killed_at_a_random_time_runs_on_to_the_same_answer(method, small_file, tmp_path):
     def start(folder):
-        command = [sys.executable, "-c", textwrap.dedent(SCRIPT), str(small_file), method, str(folder)]
-        return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=os.environ)
+        return forks.begin(SCRIPT, small_file, method, folder)
 
     def written(folder):
         return sum(path.stat().st_size for path in folder.glob("*.journal"))
 
-    whole = start(tmp_path / "whole").communicate(timeout=120)[0]
+    whole = start(tmp_path / "whole").wait().stdout
     share = np.random.default_rng().uniform(0.05, 0.9)
     size = share * written(tmp_path / "whole")
     process = start(tmp_path / "killed")
     while process.poll() is None and written(tmp_path / "killed") < size:
         time.sleep(0.002)
-    process.send_signal(signal.SIGKILL)
-    process.communicate()
+    process.kill()
+    process.wait()
     before = written(tmp_path / "killed")
-    resumed = start(tmp_path / "killed").communicate(timeout=120)[0]
+    # by a fresh Python, whose sets have another order
+    words = [textwrap.dedent(SCRIPT), str(small_file), method, str(tmp_path / "killed")]
+    resumed = subprocess.run(
+        [sys.executable, "-c", *words], stdout=subprocess.PIPE, text=True, check=True
+    ).stdout
     assert before > 0
     assert resumed == whole, f"killed at {share:.3f} of the journal"
     assert "objective" not in whole
