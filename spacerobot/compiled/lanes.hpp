@@ -51,7 +51,12 @@ MEMORY([])
 #endif
 #endif
 
-#define INLINE static inline __attribute__((always_inline))
+#ifdef __OPTIMIZE__
+#define ALWAYS_INLINE __attribute__((always_inline))
+#else  // -O0 asks for code soon: to inline would be most of the compiler's work
+#define ALWAYS_INLINE
+#endif
+#define INLINE static inline ALWAYS_INLINE
 
 #if LANES == 1
 
@@ -71,8 +76,8 @@ typedef int64_t bits __attribute__((vector_size(8 * LANES)));
 struct real {
   pack v;
   real() = default;
-  __attribute__((always_inline)) real(pack p) : v(p) {}
-  __attribute__((always_inline)) real(double s) : v(s - pack{}) {}  // s - 0 is s, whatever its sign
+  ALWAYS_INLINE real(pack p) : v(p) {}
+  ALWAYS_INLINE real(double s) : v(s - pack{}) {}  // s - 0 is s, whatever its sign
 };
 
 INLINE bits to_bits(real a) { return (bits)a.v; }
