@@ -27,16 +27,15 @@ from viz.drawing.motion import (
 from viz.drawing.view import first_view, view_of
 from viz.figures.collect import check_comparable
 from viz.figures.style import labels_of
-from viz.page.centres_of_mass import mass_data, no_masses
-from viz.page.contacts import contact_data, grip_data, no_contacts, no_grips
+from viz.page.centres_of_mass import NO_MASSES, mass_data
+from viz.page.contacts import NO_CONTACTS, NO_GRIPS, NO_PLUMES, contact_data, grip_data, plume_data
 from viz.page.events import event_data
 from viz.page.limits import drawn_limits
 from viz.page.meshcat_scene import Meshes, changed_descriptions, packed, poses, rounded
 from viz.page.panel import panel_data
 from viz.page.planet import planet_data
-from viz.page.plumes import no_plumes, plume_data
-from viz.page.reaction_wheels import no_reaction_wheels, reaction_wheel_data
-from viz.page.shots import shots
+from viz.page.reaction_wheels import NO_REACTION_WHEELS, reaction_wheel_data
+from viz.page.shots import box_corners, shots
 from viz.page.signals import chart_rows, quantities, signal_data
 
 FRAMES_PER_S = 25.0
@@ -92,8 +91,11 @@ def shown_data(
 ) -> dict[str, Any]:
     """The same of results as they were looked at, without the panel."""
     meshes = Meshes(node for one in shown for node in one.motion.nodes)
-    boxes = [_box(one) for one in shown]
-    low, high = np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)
+    # box around bodies and references, m
+    corners = [bounds(one.motion) for one in shown]
+    references = [one.result.array("tip_reference")[one.motion.rows].reshape(-1, 3) for one in shown]
+    low = np.vstack([*(lowest for lowest, _ in corners), *references]).min(axis=0)
+    high = np.vstack([*(highest for _, highest in corners), *references]).max(axis=0)
     scale = float(np.linalg.norm(high - low))
     force = max(greatest_force(one.result) for one in shown)
     view = view_of(shown[0].result, shown[0].scene)
@@ -104,21 +106,37 @@ def shown_data(
     if scenario.description and len({one.result.scenario.name for one in shown}) == 1:
         words = f"{scenario.description} ({words})"
     # warnings that belong beside the picture
-    found = []
+    who = [f"{one.label}: " if len(shown) > 1 else "" for one in shown]
+    found = [k + line for k, one in zip(who, shown, strict=True) for line in notices(one.result, one.scene)]
+    # points around what the tips do: the object, tips and references; none without tips
+    near = list[Array]()
     for one in shown:
-        who = f"{one.label}: " if len(shown) > 1 else ""
-        found += [who + line for line in notices(one.result, one.scene)]
-    warnings = list(dict.fromkeys(found))
+        motion, target = one.motion, one.scene.target
+        tips = [one.result.array(name)[motion.rows] for name in ("tip_reference", "tip_position")]
+        points = [path.reshape(-1, 3) for path in tips]
+        if not len(points[0]):
+            continue
+        if target is not None:
+            points.append(extremes(only(motion, target.name), low, high))
+        together = np.clip(np.concatenate(points), low, high)
+        middle, half = (together.min(axis=0) + together.max(axis=0)) / 2, np.ptp(together, axis=0) / 2
+        # a tip that holds still would alone fill the view
+        half = np.maximum(half, np.minimum(_NEAREST_SHARE * scale, (high - low) / 2))
+        near += list(box_corners(middle, half))
+    labels = [one.label for one in shown]
+    heading = (
+        f"{labels[0]} and {len(labels) - 1} others" if len(labels) > FIRST_SHOWN else " and ".join(labels)
+    )
     return {
-        "title": title or _title([one.label for one in shown]),
+        "title": title or heading,
         "about": words,
-        "notices": warnings,
+        "notices": list(dict.fromkeys(found)),
         "planar": shown[0].scene.planar,
         "towards": rounded(view.towards),
         "shots": shots(shown[0].result, shown[0].scene, shown[0].motion, view, (low, high)),
         "box": [rounded(low), rounded(high)],
         "reach": [rounded(point) for one in shown for point in extremes(one.motion, low, high)],
-        "near": [rounded(point) for one in shown for point in _near(one, low, high)],
+        "near": [rounded(point) for point in near],
         "scale": scale,
         "longest_arrow": _ARROW_SHARE,
         "greatest_force": force,
@@ -175,11 +193,11 @@ def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
         "grasp_tips": [],
         "forces": "",
         "mates": "",
-        "grips": no_grips(),
-        "contacts": no_contacts(),
-        "plumes": no_plumes(),
-        "wheels": no_reaction_wheels(),
-        "masses": no_masses(),
+        "grips": NO_GRIPS,
+        "contacts": NO_CONTACTS,
+        "plumes": NO_PLUMES,
+        "wheels": NO_REACTION_WHEELS,
+        "masses": NO_MASSES,
         "planet": None,
         "fine_time": packed(motion.time),
         "errors": [],
@@ -214,6 +232,7 @@ def run_data(shown: AnimatedResult) -> dict[str, Any]:
     error, led = result.array("tip_error")[finer], result.led_tips
     references, bodies = result.array("tip_reference")[rows], result.array("body_position")[rows]
     target = shown.scene.target
+    seen, carrying = [node.joint for node in motion.nodes], [tip.joint for tip in shown.scene.tips]
     return {
         "label": shown.label,
         "completed": result.completed,
@@ -224,7 +243,7 @@ def run_data(shown: AnimatedResult) -> dict[str, Any]:
         "tips": packed(result.array("tip_position")[rows]),
         "references": [packed(references[:, k]) for k in range(len(tips))],
         "target": packed(bodies[:, list(result.array("body")).index(target.name)]) if target else None,
-        "tip_nodes": [_node_of(tip.joint, shown) for tip in shown.scene.tips],
+        "tip_nodes": [seen.index(joint) if joint in seen else 0 for joint in carrying],
         "grasp_tips": [tips.index(grasp.tip.label) for grasp in shown.scene.grasps],
         "forces": packed(result.array("grasp_force")[rows]),
         "mates": packed(motion.mates),
@@ -239,42 +258,6 @@ def run_data(shown: AnimatedResult) -> dict[str, Any]:
         "errors": [packed(error[:, k]) if tip in led else None for k, tip in enumerate(tips)],
         "quantities": signal_data(shown_over_time, finer, drawn_limits(shown.scene)),
     }
-
-
-def _node_of(joint: int, shown: AnimatedResult) -> int:
-    """Place among the nodes of the one behind a joint; 0 if nothing of it can be seen."""
-    joints = [node.joint for node in shown.motion.nodes]
-    return joints.index(joint) if joint in joints else 0
-
-
-def _box(shown: AnimatedResult) -> tuple[Array, Array]:
-    """Box around bodies and references, m."""
-    result, motion = shown.result, shown.motion
-    low, high = bounds(motion)
-    reference = result.array("tip_reference")[motion.rows].reshape(-1, 3)
-    if len(reference):
-        low, high = np.minimum(low, reference.min(axis=0)), np.maximum(high, reference.max(axis=0))
-    return low, high
-
-
-def _near(shown: AnimatedResult, low: Array, high: Array) -> Array:
-    """Points (k, 3) around what the tips do: the object, tips and references; none without tips."""
-    result, motion = shown.result, shown.motion
-    points = [result.array(name)[motion.rows].reshape(-1, 3) for name in ("tip_reference", "tip_position")]
-    if not len(points[0]):
-        return np.zeros((0, 3))
-    if shown.scene.target is not None:
-        points.append(extremes(only(motion, shown.scene.target.name), low, high))
-    together = np.clip(np.concatenate(points), low, high)
-    middle, half = (together.min(axis=0) + together.max(axis=0)) / 2, np.ptp(together, axis=0) / 2
-    # a tip that holds still would alone fill the view
-    half = np.maximum(half, np.minimum(_NEAREST_SHARE * np.linalg.norm(high - low), (high - low) / 2))
-    corners = np.meshgrid(*np.stack([middle - half, middle + half]).T)
-    return np.stack(corners).reshape(3, -1).T
-
-
-def _title(labels: Sequence[str]) -> str:
-    return " and ".join(labels) if len(labels) <= FIRST_SHOWN else f"{labels[0]} and {len(labels) - 1} others"
 
 
 def notices(result: Result, scene: Scene) -> list[str]:

@@ -74,30 +74,17 @@ class CampaignSpread:
             end = int(there[k])
             own = {name: found[k, ::every][:end] for name, found in batch.outputs.items()}
             self._paths.append(np.pad(own["tip_position"], ((0, len(self._time) - end), (0, 0)), mode="edge"))
-            for title, name, signal in self._one(batch, state[k, :end], own):
+            nothing: dict[str, Any] = {"measures": {}, "costs": {}, "diverged_at_s": None, "steps": 0}
+            nothing |= {"status": "completed", "step_s": np.nan, "backend": batch.backend, "wall_s": 0.0}
+            rolled = Trajectory(self._time[:end], state[k, :end], own, **nothing)
+            data = build_dataset(self._scene, rolled, self._loop)
+            shown = quantities(Result(self._scene.scenario, data, {"unled_tips": unled_tips(self._scene)}))
+            every_signal = ((quantity.title, signal) for quantity in shown for signal in quantity.signals)
+            for title, signal in itertools.islice(every_signal, MOST_SIGNALS):
                 whole = np.full(len(self._time), np.nan)
-                whole[:end] = signal
-                self._signals.setdefault((title, name), []).append(whole)
+                whole[:end] = signal.values
+                self._signals.setdefault((title, signal.name), []).append(whole)
         return batch
-
-    def _one(self, batch: Batch, state: Array, outputs: dict[str, Array]) -> list[tuple[str, str, Array]]:
-        """Title, name and values of the signals of a rollout."""
-        scene = self._scene
-        nothing: dict[str, Any] = {"measures": {}, "costs": {}, "diverged_at_s": None, "steps": 0}
-        rolled = Trajectory(
-            self._time[: len(state)],
-            state,
-            outputs,
-            status="completed",
-            step_s=np.nan,
-            backend=batch.backend,
-            wall_s=0.0,
-            **nothing,
-        )
-        data = build_dataset(scene, rolled, self._loop)
-        shown = quantities(Result(scene.scenario, data, {"unled_tips": unled_tips(scene)}))
-        found = ((one.title, signal.name, signal.values) for one in shown for signal in one.signals)
-        return list(itertools.islice(found, MOST_SIGNALS))
 
     def data(self) -> dict[str, Any]:
         """Bands and paths so far.
@@ -113,7 +100,11 @@ class CampaignSpread:
         paths = np.reshape(
             self._paths[:MOST_PATHS], (min(MOST_PATHS, len(self._paths)), len(self._time), tips, 3)
         )
-        bands = [_quantiles(np.array(rows)) for rows in self._signals.values()]
+        # quantiles of the rollouts that go on at each time; not a number where none does
+        bands = np.full((len(self._signals), len(QUANTILES), len(self._time)), np.nan)
+        for band, rows in zip(bands, map(np.array, self._signals.values()), strict=True):
+            there = np.isfinite(rows).any(axis=0)
+            band[:, there] = np.nanquantile(rows[:, there], QUANTILES, axis=0)
         return {
             "time": packed(self._time),
             "quantiles": list(QUANTILES),
@@ -123,10 +114,3 @@ class CampaignSpread:
             "shape": list(paths.shape),
             "drawn": len(self._paths),
         }
-
-
-def _quantiles(rows: Array) -> Array:
-    """Quantiles (quantiles, nt) of signals (n, nt) that go on at each time; NaN where none does."""
-    found, there = np.full((len(QUANTILES), rows.shape[1]), np.nan), np.isfinite(rows).any(axis=0)
-    found[:, there] = np.nanquantile(rows[:, there], QUANTILES, axis=0)
-    return found

@@ -14,6 +14,8 @@ from viz.drawing.placements import JointPlacements
 from viz.page.meshcat_scene import packed
 
 _ROUNDING = 1e-6
+NO_MASSES: dict[str, Any] = {"centres": "", "momenta": "", "count": 0, "greatest": 0.0}
+"""Data of a scene in which nothing moves, or that has not been simulated yet."""
 
 
 def centres_of_mass(scene: Scene, joints: JointPlacements) -> tuple[Array, Array]:
@@ -58,7 +60,7 @@ def mass_data(result: Result, scene: Scene, motion: BodyMotion) -> dict[str, Any
     centres, masses = centres_of_mass(scene, motion.joints)
     moving = masses > 0
     if not moving.any():
-        return no_masses()
+        return NO_MASSES
     centres, masses = centres[:, moving], masses[moving]
     centre = np.einsum("tkc,k->tc", centres, masses) / masses.sum()
     own = result.array("body_momentum_linear")[rows][:, moving]
@@ -73,8 +75,3 @@ def mass_data(result: Result, scene: Scene, motion: BodyMotion) -> dict[str, Any
         "count": int(moving.sum()) + 1,
         "greatest": greatest if greatest > _ROUNDING * inner else 0.0,
     }
-
-
-def no_masses() -> dict[str, Any]:
-    """The same for a scene that has not been simulated yet."""
-    return {"centres": "", "momenta": "", "count": 0, "greatest": 0.0}

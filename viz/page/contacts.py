@@ -1,4 +1,4 @@
-"""Contacts and grasps for the page: contact forces, which grasps hold, and when they were captured."""
+"""Contacts, grasps and plumes for the page: forces, which grasps hold, and when they were captured."""
 
 from __future__ import annotations
 
@@ -13,13 +13,17 @@ from viz.drawing.motion import Rows
 from viz.page.meshcat_scene import packed
 
 _CAPTURED = 2  # a grasp's state
+NO_CONTACTS: dict[str, Any] = {"count": 0, "forces": "", "points": ""}
+NO_PLUMES: dict[str, Any] = {"count": 0, "forces": "", "points": "", "greatest": 0.0}
+NO_GRIPS: dict[str, Any] = {"held": "", "captures": [], "impulses": [], "greatest": 0.0}
+"""Data where nothing can touch, without thrusters, and where nothing is held yet."""
 
 
 def contact_data(result: Result, rows: Rows) -> dict[str, Any]:
     """Contacts near rows of a result: ``count``, ``forces`` [N] and ``points`` [m], packed (nt, count, 3)."""
     data = result.data
     if "contact" not in data.dims:
-        return no_contacts()
+        return NO_CONTACTS
     forces, points = strongest(result.array("contact_force"), result.array("contact_point"), rows)
     return {"count": data.sizes["contact"], "forces": packed(forces), "points": packed(points)}
 
@@ -36,9 +40,17 @@ def strongest(forces: Array, points: Array, rows: Rows) -> tuple[Array, Array]:
     return forces[most, own], points[most, own]
 
 
-def no_contacts() -> dict[str, Any]:
-    """The same where nothing can touch."""
-    return {"count": 0, "forces": "", "points": ""}
+def plume_data(result: Result, rows: Rows) -> dict[str, Any]:
+    """Thrusters near rows of a result: ``count``, ``forces`` [N] and ``points`` [m], packed (nt, count, 3).
+
+    ``greatest`` is the largest force [N]. A pulse may be shorter than the time between frames.
+    """
+    if "thruster" not in result.data.dims:
+        return NO_PLUMES
+    forces, points = strongest(result.array("thruster_force"), result.array("thruster_position"), rows)
+    greatest = float(np.linalg.norm(forces, axis=-1).max(initial=0.0))
+    own = {"forces": packed(forces), "points": packed(points), "greatest": greatest}
+    return {"count": result.data.sizes["thruster"], **own}
 
 
 def grip_data(result: Result, rows: Rows) -> dict[str, Any]:
@@ -63,8 +75,3 @@ def grip_data(result: Result, rows: Rows) -> dict[str, Any]:
     ]
     greatest = max((float(np.linalg.norm(one[1:])) for own in impulses for one in own), default=0.0)
     return {"held": packed(held), "captures": captures, "impulses": impulses, "greatest": greatest}
-
-
-def no_grips() -> dict[str, Any]:
-    """The same where nothing is held yet."""
-    return {"held": "", "captures": [], "impulses": [], "greatest": 0.0}

@@ -60,29 +60,27 @@ def joined(entry: str, read: Callable[[str], str]) -> str:
         for _, source in IMPORT.findall(text):
             visit(_resolved(path, source))
         importing.pop()
-        scopes[path] = _scope(path, text)
+        # the module as a constant that holds what it exports
+        given = DECLARED.findall(text)
+        # "a as b" is {a: b} where it is taken apart, and {b: a} where it is put together
+        for names in LISTED.findall(text):
+            given += [": ".join(reversed(name.split(" as "))) for name in _names(names)]
+        body = LISTED.sub("", DECLARED.sub("", SOURCE_MAP.sub("", text)))
+        body = IMPORT.sub(
+            lambda found: (
+                f"const {{ {', '.join(name.replace(' as ', ': ') for name in _names(found[1]))} }}"
+                f" = {_constant(_resolved(path, found[2]))};\n"
+            ),
+            body,
+        )
+        if (other := LEFT.search(body)) is not None:
+            message = f"{path}: this form of import or export cannot be joined: {other[0][:80]}"
+            raise SpaceRobotError(message)
+        exported = f"return {{ {', '.join(given)} }};"
+        scopes[path] = f"const {_constant(path)} = (() => {{\n{body}{exported}\n}})();"
 
     visit(entry)
     return '"use strict";\n(() => {\n' + "\n".join(scopes.values()) + "\n})();\n"
-
-
-def _scope(path: str, text: str) -> str:
-    """A module as a constant that holds what it exports."""
-    given = DECLARED.findall(text)
-    # "a as b" is {a: b} where it is taken apart, and {b: a} where it is put together
-    for names in LISTED.findall(text):
-        given += [": ".join(reversed(name.split(" as "))) for name in _names(names)]
-    body = LISTED.sub("", DECLARED.sub("", SOURCE_MAP.sub("", text)))
-    body = IMPORT.sub(
-        lambda found: (
-            f"const {{ {', '.join(name.replace(' as ', ': ') for name in _names(found[1]))} }}"
-            f" = {_constant(_resolved(path, found[2]))};\n"
-        ),
-        body,
-    )
-    if (other := LEFT.search(body)) is not None:
-        raise SpaceRobotError(f"{path}: this form of import or export cannot be joined: {other[0][:80]}")
-    return f"const {_constant(path)} = (() => {{\n{body}return {{ {', '.join(given)} }};\n}})();"
 
 
 def _names(text: str) -> list[str]:

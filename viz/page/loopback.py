@@ -118,7 +118,7 @@ class Loopback:
             "default_handler_class": _Nowhere,
             "default_handler_args": {"server": self},
             "websocket_max_message_size": self.largest_message,
-            "log_function": _quiet,
+            "log_function": lambda _: None,  # so that the command's output stays readable
         }
         server = tornado.httpserver.HTTPServer(tornado.web.Application(self.handlers(), **elsewhere))
         server.add_sockets(self._sockets)
@@ -180,7 +180,3 @@ class _Nowhere(LocalRequestHandler):
     def prepare(self) -> None:
         super().prepare()
         raise tornado.web.HTTPError(404)
-
-
-def _quiet(_: tornado.web.RequestHandler) -> None:
-    """Log nothing, so that the command's output stays readable."""

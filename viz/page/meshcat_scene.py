@@ -65,17 +65,19 @@ class Meshes:
 
     def node_data(self, nodes: Sequence[Node]) -> list[dict[str, Any]]:
         """Solids of each node, the body it belongs to, and whether it is that body's root."""
+        places = self._places
         return [
-            {"body": node.body, "base": node.is_base, "solids": [self._solid(s) for s in node.solids]}
+            {
+                "body": node.body,
+                "base": node.is_base,
+                "solids": [
+                    solid_data(solid)
+                    | ({"mesh": places[mesh_file(shape)]} if (shape := solid.geometry).kind == "mesh" else {})
+                    for solid in node.solids
+                ],
+            }
             for node in nodes
         ]
-
-    def _solid(self, solid: DrawnSolid) -> dict[str, Any]:
-        """Kind, size, colour and placement (column by column) of a solid, and its mesh's place."""
-        data = solid_data(solid)
-        if solid.geometry.kind == "mesh":
-            data["mesh"] = self._places[mesh_file(solid.geometry)]
-        return data
 
 
 def solid_data(solid: DrawnSolid) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,43 @@ def panel_data(results: Sequence[Result], names: Sequence[str]) -> dict[str, Any
         with its ``name``, its ``values`` of the metrics, None where there is none, and ``numbers``: texts by
         dotted path.
     """
-    found = [dict(_metrics(result)) for result in results]
+    # value and unit of each quantity that a result has; of a diverged one no value
+    found: list[dict[str, tuple[float | None, str]]] = []
+    for result in results:
+        summary, done = result.summary, result.completed
+        rows: list[tuple[str, float, str]] = []
+        errors = [summary["tip_error"][tip] for tip in result.led_tips]
+        if errors:
+            peaks = [
+                max(-axis["min_m"], axis["max_m"]) for tip in errors for k, axis in tip.items() if k != "norm"
+            ]
+            rows.append(("tip_error_peak", 1e3 * max(peaks), "mm"))
+            time = result.data.time.values
+            squares = (result.data.tip_error.sel(tip=result.led_tips).values ** 2).sum(axis=(1, 2))
+            rms = float(np.sqrt(np.trapezoid(squares, time) / (time[-1] - time[0]))) if len(time) > 1 else 0.0
+            rows.append(("tip_error_rms", 1e3 * rms, "mm"))
+        if summary["target"]:
+            rows.append(("target_rotation_peak", summary["target"]["max_rotation_deg"], "deg"))
+        if summary["bases"]:
+            turned = max(base["max_rotation_deg"] for base in summary["bases"].values())
+            rows.append(("base_rotation_peak", turned, "deg"))
+        if summary["greatest_torque"]["joint"] is not None:
+            torque = summary["greatest_torque"]
+            rows.append(("joint_torque_peak", torque["torque_n_m"], torque["unit"]))
+        if summary["greatest_grip"]["grasp"] is not None:
+            rows.append(("grip_force_peak", summary["greatest_grip"]["force_n"], "N"))
+        if "attitude_error" in summary:
+            worst = max(error["max_deg"] for error in summary["attitude_error"].values())
+            rows.append(("attitude_error_peak", worst, "deg"))
+        if "wheel_momentum" in result.data:
+            size = np.linalg.norm(result.data.wheel_momentum.dropna("body", how="all"), axis=-1)
+            rows.append(("wheel_momentum_peak", size.max(), "N m s"))
+        if "propellant_kg" in summary:
+            rows.append(("propellant", 1e3 * sum(summary["propellant_kg"].values()), "g"))
+        captured = [event["time_s"] for event in summary.get("events", ()) if event["kind"] == "captured"]
+        if captured:
+            rows.append(("capture_time", max(captured), "s"))
+        found.append({key: (float(v) if done and np.isfinite(v) else None, unit) for key, v, unit in rows})
     known = metrics()
     keys = [key for key in known if any(key in one for one in found)]
     units = {key: next(one[key][1] for one in found if key in one) for key in keys}
@@ -44,58 +80,18 @@ def panel_data(results: Sequence[Result], names: Sequence[str]) -> dict[str, Any
     return {"metrics": told, "designs": designs}
 
 
-def _metrics(result: Result) -> Iterator[tuple[str, tuple[float | None, str]]]:
-    """Value and unit of each quantity that a result has; of a diverged one no value."""
-    summary, done = result.summary, result.completed
-    rows: list[tuple[str, float, str]] = []
-    errors = [summary["tip_error"][tip] for tip in result.led_tips]
-    if errors:
-        peaks = [
-            max(-axis["min_m"], axis["max_m"]) for tip in errors for k, axis in tip.items() if k != "norm"
-        ]
-        rows.append(("tip_error_peak", 1e3 * max(peaks), "mm"))
-        time = result.data.time.values
-        squares = (result.data.tip_error.sel(tip=result.led_tips).values ** 2).sum(axis=(1, 2))
-        rms = float(np.sqrt(np.trapezoid(squares, time) / (time[-1] - time[0]))) if len(time) > 1 else 0.0
-        rows.append(("tip_error_rms", 1e3 * rms, "mm"))
-    if summary["target"]:
-        rows.append(("target_rotation_peak", summary["target"]["max_rotation_deg"], "deg"))
-    if summary["bases"]:
-        turned = max(base["max_rotation_deg"] for base in summary["bases"].values())
-        rows.append(("base_rotation_peak", turned, "deg"))
-    if summary["greatest_torque"]["joint"] is not None:
-        torque = summary["greatest_torque"]
-        rows.append(("joint_torque_peak", torque["torque_n_m"], torque["unit"]))
-    if summary["greatest_grip"]["grasp"] is not None:
-        rows.append(("grip_force_peak", summary["greatest_grip"]["force_n"], "N"))
-    if "attitude_error" in summary:
-        worst = max(error["max_deg"] for error in summary["attitude_error"].values())
-        rows.append(("attitude_error_peak", worst, "deg"))
-    if "wheel_momentum" in result.data:
-        size = np.linalg.norm(result.data.wheel_momentum.dropna("body", how="all"), axis=-1)
-        rows.append(("wheel_momentum_peak", size.max(), "N m s"))
-    if "propellant_kg" in summary:
-        rows.append(("propellant", 1e3 * sum(summary["propellant_kg"].values()), "g"))
-    captured = [event["time_s"] for event in summary.get("events", ()) if event["kind"] == "captured"]
-    if captured:
-        rows.append(("capture_time", max(captured), "s"))
-    for key, value, unit in rows:
-        yield key, (float(value) if done and np.isfinite(value) else None, unit)
-
-
 def differences(documents: Sequence[Any]) -> list[tuple[str, list[str]]]:
     """Dotted paths at which documents differ, with the value of each as text."""
     flat = [dict(_leaves(document, "")) for document in documents]
     paths = list(dict.fromkeys(path for leaves in flat for path in leaves))
-    found = [(path, [_value(leaves[path]) if path in leaves else "-" for leaves in flat]) for path in paths]
-    return [(path, values) for path, values in found if len(set(values)) > 1]
-
-
-def _value(value: Any) -> str:
-    """A scenario's value as text, numbers in no more digits than tell them apart for a reader."""
-    if value is None:
-        return "none"
-    return f"{value:.10g}" if isinstance(value, float) else str(value)
+    found = []
+    for path in paths:
+        # numbers in no more digits than tell them apart for a reader
+        known = [leaves.get(path, "-") for leaves in flat]
+        texts = ["none" if v is None else f"{v:.10g}" if isinstance(v, float) else str(v) for v in known]
+        if len(set(texts)) > 1:
+            found.append((path, texts))
+    return found
 
 
 def _leaves(node: Any, path: str) -> list[tuple[str, Any]]:

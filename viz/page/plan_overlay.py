@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -10,14 +9,11 @@ import pinocchio as pin
 import xarray as xr
 from scipy.interpolate import CubicSpline
 
-from spacerobot.arrays import Array
-from spacerobot.elements.plan_limit import ApproachCone
 from spacerobot.errors import ResultError
 from spacerobot.result import Result
-from spacerobot.scenario.plan import PlanSection
 from spacerobot.scene import Scene
 from spacerobot.scene.contacts import find_pairs
-from viz.drawing.motion import DrawnSolid, SceneGeometry, pad_solids, place, scene_nodes
+from viz.drawing.motion import SceneGeometry, pad_solids, place, scene_nodes
 from viz.page.animation import FRAMES_PER_S, animation
 from viz.page.meshcat_scene import packed, poses, rounded, solid_data
 
@@ -51,43 +47,19 @@ def beside_its_plan(flown: Result, scene: Scene, plan: xr.Dataset) -> dict[str, 
     # The plan's motion in frames; between its points configurations are splined.
     end = float(plan.time.values[-1])
     time = np.linspace(0.0, end, max(2, round(end * FRAMES_PER_S) + 1))
-    q = _over(plan.time.values, plan.q.values, time)
+    # Where two phases meet, one of two rows of the same time is taken.
+    first = np.append(True, np.diff(plan.time.values) > 0)
+    rows = plan.time.values[first]
+    q, tips = (CubicSpline(rows, plan[name].values[first], axis=0)(time) for name in ("q", "tip_position"))
     motion = place(scene, SceneGeometry.of(scene), q, time)
     target = None
     if run["target"] is not None and scene.target is not None:
         bases = [(node.body, node.is_base) for node in motion.nodes]
         target = packed(motion.position[:, bases.index((scene.target.name, True))])
-    ghost = run | {
-        "label": "plan",
-        "pale": True,
-        "completed": True,
-        "time": packed(motion.time),
-        "poses": poses(motion),
-        "tips": packed(_over(plan.time.values, plan.tip_position.values, motion.time)),
-        "target": target,
-        "fine_time": packed(plan.time.values),
-        "errors": [],
-        "quantities": list(_curves(run["quantities"], plan)),
-    }
-    marked = _marks(scene, float(data["scale"]))
-    nodes = [
-        node | {"solids": [*node["solids"], *marked.get(own.joint, ())]}
-        for node, own in zip(run["nodes"], scene_nodes(flown.scene()), strict=True)
-    ]
-    return data | {"runs": [run | {"nodes": nodes}, ghost], "over": True}
-
-
-def _over(time: Array, values: Array, wanted: Array) -> Array:
-    """Values between rows; where two phases meet, one of two rows of the same time is taken."""
-    first = np.append(True, np.diff(time) > 0)
-    return np.asarray(CubicSpline(time[first], values[first], axis=0)(wanted))
-
-
-def _curves(quantities: list[dict[str, Any]], plan: xr.Dataset) -> Iterator[dict[str, Any]]:
-    """Planned curves of the quantities that are flown and planned."""
+    # planned curves of the quantities that are flown and planned
     known = {"joint angle": ("joint_position", 180 / np.pi), "joint torque": ("torque", 1.0)}
-    labels = [str(joint) for joint in plan.joint.values]
-    for quantity in quantities:
+    labels, curves = [str(joint) for joint in plan.joint.values], []
+    for quantity in run["quantities"]:
         name, scale = known.get(quantity["title"], (None, 1.0))
         if name is not None:
             signals = [
@@ -95,32 +67,34 @@ def _curves(quantities: list[dict[str, Any]], plan: xr.Dataset) -> Iterator[dict
                 for signal in quantity["signals"]
                 if signal["name"] in labels
             ]
-            yield quantity | {"signals": signals}
+            curves.append(quantity | {"signals": signals})
+    ghost = run | {
+        "label": "plan",
+        "pale": True,
+        "completed": True,
+        "time": packed(motion.time),
+        "poses": poses(motion),
+        "tips": packed(tips),
+        "target": target,
+        "fine_time": packed(plan.time.values),
+        "errors": [],
+        "quantities": curves,
+    }
+    marked = _marks(scene, LONG * float(data["scale"]))
+    nodes = [
+        node | {"solids": [*node["solids"], *marked.get(own.joint, ())]}
+        for node, own in zip(run["nodes"], scene_nodes(flown.scene()), strict=True)
+    ]
+    return data | {"runs": [run | {"nodes": nodes}, ghost], "over": True}
 
 
-def _marks(scene: Scene, size: float) -> dict[int, list[dict[str, Any]]]:
-    """Keep-out zones and approach cones, by the joint that carries them."""
+def _marks(scene: Scene, length: float) -> dict[int, list[dict[str, Any]]]:
+    """Keep-out zones, and approach cones of a length [m], by the joint that carries them."""
     plan = scene.scenario.plan
     found: dict[int, list[dict[str, Any]]] = {}
     if plan is None:
         return found
-    for joint, solid in _kept_out(scene, plan):
-        found.setdefault(joint, []).append(solid_data(solid))
-    cones = {
-        (section, name): limit.approach_cone
-        for part in plan.by_phase.values()
-        for section, name, limit in part.every_limit()
-    }
-    for cone in filter(None, cones.values()):
-        frame = scene.model.frames[scene.model.getFrameId(f"target/{cone.frame}", pin.FrameType.BODY)]
-        found.setdefault(int(frame.parentJoint), []).append(
-            _cone(frame.placement.homogeneous, cone, LONG * size)
-        )
-    return found
-
-
-def _kept_out(scene: Scene, plan: PlanSection) -> Iterator[tuple[int, DrawnSolid]]:
-    """Pads that stay apart, each once."""
+    # pads that stay apart, each once
     pairs = [
         pair
         for part in plan.by_phase.values()
@@ -129,20 +103,20 @@ def _kept_out(scene: Scene, plan: PlanSection) -> Iterator[tuple[int, DrawnSolid
         for pair in find_pairs(scene, apart.between, apart.wrap, f"plan.{section}.{name}")
     ]
     for shape in {shape.label: shape for pair in pairs for shape in pair if shape.path is not None}.values():
-        for solid in pad_solids(scene, shape, pairs):
-            yield shape.joint, solid
-
-
-def _cone(frame: Array, cone: ApproachCone, length: float) -> dict[str, Any]:
-    """A cone that opens from its mating frame against the direction of approach."""
-    back = -np.array(cone.axis) / np.linalg.norm(cone.axis)
-    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), back).toRotationMatrix()
-    placement = np.eye(4)
-    placement[:3, :3], placement[:3, 3] = turn, back * length / 2
-    wide = cone.radius + length * np.tan(np.radians(cone.half_angle_deg))
-    return {
-        "kind": "cone",
-        "size": rounded([cone.radius, wide, length]),
-        "rgba": list(CONE),
-        "matrix": rounded((frame @ placement).T),
+        found.setdefault(shape.joint, []).extend(map(solid_data, pad_solids(scene, shape, pairs)))
+    # cones that open from their mating frames against the direction of approach
+    cones = {
+        (section, name): limit.approach_cone
+        for part in plan.by_phase.values()
+        for section, name, limit in part.every_limit()
     }
+    for cone in filter(None, cones.values()):
+        frame = scene.model.frames[scene.model.getFrameId(f"target/{cone.frame}", pin.FrameType.BODY)]
+        back = -np.array(cone.axis) / np.linalg.norm(cone.axis)
+        turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), back).toRotationMatrix()
+        placement = frame.placement * pin.SE3(turn, back * length / 2)
+        wide = cone.radius + length * np.tan(np.radians(cone.half_angle_deg))
+        drawn = {"kind": "cone", "size": rounded([cone.radius, wide, length]), "rgba": list(CONE)}
+        drawn["matrix"] = rounded(placement.homogeneous.T)
+        found.setdefault(int(frame.parentJoint), []).append(drawn)
+    return found

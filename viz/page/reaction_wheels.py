@@ -14,6 +14,9 @@ from viz.page.meshcat_scene import packed, rounded
 FASTEST = 4.0
 """Angular velocity of the fastest wheel as drawn [rad/s]; a faster one may seem to stand still."""
 
+NO_REACTION_WHEELS: dict[str, Any] = {"count": 0, "nodes": [], "axes": [], "angles": "", "slowed": 1.0}
+"""Data where there are none."""
+
 
 def reaction_wheel_data(result: Result, motion: BodyMotion) -> dict[str, Any]:
     """Reaction wheels of a result: ``count``, and of each the ``nodes`` and ``axes`` (3,) of its base.
@@ -23,7 +26,7 @@ def reaction_wheel_data(result: Result, motion: BodyMotion) -> dict[str, Any]:
     """
     data = result.data
     if "wheel" not in data.dims:  # an element of one's own may give speeds of other dimensions
-        return no_reaction_wheels()
+        return NO_REACTION_WHEELS
     axes = {
         f"{robot}/{name}.{k}": axis
         for robot, section in result.scenario.robots.items()
@@ -44,8 +47,3 @@ def reaction_wheel_data(result: Result, motion: BodyMotion) -> dict[str, Any]:
         "angles": packed(angles / slowed),
         "slowed": slowed,
     }
-
-
-def no_reaction_wheels() -> dict[str, Any]:
-    """The same where there are none."""
-    return {"count": 0, "nodes": [], "axes": [], "angles": "", "slowed": 1.0}

@@ -78,13 +78,18 @@ def shots(
             beyond = max(reach, _LEAST * float(np.linalg.norm(box[1] - box[0])))
             middle = (mates.min(axis=0) + mates.max(axis=0)) / 2
             half = np.maximum(np.ptp(mates, axis=0) / 2 * 1.3, beyond)
-            corners = np.meshgrid(*np.stack([middle - half, middle + half]).T)
-            points = np.stack(corners).reshape(3, -1).T
+            points = box_corners(middle, half)
             seen = view if scene.planar else grasp_view(held, row, view)
         found.append(
             {"time": float(begin), "points": [rounded(p) for p in points], "towards": rounded(seen.towards)}
         )
     return found
+
+
+def box_corners(middle: Array, half: Array) -> Array:
+    """Corners (8, 3) of a box with this middle and half these edges (3,), m."""
+    corners = np.meshgrid(*np.stack([middle - half, middle + half]).T)
+    return np.stack(corners).reshape(3, -1).T
 
 
 def _size(motion: BodyMotion, row: int, box: tuple[Array, Array]) -> float:

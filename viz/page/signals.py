@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,7 @@ from viz.drawing.motion import Rows, pick_rows
 from viz.figures.bodies import rotation_deg, translation_mm
 from viz.figures.style import called, shown_axes
 from viz.page.limits import Limits
-from viz.page.meshcat_scene import Packed, packed
+from viz.page.meshcat_scene import packed
 
 NO_LIMITS: Limits = {}
 
@@ -23,6 +23,48 @@ MOST_SAMPLES = 1200
 """Samples over time, beside the extremes of each signal; a chart has about as many pixels."""
 
 ENERGIES = {"energy_kinetic": "kinetic", "energy_spring": "springs of grips", "energy_potential": "potential"}
+
+DEG = float(np.degrees(1.0))
+TIP_ERRORS = (
+    ("tip error", "mm", "led tip", "tip_error", 1e3, "size"),
+    ("tip error by axis", "mm", "led tip", "tip_error", 1e3, "along"),
+    ("tip orientation error", "deg", "led tip", "tip_orientation_error", DEG, "size"),
+)
+TIPS_TO_JOINTS = (
+    ("tip position", "m", "tip", "tip_position", 1.0, "along"),
+    ("tip reference", "m", "led tip", "tip_reference", 1.0, "along"),
+    ("tip velocity", "mm/s", "tip", "tip_velocity", 1e3, "along"),
+    ("grip force", "N", "grasp", "grasp_force", 1.0, "size"),
+    ("grip force by axis", "N", "grasp", "grasp_force", 1.0, "along"),
+    ("grip torque by axis", "N m", "grasp", "grasp_torque", 1.0, "about"),
+    ("gap of grips", "mm", "grasp", "grasp_gap", 1e3, "size"),
+    ("misalignment of grips", "deg", "oriented grasp", "grasp_misalignment", DEG, "size"),
+    ("contact force along the normal", "N", "contact", "contact_normal_force", 1.0, "value"),
+    ("contact force by axis", "N", "contact", "contact_force", 1.0, "along"),
+    ("gap of contacts", "mm", "contact", "contact_gap", 1e3, "value"),
+    ("joint angle", "deg", "turning joint", "joint_position", DEG, "value"),
+    ("joint rate", "deg/s", "turning joint", "joint_velocity", DEG, "value"),
+    ("joint torque", "N m", "turning joint", "joint_torque", 1.0, "value"),
+    ("joint travel", "mm", "sliding joint", "joint_position", 1e3, "value"),
+    ("joint speed", "mm/s", "sliding joint", "joint_velocity", 1e3, "value"),
+    ("joint force", "N", "sliding joint", "joint_torque", 1.0, "value"),
+)
+WHEELS = (
+    ("wheel speed", "rad/s", "wheel", "wheel_speed", 1.0, "value"),
+    ("wheel torque", "N m", "wheel", "wheel_torque", 1.0, "value"),
+    ("speed limit left to wheels", "%", "wheel", "wheel_margin", 100.0, "value"),
+    ("angular momentum of wheels by axis", "N m s", "acting body", "wheel_momentum", 1.0, "about"),
+)
+BASE_ERRORS = (
+    ("attitude error of bases by axis", "deg", "acting body", "base_attitude_error", DEG, "about"),
+    ("position error of bases by axis", "mm", "acting body", "base_position_error", 1e3, "along"),
+)
+THRUSTERS = (
+    ("thruster force", "N", "thruster", "thruster_force", 1.0, "size"),
+    ("propellant", "g", "acting body", "propellant", 1e3, "value"),
+)
+"""Curves: title, unit, whose, variable, factor; and its value, the vector's size, or the components along or
+about the axes in which anything moves."""
 
 SHIPPED = {
     "base_": "attitude_error position_error",
@@ -67,13 +109,16 @@ def quantities(result: Result) -> list[PlottedQuantity]:
     That is the tip error; where nothing leads a tip the errors of bases, the orbit, and the momentum. A
     body that is alone exchanges no momentum and may be the orbit's origin: its rotation precedes them.
     """
-    momenta, errors, orbit, bodies = (of(result) for of in (_momenta, _base_errors, _orbit, _bodies))
+    bodies, momenta, orbit = _bodies(result), _momenta(result), _orbit(result)
+    errors = _tabulated(result, BASE_ERRORS)
     alone = bodies if result.data.sizes["body"] == 1 else []
-    first = _tip_errors(result) or [*errors, *alone, *orbit, *momenta]
-    found = [*first, *_tips(result), *_grasps(result), *_contacts(result), *_joints(result)]
-    found += [*bodies, *momenta, *_wheels(result), *errors, *_thrusters(result), *orbit]
-    found += [*_energies(result), *_declared(result)]
-    by_title = {quantity.title: quantity for quantity in found if quantity.signals}
+    first = _tabulated(result, TIP_ERRORS) if result.led_tips else [*errors, *alone, *orbit, *momenta]
+    found = [*first, *_tabulated(result, TIPS_TO_JOINTS), *bodies, *momenta, *_tabulated(result, WHEELS)]
+    found += [*errors, *_tabulated(result, THRUSTERS), *orbit]
+    energies = [Signal(text, result.array(name)) for name, text in ENERGIES.items()]
+    works = [Signal(work_text(work), result.array(str(work.name))) for work in works_of(result.data)]
+    found += [PlottedQuantity("energy", "J", energies), PlottedQuantity("work since the start", "J", works)]
+    by_title = {quantity.title: quantity for quantity in [*found, *_declared(result)] if quantity.signals}
     return list(by_title.values())
 
 
@@ -84,11 +129,9 @@ def chart_rows(result: Result, shown: Iterable[PlottedQuantity]) -> Rows:
     for signal in (signal for quantity in shown for signal in quantity.signals):
         finite = np.isfinite(signal.values)
         if finite.any():
-            least, greatest = (
-                np.where(finite, signal.values, np.inf),
-                np.where(finite, signal.values, -np.inf),
-            )
-            rows.append(np.array([least.argmin(), greatest.argmax()], dtype=np.int64))
+            least = np.where(finite, signal.values, np.inf).argmin()
+            greatest = np.where(finite, signal.values, -np.inf).argmax()
+            rows.append(np.array([least, greatest], dtype=np.int64))
     return np.unique(np.concatenate(rows))
 
 
@@ -110,23 +153,15 @@ def signal_data(
             "title": quantity.title,
             "unit": quantity.unit,
             "signals": [
-                {"name": signal.name, "colour": signal.colour, "values": _packed(signal.values[rows])}
+                {"name": signal.name, "colour": signal.colour}
+                | {"values": packed(values[:1] if (values == values[0]).all() else values)}
                 | ({"limits": limits[place]} if (place := (quantity.title, signal.name)) in limits else {})
                 for signal in quantity.signals
+                for values in [signal.values[rows]]
             ],
         }
         for quantity in shown
     ]
-
-
-def _packed(values: Array) -> Packed:
-    return packed(values[:1] if (values == values[0]).all() else values)
-
-
-def _size(vectors: Array, names: Sequence[str], colours: Sequence[tuple[str, int]]) -> list[Signal]:
-    """Sizes of vectors (nt, k, 3)."""
-    size = np.linalg.norm(vectors, axis=-1)
-    return [Signal(name, size[:, k], colours[k]) for k, name in enumerate(names)]
 
 
 def _along(vectors: Array, names: Sequence[str], axes: Sequence[str]) -> list[Signal]:
@@ -143,189 +178,73 @@ def _about(result: Result) -> list[str]:
     return ["z"] if "body_angle" in result.data else ["x", "y", "z"]
 
 
-def _tip_errors(result: Result) -> list[PlottedQuantity]:
-    """Of the tips that are led."""
-    tips, axes = [str(tip) for tip in result.array("tip")], shown_axes(result)
-    led = result.led_tips
-    if not led:
-        return []
-    places = [tips.index(tip) for tip in led]
-    colours = [("tip", place) for place in places]
-    error = result.array("tip_error")[:, places] * 1e3
-    turned = np.degrees(result.array("tip_orientation_error")[:, places])
-    return [
-        PlottedQuantity("tip error", "mm", _size(error, led, colours)),
-        PlottedQuantity("tip error by axis", "mm", _along(error, led, axes)),
-        PlottedQuantity("tip orientation error", "deg", _size(turned, led, colours)),
-    ]
-
-
-def _tips(result: Result) -> list[PlottedQuantity]:
-    axes, led, names = shown_axes(result), result.led_tips, [str(tip) for tip in result.array("tip")]
-    references = result.array("tip_reference")[:, [names.index(tip) for tip in led]]
-    return [
-        PlottedQuantity("tip position", "m", _along(result.array("tip_position"), names, axes)),
-        PlottedQuantity("tip reference", "m", _along(references, led, axes)),
-        PlottedQuantity("tip velocity", "mm/s", _along(result.array("tip_velocity") * 1e3, names, axes)),
-    ]
-
-
-def _grasps(result: Result) -> list[PlottedQuantity]:
-    axes = shown_axes(result)
-    names, tips = [str(grasp) for grasp in result.array("grasp")], [str(tip) for tip in result.array("tip")]
-    colours = [("tip", tips.index(result.scenario.grasps[name].tip)) for name in names]
-    force = result.array("grasp_force")
-    return [
-        PlottedQuantity("grip force", "N", _size(force, names, colours)),
-        PlottedQuantity("grip force by axis", "N", _along(force, names, axes)),
-        PlottedQuantity(
-            "grip torque by axis", "N m", _along(result.array("grasp_torque"), names, _about(result))
-        ),
-        PlottedQuantity("gap of grips", "mm", _size(result.array("grasp_gap") * 1e3, names, colours)),
-        PlottedQuantity("misalignment of grips", "deg", _misalignments(result, names, colours)),
-    ]
-
-
-def _misalignments(result: Result, names: Sequence[str], colours: Sequence[tuple[str, int]]) -> list[Signal]:
-    """Angles between tips and where they are mated, of grasps that know it."""
-    if "grasp_misalignment" not in result.data:
-        return []
-    turned = np.degrees(np.linalg.norm(result.data.grasp_misalignment, axis=-1))
-    own = zip(names, turned.T, colours, strict=True)
-    return [Signal(name, values, colour) for name, values, colour in own if np.isfinite(values).all()]
-
-
-def _contacts(result: Result) -> list[PlottedQuantity]:
-    data, axes = result.data, shown_axes(result)
-    if "contact" not in data.dims:
-        return []
-    names = [str(contact) for contact in result.array("contact")]
-
-    def each(variable: str, factor: float = 1.0) -> list[Signal]:
-        return [Signal(n, data[variable].sel(contact=n).values * factor) for n in names]
-
-    return [
-        PlottedQuantity("contact force along the normal", "N", each("contact_normal_force")),
-        PlottedQuantity("contact force by axis", "N", _along(result.array("contact_force"), names, axes)),
-        PlottedQuantity("gap of contacts", "mm", each("contact_gap", 1e3)),
-    ]
-
-
-def _joints(result: Result) -> list[PlottedQuantity]:
-    turns = result.array("joint_kind") != "prismatic"
-    names = np.array([str(joint) for joint in result.array("joint")])
-    kinds = (
-        ("joint angle", "deg", "joint_position", turns, np.degrees(1.0)),
-        ("joint rate", "deg/s", "joint_velocity", turns, np.degrees(1.0)),
-        ("joint torque", "N m", "joint_torque", turns, 1.0),
-        ("joint travel", "mm", "joint_position", ~turns, 1e3),
-        ("joint speed", "mm/s", "joint_velocity", ~turns, 1e3),
-        ("joint force", "N", "joint_torque", ~turns, 1.0),
-    )
-    found = []
-    for title, unit, variable, chosen, factor in kinds:
-        values = result.array(variable)[:, chosen] * factor
-        found.append(
-            PlottedQuantity(title, unit, [Signal(n, values[:, k]) for k, n in enumerate(names[chosen])])
-        )
-    return found
+def _tabulated(
+    result: Result, rows: Iterable[tuple[str, str, str, str, float, str]]
+) -> Iterator[PlottedQuantity]:
+    """Quantities of a table's rows, of those that a result has variables for."""
+    data, tips = result.data, [str(tip) for tip in result.array("tip")]
+    axes = {"along": shown_axes(result), "about": _about(result)}
+    for title, unit, whose, key, factor, form in rows:
+        dim = whose.rpartition(" ")[2]
+        if key not in data or dim not in data[key].dims:
+            continue
+        values, labels = result.array(key), result.array(dim)
+        chosen: Any = np.ones(len(labels), dtype=bool)
+        if whose == "led tip":
+            chosen = np.isin(labels, result.led_tips)
+        elif dim == "joint":
+            chosen = (result.array("joint_kind") != "prismatic") == (whose == "turning joint")
+        elif whose == "oriented grasp":  # the others know no angle between the tip and where it is mated
+            chosen = np.isfinite(values).all(axis=(0, 2))
+        elif whose == "acting body":  # of the others the variable is not a number
+            chosen = ~np.isnan(values).reshape(len(values), len(labels), -1).all(axis=(0, 2))
+        names = [called(str(label)) if dim == "body" else str(label) for label in labels[chosen]]
+        values = values[:, chosen] * factor
+        if form in axes:
+            signals = _along(values, names, axes[form])
+        else:
+            values = values if form == "value" else np.linalg.norm(values, axis=-1)
+            colours: list[tuple[str, int] | None] = [None] * len(names)
+            if dim in ("tip", "grasp"):  # a grasp has the colour of its tip
+                own = [name if dim == "tip" else result.scenario.grasps[name].tip for name in names]
+                colours = [("tip", tips.index(tip)) for tip in own]
+            signals = list(map(Signal, names, values.T, colours))
+        yield PlottedQuantity(title, unit, signals)
 
 
 def _bodies(result: Result) -> list[PlottedQuantity]:
-    axes, about = shown_axes(result), _about(result)
-    names = [str(body) for body in result.array("body")]
-    said, colours = [called(name) for name in names], [("body", k) for k in range(len(names))]
-    turned = [rotation_deg(result, name)[1] for name in names]
-    moved = [translation_mm(result, name)[1] for name in names]
-    rotations = [v[:, 0] if len(about) == 1 else np.linalg.norm(v, axis=-1) for v in turned]
+    rotations, translations = list[Signal](), list[Signal]()
+    for k, name in enumerate(map(str, result.array("body"))):
+        turned, (axes, moved) = rotation_deg(result, name)[1], translation_mm(result, name)
+        rotation = turned[:, 0] if turned.shape[1] == 1 else np.linalg.norm(turned, axis=-1)
+        rotations.append(Signal(called(name), rotation, ("body", k)))
+        translations += [Signal(f"{called(name)} {axis}", moved[:, i]) for i, axis in enumerate(axes)]
     return [
-        PlottedQuantity(
-            "rotation since the start",
-            "deg",
-            [Signal(n, v, c) for n, v, c in zip(said, rotations, colours, strict=True)],
-        ),
-        PlottedQuantity(
-            "translation since the start",
-            "mm",
-            [
-                Signal(f"{n} {axis}", values[:, k])
-                for n, values in zip(said, moved, strict=True)
-                for k, axis in enumerate(axes)
-            ],
-        ),
+        PlottedQuantity("rotation since the start", "deg", rotations),
+        PlottedQuantity("translation since the start", "mm", translations),
     ]
 
 
 def _momenta(result: Result) -> list[PlottedQuantity]:
     """Of every body, of all together, and what came from outside."""
-    axes = shown_axes(result)
-    said = [called(str(name)) for name in result.array("body")]
-    colours = [("body", k) for k in range(len(said))]
-    momenta, given = {}, "impulse_linear" in result.data
+    bodies = [called(str(name)) for name in result.array("body")]
+    colours = [*(("body", k) for k in range(len(bodies))), ("all", 0), ("body", len(bodies))]
+    names, momenta = [*bodies, "all together"], {}
     for kind in ("linear", "angular"):
-        own, total = result.array(f"body_momentum_{kind}"), result.array(f"momentum_{kind}")
-        outside = [result.array(f"impulse_{kind}")[:, None]] if given else []
-        momenta[kind] = np.concatenate([own, total[:, None], *outside], axis=1)
-    everyone = [*said, "all together", *(["given from outside"] if given else [])]
-    together = [*colours, ("all", 0), *([("body", len(said))] if given else [])]
+        parts = [result.array(f"body_momentum_{kind}"), result.array(f"momentum_{kind}")[:, None]]
+        if "impulse_linear" in result.data:
+            parts.append(result.array(f"impulse_{kind}")[:, None])
+        momenta[kind] = np.concatenate(parts, axis=1)
+    if "impulse_linear" in result.data:
+        names.append("given from outside")
+    sizes = map(Signal, names, np.linalg.norm(momenta["linear"], axis=-1).T, colours)
+    by_axis = _along(momenta["linear"], names, shown_axes(result))
+    about = _along(momenta["angular"], names, _about(result))
     return [
-        PlottedQuantity("linear momentum", "N s", _size(momenta["linear"], everyone, together)),
-        PlottedQuantity("linear momentum by axis", "N s", _along(momenta["linear"], everyone, axes)),
-        PlottedQuantity(
-            "angular momentum by axis", "N m s", _along(momenta["angular"], everyone, _about(result))
-        ),
+        PlottedQuantity("linear momentum", "N s", list(sizes)),
+        PlottedQuantity("linear momentum by axis", "N s", by_axis),
+        PlottedQuantity("angular momentum by axis", "N m s", about),
     ]
-
-
-def _wheels(result: Result) -> list[PlottedQuantity]:
-    data = result.data
-    if "wheel" not in data.dims:
-        return []
-    names, about = [str(wheel) for wheel in result.array("wheel")], _about(result)
-    kinds = (
-        ("wheel speed", "rad/s", "wheel_speed", 1.0),
-        ("wheel torque", "N m", "wheel_torque", 1.0),
-        ("speed limit left to wheels", "%", "wheel_margin", 100.0),
-    )
-    carried = data.wheel_momentum.dropna("body", how="all")
-    bodies = [called(str(body)) for body in carried.body.values]
-    return [
-        *(
-            PlottedQuantity(
-                title, unit, [Signal(n, result.array(key)[:, k] * scale) for k, n in enumerate(names)]
-            )
-            for title, unit, key, scale in kinds
-            if key in data
-        ),
-        PlottedQuantity("angular momentum of wheels by axis", "N m s", _along(carried.values, bodies, about)),
-    ]
-
-
-def _base_errors(result: Result) -> list[PlottedQuantity]:
-    """Of bases that are held."""
-    data, found = result.data, list[PlottedQuantity]()
-    kinds = (
-        ("attitude error of bases by axis", "deg", "base_attitude_error", np.degrees(1.0), _about(result)),
-        ("position error of bases by axis", "mm", "base_position_error", 1e3, shown_axes(result)),
-    )
-    for title, unit, key, factor, along in kinds:
-        if key in data:
-            held = data[key].dropna("body", how="all")
-            names = [called(str(body)) for body in held.body.values]
-            found.append(PlottedQuantity(title, unit, _along(held.values * factor, names, along)))
-    return found
-
-
-def _thrusters(result: Result) -> list[PlottedQuantity]:
-    """Thruster forces and propellant consumption."""
-    data = result.data
-    if "thruster" not in data.dims:
-        return []
-    size = np.linalg.norm(result.array("thruster_force"), axis=-1)
-    forces = [Signal(str(name), size[:, k]) for k, name in enumerate(result.array("thruster"))]
-    spent = data.propellant.dropna("body", how="all") * 1e3
-    masses = [Signal(called(str(body)), spent.sel(body=body).values) for body in spent.body.values]
-    return [PlottedQuantity("thruster force", "N", forces), PlottedQuantity("propellant", "g", masses)]
 
 
 def _orbit(result: Result) -> list[PlottedQuantity]:
@@ -345,22 +264,10 @@ def _orbit(result: Result) -> list[PlottedQuantity]:
     return found
 
 
-def _energies(result: Result) -> list[PlottedQuantity]:
-    works = {work_text(work): result.array(str(work.name)) for work in works_of(result.data)}
-    return [
-        PlottedQuantity("energy", "J", [Signal(text, result.array(name)) for name, text in ENERGIES.items()]),
-        PlottedQuantity(
-            "work since the start", "J", [Signal(text, values) for text, values in works.items()]
-        ),
-    ]
-
-
 def _declared(result: Result) -> list[PlottedQuantity]:
     """Outputs of kinds of one's own, as they declare them: text, unit, and who they are of."""
-    known, found = (
-        {head + tail for head, tails in SHIPPED.items() for tail in tails.split()},
-        list[PlottedQuantity](),
-    )
+    known = {head + tail for head, tails in SHIPPED.items() for tail in tails.split()}
+    found = list[PlottedQuantity]()
     for key, variable in result.data.data_vars.items():
         name, (along, *dims) = str(key), variable.dims
         by_wheel = name.startswith("wheel_") and "wheel" in result.data.dims

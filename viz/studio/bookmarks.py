@@ -7,7 +7,7 @@ import io
 import os
 import re
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from spacerobot.errors import ResultError, ScenarioError, SpaceRobotError
 from spacerobot.files import write_text
 from spacerobot.result import Result
 from spacerobot.scenario.load import parse_yaml, to_document, to_yaml, validate
-from spacerobot.scene import Scene, build_scene
+from spacerobot.scene import build_scene
 from spacerobot.section import leaves
 from spacerobot.simulation import simulate
 from viz.page.page import write_animation
@@ -24,6 +24,9 @@ from viz.page.signals import quantities
 from viz.record import write_recording
 from viz.studio.edited_text import edited, flow
 from viz.studio.prepared_design import Origin, Tell
+
+KINDS = ("scenario", "result", "page", "gif", "mp4", "csv")
+"""What a design can be kept as."""
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 """What a file may be called."""
@@ -68,7 +71,36 @@ def keep(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as fault:
         raise ResultError(f"cannot be made: {fault.strerror}", source=folder) from None
-    KINDS[what](path, scene, origin, changes, tell)
+    if what == "scenario":
+        # The file that it came from with what changed, if that reads back to the same scene.
+        text, source = None, origin.scene.source
+        document, start = to_document(scene.scenario), path.parent.resolve()
+        if source is not None and source.is_file():
+            # URDFs as a scenario in a folder names them: those that do not ship, relative to it
+            files = {path: file for path, file in leaves(document) if path.endswith(".urdf") and file}
+            urdfs = {
+                path: Path(os.path.relpath(file, start)).as_posix()
+                for path, file in files.items()
+                if Path(file).is_absolute() and Path(file).anchor == start.anchor
+            }
+            text = edited(source.read_text(encoding="utf-8"), dict([*origin.given, *changes.items()]) | urdfs)
+        try:
+            read = {"name": scene.scenario.name} | parse_yaml(text or "")
+            same = to_document(build_scene(validate(read), source=path).scenario) == document
+        except (SpaceRobotError, TypeError):
+            same = False
+        plain = f"# Written by spacerobot studio, every value given.\n{to_yaml(scene.scenario)}"
+        write_text(path, text if text is not None and same else plain)
+        return path
+    result = simulate(scene)
+    if what == "result":
+        result.save(path)
+    elif what == "page":
+        write_animation(result, path)
+    elif what == "csv":
+        write_text(path, table(result))
+    else:
+        write_recording(result, path, progress=tell)
     return path
 
 
@@ -113,52 +145,6 @@ def as_yaml(value: Any) -> str:
     return flow(value)
 
 
-def _scenario(path: Path, scene: Scene, origin: Origin, changes: Mapping[str, Any], _: Tell) -> None:
-    """The file that the scenario came from with what changed, if that reads back to the same scene."""
-    pairs = dict([*origin.given, *changes.items()])
-    source = origin.scene.source
-    if source is not None and source.is_file():
-        # URDFs by dotted path as a scenario in a folder names them: those that do not ship, relative to it.
-        document, start = to_document(scene.scenario), path.parent.resolve()
-        files = {path: file for path, file in leaves(document) if path.endswith(".urdf") and file}
-        urdfs = {
-            path: Path(os.path.relpath(file, start)).as_posix()
-            for path, file in files.items()
-            if Path(file).is_absolute() and Path(file).anchor == start.anchor
-        }
-        text = edited(source.read_text(encoding="utf-8"), pairs | urdfs)
-        if text is not None and _same(text, path, scene):
-            write_text(path, text)
-            return
-    write_text(path, f"# Written by spacerobot studio, every value given.\n{to_yaml(scene.scenario)}")
-
-
-def _same(text: str, path: Path, scene: Scene) -> bool:
-    """Whether a text is the scenario of a scene, read from where it will stand."""
-    try:
-        document = {"name": scene.scenario.name} | parse_yaml(text)
-        found = build_scene(validate(document), source=path)
-    except (SpaceRobotError, TypeError):
-        return False
-    return to_document(found.scenario) == to_document(scene.scenario)
-
-
-def _result(path: Path, scene: Scene, *_: Any) -> None:
-    simulate(scene).save(path)
-
-
-def _page(path: Path, scene: Scene, *_: Any) -> None:
-    write_animation(simulate(scene), path)
-
-
-def _recording(path: Path, scene: Scene, _: Origin, __: Mapping[str, Any], tell: Tell) -> None:
-    write_recording(simulate(scene), path, progress=tell)
-
-
-def _csv(path: Path, scene: Scene, *_: Any) -> None:
-    write_text(path, table(simulate(scene)))
-
-
 def table(result: Result) -> str:
     """All curves of a result as comma-separated values, a row for each sample."""
     columns = [("time [s]", result.data.time.values)]
@@ -169,14 +155,3 @@ def table(result: Result) -> str:
     writer.writerow([name for name, _ in columns])
     writer.writerows(zip(*(map(repr, values.tolist()) for _, values in columns), strict=True))
     return text.getvalue()
-
-
-KINDS: Mapping[str, Callable[..., None]] = {
-    "scenario": _scenario,
-    "result": _result,
-    "page": _page,
-    "gif": _recording,
-    "mp4": _recording,
-    "csv": _csv,
-}
-"""What writes each kind of file."""

@@ -15,7 +15,6 @@ from spacerobot.scenario import Campaign
 from spacerobot.scenario.validation_errors import explain
 from viz.page.campaign_spread import CampaignSpread
 from viz.studio.job import Job
-from viz.studio.messages import Request
 from viz.studio.prepared_design import DesignCache, PreparedDesign
 
 MOST_SAMPLES = 4096
@@ -30,33 +29,8 @@ def cloud(_: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float], j
     SpaceRobotError
         If the request asks for what there is not.
     """
-    request, metric = job.request, plant.metric(job.request.text("metric"))
-    campaign = _campaign(request, plant, numbers)
-    paths = [parameter.paths[0] for parameter in campaign.parameters.values()]
-    draws = draw(campaign)
-    for path, column in zip(paths, draws.T, strict=True):
-        for end in (column.min(), column.max()):
-            plant.leaves[path].check(float(end))
-    job.tell(always=True, progress=0.0, message="compiling many rollouts at once")
-    others = {path: value for path, value in numbers.items() if path not in paths}
-    names, fixed = [*paths, *others], list(others.values())
-    spread, costs = CampaignSpread(plant.scene, plant.ready.rollout), np.zeros(0)
-    chunk = min(CHUNK, spread.most)
-    for begin in range(0, len(draws), chunk):
-        piece = draws[begin : begin + chunk]
-        rows = np.hstack([piece, np.tile(fixed, (len(piece), 1))])
-        batch = spread.roll(names, rows, job.stop)
-        if job.stop.is_set():
-            break
-        costs = np.concatenate([costs, batch.costs[metric.key]])
-        state = "done" if len(costs) == len(draws) else "running"
-        job.tell(state, always=state == "running", **_told(spread, metric.factor * costs, len(draws)))
-    if job.stop.is_set():
-        job.tell("stopped", **(_told(spread, metric.factor * costs, len(draws)) if costs.size else {}))
-
-
-def _campaign(request: Request, plant: PreparedDesign, numbers: Mapping[str, float]) -> Campaign:
-    """Campaign section of what a request says is uncertain."""
+    request, metric = job.request, plant.metrics[job.request.text("metric")]
+    # campaign section of what the request says is uncertain
     spreads = request.pairs("spreads")
     if not spreads:
         raise ScenarioError("pin the numbers that are uncertain first")
@@ -69,10 +43,31 @@ def _campaign(request: Request, plant: PreparedDesign, numbers: Mapping[str, flo
         parameters[f"n{i}"] = {"paths": [path], **about, **spread}
     document = {"parameters": parameters, "samples": request.count("samples", 256, MOST_SAMPLES)}
     try:
-        return Campaign.model_validate(document)
+        campaign = Campaign.model_validate(document)
     except ValidationError as fault:
         where, message = explain(fault.errors(include_url=False)[0], document)
         raise ScenarioError(message, where=f"spreads ({where})") from None
+    paths = [parameter.paths[0] for parameter in campaign.parameters.values()]
+    draws = draw(campaign)
+    for path, column in zip(paths, draws.T, strict=True):
+        for end in (column.min(), column.max()):
+            plant.leaves[path].check(float(end))
+    job.tell(always=True, progress=0.0, message="compiling many rollouts at once")
+    others = {path: value for path, value in numbers.items() if path not in paths}
+    names, fixed = [*paths, *others], list(others.values())
+    gathered, costs = CampaignSpread(plant.scene, plant.ready.rollout), np.zeros(0)
+    chunk = min(CHUNK, gathered.most)
+    for begin in range(0, len(draws), chunk):
+        piece = draws[begin : begin + chunk]
+        rows = np.hstack([piece, np.tile(fixed, (len(piece), 1))])
+        batch = gathered.roll(names, rows, job.stop)
+        if job.stop.is_set():
+            break
+        costs = np.concatenate([costs, batch.costs[metric.key]])
+        state = "done" if len(costs) == len(draws) else "running"
+        job.tell(state, always=state == "running", **_told(gathered, metric.factor * costs, len(draws)))
+    if job.stop.is_set():
+        job.tell("stopped", **(_told(gathered, metric.factor * costs, len(draws)) if costs.size else {}))
 
 
 def _told(spread: CampaignSpread, values: Array, total: int) -> dict[str, Any]:

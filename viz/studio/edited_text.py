@@ -24,52 +24,40 @@ def edited(text: str, changes: Mapping[str, Any]) -> str | None:
     to, or at the end of one in braces. Where an anchor is shared the text may say too much: read it again.
     """
     for path, value in changes.items():
-        found = _put(text, path.split("."), value)
-        if found is None:
+        try:
+            node: Any = yaml.compose(text, Loader=Loader)
+        except yaml.YAMLError:
             return None
-        text = found
+        keys = path.split(".")
+        while keys:
+            child, key = None, keys[0]
+            if isinstance(node, yaml.MappingNode):
+                child = next((child for name, child in node.value if name.value == key), None)
+            elif isinstance(node, yaml.SequenceNode) and key.isdecimal() and int(key) < len(node.value):
+                child = node.value[int(key)]
+            if child is None:
+                break
+            node, keys = child, keys[1:]
+        begin, end = node.start_mark.index, node.end_mark.index
+        if keys:
+            # a new key in a mapping, and sections behind it
+            if not isinstance(node, yaml.MappingNode) or not (node.flow_style or node.value):
+                return None
+            for key in reversed(keys[1:]):
+                value = {key: value}
+            entry = f"{flow(keys[0])}: {flow(value)}"
+            if node.flow_style:
+                text = f"{text[: end - 1]}{', ' if node.value else ''}{entry}{text[end - 1 :]}"
+            else:
+                first = node.value[0][0].start_mark
+                text = f"{text[: first.index]}{entry}\n{' ' * first.column}{text[first.index :]}"
+            continue
+        if begin == end or text[begin] in "*&":
+            return None
+        if isinstance(node, yaml.CollectionNode):
+            end = len(text[:end].rstrip())
+        text = text[:begin] + flow(value) + text[end:]
     return text
-
-
-def _put(text: str, keys: list[str], value: Any) -> str | None:
-    try:
-        node: Any = yaml.compose(text, Loader=Loader)
-    except yaml.YAMLError:
-        return None
-    while keys:
-        child = _child(node, keys[0])
-        if child is None:
-            return _added(text, node, keys, value) if isinstance(node, yaml.MappingNode) else None
-        node, keys = child, keys[1:]
-    begin, end = node.start_mark.index, node.end_mark.index
-    if begin == end or text[begin] in "*&":
-        return None
-    if isinstance(node, yaml.CollectionNode):
-        end = len(text[:end].rstrip())
-    return text[:begin] + flow(value) + text[end:]
-
-
-def _child(node: Any, key: str) -> Any:
-    """Node of a key or index; None if there is none."""
-    if isinstance(node, yaml.MappingNode):
-        return next((child for name, child in node.value if name.value == key), None)
-    if isinstance(node, yaml.SequenceNode) and key.isdecimal() and int(key) < len(node.value):
-        return node.value[int(key)]
-    return None
-
-
-def _added(text: str, node: yaml.MappingNode, keys: list[str], value: Any) -> str | None:
-    """Text with a new key in a mapping, and sections behind it."""
-    for key in reversed(keys[1:]):
-        value = {key: value}
-    entry = f"{flow(keys[0])}: {flow(value)}"
-    if node.flow_style:
-        close = node.end_mark.index - 1
-        return f"{text[:close]}{', ' if node.value else ''}{entry}{text[close:]}"
-    if not node.value:
-        return None
-    first = node.value[0][0].start_mark
-    return f"{text[: first.index]}{entry}\n{' ' * first.column}{text[first.index :]}"
 
 
 def flow(value: Any) -> str:

@@ -4,46 +4,11 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 from viz.studio.messages import Request
-
-
-@dataclass(frozen=True)
-class SearchFound:
-    """How far a search is.
-
-    Attributes
-    ----------
-    progress
-        Part of its budget that is spent.
-    values, objective
-        Best so far, by path, and the metric there.
-    start
-        The metric of the design that it began with.
-    curve
-        Rollouts spent and best metric, in turn.
-    message
-        How it is getting on, or how it ended.
-    """
-
-    progress: float
-    values: Mapping[str, float]
-    objective: float
-    start: float
-    curve: Sequence[tuple[float, float]]
-    message: str = ""
-
-    def plain(self) -> dict[str, Any]:
-        """Plain data for the page."""
-        best = {"values": dict(self.values), "objective": self.objective} if self.curve else None
-        about = {"progress": self.progress, "message": self.message, "start": self.start}
-        # at most about 300 points of the curve, the last one included
-        curve = [*self.curve[: -1 : max(1, len(self.curve) // 300)], *self.curve[-1:]]
-        return {**about, "best": best, "curve": [list(point) for point in curve]}
-
 
 PAUSE_S = 0.1
 """At least so long between two messages of a job."""
@@ -75,16 +40,15 @@ class Job:
     told_at: float = 0.0
     ended: bool = False
 
+    @property
+    def is_due(self) -> bool:
+        """Whether the last message is long enough ago for another one."""
+        return time.monotonic() - self.told_at > PAUSE_S
+
     def tell(self, state: str = "running", *, always: bool = False, **what: Any) -> None:
         """Tell the page, but not too often."""
-        now = time.monotonic()
-        if always or state != "running" or now - self.told_at > PAUSE_S:
-            self.told_at = now
+        if always or state != "running" or self.is_due:
+            self.told_at = time.monotonic()
             self.ended |= state != "running"
             about = {"type": "job", "id": self.id, "kind": self.request.kind, "state": state}
             self.send(self.page, {**about, "metric": self.request.more.get("metric"), **what})
-
-    def found(self, found: SearchFound, state: str = "running", *, always: bool = False) -> None:
-        """Tell how far a search is."""
-        if always or state != "running" or time.monotonic() - self.told_at > PAUSE_S:
-            self.tell(state, always=True, **found.plain())

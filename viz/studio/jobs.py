@@ -12,7 +12,7 @@ from viz.studio.campaign import cloud
 from viz.studio.job import Job, Send
 from viz.studio.messages import Request
 from viz.studio.prepared_design import DesignCache
-from viz.studio.search import improve, methods, tune
+from viz.studio.search import improve, tune
 
 
 class Jobs:
@@ -27,8 +27,6 @@ class Jobs:
     more
         What does kinds of jobs beside those of ``DO``.
     """
-
-    methods = staticmethod(methods)
 
     def __init__(
         self, plants: DesignCache, send: Send, more: Mapping[str, Callable[..., None]] | None = None

@@ -179,14 +179,11 @@ def packets(message: Mapping[str, Any]) -> list[str | bytes]:
     """
     arrays: dict[str, np.ndarray[Any, Any]] = {}
     plain = _without(message, "", arrays)
-    if not arrays:
-        return [_text(plain)]
-    plain["binary"] = [{"name": name, "shape": array.shape} for name, array in arrays.items()]
-    return [_text(plain), b"".join(np.ascontiguousarray(a, "<f4").tobytes() for a in arrays.values())]
-
-
-def _text(plain: Any) -> str:
-    return json.dumps(plain, allow_nan=False, separators=(",", ":"))
+    if arrays:
+        plain["binary"] = [{"name": name, "shape": array.shape} for name, array in arrays.items()]
+    text = json.dumps(plain, allow_nan=False, separators=(",", ":"))
+    numbers = b"".join(np.ascontiguousarray(a, "<f4").tobytes() for a in arrays.values())
+    return [text, numbers] if arrays else [text]
 
 
 def _without(node: Any, path: str, arrays: dict[str, np.ndarray[Any, Any]]) -> Any:

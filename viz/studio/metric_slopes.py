@@ -5,14 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
-from spacerobot.errors import ScenarioError
 from viz.studio.metrics import Metric
-from viz.studio.parameters import Leaf
 from viz.studio.prepared_design import PreparedDesign
 
 SHARE = 1e-4
 """Half a difference's width, as a share of the number, or of its slider where it is zero."""
-
 
 PART_S = 0.3
 """After so long what is known is told."""
@@ -50,7 +47,7 @@ def differences(
             continue
         leaf, value = plant.leaves[path], nominal[path]
         step = SHARE * (abs(value) or 0.5 * (leaf.slider[1] - leaf.slider[0]))
-        ends = [end if _allowed(leaf, end) else value for end in (value - step, value + step)]
+        ends = [value if leaf.fault(end) else end for end in (value - step, value + step)]
         costs = []
         for end in ends:
             if halted():
@@ -64,11 +61,3 @@ def differences(
             found, told_at = {}, time.monotonic()
     if found:
         yield found
-
-
-def _allowed(leaf: Leaf, value: float) -> bool:
-    try:
-        leaf.check(value)
-    except ScenarioError:
-        return False
-    return True

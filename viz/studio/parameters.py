@@ -71,14 +71,15 @@ class Leaf:
             Saying what was found and what is allowed.
         """
         if self.kind == "number" and not isinstance(value, dict | list | None):
-            told = self._fault(value)
+            told = self.fault(value)
         else:
             strange = self.choices and isinstance(value, str) and value not in self.choices
             told = near_names(str(value), self.choices) if strange else ""
         if told:
             raise ScenarioError(f"found {value!r}, {told}", where=self.path)
 
-    def _fault(self, value: Any) -> str:
+    def fault(self, value: Any) -> str:
+        """Reason why a number may not stand here; empty if it may."""
         if isinstance(value, bool | str) or not abs(value) < LARGEST:
             return "allowed: a finite number"
         low, high = self.low, self.high
@@ -94,17 +95,16 @@ class Leaf:
         if self.kind != "number":
             return told | ({"choices": list(self.choices)} if self.choices else {})
         limits = {"unit": self.unit, "low": self.low, "high": self.high}
-        return told | limits | {"slider": list(self._around(ends) if ends else self.slider)}
-
-    def _around(self, ends: tuple[float, float, str]) -> tuple[float, float, str]:
-        """Ends of a slider, farther apart where the value is at one of them or beyond it."""
-        low, high, scale = ends
-        own_low, own_high, _ = self.slider
-        value = float(self.value) if isinstance(self.value, int | float) else 0.0
-        if low < value < high or (low == value == self.low and value < high):
-            return ends
-        low, high = min(low, own_low), max(high, own_high)
-        return low, high, "log" if low > 0 and high / low > 2 * DECADES else scale
+        slider = self.slider
+        if ends:
+            # farther apart where the value is at one of the ends or beyond it
+            low, high, scale = ends
+            value = float(self.value) if isinstance(self.value, int | float) else 0.0
+            if not (low < value < high or (low == value == self.low and value < high)):
+                low, high = min(low, slider[0]), max(high, slider[1])
+                scale = "log" if low > 0 and high / low > 2 * DECADES else scale
+            slider = low, high, scale
+        return told | limits | {"slider": list(slider)}
 
     @property
     def slider(self) -> tuple[float, float, str]:
@@ -178,27 +178,22 @@ def _leaf(path: str, value: Value, field: FieldInfo | None, owner: Section, unit
     if isinstance(value, bool):
         return Leaf(path, value, "truth", "", text)
     if isinstance(value, int | float):
-        limits = _limits(field)
-        return Leaf(path, value, "number", unit, text, *limits)
+        low: float | None = None
+        high: float | None = None
+        is_open = [False, False]
+        for rule in field.metadata if field else ():
+            if isinstance(rule, annotated_types.Ge | annotated_types.Gt):
+                is_open[0] = isinstance(rule, annotated_types.Gt)
+                low = float(rule.gt if isinstance(rule, annotated_types.Gt) else rule.ge)  # type: ignore[arg-type]
+            elif isinstance(rule, annotated_types.Le | annotated_types.Lt):
+                is_open[1] = isinstance(rule, annotated_types.Lt)
+                high = float(rule.lt if isinstance(rule, annotated_types.Lt) else rule.le)  # type: ignore[arg-type]
+        return Leaf(path, value, "number", unit, text, low, high, (is_open[0], is_open[1]))
     if isinstance(owner, Element) and path.endswith(".kind"):
         choices = tuple(kinds(owner.family))
     else:
         choices = tuple(_words(field.annotation)) if field else ()
     return Leaf(path, value, "choice" if choices else "text", "", text, choices=choices)
-
-
-def _limits(field: FieldInfo | None) -> tuple[float | None, float | None, tuple[bool, bool]]:
-    low: float | None = None
-    high: float | None = None
-    open_low = open_high = False
-    for rule in field.metadata if field else ():
-        if isinstance(rule, annotated_types.Ge | annotated_types.Gt):
-            open_low = isinstance(rule, annotated_types.Gt)
-            low = float(rule.gt if isinstance(rule, annotated_types.Gt) else rule.ge)  # type: ignore[arg-type]
-        elif isinstance(rule, annotated_types.Le | annotated_types.Lt):
-            open_high = isinstance(rule, annotated_types.Lt)
-            high = float(rule.lt if isinstance(rule, annotated_types.Lt) else rule.le)  # type: ignore[arg-type]
-    return low, high, (open_low, open_high)
 
 
 def _words(annotation: Any) -> Iterator[str]:

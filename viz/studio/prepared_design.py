@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PureWindowsPath
@@ -106,16 +107,6 @@ class PreparedDesign:
     def nominal(self) -> dict[str, float]:
         """The structure's own numbers, by path."""
         return dict(zip(self.loop.parameter_paths, map(float, self.loop.parameter_values), strict=True))
-
-    def metric(self, key: str) -> Metric:
-        """Metric of a key.
-
-        Raises
-        ------
-        SpaceRobotError
-            If there is none.
-        """
-        return self.metrics[key]
 
     def cost(self, numbers: Mapping[str, float], metric: Metric) -> float | None:
         """A metric, without anything else; None where the rollout diverged."""
@@ -264,13 +255,32 @@ class DesignCache:
         """
         found = {}
         for path, value in values.items():
-            _check_place(path, value)
+            # no place beyond one of the scenario, and no file that is not beside it
+            if "*" in path:
+                raise ScenarioError("a pattern, which is for the command line alone", where=path)
+            for place, text in leaves(value, path):
+                file = str(text)
+                if place.rpartition(".")[2] == "urdf" and (
+                    Path(file).is_absolute() or PureWindowsPath(file).anchor or ".." in file or ":" in file
+                ):
+                    allowed = "a URDF that ships, or is in the scenario's folder"
+                    raise ScenarioError(f"found {file!r}, allowed on a page: {allowed}", where=place)
             head, _, key = path.rpartition(".")
-            section = _section(self._document, head) if key == "kind" else None
-            if section is None or section["kind"] == value:
+            section = None
+            if key == "kind":
+                with suppress(ScenarioError):  # there may be no such section
+                    section = get(self._document, head)
+            if not isinstance(section, dict) or section.get("kind", value) == value:
                 found[path] = value
-            else:
-                found[head] = _of_kind(section, value, path)
+                continue
+            # the section as one of another kind: keys that this does not know are left out
+            known = next(
+                (own for own in map(kinds, FAMILIES) if section["kind"] in own and value in [*own]), None
+            )
+            if known is None:
+                raise ScenarioError(f"found {value!r}, which is no kind of this section", where=path)
+            fields = known[value].model_fields
+            found[head] = {name: own for name, own in section.items() if name in fields} | {"kind": value}
         return found
 
     def _split(self, values: Values) -> tuple[dict[str, float], dict[str, Any], list[str]]:
@@ -314,45 +324,7 @@ def _key(others: Mapping[str, Any], asked: Sequence[str]) -> str:
     return json.dumps([others, asked])
 
 
-def _check_place(path: str, value: Any) -> None:
-    """Refuse what would reach beyond one place of the scenario, or to files that are not beside it."""
-    if "*" in path:
-        raise ScenarioError("a pattern, which is for the command line alone", where=path)
-    for place, text in leaves(value, path):
-        file = str(text)
-        if place.rpartition(".")[2] == "urdf" and (
-            Path(file).is_absolute() or PureWindowsPath(file).anchor or ".." in file or ":" in file
-        ):
-            message = f"found {file!r}, allowed on a page: a URDF that ships, or is in the scenario's folder"
-            raise ScenarioError(message, where=place)
-
-
 def _link(path: str) -> str | None:
     """Path of the link whose inertia a path is part of."""
     head, found, _ = path.partition(".inertia")
     return head if found and ".links." in head else None
-
-
-def _section(document: Mapping[str, Any], path: str) -> Mapping[str, Any] | None:
-    """Section with a kind at a path, if there is one."""
-    try:
-        found = get(document, path)
-    except ScenarioError:
-        return None
-    return found if isinstance(found, dict) and "kind" in found else None
-
-
-def _of_kind(section: Mapping[str, Any], kind: Any, path: str) -> dict[str, Any]:
-    """A section as one of another kind: keys that this does not know are left out.
-
-    Raises
-    ------
-    ScenarioError
-        If there is no such kind.
-    """
-    for family in FAMILIES:
-        known = kinds(family)
-        if section["kind"] in known and isinstance(kind, str) and kind in known:
-            fields = known[kind].model_fields
-            return {key: value for key, value in section.items() if key in fields} | {"kind": kind}
-    raise ScenarioError(f"found {kind!r}, which is no kind of this section", where=path)

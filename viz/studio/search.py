@@ -22,7 +22,7 @@ from spacerobot.errors import ScenarioError
 from spacerobot.registry import TUNING_METHODS
 from spacerobot.scene import build_scene
 from spacerobot.section import is_number
-from viz.studio.job import Job, SearchFound
+from viz.studio.job import Job
 from viz.studio.messages import Request
 from viz.studio.metric_slopes import differences
 from viz.studio.metrics import Metric
@@ -129,12 +129,12 @@ def improve(_: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float],
     SpaceRobotError
         If the request asks for what there is not.
     """
-    box, metric = SearchBox.of(job.request, plant), plant.metric(job.request.text("metric"))
+    box, metric = SearchBox.of(job.request, plant), plant.metrics[job.request.text("metric")]
     nominal = plant.nominal | dict(numbers)
     begin = box.unit([nominal[path] for path in box.paths])
     start = plant.cost(numbers, metric)
     far = 1e3 * (abs(start or 0.0) + 1.0)  # a diverged rollout counts as this: nearer, please
-    track = _Track(box, begin, np.nan if start is None else start)
+    track = _Track(box, begin, start, job)
 
     def ask(u: Array) -> tuple[float, Array]:
         """Cost, and its slopes along the sides of the unit box, at a point of that box (n)."""
@@ -149,7 +149,7 @@ def improve(_: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float],
         missing = [path for path in box.paths if slopes.get(path) is None] if value is not None else []
         slopes = dict(ChainMap(*differences(plant, design, metric, missing, job.stop.is_set), dict(slopes)))
         track.note(u, np.inf if value is None else value, 1.0)
-        job.found(track.found(min(0.95, len(track.curve) / (2 * STEPS))))
+        track.tell(min(0.95, len(track.curve) / (2 * STEPS)))
         slope = np.array([slopes.get(path) or 0.0 for path in box.paths]) * box.slope(u)
         return (far, np.zeros(len(u))) if value is None else (value, slope)
 
@@ -158,34 +158,36 @@ def improve(_: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float],
         ended = minimize(
             ask, begin, jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(begin), options=limits
         )
-        job.found(track.found(1.0, "converged" if ended.success else f"{ended.nit} steps taken"), "done")
+        track.tell(1.0, "converged" if ended.success else f"{ended.nit} steps taken", "done")
     except _StoppedError:
-        job.found(track.found(1.0, "stopped"), "stopped")
+        track.tell(1.0, "stopped", "stopped")
 
 
 class _Track:
-    """The best point of a search, and how it came to it."""
+    """The best point of a search and how it came to it, of which a job's page is told."""
 
-    def __init__(self, box: SearchBox, begin: Array, start: float) -> None:
-        self._box, self._start = box, start
-        self._at, self._best, self._spent = begin, np.inf, 0.0
+    def __init__(self, box: SearchBox, begin: Array, start: float | None, job: Job) -> None:
+        self._box, self._start, self._job = box, np.nan if start is None else start, job
+        self._at, self._best, self.spent = begin, np.inf, 0.0
         self.curve: list[tuple[float, float]] = []
 
     def note(self, u: Array, value: float, rollouts: float) -> None:
         """A point that cost so many rollouts."""
-        self._spent += rollouts
+        self.spent += rollouts
         if value < self._best:
             self._best, self._at = float(value), np.clip(np.array(u), 0.0, 1.0)
         if np.isfinite(self._best):
-            self.curve.append((self._spent, self._best))
+            self.curve.append((self.spent, self._best))
 
-    def share(self, budget: float) -> float:
-        """Part of a budget that is spent."""
-        return self._spent / budget
-
-    def found(self, progress: float, message: str = "") -> SearchFound:
-        """How far it is."""
-        return SearchFound(progress, self._box.plain(self._at), self._best, self._start, self.curve, message)
+    def tell(self, progress: float, message: str = "", state: str = "running") -> None:
+        """Tell how far it is, but not too often."""
+        if state == "running" and not self._job.is_due:
+            return
+        best = {"values": self._box.plain(self._at), "objective": self._best} if self.curve else None
+        # at most about 300 points of the curve, the last one included
+        curve = [*self.curve[: -1 : max(1, len(self.curve) // 300)], *self.curve[-1:]]
+        shown = {"start": self._start, "best": best, "curve": [list(point) for point in curve]}
+        self._job.tell(state, always=True, progress=progress, message=message, **shown)
 
 
 def methods() -> dict[str, str]:
@@ -205,24 +207,10 @@ def tune(plants: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float
         If the request asks for what there is not.
     """
     request = job.request
-    box, metric = SearchBox.of(request, plant), plant.metric(request.text("metric"))
+    box, metric = SearchBox.of(request, plant), plant.metrics[request.text("metric")]
     method = request.text("method", tuple(methods()))
     budget = request.count("budget", 2500, MOST_ROLLOUTS)
-    problem = _problem(plants, plant, box, metric, request)
-    start = plant.cost(numbers, metric)
-    track = _Track(box, np.array(problem.start), np.nan if start is None else start)
-    watched = MonitoredProblem(problem, metric, job, track, budget)
-    effort = effort_of(tuning_of(problem.scene), budget=budget, baseline_budget=budget, runs=1)
-    effort = replace(effort, nlp=replace(effort.nlp, budget=budget))
-    outcome = run_method(watched, method, effort)
-    state = "stopped" if outcome.interrupted else "done"
-    job.found(track.found(1.0, outcome.best.message or outcome.best.status), state)
-
-
-def _problem(
-    plants: DesignCache, plant: PreparedDesign, box: SearchBox, metric: Metric, request: Request
-) -> TuningProblem:
-    """Tuning problem of a design: these numbers within their bounds, this metric."""
+    # these numbers within their bounds, this metric
     scene = plants.origin.build(plants.changes(request.values))
     section = {"variables": box.variables(), "step": plant.ready.rollout.grid.step_s}
     if metric.key == "tip_error_peak":
@@ -231,7 +219,14 @@ def _problem(
     else:
         objective = plant.metrics.reduced(metric)
     scene = build_scene(scene.scenario, {"tuning": section}, source=scene.source)
-    return build_problem(scene, objective=objective)
+    problem = build_problem(scene, objective=objective)
+    track = _Track(box, np.array(problem.start), plant.cost(numbers, metric), job)
+    watched = MonitoredProblem(problem, metric, job, track, budget)
+    effort = effort_of(tuning_of(problem.scene), budget=budget, baseline_budget=budget, runs=1)
+    effort = replace(effort, nlp=replace(effort.nlp, budget=budget))
+    outcome = run_method(watched, method, effort)
+    state = "stopped" if outcome.interrupted else "done"
+    track.tell(1.0, outcome.best.message or outcome.best.status, state)
 
 
 class MonitoredProblem:
@@ -277,7 +272,7 @@ class MonitoredProblem:
         for point, value in zip(np.atleast_2d(u), found.objective, strict=True):
             told = self._metric.factor * value if np.isfinite(value) else np.inf
             self._track.note(point, told, each.equivalent(4.0))
-        self._job.found(self._track.found(min(0.99, self._track.share(self._budget))))
+        self._track.tell(min(0.99, self._track.spent / self._budget))
         if self._job.stop.is_set():
             raise KeyboardInterrupt  # as Ctrl-C does: methods end with what they have
         return found

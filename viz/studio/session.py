@@ -11,8 +11,6 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from spacerobot.errors import ScenarioError, SpaceRobotError
-from spacerobot.result import Result
-from spacerobot.rollout import Trajectory
 from spacerobot.rollout.engine_factory import ADJOINT
 from spacerobot.scene import load_scene
 from spacerobot.simulation import STEP_ERROR_LIMIT
@@ -27,6 +25,7 @@ from viz.studio.messages import Request, packets, read
 from viz.studio.metric_slopes import differences
 from viz.studio.parameters import suggested
 from viz.studio.prepared_design import DesignCache, Origin, PreparedDesign
+from viz.studio.search import methods
 
 REST_S = 0.2
 """After so long without another design the last one is judged as ``spacerobot run`` would judge it."""
@@ -143,26 +142,23 @@ class StudioSession:
         """Answer what is newest; between, judge designs at which the hand rests."""
         while True:
             with self._change:
-                work = self._change.wait_for(self._has_work, REST_S if self._resting else None)
+                work = self._change.wait_for(
+                    lambda: self._closed or any(not page.behind for page, _ in self._newest),
+                    REST_S if self._resting else None,
+                )
                 if self._closed:
                     return
                 if work:
-                    page, request = self._take()
+                    # the most urgent request; a page that is behind waits, and pages take turns
+                    urgent = sorted(self._newest, key=lambda asked: NEWEST.index(asked[1]))
+                    page, kind = next(asked for asked in urgent if not asked[0].behind)
+                    request = self._newest.pop((page, kind))
                 elif self._resting:  # else its page has gone meanwhile
                     page, request = self._resting.popitem()
                     request = Request("check", request.values, request.seq)
                 else:
                     continue
             self._attempt(self._answer, page, request)
-
-    def _has_work(self) -> bool:
-        return self._closed or any(not page.behind for page, _ in self._newest)
-
-    def _take(self) -> tuple[PageConnection, Request]:
-        """The most urgent request; a page that is behind waits, and pages take turns."""
-        urgent = sorted(self._newest, key=lambda asked: NEWEST.index(asked[1]))
-        page, kind = next(asked for asked in urgent if not asked[0].behind)
-        return page, self._newest.pop((page, kind))
 
     def _write(self) -> None:
         """Write files, one after the other."""
@@ -188,7 +184,9 @@ class StudioSession:
         if request.kind in ("hello", "set"):
             self._roll(page, request)
         elif request.kind == "check":
-            self._prepare_early()
+            if not self._prepared:
+                self._prepared = True
+                _begin(self._prepare_early)
             self.origin.build(self.plants.changes(request.values))
         elif request.kind == "gradient":
             self._gradient(page, request)
@@ -277,14 +275,8 @@ class StudioSession:
 
     def _prepare_early(self) -> None:
         """Compile gradients of the scene itself once a page shows it, before anyone asks for them."""
-
-        def prepare() -> None:
-            with suppress(SpaceRobotError):  # who asks is told
-                self._prepare(Request("gradient"))
-
-        if not self._prepared:
-            self._prepared = True
-            _begin(prepare)
+        with suppress(SpaceRobotError):  # who asks is told
+            self._prepare(Request("gradient"))
 
     def _roll(self, page: PageConnection, request: Request) -> None:
         begin = time.perf_counter()
@@ -299,14 +291,40 @@ class StudioSession:
         shown, summary = plant.look(scene, result), result.summary
         if request.kind == "hello" or self._pages.get(page) is not plant:
             self._pages[page] = plant
-            self._send(page, {**self._hello(plant), "seq": request.seq, "show": shown_data([shown])})
+            sliders = suggested(plant.scene, plant.free)
+            scenario, own = plant.scene.scenario, self.plants.base.leaves  # what designs differ from
+            hello = {
+                "type": "hello",
+                "scenario": scenario.name,
+                "about": scenario.description,
+                "folder": str(self.folder),
+                "numbers": [
+                    leaf.plain(sliders.get(path), path in plant.free) | {"value": own.get(path, leaf).value}
+                    for path, leaf in plant.leaves.items()
+                ],
+                "metrics": [metric.plain() for metric in plant.metrics.metrics],
+                "methods": [list(named) for named in methods().items()],
+                "saves": list(SAVED),
+                "suggested": list(sliders),
+                "plans": scenario.plan is not None,
+                "seq": request.seq,
+                "show": shown_data([shown]),
+            }
+            self._send(page, hello)
             if request.kind == "hello":
                 request = Request("set")
+        # one line about a rollout that is not as it should be
+        words = ""
+        if not result.completed:
+            words = "the rollout diverged" if trajectory.status == "diverged" else "events without end"
+        elif trajectory.step_error > STEP_ERROR_LIMIT:
+            step, error = trajectory.step_s, trajectory.step_error
+            words = f"steps of {step:.3g} s are too long: one errs by {error:.1e}"
         message: dict[str, Any] = {
             "type": "rollout",
             "seq": request.seq,
             "status": trajectory.status,
-            "words": _words(result, trajectory),
+            "words": words,
             "metrics": plant.metrics.values(trajectory.costs),
             "trusted": summary["status"]["trusted"],
             "warnings": notices(result, scene),
@@ -323,25 +341,6 @@ class StudioSession:
         with self._change:
             self._resting[page] = request
 
-    def _hello(self, plant: PreparedDesign) -> dict[str, Any]:
-        sliders = suggested(plant.scene, plant.free)
-        scenario, own = plant.scene.scenario, self.plants.base.leaves  # what designs differ from
-        return {
-            "type": "hello",
-            "scenario": scenario.name,
-            "about": scenario.description,
-            "folder": str(self.folder),
-            "numbers": [
-                leaf.plain(sliders.get(path), path in plant.free) | {"value": own.get(path, leaf).value}
-                for path, leaf in plant.leaves.items()
-            ],
-            "metrics": [metric.plain() for metric in plant.metrics.metrics],
-            "methods": [list(named) for named in self._jobs.methods().items()],
-            "saves": list(SAVED),
-            "suggested": list(sliders),
-            "plans": scenario.plan is not None,
-        }
-
     def _gradient(self, page: PageConnection, request: Request) -> None:
         """Slopes of a metric; by differences where there are no exact ones, or not before a compilation."""
         given = request.more.get("paths", ())
@@ -353,7 +352,7 @@ class StudioSession:
         if found is None:
             return
         plant, numbers = found
-        metric = plant.metric(metric_key)
+        metric = plant.metrics[metric_key]
         answer = {"type": "gradient", "seq": request.seq, "metric": metric.key}
         status = "differences"
         if exact:
@@ -408,12 +407,3 @@ def _begin(work: Callable[[], None]) -> threading.Thread:
     thread = threading.Thread(target=work, name="studio", daemon=True)
     thread.start()
     return thread
-
-
-def _words(result: Result, trajectory: Trajectory) -> str:
-    """One line about a rollout that is not as it should be; else none."""
-    if not result.completed:
-        return "the rollout diverged" if trajectory.status == "diverged" else "events without end"
-    if trajectory.step_error > STEP_ERROR_LIMIT:
-        return f"steps of {trajectory.step_s:.3g} s are too long: one errs by {trajectory.step_error:.1e}"
-    return ""

@@ -182,7 +182,7 @@ def test_gradients_are_those_of_differences(page):
 
 def test_slopes_are_there_before_exact_ones_are_compiled(page, monkeypatch):
     plant = page.session.plants.base
-    exact = plant.gradient({}, plant.metric("tip_error_rms"))[1]
+    exact = plant.gradient({}, plant.metrics["tip_error_rms"])[1]
     monkeypatch.setattr(PreparedDesign, "has_gradients", property(lambda plant: not plant.waits))
     monkeypatch.setattr(PreparedDesign, "waits", True, raising=False)
     ready = threading.Event()
@@ -209,7 +209,7 @@ def test_slopes_are_there_before_exact_ones_are_compiled(page, monkeypatch):
 
 def test_differences_keep_to_what_is_allowed_and_give_way(page):
     plant = page.session.plants.base
-    metric, damping = plant.metric("tip_error_rms"), "grasps.left.damping"
+    metric, damping = plant.metrics["tip_error_rms"], "grasps.left.damping"
     (at_its_end,) = differences(plant, {damping: 0.0}, metric, [damping, "no.such"])
     assert list(at_its_end) == [damping]
     assert at_its_end[damping] == pytest.approx(plant.gradient({damping: 0.0}, metric)[1][damping], rel=1e-2)
@@ -218,7 +218,7 @@ def test_differences_keep_to_what_is_allowed_and_give_way(page):
 
 def test_where_events_leave_no_exact_slopes_differences_stand_in(page, monkeypatch):
     plant, told = page.session.plants.base, PreparedDesign.gradient
-    exact = plant.gradient({}, plant.metric("tip_error_rms"))[1]
+    exact = plant.gradient({}, plant.metrics["tip_error_rms"])[1]
 
     def without(plant, numbers, metric):
         value, slopes, _ = told(plant, numbers, metric)
