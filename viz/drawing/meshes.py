@@ -101,7 +101,22 @@ def _coloured(file: MeshFile, plain: TriangleMesh) -> TriangleMesh | None:
     try:
         whole: Any = trimesh.load_scene(file.path).dump()
         parts = [part for part in whole if part.visual.defined]
-        colours = [_face_colours(part, file.path.suffix.lower() in _LINEAR) for part in parts]
+        # colours (m, 3) of each part's triangles, 0 to 255: of its faces, vertices, texture or material
+        colours = []
+        for part in parts:
+            look = part.visual
+            if look.kind != "texture":
+                colours.append(np.asarray(look.face_colors[:, :3], dtype=np.float64))
+                continue
+            material = look.material
+            texture = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+            if texture is not None and look.uv is not None:
+                colours.append(np.asarray(material.to_color(look.uv)[part.faces][..., :3].mean(axis=1)))
+                continue
+            colour = np.asarray(material.main_color[:3], dtype=np.float64)
+            if file.path.suffix.lower() in _LINEAR:
+                colour = 255 * (colour / 255) ** (1 / 2.2)
+            colours.append(np.tile(colour, (len(part.faces), 1)))
     except Exception:  # a colour is no reason to refuse a mesh; trimesh's readers raise whatever they meet
         return None
     if not parts:
@@ -118,19 +133,6 @@ def _coloured(file: MeshFile, plain: TriangleMesh) -> TriangleMesh | None:
     best = int(np.argmin([misfit for misfit, _ in fits]))
     placed = vertices @ _TURNS[best].T * fits[best][1] * file.scale
     return TriangleMesh(placed, triangles.astype(np.int64), np.concatenate(colours).astype(np.uint8))
-
-
-def _face_colours(part: Any, linear: bool) -> Array:
-    """Colours (m, 3) of a part's triangles, 0 to 255: of its faces, vertices, texture or material."""
-    look = part.visual
-    if look.kind != "texture":
-        return np.asarray(look.face_colors[:, :3], dtype=np.float64)
-    texture = getattr(look.material, "baseColorTexture", None) or getattr(look.material, "image", None)
-    if texture is not None and look.uv is not None:
-        return np.asarray(look.material.to_color(look.uv)[part.faces][..., :3].mean(axis=1))
-    colour = np.asarray(look.material.main_color[:3], dtype=np.float64)
-    shown = 255 * (colour / 255) ** (1 / 2.2) if linear else colour
-    return np.tile(shown, (len(part.faces), 1))
 
 
 def shown_meshes(files: Iterable[MeshFile]) -> dict[MeshFile, TriangleMesh]:

@@ -164,21 +164,20 @@ def pad_solids(
 ) -> list[DrawnSolid]:
     """Drawn solids of a pad, in the frame of the joint that carries it."""
     placement = scene.model.frames[shape.frame].placement.homogeneous @ shape.placement
-    others = {other for pair in pairs if shape in pair for other in pair if other is not shape}
+    # distance across its z axis from its origin to the farthest of the others at the start [m]
+    data, reach = scene.model.createData(), 0.0
+    pin.framesForwardKinematics(scene.model, data, scene.q)
+    here = data.oMf[shape.frame] * pin.SE3(shape.placement)
+    for other in {other for pair in pairs if shape in pair for other in pair if other is not shape}:
+        there = data.oMf[other.frame] * pin.SE3(other.placement)
+        away = float(np.linalg.norm(here.actInv(there.translation)[:2]))
+        reach = max(reach, away + other.config.extent()[1])
     found = []
-    for part in shape.config.drawing(max(_reach(scene, shape, other) for other in others)):
+    for part in shape.config.drawing(reach):
         moved = placement.copy()
         moved[:3, 3] += part.along * placement[:3, 2]
         found.append(DrawnSolid(moved, part.geometry, np.array([*PAD[:3], part.opacity])))
     return found
-
-
-def _reach(scene: Scene, shape: SceneShape, other: SceneShape) -> float:
-    """Distance across a shape's z axis from its origin to the farthest of another one at the start [m]."""
-    data = scene.model.createData()
-    pin.framesForwardKinematics(scene.model, data, scene.q)
-    here, there = (data.oMf[own.frame] * pin.SE3(own.placement) for own in (shape, other))
-    return float(np.linalg.norm(here.actInv(there.translation)[:2])) + other.config.extent()[1]
 
 
 def only(motion: BodyMotion, body: str) -> BodyMotion:
@@ -301,16 +300,11 @@ def extremes(motion: BodyMotion, low: Array, high: Array) -> Array:
 
 def _seen_points(motion: BodyMotion) -> Array:
     """Corners of boxes around all solids at all times (nt, corners, 3), m, world."""
-    boxes = [_node_corners(node) for node in motion.nodes]
-    frames = []
+    boxes, frames = [], []
+    for node in motion.nodes:
+        placed = [(corners(s.geometry), s.placement) for s in node.solids] or [(np.zeros((1, 3)), np.eye(4))]
+        boxes.append(np.concatenate([own @ at[:3, :3].T + at[:3, 3] for own, at in placed]))
     for i in range(len(motion.time)):
-        placed = zip(motion.placements(i), boxes, strict=True)
-        frames.append(np.concatenate([box @ node[:3, :3].T + node[:3, 3] for node, box in placed]))
+        at_frame = zip(motion.placements(i), boxes, strict=True)
+        frames.append(np.concatenate([box @ node[:3, :3].T + node[:3, 3] for node, box in at_frame]))
     return np.stack(frames)
-
-
-def _node_corners(node: Node) -> Array:
-    found = [np.zeros((1, 3))] if not node.solids else []
-    for solid in node.solids:
-        found.append(corners(solid.geometry) @ solid.placement[:3, :3].T + solid.placement[:3, 3])
-    return np.concatenate(found)

@@ -39,10 +39,24 @@ def joint_placements(scene: Scene, joints: Sequence[JointModel], q: Array) -> Jo
     model = scene.model
     rotation, origin = np.zeros((model.njoints, len(q), 3, 3)), np.zeros((model.njoints, len(q), 3))
     rotation[0] = np.eye(3)
-    owns = [q[:, joint.idx_q : joint.idx_q + joint.nq] for joint in joints]
-    for joint, own, turned in zip(joints, owns, _turned(joints, owns), strict=True):
+    # origins (nt, 3) [m] and rotation vectors (nt, 3) [rad] of joints' moved frames in their resting ones
+    places, vectors = np.zeros((len(joints), len(q), 3)), np.zeros((len(joints), len(q), 3))
+    for joint, place, vector in zip(joints, places, vectors, strict=True):
+        own = q[:, joint.idx_q : joint.idx_q + joint.nq]
+        if joint.kind is JointKind.FREE_FLYER:
+            place[:], vector[:] = own[:, :3], Rotation.from_quat(own[:, 3:]).as_rotvec()
+        elif joint.kind is JointKind.PRISMATIC:
+            place[:] = own * np.array(ca.DM(joint.linear)).T
+        else:
+            if joint.kind is JointKind.PLANAR:
+                place[:, :2] = own[:, :2]
+            angle = own[:, 0] if joint.kind is JointKind.REVOLUTE else np.arctan2(own[:, -1], own[:, -2])
+            vector[:] = angle[:, None] * np.array(ca.DM(joint.angular))[:, -1]
+    # of all joints at once, which is faster
+    turns = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix().reshape(*vectors.shape, 3)
+    for joint, place, turned in zip(joints, places, turns, strict=True):
         resting, before = model.jointPlacements[joint.index], rotation[joint.parent]
-        moved = resting.translation + _moved(joint, own) @ resting.rotation.T
+        moved = resting.translation + place @ resting.rotation.T
         origin[joint.index] = origin[joint.parent] + np.einsum("tij,tj->ti", before, moved)
         there = (before.reshape(-1, 3) @ resting.rotation).reshape(-1, 3, 3)  # faster than a stack's product
         rotation[joint.index] = there @ turned
@@ -65,33 +79,3 @@ def quaternions(rotation: Array) -> Array:
     greatest = np.einsum("...ii->...i", products).argmax(axis=-1)
     found = np.take_along_axis(products, greatest[..., None, None], axis=-2)[..., 0, :]
     return np.asarray(found / np.sqrt((found**2).sum(axis=-1, keepdims=True)))
-
-
-def _moved(joint: JointModel, own: Array) -> Array:
-    """Origins (nt, 3) [m] of a joint's moved frame in its resting one, at coordinates (nt, nq)."""
-    if joint.kind is JointKind.PRISMATIC:
-        return own * np.array(ca.DM(joint.linear)).T
-    if joint.kind is JointKind.FREE_FLYER:
-        return own[:, :3]
-    there = np.zeros((len(own), 3))
-    if joint.kind is JointKind.PLANAR:
-        there[:, :2] = own[:, :2]
-    return there
-
-
-def _turned(joints: Sequence[JointModel], owns: Sequence[Array]) -> list[Array]:
-    """Rotations (nt, 3, 3) of joints' moved frames in their resting ones, at coordinates (nt, nq) of each."""
-    vectors = [_rotation_vectors(joint, own) for joint, own in zip(joints, owns, strict=True)]
-    if not vectors:
-        return []
-    return list(Rotation.from_rotvec(np.concatenate(vectors)).as_matrix().reshape(len(joints), -1, 3, 3))
-
-
-def _rotation_vectors(joint: JointModel, own: Array) -> Array:
-    """Rotation vectors (nt, 3) [rad] of a joint at coordinates (nt, nq)."""
-    if joint.kind is JointKind.FREE_FLYER:
-        return np.asarray(Rotation.from_quat(own[:, 3:]).as_rotvec())
-    if joint.kind is JointKind.PRISMATIC:
-        return np.zeros((len(own), 3))
-    angle = own[:, 0] if joint.kind is JointKind.REVOLUTE else np.arctan2(own[:, -1], own[:, -2])
-    return angle[:, None] * np.array(ca.DM(joint.angular))[:, -1]

@@ -140,7 +140,12 @@ def _fragments(corners: Array, first: Indices, tall: Indices, width: int) -> tup
     face, row = _counted(tall)
     y = first[face] + row + 0.5
     left, right = np.zeros(len(face)), np.full(len(face), float(width))
-    a, b, c = _edges(corners)
+    # lines a x + b y + c = 0 (m, 3) along the edges, positive inside whichever way the corners go round
+    area = _area(corners)
+    sign, (across, down) = np.sign(area)[:, None], np.moveaxis(corners[..., :2], -1, 0)
+    a = sign * (down - np.roll(down, -1, axis=1))
+    b = sign * (np.roll(across, -1, axis=1) - across)
+    c = -(a * across + b * down)
     for k in range(3):  # the inside is where a x + b y + c >= 0 for all three
         slope, rest = a[face, k], b[face, k] * y + c[face, k]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -153,8 +158,12 @@ def _fragments(corners: Array, first: Indices, tall: Indices, width: int) -> tup
     wide = np.maximum(0, end - start)
     span, column = _counted(wide)
     x, face = start[span] + column, face[span]
-    across, down, base = _planes(corners)
-    depth = base[face] + across[face] * (x + 0.5) + down[face] * y[span]
+    # slopes across and down of the depth, and its value at the origin (m,)
+    safe = np.where(area == 0, 1.0, area)
+    (ux, uy, uz), (vx, vy, vz) = (np.moveaxis(corners[:, k] - corners[:, 0], 1, 0) for k in (1, 2))
+    right, below = (uz * vy - vz * uy) / safe, (ux * vz - vx * uz) / safe
+    base = corners[:, 0, 2] - right * corners[:, 0, 0] - below * corners[:, 0, 1]
+    depth = base[face] + right[face] * (x + 0.5) + below[face] * y[span]
     return (first[face] + row[span]) * width + x, face, depth
 
 
@@ -162,24 +171,6 @@ def _counted(counts: Indices) -> tuple[Indices, Indices]:
     """For each of ``counts[i]`` things of every i: i, and its number among them."""
     owner = np.repeat(np.arange(len(counts)), counts)
     return owner, np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
-
-
-def _edges(corners: Array) -> tuple[Array, Array, Array]:
-    """Lines a x + b y + c = 0 (m, 3) along the edges, positive inside whichever way the corners go round."""
-    x, y = corners[..., 0], corners[..., 1]
-    x_next, y_next = np.roll(x, -1, axis=1), np.roll(y, -1, axis=1)
-    a, b = y - y_next, x_next - x
-    sign = np.sign(_area(corners))[:, None]
-    return sign * a, sign * b, -sign * (a * x + b * y)
-
-
-def _planes(corners: Array) -> tuple[Array, Array, Array]:
-    """Slopes across and down of the depth, and its value at the origin (m,)."""
-    area = _area(corners)
-    safe = np.where(area == 0, 1.0, area)
-    (ux, uy, uz), (vx, vy, vz) = (np.moveaxis(corners[:, k] - corners[:, 0], 1, 0) for k in (1, 2))
-    across, down = (uz * vy - vz * uy) / safe, (ux * vz - vx * uz) / safe
-    return across, down, corners[:, 0, 2] - across * corners[:, 0, 0] - down * corners[:, 0, 1]
 
 
 def _area(corners: Array) -> Array:

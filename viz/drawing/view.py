@@ -120,20 +120,19 @@ class _Frame(NamedTuple):
 
     def seen(self, towards: Array) -> float:
         """Share of links and of grasps, which count alike, that an eye there sees; 1 without any."""
-        shares = [
-            1 - self._hidden(points, towards).mean() for points in (self.links, self.mates) if len(points)
-        ]
-        return float(np.mean(shares)) if shares else 1.0
-
-    def _hidden(self, points: Array, towards: Array) -> Array:
-        """Whether a box lies between each point (k, 3) and the eye; one that holds the point does not."""
-        turned = self.placements[:, :3, :3].transpose(0, 2, 1)
-        start = np.einsum("bij,kbj->kbi", turned, points[:, None] - self.placements[:, :3, 3])
+        turned, shares = self.placements[:, :3, :3].transpose(0, 2, 1), []
         along = turned @ towards
         along = np.where(np.abs(along) < 1e-12, 1e-12, along)
-        first, second = (-self.halves - start) / along, (self.halves - start) / along
-        enter, leave = np.minimum(first, second).max(axis=-1), np.maximum(first, second).min(axis=-1)
-        return np.asarray(((leave > np.maximum(enter, self.near)) & (enter > -self.near)).any(axis=-1))
+        for points in (self.links, self.mates):
+            if not len(points):
+                continue
+            # a box lies between a point and the eye; one that holds the point does not
+            start = np.einsum("bij,kbj->kbi", turned, points[:, None] - self.placements[:, :3, 3])
+            first, second = (-self.halves - start) / along, (self.halves - start) / along
+            enter, leave = np.minimum(first, second).max(axis=-1), np.maximum(first, second).min(axis=-1)
+            hidden = ((leave > np.maximum(enter, self.near)) & (enter > -self.near)).any(axis=-1)
+            shares.append(1 - hidden.mean())
+        return float(np.mean(shares)) if shares else 1.0
 
 
 def _frame(motion: BodyMotion, index: int) -> _Frame:

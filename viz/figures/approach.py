@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from matplotlib.axes import Axes
 from matplotlib.patches import Ellipse, Rectangle
 
 from spacerobot.arrays import Array
@@ -16,17 +15,10 @@ from spacerobot.result import Result
 from spacerobot.result.events import relative_velocity
 from spacerobot.scene import Scene, SceneGrasp
 from viz.figures.kind import figure
-from viz.figures.style import (
-    Drawing,
-    below_last,
-    legend_above,
-    line,
-    panels,
-    shown_axes,
-    styled,
-)
+from viz.figures.style import Drawing, below_last, legend_above, line, panels, shown_axes, styled
 
-ENVELOPE = "#DCE3EA"
+ENVELOPE: dict[str, Any] = {"facecolor": "#DCE3EA", "edgecolor": "#8796A5", "linewidth": 0.7, "zorder": 0.5}
+ENVELOPE |= {"label": "capture envelope"}
 _CLOSE = 2.5  # greatest distances of the widest envelope that the close view reaches
 
 
@@ -73,7 +65,9 @@ def approach_of(result: Result, scene: Scene, grasp: SceneGrasp, capture: Captur
     motion = [relative_velocity(scene, grasp, np.hstack(x)) for x in zip(q[:rows], v[:rows], strict=True)]
     velocity = np.array([linear for linear, _ in motion])
     turning = np.array([np.linalg.norm(spin) for _, spin in motion])
-    whole = _misalignment(result, grasp)
+    whole = np.full(len(time), np.nan)
+    if "grasp_misalignment" in data:
+        whole = np.linalg.norm(data.grasp_misalignment.sel(grasp=grasp.name).values, axis=-1)
     misaligned = whole[:rows]
     turned = _mating_axes(scene, grasp, q[:rows])
     gap, velocity = (np.einsum("tji,tj->ti", turned, part) for part in (gap, velocity))
@@ -94,14 +88,6 @@ def approach_of(result: Result, scene: Scene, grasp: SceneGrasp, capture: Captur
         for part, size in ((gap, -to_go), (velocity, closing))
     )
     return Approach(to_go, lateral, closing, sliding, misaligned, turning, event is not None)
-
-
-def _misalignment(result: Result, grasp: SceneGrasp) -> Array:
-    """Angle (nt,) [rad] of a tip from where it is mated."""
-    if "grasp_misalignment" not in result.data:
-        return np.full(result.data.sizes["time"], np.nan)
-    angles: Array = np.linalg.norm(result.data.grasp_misalignment.sel(grasp=grasp.name).values, axis=-1)
-    return angles
 
 
 def _mating_axes(scene: Scene, grasp: SceneGrasp, q: Iterable[Array]) -> Array:
@@ -140,29 +126,35 @@ def approach(result: Result) -> Drawing:
     }
     figure, axes = panels(len(rows), 2)
     for row, (name, (text, unit, key)) in zip(axes, rows.items(), strict=True):
-        limits = [limit * _FACTORS[unit][0] for c in captures if (limit := getattr(c, key)) is not None]
+        factors = _FACTORS[unit]
+        limits = [limit * factors[0] for c in captures if (limit := getattr(c, key)) is not None]
         for panel in row:
+            # the capture envelopes of those that limit this quantity
             for capture in captures:
-                _envelope(panel, capture, key, unit)
+                if (limit := getattr(capture, key)) is not None:
+                    half, high = (capture.distance or 1e3) * 1e3, limit * factors[0]
+                    if key == "distance":
+                        panel.add_artist(Ellipse((0, 0), 2 * half, 2 * high, **ENVELOPE))
+                    else:
+                        panel.add_artist(Rectangle((-half, -high), 2 * half, 2 * high, **ENVELOPE))
             for k, ((grasp, _), curve) in enumerate(zip(grasps, curves, strict=True)):
-                look = {**line(k), "label": f"grasp {grasp.name}"}
-                values = getattr(curve, name) * _FACTORS[_ROWS[name][1]][1]
-                panel.plot(curve.to_go * 1e3, values, **look)
+                look, values = line(k), getattr(curve, name) * factors[1]
+                panel.plot(curve.to_go * 1e3, values, **look, label=f"grasp {grasp.name}")
                 if curve.captured:
-                    dot: dict[str, Any] = {
-                        "color": look["color"],
-                        "markersize": 5,
-                        "linestyle": "",
-                        "zorder": 5,
-                    }
-                    panel.plot(curve.to_go[-1] * 1e3, values[-1], "o", label="captured", **dot)
-            panel.set_xlabel("distance to go [mm]")
-            panel.set_ylabel(f"{text} [{unit}]")
+                    dot: dict[str, Any] = {"markersize": 5, "linestyle": "", "zorder": 5}
+                    dot |= {"color": look["color"], "label": "captured"}
+                    panel.plot(curve.to_go[-1] * 1e3, values[-1], "o", **dot)
+            panel.set(xlabel="distance to go [mm]", ylabel=f"{text} [{unit}]", title=text)
             panel.invert_xaxis()
-        row[0].set_title(text)
-        row[1].set_title(f"{text}, close")
-        row[1].set_xlim(reach, -reach / 2)
-        row[1].set_ylim(*_near(curves, name, reach, max(limits, default=np.inf)))
+        # least and greatest value of the close view: of what lies in it, and of the envelope
+        limit = max(limits, default=np.inf)
+        close = [getattr(c, name)[np.abs(c.to_go) * 1e3 <= reach] * factors[1] for c in curves]
+        seen = np.clip(np.concatenate([*close, [0.0]]), -_CLOSE * limit, _CLOSE * limit)
+        widest = limit if np.isfinite(limit) else 0.0
+        low, high = min(float(seen.min()), -widest), max(float(seen.max()), widest)
+        margin = 0.06 * (high - low) or 1.0
+        least = low - margin if name == "closing" else 0.0
+        row[1].set(title=f"{text}, close", xlim=(reach, -reach / 2), ylim=(least, high + margin))
     below_last(axes)
     legend_above(figure, axes[0, 0])
     return figure
@@ -182,28 +174,3 @@ _ALWAYS = ("distance", "closing_speed", "lateral_speed")
 
 _FACTORS = {"mm": (1e3, 1e3), "mm/s": (1e3, 1e3), "deg": (1.0, np.degrees(1)), "deg/s": (1.0, np.degrees(1))}
 """From the scenario's unit of a limit, and from that of a value, to the unit that is drawn."""
-
-
-def _envelope(panel: Axes, capture: Capture, key: str, unit: str) -> None:
-    """Draw the capture envelope, if the capture limits this quantity."""
-    limit = getattr(capture, key)
-    if limit is None:
-        return
-    look: dict[str, Any] = {"facecolor": ENVELOPE, "edgecolor": "#8796A5", "linewidth": 0.7, "zorder": 0.5}
-    look |= {"label": "capture envelope"}
-    half, high = (capture.distance or 1e3) * 1e3, limit * _FACTORS[unit][0]
-    if key == "distance":
-        panel.add_artist(Ellipse((0, 0), 2 * half, 2 * high, **look))
-    else:
-        panel.add_artist(Rectangle((-half, -high), 2 * half, 2 * high, **look))
-
-
-def _near(curves: Sequence[Approach], name: str, reach: float, limit: float) -> tuple[float, float]:
-    """Least and greatest value that the close view shows: what lies in it, and the envelope."""
-    factor = _FACTORS[_ROWS[name][1]][1]
-    close = [getattr(c, name)[np.abs(c.to_go) * 1e3 <= reach] * factor for c in curves]
-    values = np.clip(np.concatenate([*close, [0.0]]), -_CLOSE * limit, _CLOSE * limit)
-    seen = limit if np.isfinite(limit) else 0.0
-    low, high = min(float(values.min()), -seen), max(float(values.max()), seen)
-    margin = 0.06 * (high - low) or 1.0
-    return (0.0 if name != "closing" else low - margin), high + margin

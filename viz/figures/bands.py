@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from spacerobot.arrays import Array
@@ -84,8 +83,30 @@ def bands(signal: BandSeries) -> Drawing:
     rows = max(1, -(-len(moving) // columns))
     figure, axes = panels(rows, columns, height_in=1.6 if columns > 1 else 2.4, sharex=True)
     for panel, i in zip(axes.flat, moving, strict=False):
-        _bands(panel, signal, i, factor)
         panel.set_title(signal.components[i])
+        t, colour = signal.time, COLOURS[0]
+        least, low, median, high, greatest, shown = (
+            factor * part[:, i]
+            for part in (signal.least, signal.low, signal.median, signal.high, signal.greatest, signal.shown)
+        )
+        panel.fill_between(t, least, greatest, color=colour, alpha=0.14, linewidth=0, label="all samples")
+        panel.fill_between(t, low, high, color=colour, alpha=0.38, linewidth=0, label="5 to 95 % of them")
+        panel.plot(t, median, color=colour, linewidth=1.3, label="median")
+        worst = f"worst sample, {signal.sample}"
+        panel.plot(t, shown, color=COLOURS[1], linewidth=1.0, linestyle=(0, (4, 1.5)), label=worst)
+        if not np.isfinite(median).any():
+            continue
+        bottom, top = float(np.nanmin(low)), float(np.nanmax(high))
+        room = ROOM * (top - bottom) or 1.0
+        lowest, highest = float(np.nanmin(least)), float(np.nanmax(greatest))
+        ends = ((lowest, lowest < bottom - room), (highest, highest > top + room))
+        cut = [f"{value:.3g}" for value, outside in ends if outside]
+        if cut:
+            panel.set_ylim(max(bottom - room, lowest) - 0.05 * room, min(top + room, highest) + 0.05 * room)
+            told = f"cut; reaches {' and '.join(cut)}"
+            panel.annotate(
+                told, (0.98, 0.96), xycoords="axes fraction", fontsize=7, color=BAD, ha="right", va="top"
+            )
     for panel in axes.flat[len(moving) :]:
         panel.set_axis_off()
     for panel in axes[:, 0]:
@@ -102,29 +123,3 @@ def moving_components(signal: BandSeries) -> list[int]:
     """Places of the components that are not the same all the time in every sample."""
     span = np.nan_to_num(signal.greatest).max(axis=0) - np.nan_to_num(signal.least).min(axis=0)
     return [int(i) for i in np.flatnonzero(span > 1e-12 * max(float(span.max(initial=0.0)), 1e-300))]
-
-
-def _bands(panel: Axes, signal: BandSeries, i: int, factor: float) -> None:
-    t, colour = signal.time, COLOURS[0]
-    least, low, median, high, greatest, shown = (
-        factor * part[:, i]
-        for part in (signal.least, signal.low, signal.median, signal.high, signal.greatest, signal.shown)
-    )
-    panel.fill_between(t, least, greatest, color=colour, alpha=0.14, linewidth=0, label="all samples")
-    panel.fill_between(t, low, high, color=colour, alpha=0.38, linewidth=0, label="5 to 95 % of them")
-    panel.plot(t, median, color=colour, linewidth=1.3, label="median")
-    worst = f"worst sample, {signal.sample}"
-    panel.plot(t, shown, color=COLOURS[1], linewidth=1.0, linestyle=(0, (4, 1.5)), label=worst)
-    if not np.isfinite(median).any():
-        return
-    bottom, top = float(np.nanmin(low)), float(np.nanmax(high))
-    room = ROOM * (top - bottom) or 1.0
-    lowest, highest = float(np.nanmin(least)), float(np.nanmax(greatest))
-    ends = ((lowest, lowest < bottom - room), (highest, highest > top + room))
-    cut = [f"{value:.3g}" for value, outside in ends if outside]
-    if cut:
-        panel.set_ylim(max(bottom - room, lowest) - 0.05 * room, min(top + room, highest) + 0.05 * room)
-        told = f"cut; reaches {' and '.join(cut)}"
-        panel.annotate(
-            told, (0.98, 0.96), xycoords="axes fraction", fontsize=7, color=BAD, ha="right", va="top"
-        )

@@ -29,14 +29,32 @@ def base_control(result: Result) -> Drawing:
         data, about = result.data, ["z"] if "body_angle" in result.data else ["x", "y", "z"]
         held = _is_held(result, body)
         text = "attitude error" if held else "rotation since the start"
-        panel.set_title(f"{called(body)}, {text}")
-        panel.set_ylabel(f"{text} [deg]")
+        panel.set(title=f"{called(body)}, {text}", ylabel=f"{text} [deg]")
         angle = data["base_attitude_error" if held else "body_rotation"].sel(body=body)
         for k, axis in enumerate(about):
             values = np.degrees(angle.sel(axis=axis).values)
             panel.plot(data.time.values, values, **line(k), label=f"about {axis}")
         legend_over(panel, columns=3)
-        _actuators(row[1], result, body)
+        # Thrusters as bands over time, as high as their part of the greatest force; else torques of wheels.
+        panel, time = row[1], data.time.values
+        jets, wheels = (_labels(result, kind, body) for kind in ("thruster", "wheel"))
+        if jets:
+            force = np.sqrt((data.thruster_force.sel(thruster=jets) ** 2).sum("axis")).values
+            most = force.max(initial=0.0) or 1.0
+            for k, _ in enumerate(jets):
+                look = {"linewidth": 0, "step": "post", "color": line(k)["color"]}
+                panel.fill_between(time, k, k + 0.8 * force[:, k] / most, **look)
+            names = [name.partition(".")[2] for name in jets]
+            panel.set_yticks(np.arange(len(jets)) + 0.4, names, fontsize=7)
+            spent = float(data.propellant.sel(body=body)[-1]) * 1e3
+            panel.set_title(f"{called(body)}, thrusters up to {most:.3g} N, {spent:.3g} g in all")
+        else:
+            panel.set(title=f"{called(body)}, torques of wheels", ylabel="torque [N m]")
+            for k, wheel in enumerate(wheels):
+                torque = data.wheel_torque.sel(wheel=wheel).values
+                panel.plot(time, torque, **line(k), label=wheel.partition("/")[2])
+            if wheels:
+                legend_over(panel, columns=2)
         for panel in row:
             panel.set_xlabel("time [s]")
             until(panel, result)
@@ -45,39 +63,13 @@ def base_control(result: Result) -> Drawing:
 
 def acting_bases(result: Result) -> list[str]:
     """Bodies whose attitude a controller holds, or that have thrusters."""
-    found = list[str]()
-    for body in map(str, result.data.body.values):
-        if _is_held(result, body) or _labels(result, "thruster", body):
-            found.append(body)
-    return found
+    bodies = map(str, result.data.body.values)
+    return [body for body in bodies if _is_held(result, body) or _labels(result, "thruster", body)]
 
 
 def _is_held(result: Result, body: str) -> bool:
     errors = result.data.get("base_attitude_error")
     return errors is not None and bool(errors.sel(body=body).notnull().any())
-
-
-def _actuators(panel: Axes, result: Result, body: str) -> None:
-    """Thrusters as bands over time, as high as their part of the greatest force; else torques of wheels."""
-    data, time = result.data, result.data.time.values
-    jets, wheels = (_labels(result, kind, body) for kind in ("thruster", "wheel"))
-    if jets:
-        force = np.sqrt((data.thruster_force.sel(thruster=jets) ** 2).sum("axis")).values
-        most = force.max(initial=0.0) or 1.0
-        for k, _ in enumerate(jets):
-            panel.fill_between(
-                time, k, k + 0.8 * force[:, k] / most, linewidth=0, step="post", color=line(k)["color"]
-            )
-        panel.set_yticks(np.arange(len(jets)) + 0.4, [name.partition(".")[2] for name in jets], fontsize=7)
-        spent = float(data.propellant.sel(body=body)[-1]) * 1e3
-        panel.set_title(f"{called(body)}, thrusters up to {most:.3g} N, {spent:.3g} g in all")
-        return
-    panel.set_title(f"{called(body)}, torques of wheels")
-    panel.set_ylabel("torque [N m]")
-    for k, wheel in enumerate(wheels):
-        panel.plot(time, data.wheel_torque.sel(wheel=wheel).values, **line(k), label=wheel.partition("/")[2])
-    if wheels:
-        legend_over(panel, columns=2)
 
 
 def _labels(result: Result, kind: str, body: str) -> list[str]:
@@ -102,9 +94,7 @@ def relative_orbit(result: Result) -> Drawing:
             place = data.hill_position.sel(body=body).values
             panel.plot(place[:, 1], place[:, axis], **line(k), label=called(body))
             panel.plot(*place[0, [1, axis]], "o", color=line(k)["color"], markersize=4)
-        panel.set_xlabel("along-track [m]")
-        panel.set_ylabel(f"{name} [m]")
-        panel.set_title(f"{name}, from the dot on")
+        panel.set(xlabel="along-track [m]", ylabel=f"{name} [m]", title=f"{name}, from the dot on")
         legend_over(panel)
     return figure
 

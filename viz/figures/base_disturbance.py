@@ -35,9 +35,7 @@ def disturbance(results: Mapping[str, Result]) -> Drawing:
             until(panel, result)
     told = ("(a) base rotation", "deg"), ("(b) base translation", "mm"), ("(c) joint torque, rms", "N m")
     for panel, (title, unit) in zip(axes.flat, told, strict=True):
-        panel.set_title(title)
-        panel.set_xlabel("time [s]")
-        panel.set_ylabel(unit)
+        panel.set(title=title, xlabel="time [s]", ylabel=unit)
         panel.set_ylim(bottom=0)
     below_last(axes)
     legend_above(figure, axes[0, 0], columns=3)

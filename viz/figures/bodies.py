@@ -100,8 +100,7 @@ def _overlay(row: Sequence[Axes], results: Sequence[Result], body: str) -> None:
                 text = f"{label}, {axis}" if several else axis
                 panel.plot(result.data.time.values, values[:, k], **look, label=text)
             until(panel, result)
-        panel.set_xlabel("time [s]")
-        panel.set_ylabel(quantity)
+        panel.set(xlabel="time [s]", ylabel=quantity)
 
 
 @figure("Grip forces", applies=lambda result: bool(result.data.sizes["grasp"]), place=9)
@@ -125,9 +124,7 @@ def grip_forces(result: Result) -> Drawing:
                 panel.plot(data.time.values, values, **look, label=name)
             until(panel, result)
             mark_phases(panel, result, named=panel is axes[0, 0])
-            panel.set_title(f"grasp {grasp}, {text}")
-            panel.set_ylabel(f"{text} [{unit}]")
-            panel.set_xlabel("time [s]")
+            panel.set(title=f"grasp {grasp}, {text}", ylabel=f"{text} [{unit}]", xlabel="time [s]")
     below_last(axes)
     legend_above(figure, axes[0, 0])
     return figure

@@ -92,9 +92,13 @@ def _draw(panel: Axes, spread: SampleSpread, *, numbers: bool) -> None:
         places = {level: level * (runs - 1) for level in (0.5, 0.95)}
         inside = {level: at for level, at in places.items() if at <= len(finite) - 1}
         marks = {level: float(np.interp(at, np.arange(len(finite)), finite)) for level, at in inside.items()}
-        label = f"{name}: {_told(marks, len(values), len(finite), spread.unit)}" if numbers else name
+        label, texts = name, _apart(marks)
+        if numbers:
+            parts = [f"{100 * level:g} % below {text} {spread.unit}" for level, text in texts.items()]
+            gone = [f"{runs - len(finite)} diverged"] if len(finite) < runs else []
+            label = f"{name}: {', '.join([f'{runs} runs', *parts, *gone])}"
         panel.plot(finite, share, drawstyle="steps-post", **line(k), label=label)
-        for level, text in _apart(marks).items():
+        for level, text in texts.items():
             value = marks[level]
             panel.plot(value, level, "o", color=COLOURS[k % len(COLOURS)], markersize=4)
             if alone and not numbers:
@@ -106,15 +110,8 @@ def _draw(panel: Axes, spread: SampleSpread, *, numbers: bool) -> None:
             lost = len(values) - len(finite)
             colour = BAD if alone else COLOURS[k % len(COLOURS)]
             panel.axhline(end, color=colour, linewidth=0.8, linestyle=":")
-            panel.annotate(
-                f"{lost} diverged",
-                (1, end),
-                xycoords=("axes fraction", "data"),
-                fontsize=7,
-                color=colour,
-                ha="right",
-                va="bottom",
-            )
+            edge: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "bottom"}
+            panel.annotate(f"{lost} diverged", (1, end), fontsize=7, color=colour, **edge)
     every = np.concatenate(drawn) if drawn else np.empty(0)
     if np.isfinite(every).any():
         _scale(panel, every[np.isfinite(every)], spread)
@@ -124,8 +121,10 @@ def _draw(panel: Axes, spread: SampleSpread, *, numbers: bool) -> None:
         panel.annotate(f"all of {len(every)} diverged", (0.5, 0.5), **centre, color=BAD)
     panel.set_ylim(0, 1.04)
     panel.yaxis.set_major_formatter(PercentFormatter(1.0))
-    panel.set_xlabel(f"{spread.quantity} [{spread.unit}]" if numbers else f"[{spread.unit}]")
-    panel.set_ylabel("runs that stay below [%]" if numbers else "samples that stay below [%]")
+    panel.set(
+        xlabel=f"{spread.quantity} [{spread.unit}]" if numbers else f"[{spread.unit}]",
+        ylabel="runs that stay below [%]" if numbers else "samples that stay below [%]",
+    )
 
 
 def _apart(marks: Mapping[float, float]) -> dict[float, str]:
@@ -136,12 +135,6 @@ def _apart(marks: Mapping[float, float]) -> dict[float, str]:
         if len(set(texts.values())) == len(set(marks.values())):
             break
     return texts
-
-
-def _told(marks: Mapping[float, float], count: int, finite: int, unit: str) -> str:
-    parts = [f"{100 * level:g} % below {text} {unit}" for level, text in _apart(marks).items()]
-    lost = [f"{count - finite} diverged"] if finite < count else []
-    return ", ".join([f"{count} runs", *parts, *lost])
 
 
 def _scale(panel: Axes, finite: Array, spread: SampleSpread) -> None:

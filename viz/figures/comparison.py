@@ -37,10 +37,20 @@ def figures_of(benchmark: Data, precisions: list[float]) -> Iterator[tuple[str, 
     """Figures of one problem by name: running times, convergence, and what is known of the designs."""
     ranked = {name: method for name, method in benchmark["methods"].items() if method["running_times"]}
     if ranked:
-        times = {name: [_time(time) for time in method["running_times"]] for name, method in ranked.items()}
+        times = {
+            name: [[time[k] for k in ("expected", "low", "high")] for time in method["running_times"]]
+            for name, method in ranked.items()
+        }
         yield "running_times", running_times(times, targets=[f"{100 * p:g} %" for p in precisions])
         best = benchmark["best_known"]
-        gaps = {name: [_gaps(trial, best) for trial in m["trials"]] for name, m in ranked.items()}
+        # cost and distance from the best known value, relative to it
+        gaps = {
+            name: [
+                [(cost, (value - best) / abs(best) if best else value) for cost, value in trial["history"]]
+                for trial in method["trials"]
+            ]
+            for name, method in ranked.items()
+        }
         ends = {name: [trial["spent"] for trial in m["trials"]] for name, m in ranked.items()}
         yield "convergence", convergence(gaps, targets=precisions, ends=ends)
     if benchmark["sensitivity"] is not None:
@@ -58,12 +68,3 @@ def figures_of(benchmark: Data, precisions: list[float]) -> Iterator[tuple[str, 
             for name, design in designs.items()
         }
         yield "robustness", robustness(samples, quantity="objective", unit=unit)
-
-
-def _time(time: Data) -> list[float]:
-    return [np.inf if time[key] is None else time[key] for key in ("expected", "low", "high")]
-
-
-def _gaps(trial: Data, best: float | None) -> list[tuple[float, float]]:
-    """Cost and distance from the best known value, relative to it."""
-    return [(cost, (value - best) / abs(best) if best else value) for cost, value in trial["history"]]

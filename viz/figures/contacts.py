@@ -24,12 +24,10 @@ def contact_forces(result: Result) -> Drawing:
         across = np.sqrt(np.maximum(size**2 - normal**2, 0))
         if across.any():
             row[0].plot(time, across, **line(1), label="across, by friction")
-        row[0].set_title(f"contact {contact}, force")
-        row[0].set_ylabel("force [N]")
+        row[0].set(title=f"contact {contact}, force", ylabel="force [N]")
         row[1].plot(time, own.contact_gap.values * 1e3, **line(0))
         row[1].axhline(0, color="black", linewidth=0.5)
-        row[1].set_title(f"contact {contact}, gap")
-        row[1].set_ylabel("gap [mm]")
+        row[1].set(title=f"contact {contact}, gap", ylabel="gap [mm]")
         for panel in row:
             panel.set_xlabel("time [s]")
             until(panel, result)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -61,7 +62,20 @@ def strip(result: Result, rows: Rows, words: Sequence[str] = ()) -> Drawing:
         panel.set_title(f"t = {motion.time[k]:.3g} s" + (f": {words[k]}" if words and words[k] else ""))
         if k == 0:
             draw_names(panel, motion, k, view)
-        _label(panel, view, float(size.max()), last=k + columns >= len(rows), first=k % columns == 0)
+        # world axes where the picture's are such, else a scale
+        last, first = k + columns >= len(rows), k % columns == 0
+        panel.grid(visible=False)
+        if view.labels[0]:
+            panel.set(xlabel=view.labels[0] if last else "", ylabel=view.labels[1] if first else "")
+            continue
+        panel.set_axis_off()
+        if first and last:
+            scale = 10 ** np.floor(np.log10((float(size.max()) or 1.0) / 2))
+            left, bottom = panel.get_xlim()[0], panel.get_ylim()[0]
+            bar: dict[str, Any] = {"color": "black", "linewidth": 2, "solid_capstyle": "butt", "zorder": 9}
+            panel.plot([left, left + scale], [bottom, bottom], **bar)
+            beside: dict[str, Any] = {"xytext": (4, 0), "textcoords": "offset points", "va": "center"}
+            panel.annotate(f"{scale:g} m", (left + scale, bottom), **beside)
     return figure
 
 
@@ -124,23 +138,3 @@ def seen_points(result: Result, motion: BodyMotion) -> Array:
     low, high = bounds(motion)
     references = np.clip(result.data.tip_reference.values[motion.rows].reshape(-1, 3), low, high)
     return np.concatenate([extremes(motion, low, high), references])
-
-
-def _label(panel: Axes, view: View, width: float, *, last: bool, first: bool) -> None:
-    """World axes where the picture's are such, else a scale."""
-    panel.grid(visible=False)
-    if view.labels[0]:
-        panel.set_xlabel(view.labels[0] if last else "")
-        panel.set_ylabel(view.labels[1] if first else "")
-        return
-    panel.set_axis_off()
-    if not first or not last:
-        return
-    scale = 10 ** np.floor(np.log10((width or 1.0) / 2))
-    left, bottom = panel.get_xlim()[0], panel.get_ylim()[0]
-    panel.plot(
-        [left, left + scale], [bottom, bottom], color="black", linewidth=2, solid_capstyle="butt", zorder=9
-    )
-    panel.annotate(
-        f"{scale:g} m", (left + scale, bottom), xytext=(4, 0), textcoords="offset points", va="center"
-    )

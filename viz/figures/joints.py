@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from spacerobot.result import Result
 from viz.figures.kind import figure
@@ -27,38 +26,21 @@ def joints(result: Result) -> Drawing:
             (row[0], "joint_position", "joint angles"),
             (row[1], "joint_torque", "actuator torques"),
         ):
-            _draw(panel, result, variable, mine)
-            panel.set_title(
-                f"{robot}, {text if _turns(result) else result.data[variable].attrs['long_name']}"
-            )
-            panel.set_xlabel("time [s]")
+            values = result.data[variable]
+            scale, unit = unit_scale(values.attrs["units"])
+            for k, joint in enumerate(mine):
+                # the colours come round again with other dashes
+                dashes = DASHES[(k + k // len(COLOURS)) % len(DASHES)]
+                look = {"color": COLOURS[k % len(COLOURS)], "linestyle": dashes, "linewidth": 1.1}
+                shown = values.sel(joint=joint).values * scale
+                panel.plot(result.data.time.values, shown, label=joint.partition("/")[2], **look)
+            turns = result.data.joint_position.attrs["units"] == "rad"
+            quantity = {"deg": "angle", "N m": "torque"}.get(unit, values.attrs["long_name"])
+            title = f"{robot}, {text if turns else values.attrs['long_name']}"
+            panel.set(title=title, xlabel="time [s]", ylabel=f"{quantity} [{unit}]")
+            until(panel, result)
+            if not result.completed:
+                calm = np.abs(values.values[: max(2, int(0.8 * len(values)))] * scale).max()
+                panel.set_ylim(-2 * calm - 1e-9, 2 * calm + 1e-9)
     legend_beside(figure, axes)
     return figure
-
-
-def _turns(result: Result) -> bool:
-    return bool(result.data.joint_position.attrs["units"] == "rad")
-
-
-def _draw(panel: Axes, result: Result, variable: str, joints: list[str]) -> None:
-    values = result.data[variable]
-    scale, unit = unit_scale(values.attrs["units"])
-    for k, joint in enumerate(joints):
-        # the colours come round again with other dashes
-        look = {
-            "color": COLOURS[k % len(COLOURS)],
-            "linestyle": DASHES[(k + k // len(COLOURS)) % len(DASHES)],
-        }
-        panel.plot(
-            result.data.time.values,
-            values.sel(joint=joint).values * scale,
-            linewidth=1.1,
-            label=joint.partition("/")[2],
-            **look,
-        )
-    quantity = {"deg": "angle", "N m": "torque"}.get(unit, values.attrs["long_name"])
-    panel.set_ylabel(f"{quantity} [{unit}]")
-    until(panel, result)
-    if not result.completed:
-        calm = np.abs(values.values[: max(2, int(0.8 * len(values)))] * scale).max()
-        panel.set_ylim(-2 * calm - 1e-9, 2 * calm + 1e-9)

@@ -23,8 +23,30 @@ def ledger(result: Result) -> Drawing:
     figure, axes = panels(2, 2, height_in=2.4, sharex=True)
     _momentum(axes[0, 0], result, "linear")
     _momentum(axes[0, 1], result, "angular")
-    _energy(axes[1, 0], result)
-    _astray(axes[1, 1], result)
+    data, panel = result.data, axes[1, 0]
+    for k, work in enumerate(works_of(data)):
+        if work.name in _ALWAYS or np.any(np.abs(work.values) > _NONE_J):
+            panel.plot(data.time.values, work.values, **line(k), label=work_text(work))
+    panel.plot(data.time.values, stored_change(result), color="black", linewidth=2, label="stored")
+    panel.set(title="energy since the start", ylabel="energy [J]")
+    legend_over(panel, columns=2)
+    # drift of the momenta and open energy, each relative to the largest of its kind
+    panel, conserved = axes[1, 1], result.summary["ledger"]["momentum"]["conserved"]
+    shown = {kind: relative_drift(result, kind) for kind in (("linear", "angular") if conserved else ())}
+    stored = data.energy_kinetic + data.energy_spring + data.energy_potential
+    sizes = [stored_change(result), stored.values, *(work.values for work in works_of(data))]
+    largest = max(float(np.abs(size).max()) for size in sizes)
+    shown["energy"] = np.abs(energy_astray(result)) / (largest or 1.0)
+    for k, (name, values) in enumerate(shown.items()):
+        # rounding apart, nothing is open at the start: zeros do not show on a logarithmic axis
+        panel.plot(data.time.values, np.where(values > 0, values, np.nan), **line(k), label=name)
+    if not any(np.any(values > 0) for values in shown.values()):
+        panel.text(0.5, 0.5, "nothing: exactly zero", transform=panel.transAxes, ha="center")
+    panel.set_yscale("log")
+    panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.0e}"))
+    panel.yaxis.set_minor_formatter(NullFormatter())
+    panel.set(title="momentum drift, open energy", ylabel="relative to the largest")
+    legend_over(panel, columns=2)
     for panel in axes.flat:
         panel.set_xlabel("time [s]")
         panel.tick_params(labelbottom=True)
@@ -45,8 +67,8 @@ def _momentum(panel: Axes, result: Result, kind: str) -> None:
         given = data[f"impulse_{kind}"].values[:, axis]
         panel.plot(data.time.values, given, **line(data.sizes["body"]), label="given from outside")
     name = str(data.axis.values[axis])
-    panel.set_title(f"{kind} momentum, {name}")
-    panel.set_ylabel(f"{kind} momentum {name} [{total.attrs['units']}]")
+    label = f"{kind} momentum {name} [{total.attrs['units']}]"
+    panel.set(title=f"{kind} momentum, {name}", ylabel=label)
     legend_over(panel, columns=2)
 
 
@@ -61,43 +83,6 @@ def energy_astray(result: Result) -> Array:
     """Residual of the energy balance [J]."""
     flow = sum(work.attrs["sign"] * work.values for work in works_of(result.data))
     return np.asarray(stored_change(result) - flow, dtype=np.float64)
-
-
-def _energy(panel: Axes, result: Result) -> None:
-    data = result.data
-    for k, work in enumerate(works_of(data)):
-        if work.name in _ALWAYS or np.any(np.abs(work.values) > _NONE_J):
-            panel.plot(data.time.values, work.values, **line(k), label=work_text(work))
-    panel.plot(data.time.values, stored_change(result), color="black", linewidth=2, label="stored")
-    panel.set_title("energy since the start")
-    panel.set_ylabel("energy [J]")
-    legend_over(panel, columns=2)
-
-
-def _astray(panel: Axes, result: Result) -> None:
-    """Drift of the momenta and open energy, each relative to the largest of its kind."""
-    data = result.data
-    shown = {
-        kind: relative_drift(result, kind)
-        for kind in ("linear", "angular")
-        if result.summary["ledger"]["momentum"]["conserved"]
-    }
-    stored = data.energy_kinetic + data.energy_spring + data.energy_potential
-    sizes = [np.abs(stored_change(result)), np.abs(stored.values)]
-    sizes += [np.abs(work.values) for work in works_of(data)]
-    largest = max(float(size.max()) for size in sizes)
-    shown["energy"] = np.abs(energy_astray(result)) / (largest or 1.0)
-    for k, (name, values) in enumerate(shown.items()):
-        # rounding apart, nothing is open at the start: zeros do not show on a logarithmic axis
-        panel.plot(data.time.values, np.where(values > 0, values, np.nan), **line(k), label=name)
-    if not any(np.any(values > 0) for values in shown.values()):
-        panel.text(0.5, 0.5, "nothing: exactly zero", transform=panel.transAxes, ha="center")
-    panel.set_yscale("log")
-    panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.0e}"))
-    panel.yaxis.set_minor_formatter(NullFormatter())
-    panel.set_title("momentum drift, open energy")
-    panel.set_ylabel("relative to the largest")
-    legend_over(panel, columns=2)
 
 
 def relative_drift(result: Result, kind: str) -> Array:

@@ -61,22 +61,25 @@ def plan_joints(plan: xr.Dataset, flown: Result | None = None) -> Drawing:
             scale, unit = unit_scale(plan[name].attrs["units"])
             for k, joint in enumerate(mine):
                 own = plan.sel(joint=joint)
-                panel.plot(
-                    plan.time.values,
-                    own[name].values * scale,
-                    linewidth=1.1,
-                    label=joint.partition("/")[2],
-                    **_look(k),
-                )
-                _held(panel, plan.time.values, own[name].values * scale, own[f"{name}_limit"].values * scale)
+                time, values = plan.time.values, own[name].values * scale
+                panel.plot(time, values, linewidth=1.1, label=joint.partition("/")[2], **_look(k))
+                _held(panel, time, values, own[f"{name}_limit"].values * scale)
             if flown is not None:
-                _over(panel, plan, flown, name, mine)
+                # the simulated motion until the plan's end, dotted
+                data = flown.data.sel(time=slice(0.0, float(plan.time.values[-1])))
+                if not {str(label) for label in data.joint.values}.issuperset(mine):
+                    message = "was not flown by this plan: its joints are others"
+                    raise ResultError(message, source=flown.folder)
+                key = "joint_torque" if name == "torque" else "joint_position"
+                for joint in mine:
+                    values = data[key].sel(joint=joint).values * scale
+                    if name == "joint_rate":
+                        values = np.gradient(np.unwrap(values, period=360.0), data.time.values)
+                    panel.plot(data.time.values, values, **FLOWN)
             limits = plan[f"{name}_limit"].sel(joint=mine).values * scale
             _near_limits(panel, limits, [joint.partition("/")[2] for joint in mine])
             shade(panel, _phases(plan), named=panel is axes[0, 0])
-            panel.set_title(f"{robot}, {words}")
-            panel.set_ylabel(f"[{unit}]")
-            panel.set_xlabel("time [s]")
+            panel.set(title=f"{robot}, {words}", ylabel=f"[{unit}]", xlabel="time [s]")
     legend_beside(figure, axes)
     return figure
 
@@ -111,9 +114,7 @@ def plan_bases(plan: xr.Dataset, flown: Result | None = None) -> Drawing:
             scale, shown = unit_scale(unit)
             for k, drive in enumerate(own):
                 panel.plot(time, values[:, k] * scale, label=drive[-1], **_look(k))
-            panel.set_title(f"base of {robot}, {name}")
-            panel.set_ylabel(f"[{shown}]")
-            panel.set_xlabel("time [s]")
+            panel.set(title=f"base of {robot}, {name}", ylabel=f"[{shown}]", xlabel="time [s]")
             shade(panel, _phases(plan), named=panel is axes[0, 0])
         limits = plan.base_wrench_limit.sel(drive=own).values
         for k, own_limits in enumerate(limits):
@@ -179,8 +180,7 @@ def plan_constraints(plan: xr.Dataset) -> Drawing:
         _held(panel, time[holds], values[holds], limits)
         shade(panel, _phases(plan))
         panel.set_title(name, fontsize=7.5)
-        panel.set_ylabel(f"[{unit}]")
-        panel.set_xlabel("time [s]")
+        panel.set(ylabel=f"[{unit}]", xlabel="time [s]")
     for panel in list(axes.flat)[len(names) :]:
         panel.set_visible(False)
     return figure
@@ -200,8 +200,7 @@ def convergence(solves: list[Mapping[str, Any]]) -> Drawing:
     for k, solve in enumerate(solves):
         label = f"start {solve['start'] + 1}, {solve['intervals']} intervals"
         costs, violations = (np.array(solve[key], dtype=float) for key in ("costs", "violations"))
-        panel_values = (costs - least, violations)
-        for panel, values in zip(axes.flat, panel_values, strict=True):
+        for panel, values in zip(axes.flat, (costs - least, violations), strict=True):
             shown = np.where(values > 0, values, np.nan)
             panel.plot(np.arange(len(shown)), shown, label=label, **line(k))
     for panel, title in zip(axes.flat, ("cost above the least one found", "greatest violation"), strict=True):
@@ -285,17 +284,3 @@ def _near_limits(panel: Axes, limits: Array, names: Sequence[str]) -> None:
 def _look(k: int) -> dict[str, Any]:
     """Colour and dashes of joint or drive number ``k``: colours come round again with other dashes."""
     return {"color": COLOURS[k % len(COLOURS)], "linestyle": DASHES[k // len(COLOURS) % len(DASHES)]}
-
-
-def _over(panel: Axes, plan: xr.Dataset, flown: Result, name: str, joints: list[str]) -> None:
-    """Draw the simulated motion until the plan's end, dotted."""
-    scale = unit_scale(plan[name].attrs["units"])[0]
-    data = flown.data.sel(time=slice(0.0, float(plan.time.values[-1])))
-    known = {str(label) for label in data.joint.values}
-    if not known.issuperset(joints):
-        raise ResultError("was not flown by this plan: its joints are others", source=flown.folder)
-    for joint in joints:
-        own = data["joint_torque" if name == "torque" else "joint_position"].sel(joint=joint).values * scale
-        if name == "joint_rate":
-            own = np.gradient(np.unwrap(own, period=360.0), data.time.values)
-        panel.plot(data.time.values, own, **FLOWN)

@@ -15,7 +15,6 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import LayoutEngine
 
 from spacerobot.errors import ResultError, near_names
 from spacerobot.files import write_bytes
@@ -126,16 +125,9 @@ def lay_out(figure: Figure) -> None:
     layout = figure.get_layout_engine()
     if layout is None:
         return
-    if is_narrow():
-        _break_texts(figure, layout)
-    # once, and not whenever it is written: that takes longer than to draw
-    layout.execute(figure)
-    figure.set_layout_engine(None)
-
-
-def _break_texts(figure: Figure, layout: LayoutEngine) -> None:
-    """Break titles and names of axes into lines that are no longer than their panels."""
-    for _ in range(2):  # broken names of axes leave titles less room
+    # break titles and names of axes into lines that are no longer than their panels, twice: broken names of
+    # axes leave titles less room
+    for _ in range(2 if is_narrow() else 0):
         layout.execute(figure)
         for panel in figure.axes:
             box = panel.get_window_extent()
@@ -146,6 +138,9 @@ def _break_texts(figure: Figure, layout: LayoutEngine) -> None:
                 if words and longest > 1:
                     line = max(map(len, text.get_text().split("\n"))) / longest
                     text.set_text(textwrap.fill(words, max(8, int(line)), break_long_words=False))
+    # once, and not whenever it is written: that takes longer than to draw
+    layout.execute(figure)
+    figure.set_layout_engine(None)
 
 
 def write_drawings(
@@ -231,7 +226,18 @@ def panels(
     """
     lines, across, height = rows, columns, height_in * rows + 0.5
     if is_narrow():
-        lines, across = _narrow_grid(rows, columns, height_in)
+        # as few columns as leave panels high enough: in its own order where that has few, the other way
+        # round, or one after the other
+        count = rows * columns
+        grids = [(columns, rows), (rows, columns), (count, 1), (-(-count // 2), 2), (-(-count // 3), 3)]
+        few = sorted((grid for grid in grids if grid[1] <= 2), key=lambda grid: grid[1])
+        fitting = [
+            grid
+            for least in (_LOWER * height_in, _LEAST_IN)
+            for grid in few
+            if min(height_in, (TALLEST_IN - 0.5) / grid[0]) >= least
+        ]
+        lines, across = (fitting or grids[-1:])[0]
         height = min(height_in * lines + 0.5, TALLEST_IN)
     figure = Drawing(figsize=(width_in(), height), layout="constrained")
     shared: dict[str, Any] = {"sharex": sharex, "sharey": sharey is True}
@@ -245,18 +251,6 @@ def panels(
         for panel in column[1:]:
             panel.sharey(column[0])
     return figure, axes
-
-
-def _narrow_grid(rows: int, columns: int, height_in: float) -> tuple[int, int]:
-    """Rows and columns of panels in one column of a page, as few columns as leave panels high enough."""
-    count = rows * columns
-    # in its own order where that has few columns, the other way round, or one after the other
-    grids = [(columns, rows), (rows, columns), (count, 1), (-(-count // 2), 2), (-(-count // 3), 3)]
-    for least in (_LOWER * height_in, _LEAST_IN):
-        for grid in sorted(grids, key=lambda grid: grid[1]):
-            if grid[1] <= 2 and min(height_in, (TALLEST_IN - 0.5) / grid[0]) >= least:
-                return grid
-    return grids[-1]
 
 
 def below_last(axes: np.ndarray[Any, Any]) -> None:
@@ -325,15 +319,8 @@ def until(axes: Axes, result: Result) -> None:
         return
     end = float(result.data.time.values[-1])
     axes.axvline(end, color="#B00020", linewidth=0.9, linestyle=":")
-    axes.annotate(
-        f" diverged after {end:.3g} s",
-        (end, 0.98),
-        xycoords=("data", "axes fraction"),
-        color="#B00020",
-        fontsize=7,
-        va="top",
-        ha="right",
-    )
+    place: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "va": "top", "ha": "right"}
+    axes.annotate(f" diverged after {end:.3g} s", (end, 0.98), color="#B00020", fontsize=7, **place)
 
 
 def labels_of(results: Sequence[Result]) -> list[str]:

@@ -7,7 +7,6 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.ticker import NullFormatter
 
 from spacerobot.arrays import Array
@@ -59,7 +58,33 @@ def tip_paths(*results: Result) -> Drawing:
     letters = iter(_FIGURE_5_PANELS * 4)
     for row, ((result, label), plane) in zip(axes, shown, strict=True):
         for panel, tip in zip(row, tips, strict=True):
-            _path(panel, result, tip, plane)
+            reference = result.data.tip_reference.sel(tip=tip).values
+            actual = result.data.tip_position.sel(tip=tip).values
+            across, up = plane
+            names = [str(result.data.axis.values[k]) for k in plane]
+            panel.plot(
+                reference[:, across], reference[:, up], **line(1), label="reference", linewidth=1.0, zorder=4
+            )
+            panel.plot(actual[:, across], actual[:, up], **line(0), label="actual", linewidth=2.2, alpha=0.75)
+            greatest = float(np.linalg.norm(result.data.tip_error.sel(tip=tip).values, axis=-1).max())
+            times = enlargement(greatest, float(np.ptp(reference, axis=0).max()))
+            if times > 1:
+                shown = reference + times * (actual - reference)
+                look = {"linestyle": DASHES[2], "linewidth": 1.0, "color": "#444444"}
+                panel.plot(shown[:, across], shown[:, up], **look, label="actual, error enlarged", zorder=3)
+            panel.plot(
+                actual[0, across], actual[0, up], "o", color="black", markersize=4, label="start", zorder=5
+            )
+            panel.set(xlabel=f"{names[0]} [m]", ylabel=f"{names[1]} [m]")
+            panel.set_aspect("equal", adjustable="datalim")
+            panel.locator_params(nbins=5)
+            ended = "" if result.completed else f"; diverged after {result.data.time.values[-1]:.3g} s"
+            larger = f",{chr(10) if is_narrow() else ' '}enlarged {times:g} times" if times > 1 else ""
+            words = f"greatest error {greatest * 1e3:.3g} mm{larger}{ended}"
+            size = 7.0 if is_narrow() else 7.5
+            panel.text(0.0, 1.02, words, transform=panel.transAxes, fontsize=size).set_in_layout(
+                not is_narrow()
+            )
             title = f"({next(letters)}) {tip}"
             panel.set_title(
                 title if len(results) == 1 else f"{title}, {label}", pad=24 if is_narrow() else 16
@@ -90,31 +115,6 @@ def planes(results: Sequence[Result]) -> list[tuple[int, int]]:
     if reach[third] > _FLAT * reach[first]:
         found.append((first, third))
     return [(min(pair), max(pair)) for pair in found]
-
-
-def _path(panel: Axes, result: Result, tip: str, plane: tuple[int, int]) -> None:
-    reference = result.data.tip_reference.sel(tip=tip).values
-    actual = result.data.tip_position.sel(tip=tip).values
-    across, up = plane
-    names = [str(result.data.axis.values[k]) for k in plane]
-    panel.plot(reference[:, across], reference[:, up], **line(1), label="reference", linewidth=1.0, zorder=4)
-    panel.plot(actual[:, across], actual[:, up], **line(0), label="actual", linewidth=2.2, alpha=0.75)
-    greatest = float(np.linalg.norm(result.data.tip_error.sel(tip=tip).values, axis=-1).max())
-    times = enlargement(greatest, float(np.ptp(reference, axis=0).max()))
-    if times > 1:
-        shown = reference + times * (actual - reference)
-        look = {"linestyle": DASHES[2], "linewidth": 1.0, "color": "#444444"}
-        panel.plot(shown[:, across], shown[:, up], **look, label="actual, error enlarged", zorder=3)
-    panel.plot(actual[0, across], actual[0, up], "o", color="black", markersize=4, label="start", zorder=5)
-    panel.set_xlabel(f"{names[0]} [m]")
-    panel.set_ylabel(f"{names[1]} [m]")
-    panel.set_aspect("equal", adjustable="datalim")
-    panel.locator_params(nbins=5)
-    ended = "" if result.completed else f"; diverged after {result.data.time.values[-1]:.3g} s"
-    larger = f",{chr(10) if is_narrow() else ' '}enlarged {times:g} times" if times > 1 else ""
-    words = f"greatest error {greatest * 1e3:.3g} mm{larger}{ended}"
-    size = 7.0 if is_narrow() else 7.5
-    panel.text(0.0, 1.02, words, transform=panel.transAxes, fontsize=size).set_in_layout(not is_narrow())
 
 
 def enlargement(error: float, reach: float) -> float:
@@ -189,12 +189,25 @@ def _draw(results: Sequence[Result], error: _Error, names: Sequence[str]) -> Dra
                 panel.plot(result.data.time.values, values, **line(index), label=text)
                 until(panel, result)
             panel.axhline(0, color="0.5", linewidth=0.6, zorder=1)
-            panel.set_title(f"{tip}, {error.about}{name}")
-            panel.set_ylabel(f"{error.text} [{error.unit}]")
-            panel.set_xlabel("time [s]")
+            named = f"{error.text} [{error.unit}]"
+            panel.set(title=f"{tip}, {error.about}{name}", ylabel=named, xlabel="time [s]")
             panel.label_outer()
         if several:
-            _sizes(row[-1], results, error, tip)
+            # sizes of the tip's errors, whatever their direction
+            panel = row[-1]
+            for index, result in enumerate(results):
+                size = np.linalg.norm(error.of(result, tip), axis=-1)
+                # a tip begins on its reference: zeros do not show on a logarithmic axis
+                panel.plot(result.data.time.values, np.where(size > 0, size, np.nan), **line(index))
+                until(panel, result)
+            greatest = panel.dataLim.y1
+            if np.isfinite(greatest) and greatest > 0:
+                panel.set_ylim(max(panel.dataLim.minposy, 1e-6 * greatest), 2 * greatest)
+            panel.set_yscale("log")
+            panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+            panel.yaxis.set_minor_formatter(NullFormatter())
+            name = f"size of {error.text} [{error.unit}]"
+            panel.set(title=f"{tip}, size", ylabel=name, xlabel="time [s]")
     if not several:
         for panel in axes.flat:
             mark_phases(panel, results[0], named=panel is axes[0, 0])
@@ -209,21 +222,3 @@ def _draw(results: Sequence[Result], error: _Error, names: Sequence[str]) -> Dra
         signed[0, 0].set_ylim(-2 * max(calm, 1.0), 2 * max(calm, 1.0))
     legend_above(figure, axes[0, 0], columns=3)
     return figure
-
-
-def _sizes(panel: Axes, results: Sequence[Result], error: _Error, tip: str) -> None:
-    """Sizes of a tip's errors, whatever their direction."""
-    for index, result in enumerate(results):
-        size = np.linalg.norm(error.of(result, tip), axis=-1)
-        # a tip begins on its reference: zeros do not show on a logarithmic axis
-        panel.plot(result.data.time.values, np.where(size > 0, size, np.nan), **line(index))
-        until(panel, result)
-    greatest = panel.dataLim.y1
-    if np.isfinite(greatest) and greatest > 0:
-        panel.set_ylim(max(panel.dataLim.minposy, 1e-6 * greatest), 2 * greatest)
-    panel.set_yscale("log")
-    panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    panel.yaxis.set_minor_formatter(NullFormatter())
-    panel.set_title(f"{tip}, size")
-    panel.set_ylabel(f"size of {error.text} [{error.unit}]")
-    panel.set_xlabel("time [s]")

@@ -46,7 +46,13 @@ def convergence(
     figure, axes = panels(rows, columns, height_in=1.55, sharex=True, sharey=True)
     most = max((float(np.max(ends[name], initial=1.0)) for name in names), default=1.0)
     costs = np.geomspace(1.0, max(most, 2.0), POINTS)
-    gaps = {name: np.array([_held(run, costs) for run in runs[name]]) for name in names}
+    # gap so far at each cost; infinite before the first
+    gaps = {}
+    for name in names:
+        steps = [np.asarray(run, dtype=np.float64).reshape(-1, 2) for run in runs[name]]
+        places = [np.searchsorted(own[:, 0], costs, side="right") for own in steps]
+        best = [np.concatenate([[np.inf], np.maximum(own[:, 1], FLOOR)]) for own in steps]
+        gaps[name] = np.array([values[at] for values, at in zip(best, places, strict=True)])
     for k, (panel, name) in enumerate(zip(axes.flat, names, strict=False)):
         for other in names:
             panel.plot(costs, _median(gaps[other]), color="0.75", linewidth=0.7, zorder=1)
@@ -75,13 +81,6 @@ def convergence(
     return figure
 
 
-def _held(run: ArrayLike, costs: Array) -> Array:
-    """Gap so far at each cost; infinite before the first."""
-    steps = np.asarray(run, dtype=np.float64).reshape(-1, 2)
-    gaps = np.concatenate([[np.inf], np.maximum(steps[:, 1], FLOOR)])
-    return np.asarray(gaps[np.searchsorted(steps[:, 0], costs, side="right")])
-
-
 def _median(gaps: Array) -> Array:
     """Median of runs (runs, n); NaN where half of them have found nothing yet."""
     middle = np.quantile(gaps, 0.5, axis=0, method="inverted_cdf")
@@ -98,25 +97,28 @@ def _cost_axis(panel: Axes, least: float, most: float) -> None:
 
 
 @styled
-def running_times(times: Mapping[str, Sequence[Sequence[float]]], *, targets: Sequence[str]) -> Drawing:
+def running_times(
+    times: Mapping[str, Sequence[Sequence[float | None]]], *, targets: Sequence[str]
+) -> Drawing:
     """Expected running time of each method to each target, with intervals.
 
     Parameters
     ----------
     times
         By method: for each target the expected running time, and its interval's ends, (targets, 3) in
-        rollouts. What is infinite is not drawn, or drawn to the panel's edge.
+        rollouts. What is infinite or None is not drawn, or drawn to the panel's edge.
     targets
         What each target is called.
     """
     names = list(times)
     figure, axes = panels(1, len(targets), height_in=0.7 + 0.21 * len(names), sharey=True, sharex=True)
-    every = np.array([values for name in names for values in times[name]], dtype=np.float64)
+    table = np.array([times[name] for name in names], dtype=np.float64)  # none is infinite
+    every = np.where(np.isnan(table), np.inf, table)
     finite = every[np.isfinite(every)]
     least, most = (finite.min() / 1.6, finite.max() * 1.6) if len(finite) else (1.0, 10.0)
     for column, (panel, target) in enumerate(zip(axes[0], targets, strict=True)):
-        for place, name in enumerate(names):
-            expected, low, high = times[name][column]
+        for place in range(len(names)):
+            expected, low, high = every[place, column]
             if not np.isfinite(expected):
                 panel.annotate("never met", (least * 1.1, place), fontsize=7, color="0.45", va="center")
                 continue
@@ -151,8 +153,7 @@ def data_profiles(budgets: ArrayLike, shares: Mapping[str, Mapping[str, ArrayLik
     _cost_axis(panel, float(cost[0]), float(cost[-1]))
     panel.set_ylim(-0.02, 1.02)
     panel.yaxis.set_major_formatter(PercentFormatter(1.0))
-    panel.set_xlabel("budget [rollouts]")
-    panel.set_ylabel("problems x targets x runs solved [%]")
+    panel.set(xlabel="budget [rollouts]", ylabel="problems x targets x runs solved [%]")
     legend_above(figure, panel, columns=5)
     return figure
 

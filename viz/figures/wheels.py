@@ -27,9 +27,7 @@ def wheels(result: Result) -> Drawing:
     ):
         for k, wheel in enumerate(data.wheel.values):
             panel.plot(time, data[name].sel(wheel=wheel).values, **line(k), label=str(wheel))
-        panel.set_title(text)
-        panel.set_ylabel(f"{text} [{data[name].attrs['units']}]")
-        panel.set_xlabel("time [s]")
+        panel.set(title=text, ylabel=f"{text} [{data[name].attrs['units']}]", xlabel="time [s]")
         until(panel, result)
     legend_above(figure, axes[0, 0])
     below_last(axes)
@@ -58,9 +56,11 @@ def momentum_budget(result: Result) -> Drawing:
         panel.plot(
             result.data.time.values, along - along[0], color="black", linewidth=2, label="all together"
         )
-        panel.set_title(f"{kind} momentum {axis}")
-        panel.set_ylabel(f"change {axis} [{total.attrs['units']}]")
-        panel.set_xlabel("time [s]")
+        panel.set(
+            title=f"{kind} momentum {axis}",
+            ylabel=f"change {axis} [{total.attrs['units']}]",
+            xlabel="time [s]",
+        )
         until(panel, result)
     for panel in axes.flat[len(shown) :]:
         panel.set_axis_off()

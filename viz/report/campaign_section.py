@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from spacerobot.arrays import Array
 from spacerobot.quantities import find_quantity, metrics
 from spacerobot.result import Result
 from viz.figures import (
@@ -41,7 +38,7 @@ from viz.report.campaign_text import (
     with_gains,
 )
 from viz.report.report import SECTIONS, ReportSection, page, report
-from viz.report.sections import Subject, escape, table
+from viz.report.sections import escape, picture, table
 
 KEPT = ("warnings", "numbers", "figures", "ledger", "assumptions", "origins")
 """Sections that a campaign's report takes over for its worst samples."""
@@ -78,42 +75,36 @@ class CampaignReport:
     faults: Mapping[str, str] = field(default_factory=dict)
 
 
-def campaign_sections(shown: CampaignReport) -> tuple[ReportSection, ...]:
-    """Sections of a report about a campaign itself."""
-    return tuple(section for section, _ in _written(shown))
-
-
-def _written(shown: CampaignReport) -> list[tuple[ReportSection, str]]:
-    """Those sections that hold anything, with their HTML."""
-
-    def section(name: str, title: str, text: str) -> tuple[ReportSection, str]:
-        return ReportSection(name, title, lambda _: text), text
-
-    made = (
-        section("campaign", "Campaign", _in_short(shown.summary)),
-        section("spread", "How the numbers spread", _spread(shown)),
-        section("matters", "What matters", _matters(shown.summary)),
-        section("series", "Signals over time", _series(shown)),
-        section("worst", "Worst samples", _worst(shown)),
-    )
-    return [(part, text) for part, text in made if text]
-
-
 def campaign_report(shown: CampaignReport) -> str:
     """HTML of a report about a campaign; the worst sample of each set of gains is shown and animated."""
     summary = shown.summary
-    results = [replace(result, folder=None) for result in shown.worst.values()]
-    labelled = partial(_animations, shown)
-    animation = ReportSection("animation", "Worst samples, animated", labelled)
-    rest = [
-        replace(section, title=f"{section.title}: worst samples") if section.name != "origins" else section
-        for section in SECTIONS
-        if section.name in KEPT
-    ]
+    written = {
+        "campaign": ("Campaign", _in_short(summary)),
+        "spread": ("How the numbers spread", _spread(shown)),
+        "matters": ("What matters", _matters(summary)),
+        "series": ("Signals over time", _series(shown)),
+        "worst": ("Worst samples", _worst(shown)),
+    }
     title = f"Campaign of {summary['name']}: {summary['samples']} samples"
+
+    def section(name: str, heading: str, text: str) -> ReportSection:
+        return ReportSection(name, heading, lambda _: text)
+
+    own = [(section(name, heading, text), text) for name, (heading, text) in written.items() if text]
+    results = [replace(result, folder=None) for result in shown.worst.values()]
     if not results:
-        return page(title, _written(shown))
-    return report(*results, title=title, sections=[*campaign_sections(shown), animation, *rest])
+        return page(title, own)
+    text = '<p class="onpaper">The animation plays on a screen; its frames are among the figures.</p>'
+    text += frame(animated(animated_worst(shown)), 640)
+    left = list(shown.worst)[MOST_ANIMATED:]
+    text += f"<p>Not animated: the worst samples of {escape(', '.join(left))}.</p>" if left else ""
+    rest = [
+        replace(part, title=f"{part.title}: worst samples") if part.name != "origins" else part
+        for part in SECTIONS
+        if part.name in KEPT
+    ]
+    sections = [part for part, _ in own] + [section("animation", "Worst samples, animated", text), *rest]
+    return report(*results, title=title, sections=sections)
 
 
 def _in_short(summary: Mapping[str, Any]) -> str:
@@ -136,10 +127,7 @@ def _in_short(summary: Mapping[str, Any]) -> str:
     fails = f"A sample fails if it diverges{passes}."
     step = stepping(summary)
     fails = f"{fails} {step}" if step else fails
-    return f"{text}<p>{escape(about)} {escape(fails)}</p>{_failures(summary)}{_against(summary)}"
-
-
-def _failures(summary: Mapping[str, Any]) -> str:
+    text += f"<p>{escape(about)} {escape(fails)}</p>"
     causes = list(next(iter(summary["gains"].values()))["failure"])
     rows = [
         [name, *(_share(told["failure"][cause]) for cause in causes)]
@@ -147,18 +135,8 @@ def _failures(summary: Mapping[str, Any]) -> str:
     ]
     level = f"{100 * summary['confidence']:g} %"
     note = f", with the {level} interval of its probability" if summary["intervals"] else ""
-    return f"<h3>Share of samples that fail{note}</h3>" + table(["gains", *causes], rows)
-
-
-def _share(told: Mapping[str, Any]) -> str:
-    text = f"{100 * told['value']:.3g} %"
-    if told["low"] is None:
-        return text
-    return f"{text} ({100 * told['low']:.3g} to {100 * told['high']:.3g})"
-
-
-def _against(summary: Mapping[str, Any]) -> str:
-    """How often the first of two sets of gains has the smaller number, a column for each two."""
+    text += f"<h3>Share of samples that fail{note}</h3>{table(['gains', *causes], rows)}"
+    # how often the first of two sets of gains has the smaller number, a column for each two
     columns: dict[str, dict[str, str]] = {}
     for row in summary["against"]:
         first, second = row["first"], row["second"]
@@ -169,12 +147,19 @@ def _against(summary: Mapping[str, Any]) -> str:
         else:
             better = row["first_is_better"]
             column[quantity_of(row["metric"])] = "always the same" if better is None else _share(better)
-    if not columns:
-        return ""
-    names = next(iter(columns.values()))
-    rows = [[name, *(column[name] for column in columns.values())] for name in names]
-    heading = "<h3>Two sets on the same samples: how often the first has the smaller number</h3>"
-    return heading + table(["", *columns], rows)
+    if columns:
+        names = next(iter(columns.values()))
+        rows = [[name, *(column[name] for column in columns.values())] for name in names]
+        heading = "Two sets on the same samples: how often the first has the smaller number"
+        text += f"<h3>{heading}</h3>{table(['', *columns], rows)}"
+    return text
+
+
+def _share(told: Mapping[str, Any]) -> str:
+    text = f"{100 * told['value']:.3g} %"
+    if told["low"] is None:
+        return text
+    return f"{text} ({100 * told['low']:.3g} to {100 * told['high']:.3g})"
 
 
 def _spread(shown: CampaignReport) -> str:
@@ -214,7 +199,17 @@ def _matters(summary: Mapping[str, Any]) -> str:
         sentences = [depends(metric, entry) for metric, entry in told["matters"].items()]
         items = "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences)
         heading = f"<h3>{escape(with_gains(name))}</h3>" if len(summary["gains"]) > 1 else ""
-        bars = _bars(name, told["matters"], summary["parameters"])
+        metric, entry = next(iter(told["matters"].items()))
+        shares, names = entry["kind"] == "sobol", summary["parameters"]
+        rows = {"share": entry["total"]} if shares else {"as it grows": entry["value"]}
+        rows |= {} if shares else {"away from its middle": entry["away"]}
+        values = {way: np.array([row[name] or 0.0 for name in names]) for way, row in rows.items()}
+        bars = ""
+        if len(names) >= 2 and any(row.any() for row in values.values()):
+            drawing = sensitivities(names, values, quantity=metric)
+            kind = "total Sobol' index" if shares else "rank correlation"
+            drawing.axes[0].set_xlabel(f"{kind} with the {quantity_of(metric)}")
+            bars = _figure(drawing, f"What the {quantity_of(metric)} depends on, gains {name}")
         if bars and len(summary["gains"]) > 1:
             bars = f"<details><summary>every parameter, gains {escape(name)}</summary>{bars}</details>"
         parts.append(f"{heading}<ul>{items}</ul>{bars}")
@@ -231,24 +226,6 @@ def _matters(summary: Mapping[str, Any]) -> str:
         texts.append("Shares of the variance are total Sobol' indices; they add up to more than 100 %.")
     measures_told = "".join(f"<p>{escape(text)}</p>" for text in texts)
     return measures_told + (f"<p>{escape(note)}</p>" if note else "") + "".join(parts)
-
-
-def _bars(gains: str, matters: Mapping[str, Any], parameters: list[str]) -> str:
-    metric, entry = next(iter(matters.items()))
-    values = entry["total"] if entry["kind"] == "sobol" else entry["value"]
-    bars = {"as it grows" if entry["kind"] != "sobol" else "share": _numbers(values, parameters)}
-    if entry["kind"] != "sobol":
-        bars["away from its middle"] = _numbers(entry["away"], parameters)
-    if len(parameters) < 2 or not any(row.any() for row in bars.values()):
-        return ""
-    figure = sensitivities(parameters, bars, quantity=metric)
-    kind = "total Sobol' index" if entry["kind"] == "sobol" else "rank correlation"
-    figure.axes[0].set_xlabel(f"{kind} with the {quantity_of(metric)}")
-    return _figure(figure, f"What the {quantity_of(metric)} depends on, gains {gains}")
-
-
-def _numbers(values: Mapping[str, float | None], parameters: list[str]) -> Array:
-    return np.array([values[name] or 0.0 for name in parameters])
 
 
 def _series(shown: CampaignReport) -> str:
@@ -272,7 +249,15 @@ def _worst(shown: CampaignReport) -> str:
     summary = shown.summary
     worst = {name: told["worst"][0] for name, told in summary["gains"].items()}
     rows = [["sample", *(str(row["sample"]) for row in worst.values())]]
-    rows.append(["worst in", *(_reason(row, summary) for row in worst.values())])
+    units = {one["metric"]: one["unit"] for one in next(iter(summary["gains"].values()))["metrics"]}
+    reasons = []
+    for row in worst.values():
+        if not (reason := why_worst(row)):
+            factor, unit = unit_scale(units[row["metric"]])
+            failed = ", past its limit" if find_quantity(row["metric"]).limit in row["failed"] else ""
+            reason = f"{quantity_of(row['metric'])}, {factor * row['value']:.4g} {unit}{failed}"
+        reasons.append(reason)
+    rows.append(["worst in", *reasons])
     for key in summary["parameters"]:
         rows.append([key, *(drawn(summary, key, row["draw"][key]) for row in worst.values())])
     text = table(["gains", *worst], rows)
@@ -283,16 +268,6 @@ def _worst(shown: CampaignReport) -> str:
         told = f"run it again, gains {name}"
         text += f"<details><summary>{escape(told)}</summary><pre>{escape(row['command'])}</pre></details>"
     return text
-
-
-def _reason(row: Mapping[str, Any], summary: Mapping[str, Any]) -> str:
-    if why := why_worst(row):
-        return why
-    metric = row["metric"]
-    rows = next(iter(summary["gains"].values()))["metrics"]
-    factor, unit = unit_scale(next(one["unit"] for one in rows if one["metric"] == metric))
-    failed = ", past its limit" if find_quantity(metric).limit in row["failed"] else ""
-    return f"{quantity_of(metric)}, {factor * row['value']:.4g} {unit}{failed}"
 
 
 def animated_worst(shown: CampaignReport) -> dict[str, Any]:
@@ -306,14 +281,5 @@ def animated_worst(shown: CampaignReport) -> dict[str, Any]:
     return data | {"panel": data["panel"] | {"spreads": list(shown.spreads)}}
 
 
-def _animations(shown: CampaignReport, _: Subject) -> str:
-    text = '<p class="onpaper">The animation plays on a screen; its frames are among the figures.</p>'
-    text += frame(animated(animated_worst(shown)), 640)
-    left = list(shown.worst)[MOST_ANIMATED:]
-    return text + (f"<p>Not animated: the worst samples of {escape(', '.join(left))}.</p>" if left else "")
-
-
 def _figure(drawing: Drawing, title: str) -> str:
-    svg = base64.b64encode(to_bytes(drawing, "svg")).decode("ascii")
-    image = f'<img alt="{escape(title)}" src="data:image/svg+xml;base64,{svg}">'
-    return f"<figure>{image}<figcaption>{escape(title)}</figcaption></figure>"
+    return picture("", title, to_bytes(drawing, "svg"))

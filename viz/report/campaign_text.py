@@ -43,7 +43,14 @@ def failing(name: str, told: Mapping[str, Any], summary: Mapping[str, Any]) -> s
         low, high = (f"{100 * any_[end]:.3g}" for end in ("low", "high"))
         sure = f"{100 * summary['confidence']:g} %"
         head += f": the probability of failure is between {low} and {high} %, with {sure} confidence"
-    parts = [f"{c['count']} {_cause(k)}" for k, c in causes.items() if k != "any" and c["count"]]
+    words = {
+        "unclosed": "by a grasp that does not close at the start",
+        "diverged": "diverged",
+        "target_rotation_deg": "by the target's rotation",
+        "base_rotation_deg": "by a base's rotation",
+    }
+    counts = {cause: own["count"] for cause, own in causes.items() if cause != "any" and own["count"]}
+    parts = [f"{n} {words.get(cause, 'by ' + cause.replace('_', ' '))}" for cause, n in counts.items()]
     return f"{head}. Of them: {', '.join(parts)}." if parts else f"{head}."
 
 
@@ -60,16 +67,6 @@ def capturing(name: str, told: Mapping[str, Any], summary: Mapping[str, Any]) ->
     return f"{text}: P(capture) is between {low} and {high} %, with {sure} confidence."
 
 
-def _cause(cause: str) -> str:
-    words = {
-        "unclosed": "by a grasp that does not close at the start",
-        "diverged": "diverged",
-        "target_rotation_deg": "by the target's rotation",
-    }
-    words |= {"base_rotation_deg": "by a base's rotation"}
-    return words.get(cause, f"by {cause.replace('_', ' ')}")
-
-
 def depends(metric: str, entry: Mapping[str, Any]) -> str:
     """Dependence of a metric on the parameters, strongest first."""
     subject = f"The {quantity_of(metric)}"
@@ -80,15 +77,13 @@ def depends(metric: str, entry: Mapping[str, Any]) -> str:
         return f"{subject}: {reason}." if reason else f"{subject} depends on none of them clearly."
     text, before = "", ""
     for row in strongest[:SAID]:
-        how, named = row["how"], f"{row['parameter']} ({_size(row)})"
+        how, value = row["how"], row["value"]
+        size = f"{100 * value:.0f} % of the variance" if how == "share" else f"{value:+.2f}"
+        named = f"{row['parameter']} ({size})"
         text += f" and {named}" if how == before == "rises" else f", {HOW[how].format(named)}"
         before = how
     rest = f"; it depends on {len(strongest) - SAID} more, less clearly" if len(strongest) > SAID else ""
     return f"{subject} {text.removeprefix(', ')}{rest}.{note}"
-
-
-def _size(row: Mapping[str, Any]) -> str:
-    return f"{100 * row['value']:.0f} % of the variance" if row["how"] == "share" else f"{row['value']:+.2f}"
 
 
 def mixed(summary: Mapping[str, Any]) -> str | None:

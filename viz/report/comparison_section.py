@@ -53,7 +53,19 @@ def _text(folder: Path) -> str:
         data = _read(folder)
         text = f"<p><strong>{escape(data['conclusion'])}</strong></p>{_table(tables.summary_table(data))}"
         text += _drawing(folder / "figures" / f"{PROFILES}.svg", PROFILES, PROFILE_TITLE)
-        return text + "".join(_benchmark(c, data["precisions"], folder) for c in data["problems"])
+        for benchmark in data["problems"]:
+            name, precisions = benchmark["name"], data["precisions"]
+            made = tables.tables_of(benchmark, precisions)
+            made.insert(1, tables.success_table(benchmark, precisions))
+            drawings = [
+                _drawing(folder / name / "figures" / f"{kind}.svg", f"{name}-{kind}", title)
+                for kind, title in DRAWINGS.items()
+            ]
+            text += f"<h3>{escape(tables.heading(benchmark))}</h3><p>{escape(tables.prices(benchmark))}</p>"
+            items = "".join(f"<li>{escape(doubt)}</li>" for doubt in tables.doubts(benchmark))
+            text += f"<ul class='warnings'>{items}</ul>" if items else ""
+            text += _table(made[0]) + "".join([*drawings[:2], *map(_table, made[1:]), *drawings[2:]])
+        return text
 
 
 @contextlib.contextmanager
@@ -119,23 +131,6 @@ def _objective(method: Mapping[str, Any]) -> float:
 
 def _read(folder: Path) -> Any:
     return json.loads((folder / COMPARISON).read_text(encoding="utf-8"))
-
-
-def _benchmark(benchmark: Mapping[str, Any], precisions: list[float], folder: Path) -> str:
-    name = benchmark["name"]
-    made = tables.tables_of(benchmark, precisions)
-    made.insert(1, tables.success_table(benchmark, precisions))
-    drawings = [
-        _drawing(folder / name / "figures" / f"{kind}.svg", f"{name}-{kind}", title)
-        for kind, title in DRAWINGS.items()
-    ]
-    items = "".join(f"<li>{escape(doubt)}</li>" for doubt in tables.doubts(benchmark))
-    doubts = f"<ul class='warnings'>{items}</ul>" if items else ""
-    return (
-        f"<h3>{escape(tables.heading(benchmark))}</h3><p>{escape(tables.prices(benchmark))}</p>"
-        f"{doubts}{_table(made[0])}"
-        f"{''.join(drawings[:2])}{''.join(map(_table, made[1:]))}{''.join(drawings[2:])}"
-    )
 
 
 def _table(made: tables.ComparisonTable) -> str:

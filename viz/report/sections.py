@@ -6,7 +6,6 @@ import base64
 import html
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from spacerobot.paper import AXES, FIGURE_7_MM, FIGURE_10_MM, PID_ONLY_MM, error_bands_mm, is_of_the_paper
 from spacerobot.result import Result
@@ -66,9 +65,13 @@ def what_was_run(subject: Subject) -> str | None:
     ):
         parts.append(f"<p><strong>{escape(name)}</strong>: {escape(description or 'no description')}</p>")
     rows = [
-        [label, status_text(r.summary["status"]), _engine(r.summary)]
+        [label, status_text(r.summary["status"])]
         for r, label in zip(subject.results, subject.labels, strict=True)
     ]
+    for row, result in zip(rows, subject.results, strict=True):
+        engine, spent = result.summary["engine"], result.summary["timing_s"]["rollout"] * 1e3
+        step = f", steps of {engine['step_s'] * 1e3:g} ms" if engine["step_s"] else ""
+        row.append(f"{engine['name']} ({engine['backend']}){step}; {spent:.0f} ms")
     parts.append(table(["result", "status", "engine"], rows))
     differing = differences([to_document(result.scenario) for result in subject.results])
     if differing:
@@ -82,13 +85,9 @@ def what_was_run(subject: Subject) -> str | None:
 def numbers(subject: Subject) -> str | None:
     """Headline numbers, a column for each result."""
     columns = [dict(result.headline()) for result in subject.results]
-    names = list(dict.fromkeys(name for column in columns for name in column if name not in _ELSEWHERE))
-    return table(
-        ["", *subject.labels], [[name, *(column.get(name, "") for column in columns)] for name in names]
-    )
-
-
-_ELSEWHERE = ("status", "engine")
+    names = dict.fromkeys(name for column in columns for name in column if name not in ("status", "engine"))
+    rows = [[name, *(column.get(name, "") for column in columns)] for name in names]
+    return table(["", *subject.labels], rows)
 
 
 def events(subject: Subject) -> str | None:
@@ -119,10 +118,13 @@ def against_the_paper(subject: Subject) -> str | None:
     ]
     for result, label in ours:
         row = [f"simulated: {label}"]
+        # Fig. 7 shows the amnesia controller at work
+        tips = [tip for robot in result.scenario.robots.values() for tip in robot.tips.values()]
+        has_amnesia = all(tip.amnesia is not None for tip in tips)
         for (low, high), (least, greatest) in zip(error_bands_mm(result.summary), FIGURE_7_MM, strict=True):
             inside = least <= low and high <= greatest
             verdict = "✓ within Fig. 7" if inside else "✗ wider than Fig. 7"
-            row.append(f"{_span((low, high))} {verdict if _has_amnesia(result) else ''}".strip())
+            row.append(f"{_span((low, high))} {verdict if has_amnesia else ''}".strip())
         rows.append(row)
     note = (
         "<p>Errors are reference minus position, least .. greatest over the run. With PID alone the paper "
@@ -131,13 +133,6 @@ def against_the_paper(subject: Subject) -> str | None:
         "numbers that its text prints.</p>"
     )
     return table(headings, rows) + note
-
-
-def _has_amnesia(result: Result) -> bool:
-    """Whether it can be held against Fig. 7, which shows the amnesia controller at work."""
-    return all(
-        tip.amnesia is not None for robot in result.scenario.robots.values() for tip in robot.tips.values()
-    )
 
 
 def moving(subject: Subject) -> str | None:
@@ -178,17 +173,8 @@ def ledger(subject: Subject) -> str | None:
         else:
             drifts = [f"not conserved: {momentum['reason']}"] * 2
         rows.append([label, *drifts, *balance])
-    headings = [
-        "result",
-        "linear momentum drift",
-        "angular momentum drift",
-        "actuators put in [J]",
-        "stored [J]",
-        "joints took [J]",
-        "grips took [J]",
-        "rigid grasps put in [J]",
-        "open [J]",
-    ]
+    headings = ["result", "linear momentum drift", "angular momentum drift", "actuators put in [J]"]
+    headings += ["stored [J]", "joints took [J]", "grips took [J]", "rigid grasps put in [J]", "open [J]"]
     note = (
         "<p>Drifts are the greatest change of the total since the start and, in brackets, that relative to "
         "the largest momentum of a single body; impulse from outside is taken off. Energy: what is put in is "
@@ -233,10 +219,11 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def picture(name: str, title: str, svg: bytes) -> str:
-    """HTML of a drawing with its title; ``name`` is that of its anchor."""
+    """HTML of a drawing with its title; ``name`` is that of its anchor, empty if it has none."""
     source = f"data:image/svg+xml;base64,{base64.b64encode(svg).decode('ascii')}"
     image = f'<img alt="{escape(title)}" src="{source}">'
-    return f'<figure id="{escape(name)}">{image}<figcaption>{escape(title)}</figcaption></figure>'
+    anchor = f' id="{escape(name)}"' if name else ""
+    return f"<figure{anchor}>{image}<figcaption>{escape(title)}</figcaption></figure>"
 
 
 def escape(text: str) -> str:
@@ -250,9 +237,3 @@ def _list(items: Sequence[str], name: str) -> str:
 
 def _span(band: tuple[float, float]) -> str:
     return f"{band[0]:.3g} .. {band[1]:.3g}"
-
-
-def _engine(summary: Any) -> str:
-    engine = summary["engine"]
-    step = f", steps of {engine['step_s'] * 1e3:g} ms" if engine["step_s"] else ""
-    return f"{engine['name']} ({engine['backend']}){step}; {summary['timing_s']['rollout'] * 1e3:.0f} ms"
