@@ -80,35 +80,27 @@ def rows() -> list[Row]:
     }
     told = []
     for what, (job, calls) in jobs.items():
-        times = _turns({name: rollout for name, (rollout, _) in found.items()}, job, calls)
-        told += [_row(what, name, *found[name], times) for name in METHODS if name != "rk4"]
+        # processor times [s] by each method, in turns, after a warm-up of each
+        times: dict[str, list[float]] = {name: [] for name in found}
+        for rollout, _ in found.values():
+            job(rollout)
+        for _ in range(TURNS):
+            for name, (rollout, _) in found.items():
+                times[name].append(cpu_time_of(lambda rollout=rollout, job=job: job(rollout)) / calls)
+        for name in (name for name in METHODS if name != "rk4"):
+            (rollout, error), pairs = found[name], zip(times[name], times["rk4"], strict=True)
+            ratio = median(theirs / ours for ours, theirs in pairs)
+            evaluations = rollout.grid.steps * rollout.kernel.method.stages
+            target = ("stated", None) if name != DEFAULT else (f"{FASTER:g}x faster", ratio >= FASTER)
+            step = f"steps of {rollout.grid.step_s * 1e3:.3g} ms"
+            row = Row(
+                f"{what}, `{name}` at a state error of {ERROR:g}",
+                "`rk4` at the same error",
+                *(f"{median(times[each]) * 1e3:.2f} ms" for each in (name, "rk4")),
+                ratio,
+                *target,
+                f"{step}, {evaluations} evaluations, error {error:.0e}",
+                {"error": error, "evaluations": evaluations},
+            )
+            told.append(row)
     return told
-
-
-def _turns(
-    rollouts: dict[str, Rollout], job: Callable[[Rollout], object], calls: int
-) -> dict[str, list[float]]:
-    """Processor times [s] of a job by each method, in turns, after a warm-up of each."""
-    for rollout in rollouts.values():
-        job(rollout)
-    times: dict[str, list[float]] = {name: [] for name in rollouts}
-    for _ in range(TURNS):
-        for name, rollout in rollouts.items():
-            times[name].append(cpu_time_of(lambda rollout=rollout: job(rollout)) / calls)
-    return times
-
-
-def _row(what: str, name: str, rollout: Rollout, error: float, times: dict[str, list[float]]) -> Row:
-    ratio = median(theirs / ours for ours, theirs in zip(times[name], times["rk4"], strict=True))
-    steps, stages = rollout.grid.steps, rollout.kernel.method.stages
-    target = ("stated", None) if name != DEFAULT else (f"{FASTER:g}x faster", ratio >= FASTER)
-    return Row(
-        f"{what}, `{name}` at a state error of {ERROR:g}",
-        "`rk4` at the same error",
-        f"{median(times[name]) * 1e3:.2f} ms",
-        f"{median(times['rk4']) * 1e3:.2f} ms",
-        ratio,
-        *target,
-        f"steps of {rollout.grid.step_s * 1e3:.3g} ms, {steps * stages} evaluations, error {error:.0e}",
-        {"error": error, "evaluations": steps * stages},
-    )

@@ -22,22 +22,14 @@ class PlainLoop:
     def __init__(self, scene: Scene) -> None:
         self.model, self.data, self.scene = scene.model, scene.model.createData(), scene
         pin.framesForwardKinematics(self.model, self.data, scene.q)
-        self.tips = [self._tip(tip) for tip in scene.tips]
+        self.tips = []
+        for tip in scene.tips:
+            columns = [self.model.joints[j].idx_v for j in tip.body.joints]
+            start = self.data.oMf[tip.frame].translation[:2].copy()
+            law = tip.config.pid, tip.config.amnesia, tip.reference
+            self.tips.append((tip.frame, tip.body.root_frame, columns, start, *law))
         self.grasps = [(g.tip.frame, g.frame, g.config.stiffness, g.config.damping) for g in scene.grasps]
         self.x0 = np.concatenate([scene.q, scene.v, np.zeros(4 * len(self.tips))])
-
-    def _tip(self, tip: Any) -> tuple[Any, ...]:
-        columns = [self.model.joints[j].idx_v for j in tip.body.joints]
-        start = self.data.oMf[tip.frame].translation[:2].copy()
-        return (
-            tip.frame,
-            tip.body.root_frame,
-            columns,
-            start,
-            tip.config.pid,
-            tip.config.amnesia,
-            tip.reference,
-        )
 
     def __call__(self, t: float, x: np.ndarray) -> np.ndarray:
         """Rate of x."""
@@ -48,7 +40,11 @@ class PlainLoop:
         pin.updateFramePlacements(model, data)
         force = -model.damping * v
         for tip, mate, stiffness, damping in self.grasps:
-            force += self._grasp(v, tip, mate, stiffness, damping)
+            j_tip = pin.getFrameJacobian(model, data, tip, WORLD)[:2]
+            j_mate = pin.getFrameJacobian(model, data, mate, WORLD)
+            gap = data.oMf[tip].translation[:2] - data.oMf[mate].translation[:2]
+            relative = j_tip - j_mate[:2] - np.outer([-gap[1], gap[0]], j_mate[5])
+            force -= relative.T @ (stiffness * gap + damping * (relative @ v))
         inverse = pin.computeMinverse(model, data, q)
         controls = [self._control(t, v, z[4 * i : 4 * i + 4], tip) for i, tip in enumerate(self.tips)]
         free = pin.aba(model, data, q, v, force)
@@ -62,15 +58,6 @@ class PlainLoop:
             rates.append(rate)
         return np.concatenate([configuration_rate(model, q, v), acceleration, *rates])
 
-    def _grasp(self, v: np.ndarray, tip: int, mate: int, stiffness: float, damping: float) -> np.ndarray:
-        data = self.data
-        j_tip = pin.getFrameJacobian(self.model, data, tip, WORLD)[:2]
-        j_mate = pin.getFrameJacobian(self.model, data, mate, WORLD)
-        gap = data.oMf[tip].translation[:2] - data.oMf[mate].translation[:2]
-        there = j_mate[:2] + np.outer([-gap[1], gap[0]], j_mate[5])
-        relative = j_tip - there
-        return -relative.T @ (stiffness * gap + damping * (relative @ v))
-
     def _control(self, t: float, v: np.ndarray, z: np.ndarray, tip: tuple[Any, ...]) -> Any:
         frame, base, columns, start, pid, amnesia, circle = tip
         data = self.data
@@ -82,7 +69,17 @@ class PlainLoop:
         base_drift = pin.getFrameClassicalAcceleration(self.model, data, base, WORLD).linear[:2]
         spin, relative = at_base.angular[2], velocity - at_base.linear[:2]
         seen_drift = drift - base_drift - spin * np.array([-relative[1], relative[0]])
-        reference = _circle(t, start, circle)
+        # the circle's position, velocity and acceleration
+        tf, turn = circle.duration, np.radians(circle.end_deg - circle.start_deg)
+        s, first = min(t / tf, 1.0), np.radians(circle.start_deg)
+        delta = first + turn * s * s * (3 - 2 * s)
+        rate, acceleration = turn * 6 * s * (1 - s) / tf, turn * (6 - 12 * s) / tf**2 * (t < tf)
+        along, across = np.array([np.cos(delta), np.sin(delta)]), np.array([-np.sin(delta), np.cos(delta)])
+        reference = (
+            start + circle.radius * (along - np.array([np.cos(first), np.sin(first)])),
+            circle.radius * rate * across,
+            circle.radius * (acceleration * across - rate**2 * along),
+        )
         error = reference[0] - position
         memory, integral = z[:2], z[2:]
         memory_rate = error - amnesia.ta * memory
@@ -117,21 +114,3 @@ def configuration_rate(model: pin.Model, q: np.ndarray, v: np.ndarray) -> np.nda
             c, s, w = q[i + 2], q[i + 3], v[k + 2]
             rate[i : i + 4] = c * v[k] - s * v[k + 1], s * v[k] + c * v[k + 1], -s * w, c * w
     return rate
-
-
-def _circle(t: float, start: np.ndarray, circle: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    s, turn, tf = (
-        min(t / circle.duration, 1.0),
-        np.radians(circle.end_deg - circle.start_deg),
-        circle.duration,
-    )
-    delta = np.radians(circle.start_deg) + turn * s * s * (3 - 2 * s)
-    rate, acceleration = turn * 6 * s * (1 - s) / tf, turn * (6 - 12 * s) / tf**2 * (t < tf)
-    along, across = np.array([np.cos(delta), np.sin(delta)]), np.array([-np.sin(delta), np.cos(delta)])
-    first = np.radians(circle.start_deg)
-    position = start + circle.radius * (along - np.array([np.cos(first), np.sin(first)]))
-    return (
-        position,
-        circle.radius * rate * across,
-        circle.radius * (acceleration * across - rate**2 * along),
-    )

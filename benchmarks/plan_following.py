@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from benchmarks.table_row import Row
+from benchmarks.table_row import Row, at_most
 from benchmarks.timing import paired
 from spacerobot.closedloop import ClosedLoop, build_closed_loop
 from spacerobot.rollout import Rollout, build_rollout
@@ -25,20 +26,11 @@ def plan(intervals: int) -> dict[str, Any]:
     first, pace = np.radians(40) * np.repeat([1, -1], 4), 2 * np.pi / DURATION
     swing, rate = np.sin(pace * times)[:, None] ** 2, pace * np.sin(2 * pace * times)[:, None]
     shape = np.linspace(0.1, 0.2, 8)
-    knots = {
-        "times": times,
-        "position": first + swing * shape,
-        "rate": rate * shape,
-        "effort": 0 * (swing + first),
-    }
-    rows = {key: value.tolist() for key, value in knots.items()}
+    values = {"position": first + swing * shape, "rate": rate * shape, "effort": 0 * (swing + first)}
+    rows = {key: value.tolist() for key, value in ({"times": times} | values).items()}
     joints = [f"joint_{k}" for k in range(1, 9)]
-    return {
-        "kind": "joint_tracking",
-        "kp": 20,
-        "kd": 20,
-        "knots": {**rows, "points": POINTS, "joints": joints},
-    }
+    knots = {**rows, "points": POINTS, "joints": joints}
+    return {"kind": "joint_tracking", "kp": 20, "kd": 20, "knots": knots}
 
 
 def loop(intervals: int) -> ClosedLoop:
@@ -59,19 +51,10 @@ def rows() -> list[Row]:
     operations = {count: each.dynamics.n_instructions() for count, each in loops.items()}
     found = []
     for count in (FEW, MANY):
-        times = paired(rollouts[count].run, rollouts[0].run, calls=(1, 1))
-        ratio = times.first_s / times.second_s
-        found.append(
-            Row(
-                f"one rollout of the paper's arm following a plan of {count} intervals of {POINTS} points",
-                "the same arm without a controller",
-                f"{times.first_s * 1e3:.1f} ms",
-                f"{times.second_s * 1e3:.1f} ms",
-                ratio,
-                f"at most {MOST:g} times",
-                ratio <= MOST,
-                f"{operations[count]} operations and {operations[0]}; {STEP * 1e3:g} ms steps",
-                {"operations": [operations[count], operations[0]]},
-            )
-        )
+        times = paired(rollouts[count].run, rollouts[0].run)
+        what = f"one rollout of the paper's arm following a plan of {count} intervals of {POINTS} points"
+        both = [operations[count], operations[0]]
+        note = f"{both[0]} operations and {both[1]}; {STEP * 1e3:g} ms steps"
+        row = at_most(MOST, (what, "the same arm without a controller"), times, note)
+        found.append(replace(row, numbers={"operations": both}))
     return found

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from benchmarks.timing import Paired
+
 
 @dataclass(frozen=True)
 class Row:
@@ -39,6 +41,27 @@ class Row:
     met: bool | None = None
     note: str = ""
     numbers: dict[str, Any] = field(default_factory=dict)
+
+
+def at_most(most: float, names: tuple[str, str], times: Paired, note: str, *, count: int = 1) -> Row:
+    """Row of two jobs that took turns, of which the first may take ``most`` times as long as the second.
+
+    Parameters
+    ----------
+    most
+        Target of the ratio of their medians.
+    names
+        What was measured, and against what.
+    times
+        Of the jobs.
+    note
+        An honest word.
+    count
+        Rollouts of one job, by which the times are divided that are printed.
+    """
+    ratio = times.first_s / times.second_s
+    texts = (f"{each / count * 1e3:.2f} ms" for each in (times.first_s, times.second_s))
+    return Row(*names, *texts, ratio, f"at most {most:g} times", ratio <= most, note)
 
 
 def markdown_head(columns: Sequence[str]) -> list[str]:

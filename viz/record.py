@@ -107,7 +107,8 @@ def write_recording(
     else:
         times = [*np.arange(0, duration, pace / per_s), duration]
         encoded = _counted(page_pictures(animation(result), times, size), len(times), progress)
-        pictures, form = map(_decoded, encoded), ["-f", "image2pipe", "-c:v", "mjpeg"]
+        pictures = (Image.open(io.BytesIO(picture)).convert("RGB") for picture in encoded)
+        form = ["-f", "image2pipe", "-c:v", "mjpeg"]
     content = _mp4(program, encoded, form, per_s, path) if kind == ".mp4" else _gif(pictures, per_s)
     write_bytes(path, content)
     note_derived([result], [path])
@@ -145,10 +146,6 @@ def write_poster(
         content = buffer.getvalue()
     write_bytes(path, content)
     note_derived([result], [Path(path)])
-
-
-def _decoded(picture: bytes) -> Image.Image:
-    return Image.open(io.BytesIO(picture)).convert("RGB")
 
 
 def _counted(pictures: Iterable[T], count: int, progress: Progress | None) -> Iterator[T]:
@@ -289,22 +286,18 @@ def _mp4(program: str, pictures: Iterable[bytes], form: list[str], frames_per_s:
             process = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=stderr
             )
-            _feed(process, pictures)
+            # until it closes its input, or ends
+            try:
+                if process.stdin is not None:
+                    with suppress(BrokenPipeError), process.stdin as sink:
+                        for picture in pictures:
+                            sink.write(picture)
+                process.wait()
+            finally:
+                if process.poll() is None:
+                    process.kill()
+                    process.wait()
         if process.returncode:
             said = errors.read_text(encoding="utf-8", errors="replace").strip()
             raise ResultError(f"ffmpeg failed: {said[-300:]}", source=path)
         return made.read_bytes()
-
-
-def _feed(process: subprocess.Popen[bytes], pictures: Iterable[bytes]) -> None:
-    """Write pictures to a process until it closes its input, and wait for its end."""
-    try:
-        if process.stdin is not None:
-            with suppress(BrokenPipeError), process.stdin as sink:
-                for picture in pictures:
-                    sink.write(picture)
-        process.wait()
-    finally:
-        if process.poll() is None:
-            process.kill()
-            process.wait()

@@ -1,7 +1,7 @@
 """Figures: functions that return matplotlib figures, in one style, without a display."""
 
 from viz.figures.approach import approach
-from viz.figures.bands import BandSeries, bands, moving_components
+from viz.figures.bands import bands, moving_components
 from viz.figures.base_disturbance import disturbance
 from viz.figures.bodies import base_motion, grip_forces, object_motion
 from viz.figures.campaign import SampleSpread, distributions, robustness
@@ -17,7 +17,6 @@ from viz.figures.tuning import convergence, data_profiles, running_times, sensit
 from viz.figures.wheels import momentum_budget, wheels
 
 __all__ = [
-    "BandSeries",
     "Drawing",
     "FigureKind",
     "SampleSpread",

@@ -2,74 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from spacerobot.arrays import Array
 from viz.figures.campaign import BAD
 from viz.figures.style import COLOURS, Drawing, legend_above, panels, styled, unit_scale
 
-
-class BandSeries(Protocol):
-    """How a signal of c components spreads over time (nt,); see ``optim.campaign.Bands``."""
-
-    @property
-    def name(self) -> str:
-        """Of the signal."""
-
-    @property
-    def unit(self) -> str:
-        """Of each component."""
-
-    @property
-    def components(self) -> tuple[str, ...]:
-        """Labels of the components."""
-
-    @property
-    def time(self) -> Array:
-        """Times (nt,) [s]."""
-
-    @property
-    def least(self) -> Array:
-        """Least over the samples (nt, c)."""
-
-    @property
-    def low(self) -> Array:
-        """5 % (nt, c)."""
-
-    @property
-    def median(self) -> Array:
-        """50 % (nt, c)."""
-
-    @property
-    def high(self) -> Array:
-        """95 % (nt, c)."""
-
-    @property
-    def greatest(self) -> Array:
-        """Greatest over the samples (nt, c)."""
-
-    @property
-    def left(self) -> NDArray[np.int64]:
-        """Samples that have not diverged yet (nt,)."""
-
-    @property
-    def sample(self) -> int:
-        """Number of the sample that is shown by itself."""
-
-    @property
-    def shown(self) -> Array:
-        """Its values over time (nt, c)."""
-
+if TYPE_CHECKING:
+    from optim.campaign import QuantileBands
 
 MOST_PANELS = 24
 ROOM = 4  # widths of the 5 to 95 % band that extremes may reach beyond it before they are cut
 
 
 @styled
-def bands(signal: BandSeries) -> Drawing:
+def bands(signal: QuantileBands) -> Drawing:
     """Percentile bands over time of every component that moves, each in its panel.
 
     Parameters
@@ -119,7 +67,7 @@ def bands(signal: BandSeries) -> Drawing:
     return figure
 
 
-def moving_components(signal: BandSeries) -> list[int]:
+def moving_components(signal: QuantileBands) -> list[int]:
     """Places of the components that are not the same all the time in every sample."""
     span = np.nan_to_num(signal.greatest).max(axis=0) - np.nan_to_num(signal.least).min(axis=0)
     return [int(i) for i in np.flatnonzero(span > 1e-12 * max(float(span.max(initial=0.0)), 1e-300))]

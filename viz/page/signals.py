@@ -26,13 +26,13 @@ ENERGIES = {"energy_kinetic": "kinetic", "energy_spring": "springs of grips", "e
 
 DEG = float(np.degrees(1.0))
 TIP_ERRORS = (
-    ("tip error", "mm", "led tip", "tip_error", 1e3, "size"),
-    ("tip error by axis", "mm", "led tip", "tip_error", 1e3, "along"),
-    ("tip orientation error", "deg", "led tip", "tip_orientation_error", DEG, "size"),
+    ("tip error", "mm", "controlled tip", "tip_error", 1e3, "size"),
+    ("tip error by axis", "mm", "controlled tip", "tip_error", 1e3, "along"),
+    ("tip orientation error", "deg", "controlled tip", "tip_orientation_error", DEG, "size"),
 )
 TIPS_TO_JOINTS = (
     ("tip position", "m", "tip", "tip_position", 1.0, "along"),
-    ("tip reference", "m", "led tip", "tip_reference", 1.0, "along"),
+    ("tip reference", "m", "controlled tip", "tip_reference", 1.0, "along"),
     ("tip velocity", "mm/s", "tip", "tip_velocity", 1e3, "along"),
     ("grip force", "N", "grasp", "grasp_force", 1.0, "size"),
     ("grip force by axis", "N", "grasp", "grasp_force", 1.0, "along"),
@@ -190,7 +190,7 @@ def _tabulated(
             continue
         values, labels = result.array(key), result.array(dim)
         chosen: Any = np.ones(len(labels), dtype=bool)
-        if whose == "led tip":
+        if whose == "controlled tip":
             chosen = np.isin(labels, result.led_tips)
         elif dim == "joint":
             chosen = (result.array("joint_kind") != "prismatic") == (whose == "turning joint")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -12,7 +12,6 @@ import xarray as xr
 from spacerobot.quantities import find_quantity, metrics
 from spacerobot.result import Result
 from viz.figures import (
-    BandSeries,
     SampleSpread,
     bands,
     distributions,
@@ -39,6 +38,9 @@ from viz.report.campaign_text import (
 )
 from viz.report.report import SECTIONS, ReportSection, page, report
 from viz.report.sections import escape, picture, table
+
+if TYPE_CHECKING:
+    from optim.campaign import QuantileBands
 
 KEPT = ("warnings", "numbers", "figures", "ledger", "assumptions", "origins")
 """Sections that a campaign's report takes over for its worst samples."""
@@ -70,7 +72,7 @@ class CampaignReport:
     summary: Mapping[str, Any]
     data: xr.Dataset
     worst: Mapping[str, Result]
-    bands: Mapping[str, Mapping[str, BandSeries]]
+    bands: Mapping[str, Mapping[str, QuantileBands]]
     spreads: Sequence[Mapping[str, Any]] = ()
     faults: Mapping[str, str] = field(default_factory=dict)
 
