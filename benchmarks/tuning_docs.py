@@ -45,7 +45,8 @@ def to_one_percent(data: Mapping[str, Any]) -> tables.ComparisonTable:
 def blocks(data: Mapping[str, Any]) -> dict[str, str]:
     """Texts by the name of their mark."""
     return {
-        "conclusion": f"**{conclusion(data)}**",
+        # the table shows where another method is better
+        "conclusion": f"**{conclusion(data).split('; elsewhere')[0].rstrip('.')}.**",
         "table": tables.as_markdown(to_one_percent(data)),
     }
 
