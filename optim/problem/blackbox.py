@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from optim.problem.problem import Evaluation, EvaluationCost, Form, Linearisation
+from optim.problem.problem import Evaluation, EvaluationCost, Linearisation, OptimisationProblem
 from optim.problem.tuning_problem import TuningProblem
 from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError
@@ -22,7 +22,7 @@ ResultObjective = Callable[[Result], float]
 
 
 @dataclass(frozen=True)
-class ResultProblem:
+class ResultProblem(OptimisationProblem):
     """A tuning problem whose objective Python computes from each result; constraints stay the section's."""
 
     problem: TuningProblem
@@ -44,24 +44,9 @@ class ResultProblem:
         return self.problem.start
 
     @property
-    def form(self) -> Form:
-        """``smooth``; no gradient is ever asked for."""
-        return "smooth"
-
-    @property
     def linear_cost(self) -> EvaluationCost:
         """Nothing, since there is no gradient."""
         return EvaluationCost()
-
-    @property
-    def sample_cost(self) -> EvaluationCost:
-        """A rollout."""
-        return EvaluationCost(rollouts=1)
-
-    @property
-    def prefers_exact(self) -> bool:
-        """No."""
-        return False
 
     @property
     def fingerprint(self) -> str:
@@ -72,13 +57,16 @@ class ResultProblem:
     def evaluate(self, u: Array) -> Evaluation:
         """One rollout and one result after the other; NaN where a rollout diverged."""
         constraints = self.problem.evaluate(u).constraints if self.constraint_names else np.empty((len(u), 0))
-        return Evaluation(np.array([self._score(point) for point in u]), constraints)
+        variables, scene, scores = self.problem.variables, self.problem.scene, np.full(len(u), np.nan)
+        for i, point in enumerate(u):
+            trajectory = self._rollout.run(variables.as_changes(variables.values(point)))
+            if trajectory.status == "completed":
+                data = build_dataset(scene, trajectory, self.problem.loop)
+                result = Result(scene.scenario, data, build_summary(scene, data, trajectory, {}, {}))
+                scores[i] = self.score(result)
+        return Evaluation(scores, constraints)
 
-    def sample(self, u: Array) -> Evaluation:
-        """Values alone."""
-        return replace(self.evaluate(u), rows=np.empty((len(u), 0)))
-
-    def linearise(self, u: Array) -> Linearisation:
+    def linearise_all(self, u: Array) -> list[Linearisation]:
         """There is no gradient.
 
         Raises
@@ -86,11 +74,7 @@ class ResultProblem:
         SpaceRobotError
             Always.
         """
-        raise SpaceRobotError(f"a function of a result has no gradient (at {u.tolist()})")
-
-    def linearise_all(self, u: Array) -> list[Linearisation]:
-        """As :meth:`linearise`."""
-        return [self.linearise(point) for point in u]
+        raise SpaceRobotError(f"a function of a result has no gradient (at {u[0].tolist()})")
 
     @cached_property
     def _rollout(self) -> Rollout:
@@ -102,12 +86,3 @@ class ResultProblem:
             output_step_s=simulation.output_step,
             method=simulation.method,
         )
-
-    def _score(self, u: Array) -> float:
-        variables, scene = self.problem.variables, self.problem.scene
-        trajectory = self._rollout.run(variables.as_changes(variables.values(u)))
-        if trajectory.status != "completed":
-            return np.nan
-        data = build_dataset(scene, trajectory, self.problem.loop)
-        result = Result(scene.scenario, data, build_summary(scene, data, trajectory, {}, {}))
-        return float(self.score(result))

@@ -117,7 +117,13 @@ def extend(
         "x0": ca.vertcat(x0, ca.SX.zeros(count)),
         "c": ca.vertcat(c0, *(p[place[path]] for path in used)),
     }
-    guards, update = _extended_events(loop, at)
+    guards, update = loop.guards, loop.update
+    if loop.events:  # the update leaves added states as they are
+        xdot, e = ca.SX.sym("xdot", x.numel()), ca.SX.sym("e")
+        found = zip(guards.name_out(), guards(t, x[:nx], c[:nc], xdot[:nx]), strict=True)
+        after = ca.vertcat(update(t, x[:nx], c[:nc], e), x[nx:])
+        guards = _function("guards", {**at, "xdot": xdot}, dict(found))
+        update = _function("update", {**at, "e": e}, {"x_after": after})
     rows = {"row": ca.SX(loop.rows(t, x[:nx], c[:nc]))} if loop.tables else {}
     return DerivedLoop.of(
         loop,
@@ -130,21 +136,6 @@ def extend(
         rows=_function("rows", at, rows) if loop.tables else loop.rows,
         guards=guards,
         update=update,
-    )
-
-
-def _extended_events(loop: ClosedLoopFunctions, at: Mapping[str, ca.SX]) -> tuple[ca.Function, ca.Function]:
-    """Guards, and the update, which leaves added states as they are."""
-    if not loop.events:
-        return loop.guards, loop.update
-    t, x, c = at.values()
-    nx, nc = len(loop.state_names), loop.setup.numel_out(1)
-    xdot, e = ca.SX.sym("xdot", x.numel()), ca.SX.sym("e")
-    guards = zip(loop.guards.name_out(), loop.guards(t, x[:nx], c[:nc], xdot[:nx]), strict=True)
-    after = ca.vertcat(loop.update(t, x[:nx], c[:nc], e), x[nx:])
-    return (
-        _function("guards", {**at, "xdot": xdot}, dict(guards)),
-        _function("update", {**at, "e": e}, {"x_after": after}),
     )
 
 

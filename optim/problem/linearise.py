@@ -11,7 +11,6 @@ from optim.problem.formulation import Formulation
 from optim.problem.objectives import OBJECTIVE, error_rows
 from optim.problem.problem import Linearisation
 from spacerobot.arrays import Array
-from spacerobot.rollout import Jacobian
 
 
 def linearise_all(problem: Formulation, u: Array) -> list[Linearisation]:
@@ -20,44 +19,38 @@ def linearise_all(problem: Formulation, u: Array) -> list[Linearisation]:
     By the adjoint, in lanes, where only the objective's gradient is needed, else by forward sensitivities;
     margins follow. Values are NaN where the rollout diverged.
     """
-    found = _measured(problem, u)
-    if problem.terms.margins is None:
-        return found
-    return [_with_margins(problem, *each) for each in zip(u, found, strict=True)]
-
-
-def _measured(problem: Formulation, u: Array) -> list[Linearisation]:
-    """All but margins."""
     if problem.form != "smooth" or problem.terms.limits:
-        return [_linearise(problem, point) for point in u]
-    found = problem.rollout.gradient_batch(
-        problem.names, problem.variables.values(u), costs=[OBJECTIVE], threads=1, orders=False
-    )
-    slopes = np.array([problem.variables.slope(point) for point in u])
-    gradients = found.gradients[OBJECTIVE] * slopes
-    return [_plain(float(found.costs[OBJECTIVE][i]), gradients[i]) for i in range(len(u))]
-
-
-def _with_margins(problem: Formulation, u: Array, at: Linearisation) -> Linearisation:
-    """A linearisation at a point u (k,) with the margins' constraints and their part of the objective."""
+        found = [_linearise(problem, point) for point in u]
+    else:
+        values = problem.variables.values(u)
+        plain = problem.rollout.gradient_batch(
+            problem.names, values, costs=[OBJECTIVE], threads=1, orders=False
+        )
+        gradients = plain.gradients[OBJECTIVE] * np.array([problem.variables.slope(point) for point in u])
+        costs = map(float, plain.costs[OBJECTIVE])
+        found = [Linearisation.of_smooth(*each) for each in zip(costs, gradients, strict=True)]
     terms = problem.terms.margins
-    assert terms is not None
-    found = terms.values(problem.variables.values(u), slopes=True)
-    values = np.array([one.value for one in found])
-    slopes = np.array([one.gradient for one in found]) * problem.variables.slope(u)
-    (g, by_margin), (penalty, weights) = terms.constraints(values), terms.penalty(values)
+    if terms is None:
+        return found
     limited = [i for i, row in enumerate(terms.rows) if row.requirement.least is not None]
-    weighed = weights != 0
-    added = weights[weighed] @ slopes[weighed]
-    return replace(
-        at,
-        objective=at.objective + float(penalty),
-        gradient=at.gradient + added,
-        smooth=at.smooth + float(penalty),
-        smooth_gradient=at.smooth_gradient + added,
-        constraints=np.concatenate([at.constraints, g]),
-        constraint_jacobian=np.concatenate([at.constraint_jacobian, by_margin[:, None] * slopes[limited]]),
-    )
+    for k, (point, at) in enumerate(zip(u, found, strict=True)):
+        margins = terms.values(problem.variables.values(point), slopes=True)
+        values = np.array([one.value for one in margins])
+        slopes = np.array([one.gradient for one in margins]) * problem.variables.slope(point)
+        (g, by_margin), (penalty, weights) = terms.constraints(values), terms.penalty(values)
+        weighed = weights != 0
+        added = weights[weighed] @ slopes[weighed]
+        jacobian = np.concatenate([at.constraint_jacobian, by_margin[:, None] * slopes[limited]])
+        found[k] = replace(
+            at,
+            objective=at.objective + float(penalty),
+            gradient=at.gradient + added,
+            smooth=at.smooth + float(penalty),
+            smooth_gradient=at.smooth_gradient + added,
+            constraints=np.concatenate([at.constraints, g]),
+            constraint_jacobian=jacobian,
+        )
+    return found
 
 
 def _linearise(problem: Formulation, u: Array) -> Linearisation:
@@ -67,11 +60,19 @@ def _linearise(problem: Formulation, u: Array) -> Linearisation:
     jacobian = problem.rollout.jacobian(values, wrt=problem.names, outputs=sampled, orders=False)
     if jacobian.trajectory.status != "completed":
         sizes = problem.terms.measures.sizes
-        return _nothing(sum(sizes[name] for name in problem.terms.limits), len(u))
+        m, k = sum(sizes[name] for name in problem.terms.limits), len(u)
+        nothing = Linearisation.of_smooth(np.nan, np.full(k, np.nan))
+        return replace(nothing, constraints=np.full(m, np.nan), constraint_jacobian=np.full((m, k), np.nan))
     slope = problem.variables.slope(u)
     measures, k = jacobian.trajectory.measures, len(slope)
     value = float(jacobian.trajectory.costs[OBJECTIVE])
-    gradient = _gradient(problem, jacobian) * slope
+    # derivative of the objective with respect to the variables' values (k,), by the chain rule
+    names = problem.rollout.kernel.measures
+    by_variables = np.concatenate([jacobian.measures[name] for name in names])
+    towards = problem.objective_slope(
+        np.concatenate([measures[name] for name in names]), problem.rollout.values(None)
+    )
+    gradient = np.asarray(towards.full().ravel() @ by_variables, dtype=np.float64) * slope
     limits = problem.terms.limits
     g = np.concatenate([np.empty(0), *(measures[n] / limit - 1 for n, limit in limits.items())])
     dg = np.concatenate([np.empty((0, k)), *(jacobian.measures[n] / limit for n, limit in limits.items())])
@@ -83,15 +84,6 @@ def _linearise(problem: Formulation, u: Array) -> Linearisation:
         worst = int(rows.argmax())
         smooth, smooth_gradient = value - float(rows[worst]), gradient - rows_jacobian[worst]
     return Linearisation(value, gradient, g, dg * slope, rows, rows_jacobian, smooth, smooth_gradient)
-
-
-def _gradient(problem: Formulation, jacobian: Jacobian) -> Array:
-    """Derivative of the objective with respect to the variables' values (k,), by the chain rule."""
-    names = problem.rollout.kernel.measures
-    measures = np.concatenate([jacobian.trajectory.measures[name] for name in names])
-    slopes = np.concatenate([jacobian.measures[name] for name in names])
-    towards = problem.objective_slope(measures, problem.rollout.values(None)).full().ravel()
-    return np.asarray(towards @ slopes, dtype=np.float64)
 
 
 def sampled_outputs(problem: Formulation) -> tuple[str, ...]:
@@ -119,16 +111,3 @@ def rows_of(problem: Formulation, outputs: Mapping[str, Array]) -> Array:
         scaled = outputs[name] * (np.sqrt(weight * step) * factor)
         rows.append(scaled.reshape(*scaled.shape[:-2], -1))
     return np.concatenate(rows, axis=-1)
-
-
-def _plain(value: float, gradient: Array) -> Linearisation:
-    none, k = np.empty(0), len(gradient)
-    return Linearisation(
-        value, gradient, none, np.empty((0, k)), none, np.empty((0, k)), value, np.array(gradient)
-    )
-
-
-def _nothing(m: int, k: int) -> Linearisation:
-    """Linearisation where the rollout diverged: all NaN."""
-    plain = _plain(np.nan, np.full(k, np.nan))
-    return replace(plain, constraints=np.full(m, np.nan), constraint_jacobian=np.full((m, k), np.nan))

@@ -142,7 +142,8 @@ class MarginTerms:
         names = simulation.loop.parameter_paths[: len(values)]  # the variables, tied
         own = simulation.values(dict(zip(names, values, strict=True)))
         moved = replace(loop, parameter_values=p)
-        found = tuple(instants(_changed(simulation, own), moved, self.at))
+        run = replace(simulation, loop=DerivedLoop.of(simulation.loop, parameter_values=own))
+        found = tuple(instants(run, moved, self.at))
         linear = replace(linear, instants=found)
         return replace(linear, motion=self._motion(own, names)) if slopes else linear
 
@@ -242,8 +243,3 @@ def build_margin_terms(scene: Scene, free: Variables) -> MarginTerms | None:
         built = build_rollout(tied, duration_s=grid.duration_s, step_s=grid.step_s, method=method)
         simulation = replace(built, grid=grid)
     return MarginTerms(tuple(rows), at, linear, simulation)
-
-
-def _changed(rollout: Rollout, p: Array) -> Rollout:
-    """The rollout with other nominal values of its parameters."""
-    return replace(rollout, loop=DerivedLoop.of(rollout.loop, parameter_values=p))

@@ -197,7 +197,16 @@ def _standard(
     for name, (weight, factor) in weights.items():
         if weight:
             named[f"{name}_squared"] = integral(ca.sumsqr(ca.DM(factor) * signals[name]))
-    track = _track(signals, scene, objective.kind)
+    error, tips = signals["tip_error"], len(scene.tips)
+    track = None  # the largest of the peaks that are watched anyway
+    if objective.kind == "ise":
+        track = integral(ca.sumsqr(error))
+    elif objective.kind == "itae":
+        parts = (error[i : i + 3] for i in range(0, error.numel(), 3))
+        distances = (ca.sqrt(ca.sumsqr(part) + SMALLEST_LENGTH**2) for part in parts)
+        track = integral(ca.SX(signals.t * sum(distances, ca.SX(0))))
+    elif objective.kind in EQ45:
+        track = integral(ca.sumsqr(signals.x[signals.x.numel() - tips :]))
     if track is not None:
         named["track"] = track
     counted = {name: weight for name, (weight, _) in weights.items() if weight}
@@ -219,20 +228,6 @@ def _standard(
         residuals["tip_error"] = (objective.weight, np.ones(3 * len(scene.tips)))
     form = "smooth" if extras else forms.get(objective.kind, "smooth")
     return ObjectiveTerms(Measures(signals, named, costs), form, limits, residuals)
-
-
-def _track(signals: Signals, scene: Scene, kind: str) -> Measure | None:
-    """The tip errors' measure; None if it is the largest of the peaks that are watched anyway."""
-    error, tips = signals["tip_error"], len(scene.tips)
-    if kind == "ise":
-        return integral(ca.sumsqr(error))
-    if kind == "itae":
-        parts = (error[i : i + 3] for i in range(0, error.numel(), 3))
-        distances = (ca.sqrt(ca.sumsqr(part) + SMALLEST_LENGTH**2) for part in parts)
-        return integral(ca.SX(signals.t * sum(distances, ca.SX(0))))
-    if kind in EQ45:
-        return integral(ca.sumsqr(signals.x[signals.x.numel() - tips :]))
-    return None
 
 
 WATCHED = ("joint_torque_peak", "grip_force_peak", "base_rotation_peak")

@@ -8,7 +8,7 @@ A point u lies in the unit cube of the k variables. The problem is
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, astuple, dataclass, fields
+from dataclasses import asdict, astuple, dataclass, fields, replace
 from typing import Literal, Protocol
 
 import numpy as np
@@ -69,6 +69,12 @@ class Linearisation:
     smooth: float
     smooth_gradient: Array
 
+    @classmethod
+    def of_smooth(cls, objective: float, gradient: Array) -> Linearisation:
+        """Of a smooth objective without constraints."""
+        none, empty = np.empty(0), np.empty((0, len(gradient)))
+        return cls(objective, gradient, none, empty, none, empty, objective, np.array(gradient))
+
     def as_evaluation(self) -> Evaluation:
         """The values alone."""
         return Evaluation(np.array([self.objective]), self.constraints[None, :])
@@ -126,7 +132,7 @@ class EvaluationCost:
 
 
 class OptimisationProblem(Protocol):
-    """An optimisation problem over the unit cube."""
+    """An optimisation problem over the unit cube; smooth, without constraints and rows, unless it says so."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -135,6 +141,7 @@ class OptimisationProblem(Protocol):
     @property
     def constraint_names(self) -> tuple[str, ...]:
         """Names of the m constraints."""
+        return ()
 
     @property
     def start(self) -> Array:
@@ -143,6 +150,7 @@ class OptimisationProblem(Protocol):
     @property
     def form(self) -> Form:
         """How the objective is made up, which decides how an NLP is posed."""
+        return "smooth"
 
     @property
     def linear_cost(self) -> EvaluationCost:
@@ -151,10 +159,12 @@ class OptimisationProblem(Protocol):
     @property
     def sample_cost(self) -> EvaluationCost:
         """Cost of values and rows at one point."""
+        return EvaluationCost(rollouts=1)
 
     @property
     def prefers_exact(self) -> bool:
         """Whether exact derivatives at each point cost less than differences, whatever rollouts cost."""
+        return False
 
     @property
     def fingerprint(self) -> str:
@@ -165,9 +175,11 @@ class OptimisationProblem(Protocol):
 
     def sample(self, u: Array) -> Evaluation:
         """Values at points u (N, k), and the rows that the objective is made of."""
+        return replace(self.evaluate(u), rows=np.empty((len(u), 0)))
 
     def linearise(self, u: Array) -> Linearisation:
         """Values and derivatives at one point u (k,)."""
+        return self.linearise_all(u[None])[0]
 
     def linearise_all(self, u: Array) -> list[Linearisation]:
         """Values and derivatives at points u (N, k), in lanes where there are several."""

@@ -56,7 +56,11 @@ def find_numbers(
         where = f"{section}.{name}.paths"
         found[name] = []
         for pattern in patterns:
-            for path in _expand(document, pattern, where, scene):
+            try:
+                paths = expand(document, pattern)
+            except ScenarioError as fault:
+                raise ScenarioError(f"{pattern}: {fault.message}", source=scene.source, where=where) from None
+            for path in paths:
                 if path not in owner:
                     owner[path] = name
                     value = get(document, path)
@@ -66,13 +70,6 @@ def find_numbers(
                         )
                     found[name].append(ScenarioNumber(path, pattern, float(value)))
                 elif owner[path] != name:
-                    fault = f"{path} is set by {owner[path]} already"
-                    raise ScenarioError(fault, source=scene.source, where=where)
+                    told = f"{path} is set by {owner[path]} already"
+                    raise ScenarioError(told, source=scene.source, where=where)
     return found
-
-
-def _expand(document: Mapping[str, object], pattern: str, where: str, scene: Scene) -> list[str]:
-    try:
-        return expand(document, pattern)
-    except ScenarioError as fault:
-        raise ScenarioError(f"{pattern}: {fault.message}", source=scene.source, where=where) from None

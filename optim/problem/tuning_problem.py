@@ -16,7 +16,7 @@ from optim.problem.derived_loop import tie
 from optim.problem.formulation import Formulation, rollout_of
 from optim.problem.margin_terms import build_margin_terms
 from optim.problem.objectives import MARGINS, OBJECTIVE, UserObjective, build_terms, extended_loop
-from optim.problem.problem import Evaluation, EvaluationCost, Linearisation
+from optim.problem.problem import Evaluation, EvaluationCost, Linearisation, OptimisationProblem
 from optim.problem.scene_recipe import NewVariables, SceneRecipe, changed_scene, tuning_of, with_variables
 from optim.problem.variables import resolve_variables
 from optim.workers import Arrays, Threads, Workers
@@ -74,8 +74,8 @@ class ProblemRecipe:
 
 
 @dataclass(frozen=True, repr=False)
-class TuningProblem(Formulation):
-    """A formulation that is evaluated by workers, as a :class:`optim.problem.problem.OptimisationProblem`.
+class TuningProblem(Formulation, OptimisationProblem):
+    """A formulation that is evaluated by workers.
 
     Attributes
     ----------
@@ -147,7 +147,7 @@ class TuningProblem(Formulation):
     def sample(self, u: Array) -> Evaluation:
         """The same, and the rows (N, n) that the objective is made of; only values where it is smooth."""
         if self.form == "smooth":
-            return replace(self.evaluate(u), rows=np.empty((len(u), 0)))
+            return super().sample(u)
         found = self.workers.map(
             self,
             partial(worker_operations.samples, paths=self.names),
@@ -186,12 +186,11 @@ class TuningProblem(Formulation):
         rows = np.column_stack([np.atleast_2d(values), *others.values()])
         return self.workers.map(self, partial(worker_operations.measures, paths=(*self.names, *others)), rows)
 
-    def linearise(self, u: Array) -> Linearisation:
-        """Values and their exact derivatives at one point u (k,); see :mod:`optim.problem.linearise`."""
-        return self.linearise_all(u[None])[0]
-
     def linearise_all(self, u: Array) -> list[Linearisation]:
-        """The same at points u (N, k); several gradients by the adjoint share lanes."""
+        """Values and their exact derivatives at points u (N, k); see :mod:`optim.problem.linearise`.
+
+        Several gradients by the adjoint share lanes.
+        """
         grain = LANES if self.linear_cost.gradients else 1
         found = self.workers.map(self, worker_operations.linearisations, u, grain=grain)
         return [

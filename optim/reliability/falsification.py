@@ -20,7 +20,7 @@ from optim.json_result import JsonResult
 from optim.methods.nlp import GRADIENT
 from optim.methods.run_method import run_method
 from optim.methods.settings import Effort, EvolutionSettings
-from optim.problem.problem import Evaluation, EvaluationCost, Form, Linearisation
+from optim.problem.problem import Evaluation, EvaluationCost, Linearisation, OptimisationProblem
 from optim.reliability.limit_state import RolloutLimitState, build_limit_state
 from optim.search.session import SearchSession
 from spacerobot.arrays import Array
@@ -34,7 +34,7 @@ SCORE = 3.0
 
 
 @dataclass(frozen=True)
-class WorstCaseProblem:
+class WorstCaseProblem(OptimisationProblem):
     """The negative quantity over the box of the uncertain parameters, as an optimisation problem.
 
     Attributes
@@ -55,11 +55,6 @@ class WorstCaseProblem:
         return self.state.names
 
     @property
-    def constraint_names(self) -> tuple[str, ...]:
-        """None."""
-        return ()
-
-    @property
     def start(self) -> Array:
         """The medians in the unit cube (k,)."""
         parameters = self.state.campaign.parameters.values()
@@ -67,24 +62,9 @@ class WorstCaseProblem:
         return (median - self.lower) / (self.upper - self.lower)
 
     @property
-    def form(self) -> Form:
-        """Smooth."""
-        return "smooth"
-
-    @property
     def linear_cost(self) -> EvaluationCost:
         """A gradient."""
         return EvaluationCost(gradients=1)
-
-    @property
-    def sample_cost(self) -> EvaluationCost:
-        """A rollout."""
-        return EvaluationCost(rollouts=1)
-
-    @property
-    def prefers_exact(self) -> bool:
-        """No."""
-        return False
 
     @property
     def fingerprint(self) -> str:
@@ -104,21 +84,11 @@ class WorstCaseProblem:
         """Values at points u (N, k)."""
         return Evaluation(-self.state.quantities(self.draws(np.atleast_2d(u))), np.empty((len(u), 0)))
 
-    def sample(self, u: Array) -> Evaluation:
-        """The same, with no rows."""
-        found = self.evaluate(u)
-        return Evaluation(found.objective, found.constraints, np.empty((len(found.objective), 0)))
-
-    def linearise(self, u: Array) -> Linearisation:
-        """Values and exact derivatives at one point u (k,)."""
-        return self.linearise_all(u[None])[0]
-
     def linearise_all(self, u: Array) -> list[Linearisation]:
         """Values and exact derivatives at points u (N, k), in lanes."""
         values, slopes = self.state.quantity_gradients(self.draws(u))
-        none, empty = np.empty(0), np.empty((0, len(self.names)))
         return [
-            Linearisation(-value, -slope, none, empty, none, empty, -value, -slope)
+            Linearisation.of_smooth(-value, -slope)
             for value, slope in zip(values, slopes * (self.upper - self.lower), strict=True)
         ]
 
@@ -289,7 +259,13 @@ def falsify(
             where="campaign.parameters",
         )
     lost = other.diverged_at if found.diverged_at is None else found.diverged_at
-    worst, random = (_case(problem, run.u, -run.objective) for run in (found, other))
+    cases = list[WorstCase]()
+    for run in (found, other):
+        draws = problem.draws(run.u)
+        places = [100 * float(probabilities(one, x)) for one, x in zip(parameters, draws, strict=True)]
+        named = dict(zip(problem.names, map(float, draws), strict=True))
+        cases.append(WorstCase(-float(run.objective), named, dict(zip(problem.names, places, strict=True))))
+    worst, random = cases
     values = state.space.values(np.array(list(worst.parameters.values())))[0]
     return Falsification(
         state.quantity.name,
@@ -302,14 +278,4 @@ def falsify(
         f"{found.cost}; {spent} rollouts of random search",
         found.diverged + other.diverged,
         None if lost is None else dict(zip(problem.names, problem.draws(lost).tolist(), strict=True)),
-    )
-
-
-def _case(problem: WorstCaseProblem, u: Array, value: float) -> WorstCase:
-    draws, parameters = problem.draws(u), problem.state.campaign.parameters.values()
-    places = [100 * float(probabilities(one, x)) for one, x in zip(parameters, draws, strict=True)]
-    return WorstCase(
-        float(value),
-        {name: float(x) for name, x in zip(problem.names, draws, strict=True)},
-        dict(zip(problem.names, places, strict=True)),
     )

@@ -11,8 +11,7 @@ import numpy as np
 from optim.json_result import JsonResult
 from optim.reliability.design_points import find_design_points
 from optim.reliability.estimator import ProbabilityEstimator, SamplingEffort
-from optim.reliability.limit_state import CountedLimitState, RolloutLimitState, build_limit_state
-from spacerobot.arrays import Array
+from optim.reliability.limit_state import CountedLimitState, build_limit_state
 from spacerobot.notebook import html_table
 from spacerobot.registry import ESTIMATORS
 from spacerobot.scene import Scene
@@ -136,7 +135,15 @@ def failure_probability(
         starts = np.vstack([np.zeros(k), effort.rng.standard_normal((STARTS - 1, k))])
         points = find_design_points(counted, starts)
         effort = replace(effort, budget=max(effort.budget - counted.rollouts, LEAST))
-    found = estimator.estimate(counted, points, effort)
+    found, names = estimator.estimate(counted, points, effort), state.names
+    failures = [
+        {
+            "beta": point.beta,
+            "parameters": dict(zip(names, map(float, state.draws(point.z[None])[0][0]), strict=True)),
+            "importance": dict(zip(names, map(float, point.direction**2), strict=True)),
+        }
+        for point in points
+    ]
     return FailureProbability(
         state.quantity.name,
         state.unit,
@@ -146,14 +153,5 @@ def failure_probability(
         found.variation,
         counted.rollouts,
         counted.gradient_rollouts,
-        tuple(_told(state, point.z, point.direction, point.beta) for point in points),
+        tuple(failures),
     )
-
-
-def _told(state: RolloutLimitState, z: Array, direction: Array, beta: float) -> dict[str, Any]:
-    values = state.draws(z[None])[0][0]
-    return {
-        "beta": beta,
-        "parameters": {name: float(v) for name, v in zip(state.names, values, strict=True)},
-        "importance": {name: float(v) for name, v in zip(state.names, direction**2, strict=True)},
-    }

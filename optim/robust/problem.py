@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -31,12 +31,12 @@ from optim.methods.run_method import MethodOutcome, refuse_periods, run_method
 from optim.methods.settings import Effort, effort_of
 from optim.problem import worker_operations
 from optim.problem.objectives import OBJECTIVE
-from optim.problem.problem import Evaluation, EvaluationCost, Form, Linearisation
+from optim.problem.problem import Evaluation, EvaluationCost, Form, Linearisation, OptimisationProblem
 from optim.problem.scene_recipe import changed_scene, tuning_of
 from optim.problem.tuning_problem import TuningProblem, build_problem
 from optim.search.search import Progress
 from optim.search.session import SearchSession
-from optim.workers import Arrays, Workers
+from optim.workers import Workers
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError, SpaceRobotError
 from spacerobot.files import write_text
@@ -52,8 +52,8 @@ AT_ONCE = 8192  # rollouts of one batch
 
 
 @dataclass(frozen=True)
-class RobustProblem:
-    """A tuning problem over samples; see :class:`optim.problem.problem.OptimisationProblem`.
+class RobustProblem(OptimisationProblem):
+    """A tuning problem over samples; a rollout of each of them counts as one.
 
     Attributes
     ----------
@@ -97,16 +97,6 @@ class RobustProblem:
         """A gradient, and as many slopes as variables if there are constraints; all samples count as one."""
         return EvaluationCost(gradients=1, slopes=len(self.names) if self.constraint_names else 0)
 
-    @property
-    def sample_cost(self) -> EvaluationCost:
-        """A rollout of each sample, which count as one."""
-        return EvaluationCost(rollouts=1)
-
-    @property
-    def prefers_exact(self) -> bool:
-        """No."""
-        return False
-
     @cached_property
     def fingerprint(self) -> str:
         """Hash of everything that decides what the numbers are."""
@@ -119,11 +109,13 @@ class RobustProblem:
         """Objective (N,) and constraints (N, m) at points u (N, k); NaN where the objective is none."""
         u = np.atleast_2d(u)
         parts = max(1, len(self.draws) * len(u) // AT_ONCE)
-        found = [self._evaluate(part) for part in np.array_split(u, min(parts, len(u)))]
-        return Evaluation(
-            np.concatenate([part.objective for part in found]),
-            np.concatenate([part.constraints for part in found]),
-        )
+        objectives, constraints, limits = list[Array](), list[Array](), self.nominal.terms.limits
+        for part in np.array_split(u, min(parts, len(u))):
+            found = self._measure(part, self.draws)
+            objectives.append(np.array([self.reduce(row) for row in found[OBJECTIVE]]))
+            worst = [found[name].max(axis=1) / limit - 1 for name, limit in limits.items()]
+            constraints.append(np.column_stack([np.empty((len(part), 0)), *worst]))
+        return Evaluation(np.concatenate(objectives), np.concatenate(constraints))
 
     def sample(self, u: Array) -> Evaluation:
         """Values at points u (N, k); the rows of the worst case are the objectives of all samples.
@@ -155,24 +147,24 @@ class RobustProblem:
         Each sample brings its own constraints, m S of them: their largest, which :meth:`evaluate` tells, has
         a kink wherever another sample takes the lead.
         """
-        ask, slope = self._rows_at(u), self.nominal.variables.slope(u)
-        found = ask(worker_operations.gradients)
+        # every sample at this point, by the workers
+        values, workers = self.space.values(self.draws), self.nominal.workers
+        rows = np.column_stack([np.tile(self.nominal.variables.values(u), (len(values), 1)), values])
+        paths, slope = (*self.names, *self.space.paths), self.nominal.variables.slope(u)
+        found = workers.map(self.nominal, partial(worker_operations.gradients, paths=paths), rows)
         each, slopes = found[OBJECTIVE], found["gradient"] * slope
         order = np.argsort(np.where(np.isnan(each), np.inf, each), kind="stable")
         weights = self._weights(each[order])
         used = order[weights > 0]
         objective, gradient = self.reduce(each), np.array(weights[weights > 0] @ slopes[used])
-        none, k = np.empty(0), len(u)
-        plain = Linearisation(
-            objective, gradient, none, np.empty((0, k)), none, np.empty((0, k)), objective, gradient
-        )
+        plain, k = Linearisation.of_smooth(objective, gradient), len(u)
         if self.kind == "worst":
             plain = replace(
                 plain, rows=np.array(each), rows_jacobian=slopes, smooth=0.0, smooth_gradient=np.zeros(k)
             )
         if not self.constraint_names:
             return plain
-        limited = ask(worker_operations.limited)
+        limited = workers.map(self.nominal, partial(worker_operations.limited, paths=paths), rows)
         return replace(
             plain,
             constraints=limited["constraints"].ravel(),
@@ -182,13 +174,6 @@ class RobustProblem:
     def linearise_all(self, u: Array) -> list[Linearisation]:
         """One point after the other: the samples of one fill the lanes."""
         return [self.linearise(point) for point in u]
-
-    def _rows_at(self, u: Array) -> Callable[..., Arrays]:
-        """Evaluation of every sample at one point by the workers."""
-        values = self.space.values(self.draws)
-        rows = np.column_stack([np.tile(self.nominal.variables.values(u), (len(values), 1)), values])
-        paths = (*self.names, *self.space.paths)
-        return lambda operation: self.nominal.workers.map(self.nominal, partial(operation, paths=paths), rows)
 
     def _weights(self, ordered: Array) -> Array:
         """Weight of each sample (S,), in the order of their objectives."""
@@ -201,13 +186,6 @@ class RobustProblem:
         if at > below:
             weights[below + 1] = at - below
         return weights
-
-    def _evaluate(self, u: Array) -> Evaluation:
-        found = self._measure(u, self.draws)
-        objective = np.array([self.reduce(row) for row in found[OBJECTIVE]])
-        limits = self.nominal.terms.limits
-        worst = [found[name].max(axis=1) / limit - 1 for name, limit in limits.items()]
-        return Evaluation(objective, np.column_stack([np.empty((len(u), 0)), *worst]))
 
     def _measure(self, u: Array, draws: Array) -> dict[str, Array]:
         """Measures of points u (N, k) over draws (S, k'), each (N, S) or (N, S, n)."""

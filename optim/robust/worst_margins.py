@@ -16,7 +16,7 @@ from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from optim.problem.scene_recipe import changed_scene, tuning_of
-from optim.problem.variables import Variables, resolve_variables
+from optim.problem.variables import resolve_variables
 from spacerobot.arrays import Array
 from spacerobot.errors import DivergedError, ScenarioError, SpaceRobotError, near_names
 from spacerobot.linear.margin_gradients import MARGINS, MarginValue, ParametricLinearisation
@@ -142,7 +142,11 @@ def worst_margins(
     free = resolve_variables(scene, tuning_of(scene))
     found = ParametricLinearisation.of(scene, at, free.paths, backend, tell)
     names = chosen_loops(found, loops)
-    cases, count = [], 0
+    cases, count, size = list[WorstMargin](), 0, len(free)
+    points = [np.clip(free.unit(free.start), 0, 1)]
+    if size <= CORNERS:
+        points += [np.array(corner) for corner in itertools.product((0.0, 1.0), repeat=size)]
+    points += list(qmc.Sobol(size, rng=np.random.default_rng(0)).random(2 * STARTS))
     for k, instant in enumerate(found.instants):
         tell(f"least margins at {instant.label}")
 
@@ -152,9 +156,20 @@ def worst_margins(
                 raise SpaceRobotError(f"every loop of {loops} varies in time")
             return own[0]
 
-        u, evaluations = _descended(least, free)
-        nominal, worst = least(np.clip(free.unit(free.start), 0, 1)), least(u)
-        count += evaluations
+        def function(u: Array, least: Callable[[Array], MarginValue] = least) -> tuple[float, Array]:
+            nonlocal count
+            count += 1
+            own = least(u)
+            if not np.isfinite(own.value):
+                return INFINITE, np.zeros(size)
+            return own.value, own.gradient * free.slope(u)
+
+        # several descents, from the best of all points
+        screened = sorted(points, key=lambda u: function(u)[0])[:STARTS]
+        box = [(0, 1)] * size
+        ended = [minimize(function, u, jac=True, method="L-BFGS-B", bounds=box) for u in screened]
+        u = np.clip(min(ended, key=lambda one: one.fun).x, 0, 1)
+        nominal, worst = least(points[0]), least(u)
         values = free.values(u)
         changed = build_scene(scene.scenario, free.as_changes(values), source=scene.source)
         try:
@@ -192,25 +207,3 @@ def chosen_loops(found: ParametricLinearisation, pattern: str) -> list[str]:
     if not names:
         raise SpaceRobotError(f"no break point '{pattern}', {near_names(pattern, known)}")
     return names
-
-
-def _descended(least: Callable[[Array], MarginValue], free: Variables) -> tuple[Array, int]:
-    """Best point of several descents, and how often they evaluated."""
-    size, count = len(free), 0
-    points = [np.clip(free.unit(free.start), 0, 1)]
-    if size <= CORNERS:
-        points += [np.array(corner) for corner in itertools.product((0.0, 1.0), repeat=size)]
-    points += list(qmc.Sobol(size, rng=np.random.default_rng(0)).random(2 * STARTS))
-
-    def function(u: Array) -> tuple[float, Array]:
-        nonlocal count
-        count += 1
-        own = least(u)
-        if not np.isfinite(own.value):
-            return INFINITE, np.zeros(size)
-        return own.value, own.gradient * free.slope(u)
-
-    screened = sorted(points, key=lambda u: function(u)[0])[:STARTS]
-    ended = [minimize(function, u, jac=True, method="L-BFGS-B", bounds=[(0, 1)] * size) for u in screened]
-    best = min(ended, key=lambda one: one.fun)
-    return np.clip(best.x, 0, 1), count
