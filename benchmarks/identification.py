@@ -59,7 +59,7 @@ PUBLISHED = sr.SensorNoise(attitude=4.6e-5, rate=1e-6, joint=3.5e-6, joint_rate=
 def plain(result: sr.Result, seed: int, noise: sr.SensorNoise) -> Array:
     """Mass, centre of mass and inertia by least squares without weights, from the data of the same draw."""
     scene = result.scene()
-    measured = _Momentum.of(result, scene, *_held(scene), result.array("time") >= 0)
+    measured = _Momentum(result, scene, *_held(scene), result.array("time") >= 0)
     deviation = np.sqrt(measured.variances(noise))
     drawn = np.random.Generator(np.random.Philox(seed)).normal(size=(len(measured.states), len(deviation)))
     states = [measured.moved(x, deviation * each) for x, each in zip(measured.states, drawn, strict=True)]

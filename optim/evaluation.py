@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import casadi as ca
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from optim.planning.mpc.batch import build_mpc_rollout
+from optim.planning.mpc.batch import MpcRollout
 from optim.planning.mpc.flown_scene import FlownScene, mpc_controllers
 from optim.problem.quantity_measures import context_of, measure, with_added_states
 from spacerobot.errors import ResultError, ScenarioError
@@ -29,20 +29,19 @@ JITTER_FREQUENCY_HZ = 1.0
 
 
 @dataclass(frozen=True)
-class GradientResult:
-    """Quantities of one simulation, and their exact derivatives.
+class DatasetResult:
+    """Base class of results that are one netCDF file.
 
     Attributes
     ----------
     data
-        ``value`` (quantity) and ``gradient`` (quantity, parameter), with units; the parameters' own values
-        are ``parameter_value`` (parameter).
-    status
-        ``exact``, or why the gradient may not hold; see :class:`spacerobot.rollout.Gradient`.
+        Content of the file.
+    needed
+        Variable without which a file holds no such result.
     """
 
+    needed: ClassVar[str]
     data: xr.Dataset
-    status: str
 
     def save(self, path: StrPath) -> None:
         """Write it to a netCDF file.
@@ -52,10 +51,17 @@ class GradientResult:
         ResultError
             If the file cannot be written.
         """
-        _write(self.data.assign_attrs(status=self.status), path)
+        target = Path(path)
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            with staged(target.parent) as stage:
+                self.data.to_netcdf(stage / target.name, engine="netcdf4")
+                (stage / target.name).replace(target)
+        except (OSError, RuntimeError) as fault:
+            raise ResultError(f"cannot be written: {fault}", source=target) from None
 
     @classmethod
-    def load(cls, path: StrPath) -> GradientResult:
+    def load(cls, path: StrPath) -> Self:
         """Read what :meth:`save` wrote.
 
         Raises
@@ -63,8 +69,26 @@ class GradientResult:
         ResultError
             If it cannot be read.
         """
-        data = _read(path, "gradient")
-        return cls(data, str(data.attrs["status"]))
+        return cls(_read(path, cls.needed))
+
+
+@dataclass(frozen=True)
+class GradientResult(DatasetResult):
+    """Quantities of one simulation, and their exact derivatives.
+
+    Attributes
+    ----------
+    data
+        ``value`` (quantity) and ``gradient`` (quantity, parameter), with units; the parameters' own values
+        are ``parameter_value`` (parameter).
+    """
+
+    needed: ClassVar[str] = "gradient"
+
+    @property
+    def status(self) -> str:
+        """``exact``, or why the gradient may not hold; see :class:`spacerobot.rollout.Gradient`."""
+        return str(self.data.attrs["status"])
 
     def __repr__(self) -> str:
         """Quantities, number of parameters and status, in one line."""
@@ -83,7 +107,7 @@ class GradientResult:
 
 
 @dataclass(frozen=True)
-class BatchResult:
+class BatchResult(DatasetResult):
     """Quantities of many simulations.
 
     Attributes
@@ -93,28 +117,7 @@ class BatchResult:
         (sample, parameter); ``diverged_at`` (sample) [s], NaN where a simulation reached its end.
     """
 
-    data: xr.Dataset
-
-    def save(self, path: StrPath) -> None:
-        """Write it to a netCDF file.
-
-        Raises
-        ------
-        ResultError
-            If the file cannot be written.
-        """
-        _write(self.data, path)
-
-    @classmethod
-    def load(cls, path: StrPath) -> BatchResult:
-        """Read what :meth:`save` wrote.
-
-        Raises
-        ------
-        ResultError
-            If it cannot be read.
-        """
-        return cls(_read(path, "diverged_at"))
+    needed: ClassVar[str] = "diverged_at"
 
     def __repr__(self) -> str:
         """Number of simulations, and quantities, in one line."""
@@ -197,7 +200,7 @@ def gradient(
             "unit": ("quantity", [each.unit_in(scene) for each in chosen]),
         },
     )
-    return GradientResult(data, found.status[0])
+    return GradientResult(data.assign_attrs(status=found.status[0]))
 
 
 def batch(
@@ -301,7 +304,7 @@ def build_quantity_rollout(
         found, named[each.name] = measure(each, context)
         labels[each.name] = found.labels
         if not found.labels:
-            raise ScenarioError(f"{each.name}: {each.absent}", source=scene.source)
+            raise scene.error(f"{each.name}: {each.absent}")
 
     def costs(reduced: Mapping[str, ca.SX], _: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
         duration = simulation.duration
@@ -317,21 +320,8 @@ def build_quantity_rollout(
     }
     if flown is not None:
         duration = flown.duration_s
-        return build_mpc_rollout(
-            scene, flown, loop, extended, measures, duration_s=duration, **options
-        ), labels
+        return MpcRollout(scene, flown, loop, extended, measures, duration_s=duration, **options), labels
     return build_rollout(extended, duration_s=simulation.duration, measures=measures, **options), labels
-
-
-def _write(data: xr.Dataset, path: StrPath) -> None:
-    target = Path(path)
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with staged(target.parent) as stage:
-            data.to_netcdf(stage / target.name, engine="netcdf4")
-            (stage / target.name).replace(target)
-    except (OSError, RuntimeError) as fault:
-        raise ResultError(f"cannot be written: {fault}", source=target) from None
 
 
 def _read(path: StrPath, needed: str) -> xr.Dataset:

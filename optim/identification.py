@@ -178,15 +178,19 @@ def identify(
         If no weld holds the target, it has joints, or the motion does not tell its parameters apart.
     """
     scene = result.scene()
-    target, grasp = _held(scene)
-    begin = _captured_at(result, grasp) if since is None else since
+    (target, grasp), begin = _held(scene), since
+    if begin is None:  # time of the last capture; zero where the grasp holds from the start
+        events = [e for e in result.summary["events"] if e["who"] == grasp.name and e["kind"] == "captured"]
+        if not events and grasp.config.begins != "closed":
+            raise SpaceRobotError(f"identification: grasp {grasp.name!r} captured nothing in this simulation")
+        begin = float(events[-1]["time_s"]) if events else 0.0
     chosen = result.array("time") >= begin - 1e-9
     if chosen.sum() < len(NAMES):
         raise SpaceRobotError(
             f"identification: found {chosen.sum()} samples since {begin:g} s, allowed: at least "
             f"{len(NAMES)}; simulate longer or take a shorter `simulation.output_step`"
         )
-    measured = _Momentum.of(result, scene, target, grasp, chosen)
+    measured = _Momentum(result, scene, target, grasp, chosen)
     states, covariance = measured.states, np.zeros(2 * scene.model.nv)
     if noise is not None:
         covariance = measured.variances(noise)
@@ -199,7 +203,10 @@ def identify(
     if np.linalg.eigvalsh(spread).min() <= 0:
         raise measured.too_slow()
     parameters, is_projected = consistent(estimate[:count], spread)
-    slope = _slope(parameters)
+    # derivative (n, n) of the named quantities by Pinocchio's parameters (n,)
+    steps = 1e-6 * np.diag(np.maximum(np.abs(parameters), 1e-3))
+    ends = [(_named(parameters + step) - _named(parameters - step)) / (2 * step.max()) for step in steps]
+    slope = np.array(ends).T
     truth = _named(scene.model.inertias[target.root_joint].toDynamicParameters())
     values, deviations = truth.copy(), np.zeros(len(NAMES))
     values[list(names)] = _named(parameters)
@@ -227,66 +234,34 @@ def _held(scene: Scene) -> tuple[SceneBody, SceneGrasp]:
     return target, welds[0]
 
 
-def _captured_at(result: Result, grasp: SceneGrasp) -> float:
-    """Time of the last capture of a grasp [s]; zero where it holds from the start."""
-    events = [e for e in result.summary["events"] if e["who"] == grasp.name and e["kind"] == "captured"]
-    if events:
-        return float(events[-1]["time_s"])
-    if grasp.config.begins == "closed":
-        return 0.0
-    raise SpaceRobotError(f"identification: grasp {grasp.name!r} captured nothing in this simulation")
-
-
-@dataclass(frozen=True)
 class _Momentum:
-    """Residual of the momentum balance from what the robots' sensors measure.
+    """Residual of the momentum balance from what the robots' sensors measure, at the chosen samples."""
 
-    Attributes
-    ----------
-    scene, target, grasp
-        The scene, the held body, and the weld that holds it.
-    robots
-        The model, with an object without mass.
-    grip
-        Pose of the object's root link in the tip.
-    states
-        Measured (q, v), one for each sample.
-    given
-        Momentum of wheels less the impulse from outside, about the world's origin (6,), one for each sample.
-    data
-        Room for results of Pinocchio.
-    places
-        :data:`SPATIAL` or :data:`PLANAR`.
-    """
-
-    scene: Scene
-    target: SceneBody
-    grasp: SceneGrasp
-    robots: Any
-    grip: pin.SE3
-    states: list[tuple[Array, Array]]
-    given: Array
-    data: Any
-    places: tuple[tuple[int, ...], ...]
-
-    @classmethod
-    def of(
-        cls, result: Result, scene: Scene, target: SceneBody, grasp: SceneGrasp, chosen: NDArray[np.bool_]
-    ) -> _Momentum:
-        """Of the chosen samples of a result."""
-        model, robots = scene.model, scene.model.copy()
-        robots.inertias[target.root_joint] = pin.Inertia.Zero()
-        states = list(zip(result.array("q")[chosen], result.array("v")[chosen], strict=True))
+    def __init__(
+        self,
+        result: Result,
+        scene: Scene,
+        target: SceneBody,
+        grasp: SceneGrasp,
+        chosen: NDArray[np.bool_],
+    ) -> None:
+        self.scene, self.target, self.grasp = scene, target, grasp
+        model, self.robots = scene.model, scene.model.copy()  # robots: with an object without mass
+        self.robots.inertias[target.root_joint] = pin.Inertia.Zero()
+        self.data = self.robots.createData()
+        self.places = PLANAR if model.joints[target.root_joint].nv == 3 else SPATIAL
+        # measured (q, v), one for each sample
+        self.states = list(zip(result.array("q")[chosen], result.array("v")[chosen], strict=True))
         data = model.createData()
-        pin.framesForwardKinematics(model, data, states[0][0])
-        grip = data.oMf[grasp.tip.frame].actInv(data.oMi[target.root_joint])
+        pin.framesForwardKinematics(model, data, self.states[0][0])
+        # pose of the object's root link in the tip
+        self.grip = data.oMf[grasp.tip.frame].actInv(data.oMi[target.root_joint])
         whole = np.hstack([result.array(f"momentum_{kind}")[chosen] for kind in ("linear", "angular")])
         impulses = [name for name in ("impulse_linear", "impulse_angular") if name in result.data]
         if impulses:
             whole = whole - np.hstack([result.array(name)[chosen] for name in impulses])
-        links = np.array([_momentum_of(model, data, q, v) for q, v in states])
-        places = PLANAR if model.joints[target.root_joint].nv == 3 else SPATIAL
-        return cls(scene, target, grasp, robots, grip, states, whole - links, robots.createData(), places)
+        # momentum of wheels less the impulse from outside, about the world's origin (6,), of each sample
+        self.given = whole - np.array([_momentum_of(model, data, q, v) for q, v in self.states])
 
     @property
     def own(self) -> list[int]:
@@ -487,10 +462,3 @@ def _named(parameters: Array) -> Array:
     about = inertia.inertia
     products = [about[0, 1], about[0, 2], about[1, 2]]
     return np.array([inertia.mass, *inertia.lever, *np.diag(about), *products])
-
-
-def _slope(parameters: Array) -> Array:
-    """Derivative (n, n) of the named quantities by Pinocchio's parameters (n,)."""
-    steps = 1e-6 * np.diag(np.maximum(np.abs(parameters), 1e-3))
-    ends = [(_named(parameters + step) - _named(parameters - step)) / (2 * step.max()) for step in steps]
-    return np.array(ends).T

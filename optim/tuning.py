@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -84,7 +84,13 @@ class TuningResult:
             "status": self.status,
             "message": self.message,
             "method": self.outcome.method,
-            "runs": [_plain_run(run) for run in self.outcome.runs],
+            "runs": [  # without their histories
+                {"method": run.method, "index": run.index, "seed": run.seed, "objective": run.objective}
+                | {"violation": run.violation, "u": run.u, "kkt": run.kkt}
+                | dataclasses.asdict(run.cost)
+                | {"seconds": run.seconds, "status": run.status, "message": run.message, "log": run.log}
+                for run in self.outcome.runs
+            ],
         } | ({"margins": dict(self.margins)} if self.margins else {})
         if not (folder / SCENARIO).is_file():
             write_text(folder / SCENARIO, to_yaml(self.scene.scenario))
@@ -121,14 +127,6 @@ class TuningResult:
         rows += [(name, f"{value:.6g}") for name, value in self.gains.items()]
         rows += self.margins.items()
         return html_table(f"Tuning of {self.scene.scenario.name}", rows)
-
-
-def _plain_run(run: SearchRun) -> dict[str, Any]:
-    """A run without its history."""
-    told = {"method": run.method, "index": run.index, "seed": run.seed, "objective": run.objective}
-    told |= {"violation": run.violation, "u": run.u, "kkt": run.kkt}
-    told |= dataclasses.asdict(run.cost) | {"seconds": run.seconds}
-    return told | {"status": run.status, "message": run.message, "log": run.log}
 
 
 def _run_of(told: Mapping[str, Any]) -> SearchRun:
@@ -195,7 +193,13 @@ def tune(
     refuse_periods(nominal, method)
     effort = effort or effort_of(tuning_of(nominal.scene))
     run = partial(run_method, stated, effort=effort, session=SearchSession(folder, nominal.workers, progress))
-    outcome = run(method) if chosen.starts_from is None else _continued(run, chosen.starts_from, method)
+    if chosen.starts_from is None:
+        outcome = run(method)
+    else:
+        outcome = run(chosen.starts_from)
+        if not outcome.interrupted:
+            after = run(method, first=np.array(outcome.best.u))
+            outcome = dataclasses.replace(after, runs=(*outcome.runs, *after.runs))
     if chosen.uses_gradients:
         nominal, outcome = _refined(nominal, outcome, effort, progress)
     best, variables = outcome.best, nominal.variables
@@ -235,12 +239,3 @@ def _refined(
         found = dataclasses.replace(found, method=best.method, cost=best.cost + found.cost, message=told)
         outcome = dataclasses.replace(outcome, runs=(found,))
     return problem, outcome
-
-
-def _continued(run: Callable[..., MethodOutcome], first: str, method: str) -> MethodOutcome:
-    """A method, and another one from its best."""
-    before = run(first)
-    if before.interrupted:
-        return before
-    outcome = run(method, first=np.array(before.best.u))
-    return dataclasses.replace(outcome, runs=(*before.runs, *outcome.runs))

@@ -1,10 +1,9 @@
 """Campaigns: how sets of gains perform over uncertain parameters."""
 
 from optim.campaign.analysis.bands import QuantileBands, read_bands
-from optim.campaign.analysis.samples import command_of, simulate_sample
-from optim.campaign.analysis.statistics import Estimate, share
+from optim.campaign.analysis.samples import simulate_sample
 from optim.campaign.analysis.summary import summarise, summary_data
-from optim.campaign.rollouts.evaluator import CampaignEvaluator, SampleTable, all_draws, build_evaluator
+from optim.campaign.rollouts.evaluator import CampaignEvaluator, all_draws, build_evaluator
 from optim.campaign.run import (
     ROLLING_OUT,
     CampaignProgress,
@@ -22,20 +21,16 @@ __all__ = [
     "CampaignEvaluator",
     "CampaignProgress",
     "CampaignRun",
-    "Estimate",
     "Executor",
     "LocalExecutor",
     "QuantileBands",
-    "SampleTable",
     "ScenarioSource",
     "all_draws",
     "build_evaluator",
-    "command_of",
     "load_campaign",
     "read_bands",
     "reopen",
     "run_campaign",
-    "share",
     "simulate_sample",
     "summarise",
     "summary_data",

@@ -17,7 +17,6 @@ from optim.campaign.rollouts.evaluator import (
     build_evaluator,
 )
 from optim.campaign.store.folder import Interval, check_place, open_store
-from optim.campaign.store.netcdf import DatasetLayout
 from optim.campaign.store.run_settings import ScenarioSource, notes_of
 from spacerobot.arrays import Array
 from spacerobot.files import StrPath
@@ -232,5 +231,5 @@ def run_campaign(
         except KeyboardInterrupt:
             interrupted = True
         say(CampaignProgress("merging"))
-        store.merge(DatasetLayout.of(evaluator, notes["about"]))
+        store.merge(evaluator, notes["about"])
         return CampaignRun(folder, evaluator, store.done, len(draws), interrupted)

@@ -183,16 +183,25 @@ def compare_on_problem(
     interrupted = any(outcome.interrupted for outcome in outcomes.values())
     leader = min(outcomes.values(), key=_rank)
     points = {"start": problem.start, leader.method: np.clip(leader.best.u, 0, 1)}
-    judge = entry.judge
+    judge, variables = entry.judge, nominal.variables
+    assessments = dict[str, Assessment]()
+    errors = dict[str, Array]()  # largest on each tip and axis of each run's best, (runs, n) [m]
+    for name, outcome in outcomes.items():
+        peaks = nominal.measure(np.array([run.u for run in outcome.runs]))["tip_error_peak"]
+        half = peaks.shape[1] // 2
+        errors[name] = np.maximum(peaks[:, :half], peaks[:, half:])
+        if judge is not None:
+            design = variables.as_changes(variables.values(outcome.best.u))
+            assessments[name] = assess(judge, design)
     return ProblemComparison(
         entry.name,
         problem,
         nominal,
         outcomes,
-        {name: _errors(nominal, outcome) for name, outcome in outcomes.items()},
+        errors,
         start,
         None if judge is None else assess(judge, {}),
-        {} if judge is None else {n: assess(judge, _design(nominal, o.best.u)) for n, o in outcomes.items()},
+        assessments,
         None if interrupted or judge is None else sensitivity(nominal, points),
         cost_unit,
         readiness,
@@ -222,18 +231,6 @@ def _evolved(outcomes: dict[str, MethodOutcome], method: str) -> MethodOutcome:
     return found[0]
 
 
-def _design(problem: TuningProblem, u: Array) -> dict[str, float]:
-    return problem.variables.as_changes(problem.variables.values(u))
-
-
 def _rank(outcome: MethodOutcome) -> tuple[bool, float]:
     value = outcome.best.objective
     return not outcome.best.feasible, value if np.isfinite(value) else np.inf
-
-
-def _errors(problem: TuningProblem, outcome: MethodOutcome) -> Array:
-    """Largest absolute error on each tip and axis of each run's best, (runs, n) in m."""
-    points = np.array([run.u for run in outcome.runs])
-    peaks = problem.measure(points)["tip_error_peak"]
-    half = peaks.shape[1] // 2
-    return np.maximum(peaks[:, :half], peaks[:, half:])

@@ -12,7 +12,7 @@ from optim.methods.settings import Effort, effort_of
 from optim.problem.scene_recipe import tuning_of
 from optim.problem.tuning_problem import build_problem
 from optim.search.session import SearchSession
-from spacerobot.errors import ScenarioError, near_names
+from spacerobot.errors import near_names
 from spacerobot.registry import TUNING_METHODS
 from spacerobot.scenario import Tuning
 from spacerobot.scene import Scene
@@ -152,7 +152,5 @@ def _entries(
 def _chosen(wanted: Sequence[str] | None, known: Sequence[str], scene: Scene, what: str) -> list[str | None]:
     for name in wanted or ():
         if name not in known:
-            raise ScenarioError(
-                f"no {name!r}; {near_names(name, known)}", source=scene.source, where=f"tuning.{what}"
-            )
+            raise scene.error(f"no {name!r}; {near_names(name, known)}", f"tuning.{what}")
     return [*(wanted or known)] or [None]

@@ -75,13 +75,9 @@ def _elsewhere(benchmark: Data, precision: float, target: int, first: str, winne
     if first not in benchmark["methods"] or not benchmark["methods"][first]["running_times"]:
         return f"{where}, {winner} ({first} was not run)"
     behind = benchmark["methods"][first]["running_times"][target]
-    return f"{where}, {winner} ({_reason(first, behind, winner, ahead)})"
-
-
-def _reason(first: str, behind: Data, winner: str, ahead: Data) -> str:
-    """The larger part of the cost: runs that meet the target, or runs that do not."""
+    # the larger part of the cost: runs that meet the target, or runs that do not
     if not behind["met"]:
-        return f"{first} meets it in none of {behind['runs']} runs"
+        return f"{where}, {winner} ({first} meets it in none of {behind['runs']} runs)"
     text = f"{ahead['expected']:.0f} rollouts against {behind['expected']:.0f}: "
     wasted = [time["expected"] - time["until_met"] for time in (ahead, behind)]
     if wasted[1] - wasted[0] > behind["until_met"] - ahead["until_met"]:
@@ -90,4 +86,4 @@ def _reason(first: str, behind: Data, winner: str, ahead: Data) -> str:
     else:
         text += f"{first} needs more until it meets it"
     overlap = ahead["high"] is None or behind["low"] is None or behind["low"] <= ahead["high"]
-    return text + (", intervals overlap" if overlap else "")
+    return f"{where}, {winner} ({text}{', intervals overlap' if overlap else ''})"

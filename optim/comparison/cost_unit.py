@@ -68,7 +68,10 @@ def cost_unit_of(problem: TuningProblem) -> CostUnit:
     # outputs whose derivatives a linearisation samples
     sampled = tuple(dict.fromkeys([*problem.terms.residuals, *["tip_error"] * (problem.form == "minimax")]))
     sensitivity = sensitivity_kernel(kernel, wrt, sampled)
-    slope, sample = (_rollout(k, grid) + _samples(k, grid) for k in (sensitivity, kernel))
+    samples = grid.intervals + 1
+    slope, sample = (
+        _rollout(k, grid) + samples * operations(k.functions["outputs"]) for k in (sensitivity, kernel)
+    )
     # operations of the adjoint beyond those of its rollout
     f = adjoint.functions
     ends = sum(operations(f[f"{name}_reverse"]) for name in ("setup", "final", "objective"))
@@ -99,7 +102,3 @@ def _rollout(kernel: Kernel, grid: TimeGrid) -> int:
     f = kernel.functions
     ends = sum(operations(f[name]) for name in ("setup", "final", "objective"))
     return ends + grid.steps * _step(kernel) + bool(kernel.peaks) * operations(f["dynamics"])
-
-
-def _samples(kernel: Kernel, grid: TimeGrid) -> int:
-    return (grid.intervals + 1) * operations(kernel.functions["outputs"])

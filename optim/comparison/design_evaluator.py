@@ -39,7 +39,8 @@ class DesignEvaluator:
 
     def nominal(self, design: Mapping[str, float]) -> dict[str, Array]:
         """Objective () and measures (n,) of a design; an empty one is the scenario's own."""
-        found = self._roll(design, {path: values[:1] for path, values in self._nothing().items()})
+        nothing = {self.rollout.loop.parameter_paths[0]: self.rollout.values()[:1]}
+        found = self._roll(design, nothing)
         return {name: values[0] for name, values in found.items()}
 
     def varied(self, design: Mapping[str, float]) -> dict[str, Array]:
@@ -61,10 +62,6 @@ class DesignEvaluator:
                 if any(path == prefix or path.startswith(prefix + ".") for prefix in prefixes):
                     found[path] = value * (1 + relative * column) + absolute * column
         return found
-
-    def _nothing(self) -> dict[str, Array]:
-        path = self.rollout.loop.parameter_paths[0]
-        return {path: np.array([self.rollout.values()[0]])}
 
     def _roll(self, design: Mapping[str, float], plants: Mapping[str, Array]) -> dict[str, Array]:
         count = len(next(iter(plants.values())))

@@ -11,13 +11,12 @@ from optim.comparison.benchmark_problem import Assessment, ProblemComparison
 from optim.comparison.compare import Comparison
 from optim.comparison.conclusion import conclusion
 from optim.comparison.profiles import budgets_of, profile
-from optim.comparison.running_time import LEVEL, PRECISIONS, MethodRun, running_time, target_of
+from optim.comparison.running_time import LEVEL, PRECISIONS, running_time, target_of
 from optim.comparison.statistics import statistics
 from optim.json_values import plain
 from optim.methods.run_method import MethodOutcome
 from optim.problem.objectives import OBJECTIVE, reading
 from optim.problem.problem import EvaluationCost
-from optim.search.search import SearchRun
 from spacerobot.arrays import Array
 from spacerobot.registry import TUNING_METHODS
 
@@ -111,6 +110,13 @@ def _method(benchmark: ProblemComparison, name: str) -> dict[str, Any]:
     values = np.array([run.objective for run in outcome.runs])
     best, assessed = outcome.best, benchmark.assessments.get(name)
     ranked = name in benchmark.ranked
+    trials = benchmark.trials(name) if ranked else []
+    # a trial as it is drawn: cost and best objective wherever it improved, thinned if there are many
+    drawn = []
+    for trial in trials:
+        history = np.column_stack([trial.costs, trial.objectives])
+        kept = np.unique(np.linspace(0, max(len(history) - 1, 0), MOST_MOMENTS).astype(int))
+        drawn.append({"spent": trial.spent, "history": history[kept[: len(history)]]})
     cost, wall_s = spent(outcome), sum(run.seconds for run in outcome.runs)
     ready = benchmark.readiness
     readied_s = ready.rollout_s + (
@@ -124,7 +130,9 @@ def _method(benchmark: ProblemComparison, name: str) -> dict[str, Any]:
     }
     return {
         "ranked": ranked,
-        "running_times": _running_times(benchmark, name) if ranked else [],
+        "running_times": [asdict(running_time(trials, target)) for target in _targets(benchmark)]
+        if trials
+        else [],
         "objective": statistics(values),
         "largest_errors_m": {
             where: statistics(column)
@@ -141,14 +149,26 @@ def _method(benchmark: ProblemComparison, name: str) -> dict[str, Any]:
             "message": best.message,
             **({} if assessed is None else _assessment(assessed)),
         },
-        "trials": [_trial(trial) for trial in benchmark.trials(name)] if ranked else [],
-        "runs": [_run(benchmark, run) for run in outcome.runs],
+        "trials": drawn,
+        "runs": [
+            {
+                "method": run.method,
+                "index": run.index,
+                "seed": run.seed,
+                "objective": run.objective,
+                "violation": run.violation,
+                "gains": variables.as_mapping(variables.values(run.u)),
+                "equivalent_rollouts": benchmark.cost_unit.rollouts(run.cost),
+                **asdict(run.cost),
+                "seconds": run.seconds,
+                "status": run.status,
+                "message": run.message,
+                "kkt": run.kkt,
+                "log": run.log,
+            }
+            for run in outcome.runs
+        ],
     }
-
-
-def _running_times(benchmark: ProblemComparison, name: str) -> list[dict[str, Any]]:
-    trials = benchmark.trials(name)
-    return [asdict(running_time(trials, target)) for target in _targets(benchmark)] if trials else []
 
 
 def _assessment(found: Assessment) -> dict[str, Any]:
@@ -166,29 +186,3 @@ def _assessment(found: Assessment) -> dict[str, Any]:
             "values": varied,
         },
     }
-
-
-def _run(benchmark: ProblemComparison, run: SearchRun) -> dict[str, Any]:
-    variables = benchmark.nominal.variables
-    return {
-        "method": run.method,
-        "index": run.index,
-        "seed": run.seed,
-        "objective": run.objective,
-        "violation": run.violation,
-        "gains": variables.as_mapping(variables.values(run.u)),
-        "equivalent_rollouts": benchmark.cost_unit.rollouts(run.cost),
-        **asdict(run.cost),
-        "seconds": run.seconds,
-        "status": run.status,
-        "message": run.message,
-        "kkt": run.kkt,
-        "log": run.log,
-    }
-
-
-def _trial(trial: MethodRun) -> dict[str, Any]:
-    """A trial as it is drawn: cost and best objective wherever it improved, thinned if there are many."""
-    history = np.column_stack([trial.costs, trial.objectives])
-    kept = np.unique(np.linspace(0, max(len(history) - 1, 0), MOST_MOMENTS).astype(int))
-    return {"spent": trial.spent, "history": history[kept[: len(history)]]}

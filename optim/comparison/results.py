@@ -41,7 +41,11 @@ def write(comparison: Comparison, folder: StrPath) -> dict[str, Any]:
             result = made.save(folder / benchmark.name / method)
             entry = found["baseline"] if method == "baseline" else found["methods"][method]["best"]
             entry["result"] = f"{benchmark.name}/{method}"
-            entry["largest_error_checked_m"] = largest_error(result)
+            # over tips and axes; none if it diverged
+            errors = result.summary["tip_error"].values() if result.completed else ()
+            axes = [axis for tip in errors for name, axis in tip.items() if name != "norm"]
+            largest = max((max(-axis["min_m"], axis["max_m"]) for axis in axes), default=None)
+            entry["largest_error_checked_m"] = None if largest is None else float(largest)
             status = result.summary["status"]
             entry |= {name: status[name] for name in ("trusted", "open", "deep") if name in status}
     write_text(folder / "comparison.json", json.dumps(data, indent=1, allow_nan=False) + "\n")
@@ -58,12 +62,3 @@ def results_of(benchmark: ProblemComparison) -> Iterator[tuple[str, Result]]:
     judged = {"baseline": benchmark.baseline} | benchmark.assessments
     designs = {method: assessed.design for method, assessed in judged.items()}
     yield from simulate_designs(benchmark.nominal.scene, benchmark.nominal.loop, designs)
-
-
-def largest_error(result: Result) -> float | None:
-    """Largest absolute tip error over tips and axes (m); None if it diverged."""
-    if not result.completed:
-        return None
-    errors = result.summary["tip_error"].values()
-    axes = [axis for tip in errors for name, axis in tip.items() if name != "norm"]
-    return float(max(max(-axis["min_m"], axis["max_m"]) for axis in axes))

@@ -70,7 +70,13 @@ def sweep(
     session = session or SearchSession()
     folder, progress = session.place, session.progress
     protocol = protocol or EvolutionSettings(budget=1000)
-    for setting, value, changed in _settings(protocol):
+    settings = [("crossover", p, dataclasses.replace(protocol, crossover=(p, p))) for p in PROBABILITIES]
+    for p in (0.01, protocol.mutation, *PROBABILITIES):
+        settings.append(("mutation", p, dataclasses.replace(protocol, mutation=p)))
+    for n in POPULATIONS:
+        if n <= protocol.budget:
+            settings.append(("population", n, dataclasses.replace(protocol, population=n)))
+    for setting, value, changed in settings:
 
         def run(
             i: int, setting: str = setting, value: float = value, changed: EvolutionSettings = changed
@@ -84,13 +90,3 @@ def sweep(
         if any(ended.status == "interrupted" for ended in found):
             raise KeyboardInterrupt
         yield SweepRun(setting, value, tuple(found))
-
-
-def _settings(protocol: EvolutionSettings) -> Iterator[tuple[str, float, EvolutionSettings]]:
-    for p in PROBABILITIES:
-        yield "crossover", p, dataclasses.replace(protocol, crossover=(p, p))
-    for p in (0.01, protocol.mutation, *PROBABILITIES):
-        yield "mutation", p, dataclasses.replace(protocol, mutation=p)
-    for n in POPULATIONS:
-        if n <= protocol.budget:
-            yield "population", n, dataclasses.replace(protocol, population=n)

@@ -43,7 +43,10 @@ def summary_table(data: Data) -> ComparisonTable:
     for benchmark in data["problems"]:
         for i in shown:
             best = lowest_of(benchmark, i)
-            cells = [_expected(benchmark["methods"].get(name), i) + "*" * (name == best) for name in names]
+            cells = []
+            for name in names:
+                times = benchmark["methods"].get(name, {}).get("running_times")
+                cells.append((short(times[i]["expected"]) if times else "") + "*" * (name == best))
             rows.append((benchmark["name"], percent(precisions[i]), *cells))
     title = "Expected running time [rollouts] to a gap to the best known value; * lowest, - not reached"
     return ComparisonTable(title, ("problem", "to", *names), tuple(rows))
@@ -59,7 +62,9 @@ def running_time_table(benchmark: Data, precisions: list[float], *, narrow: bool
         cells = [name]
         for i, time in enumerate(method["running_times"]):
             mark = "*" if lowest_of(benchmark, i) == name else ""
-            expected = short(time["expected"]) if narrow else _with_interval(time)
+            expected = short(time["expected"])
+            if not narrow and time["expected"] is not None:
+                expected += f" ({_rough(time['low'])}..{_rough(time['high'])})"
             cells += [expected + mark, f"{time['met']}/{time['runs']}"]
         rows.append(tuple(cells))
     title = f"Expected running time [rollouts]{'' if narrow else ' (90 % interval)'}; * lowest"
@@ -68,13 +73,16 @@ def running_time_table(benchmark: Data, precisions: list[float], *, narrow: bool
 
 def success_table(benchmark: Data, precisions: list[float]) -> ComparisonTable:
     """Success rate of each ranked method with its binomial interval."""
-    rows = tuple(
-        (name, *(_rate(time) for time in method["running_times"]))
-        for name, method in benchmark["methods"].items()
-        if method["running_times"]
-    )
+    rows = []
+    for name, method in benchmark["methods"].items():
+        if method["running_times"]:
+            cells = [name]
+            for time in method["running_times"]:
+                rate = f"{time['met']}/{time['runs']} = {time['met'] / time['runs']:.2f}"
+                cells.append(f"{rate} ({time['rate_low']:.2f}..{time['rate_high']:.2f})")
+            rows.append(tuple(cells))
     return ComparisonTable(
-        "Success rate (90 % interval)", ("method", *(f"to {percent(p)}" for p in precisions)), rows
+        "Success rate (90 % interval)", ("method", *(f"to {percent(p)}" for p in precisions)), tuple(rows)
     )
 
 
@@ -109,7 +117,7 @@ def found_table(benchmark: Data) -> ComparisonTable:
 def gains_table(benchmark: Data) -> ComparisonTable:
     """Gains of each method's best; those at a bound are marked."""
     rows = tuple(
-        (name, *(_gain(best, gain) for gain in best["gains"]))
+        (name, *(f"{v:.4g}" + "*" * (gain in best["active_bounds"]) for gain, v in best["gains"].items()))
         for name, best in ((name, method["best"]) for name, method in benchmark["methods"].items())
     )
     return ComparisonTable("Gains of the best run; * at a bound", ("method", *benchmark["variables"]), rows)
@@ -229,27 +237,6 @@ def short(value: float | None) -> str:
 def _rough(value: float | None) -> str:
     """A bound of an interval in two digits."""
     return NEVER if value is None else short(float(f"{value:.2g}"))
-
-
-def _expected(method: Data | None, target: int) -> str:
-    if method is None or not method["running_times"]:
-        return ""
-    return short(method["running_times"][target]["expected"])
-
-
-def _with_interval(time: Data) -> str:
-    if time["expected"] is None:
-        return NEVER
-    return f"{short(time['expected'])} ({_rough(time['low'])}..{_rough(time['high'])})"
-
-
-def _rate(time: Data) -> str:
-    rate = time["met"] / time["runs"]
-    return f"{time['met']}/{time['runs']} = {rate:.2f} ({time['rate_low']:.2f}..{time['rate_high']:.2f})"
-
-
-def _gain(best: Data, name: str) -> str:
-    return f"{best['gains'][name]:.4g}" + "*" * (name in best["active_bounds"])
 
 
 def _plain(value: float | None, factor: float = 1.0) -> str:

@@ -136,7 +136,16 @@ class _State:
             (found,) = yield EvaluationRequest("linearise", self.at.u[None])
             slopes = _exact(found, self._manner.form)
         else:
-            slopes = yield from self._differences()
+            # by one rollout more for each variable; by exact ones where those diverge
+            u, form = self.at.u, self._manner.form
+            moved = np.where(u + DIFFERENCE <= 1, DIFFERENCE, -DIFFERENCE)
+            points = yield EvaluationRequest("sample", u + np.diag(moved))
+            if all(point.known for point in points):
+                y, near = self.at.stacked(form), zip(points, moved, strict=True)
+                slopes = np.stack([(p.stacked(form) - y) / h for p, h in near], axis=1)
+            else:
+                (found,) = yield EvaluationRequest("linearise", u[None])
+                slopes = _exact(found, form)
             if self._manner.form == "smooth" and self._known is not None:
                 self._bend(self.at.u - self._known[0], slopes[0] - self._known[1])
             self._known = (self.at.u, slopes[0])
@@ -151,32 +160,51 @@ class _State:
         )
         self._fresh, self._failed = True, 0
 
-    def _differences(self) -> Asking:
-        """Derivatives by one rollout more for each variable; by exact ones where those diverge."""
-        u, form = self.at.u, self._manner.form
-        moved = np.where(u + DIFFERENCE <= 1, DIFFERENCE, -DIFFERENCE)
-        points = yield EvaluationRequest("sample", u + np.diag(moved))
-        if all(point.known for point in points):
-            y = self.at.stacked(form)
-            return np.stack([(p.stacked(form) - y) / h for p, h in zip(points, moved, strict=True)], axis=1)
-        (found,) = yield EvaluationRequest("linearise", u[None])
-        return _exact(found, self._manner.form)
-
     def advance(self) -> Asking:
         """Try one step; how the descent ended, if it did."""
         assert self.model is not None
         model, tolerance = self.model, self._manner.tolerance
         d, fall = model.step(self._radius)
         if fall < tolerance:
-            return self._small(model, tolerance)
-        trial, slopes = yield from self._try(np.clip(self.at.u + d, 0.0, 1.0))
+            # renew the derivatives, look further away, or end
+            if not self._fresh:
+                self.model = None
+                return None
+            near = self._failed == 0 and self._radius < LARGEST / 2
+            if near and model.step(LARGEST)[1] >= 3 * tolerance:
+                self._radius = min(LARGEST, 4 * self._radius)
+                return None
+            if self.at.excess > 2 * MARGIN and self._weight < HEAVIEST:
+                self._weight *= 10
+                self.model = replace(model, weight=self._weight)
+                return None
+            if self.at.excess > 2 * MARGIN:
+                return "infeasible", f"a constraint is passed by {100 * self.at.excess:.3g} % at least nearby"
+            if not np.delete(model.slopes, np.arange(len(self.at.constraints)) + 1, axis=0).any():
+                return "settled", FLAT
+            return "converged", "no step promises a further fall"
+        u, slopes = np.clip(self.at.u + d, 0.0, 1.0), None
+        if self._manner.exact:
+            (found,) = yield EvaluationRequest("linearise", u[None])
+            trial, slopes = EvaluatedPoint.of(u, found), _exact(found, self._manner.form)
+        else:
+            (trial,) = yield EvaluationRequest("sample", u[None])
         ratio = (model.merit(self.at) - model.merit(trial)) / fall
         length = float((np.abs(d) * model.reach).max())
         if ratio < POOR:
             self._radius = (0.5 if ratio < 0 else 0.7) * length
         elif ratio > GOOD and length > 0.99 * self._radius:
             self._radius = min(LARGEST, 2 * self._radius)
-        self._learn(model, d, trial, slopes)
+        if trial.known:  # correct the model by what the trial showed
+            self._largest = max(self._largest, abs(trial.objective))
+            if slopes is not None:
+                self._bend(d, slopes[0] - model.slopes[0])
+                self.model = replace(model, curvature=self._curvature)
+            else:
+                y = trial.stacked(model.form) - model.at.stacked(model.form)
+                weighted = d * model.reach**2
+                secant = np.outer(y - model.slopes @ d, weighted) / (d @ weighted)
+                self.model, self._fresh = replace(model, slopes=model.slopes + secant), False
         if ratio > ACCEPTED:
             self.at, self._failed = trial, 0
             if slopes is not None:
@@ -193,50 +221,6 @@ class _State:
         if self._radius < SMALLEST:
             return "settled", "steps became too small to change anything"
         return None
-
-    def _small(self, model: LocalModel, tolerance: float) -> tuple[str, str] | None:
-        """Where the predicted fall is small: renew the derivatives, look further away, or end."""
-        if not self._fresh:
-            self.model = None
-            return None
-        near = self._failed == 0 and self._radius < LARGEST / 2
-        if near and model.step(LARGEST)[1] >= 3 * tolerance:
-            self._radius = min(LARGEST, 4 * self._radius)
-            return None
-        if self.at.excess > 2 * MARGIN and self._weight < HEAVIEST:
-            self._weight *= 10
-            self.model = replace(model, weight=self._weight)
-            return None
-        if self.at.excess > 2 * MARGIN:
-            return "infeasible", f"a constraint is passed by {100 * self.at.excess:.3g} % at least nearby"
-        if not np.delete(model.slopes, np.arange(len(self.at.constraints)) + 1, axis=0).any():
-            return "settled", FLAT
-        return "converged", "no step promises a further fall"
-
-    def _try(self, u: Array) -> Asking:
-        """The point at u, and its derivatives where they come with it."""
-        if self._manner.exact:
-            (found,) = yield EvaluationRequest("linearise", u[None])
-            return EvaluatedPoint.of(u, found), _exact(found, self._manner.form)
-        (point,) = yield EvaluationRequest("sample", u[None])
-        return point, None
-
-    def _learn(self, model: LocalModel, d: Array, trial: EvaluatedPoint, slopes: Array | None) -> None:
-        """Correct the model by what the trial showed."""
-        if not trial.known:
-            return
-        self._largest = max(self._largest, abs(trial.objective))
-        if slopes is not None:
-            self._bend(d, slopes[0] - model.slopes[0])
-            if self.model is not None:
-                self.model = replace(model, curvature=self._curvature)
-            return
-        y = trial.stacked(model.form) - model.at.stacked(model.form)
-        weighted = d * model.reach**2
-        self.model = replace(
-            model, slopes=model.slopes + np.outer(y - model.slopes @ d, weighted) / (d @ weighted)
-        )
-        self._fresh = False
 
     def _bend(self, d: Array, y: Array) -> None:
         """BFGS, damped by Powell so that the curvature stays positive."""

@@ -58,8 +58,44 @@ class EvolutionaryMethod(TuningMethod):
 
     def run(self, search: Search, protocol: EvolutionSettings) -> int:
         """Spend the budget; how often the population was begun again."""
-        begun = 0
-        while search.cost.rollouts < protocol.budget and _generations(search, self, protocol, begun):
+        from pymoo.core.evaluator import Evaluator
+        from pymoo.core.problem import Problem
+        from pymoo.core.termination import NoTermination
+        from pymoo.problems.static import StaticProblem
+        from scipy.stats import qmc
+
+        penalised = search.method == "cmaes"
+        k, begun = len(search.problem.names), 0
+        count = 0 if penalised else len(search.problem.constraint_names) + 1
+        shape = Problem(n_var=k, n_obj=1, n_ieq_constr=count, xl=np.zeros(k), xu=np.ones(k))
+        while search.cost.rollouts < protocol.budget:
+            left = protocol.budget - search.cost.rollouts
+            # points (size, k) of a Latin hypercube, the problem's start among them unless it was tried before
+            rng = np.random.default_rng([search.seed, begun])
+            sampler = qmc.LatinHypercube(k, rng=rng)
+            first: Array = sampler.random(CMAES_SCREEN if penalised else protocol.population)
+            if begun == 0:
+                first[0] = search.problem.start
+            algorithm = self.algorithm(dataclasses.replace(protocol, budget=left), first)
+            # a seed is never 0, which CMA-ES replaces by the time of day
+            seed = search.seed + penalised
+            if begun:
+                seed = int(np.random.default_rng([search.seed, begun]).integers(1, 2**31))
+            algorithm.setup(shape, termination=NoTermination(), seed=seed, verbose=False)
+            fitness, stagnation = _Fitness(penalised=penalised), _Stagnation()
+            while algorithm.has_next():
+                _anneal(algorithm, protocol, search.cost.rollouts / protocol.budget)
+                asked = algorithm.ask()
+                points = asked.get("X")
+                if search.cost.rollouts + len(points) > protocol.budget:
+                    return begun
+                found = search.evaluate(points)
+                objective, constraints = fitness(found)
+                Evaluator().eval(StaticProblem(shape, F=objective, G=constraints), asked)
+                algorithm.tell(infills=asked)
+                search.tell(search.cost.rollouts / protocol.budget)
+                if not penalised and stagnation(algorithm.pop.get("X"), found):
+                    break
             begun += 1
         return begun
 
@@ -136,48 +172,6 @@ def evolve(search: Search, protocol: EvolutionSettings) -> SearchRun:
         return search.finish("interrupted")
     times = f"begun {begun + 1} times" if begun else ""
     return search.finish("budget spent", times)
-
-
-def _generations(search: Search, method: EvolutionaryMethod, protocol: EvolutionSettings, begun: int) -> bool:
-    """One population from its beginning; whether another may follow it."""
-    from pymoo.core.evaluator import Evaluator
-    from pymoo.core.problem import Problem
-    from pymoo.core.termination import NoTermination
-    from pymoo.problems.static import StaticProblem
-    from scipy.stats import qmc
-
-    penalised = search.method == "cmaes"
-    k = len(search.problem.names)
-    count = 0 if penalised else len(search.problem.constraint_names) + 1
-    shape = Problem(n_var=k, n_obj=1, n_ieq_constr=count, xl=np.zeros(k), xu=np.ones(k))
-    left = protocol.budget - search.cost.rollouts
-    # points (size, k) of a Latin hypercube, the problem's start among them unless it was tried before
-    rng = np.random.default_rng([search.seed, begun])
-    sampler = qmc.LatinHypercube(k, rng=rng)
-    first: Array = sampler.random(CMAES_SCREEN if penalised else protocol.population)
-    if begun == 0:
-        first[0] = search.problem.start
-    algorithm = method.algorithm(dataclasses.replace(protocol, budget=left), first)
-    # a seed is never 0, which CMA-ES replaces by the time of day
-    seed = search.seed + penalised
-    if begun:
-        seed = int(np.random.default_rng([search.seed, begun]).integers(1, 2**31))
-    algorithm.setup(shape, termination=NoTermination(), seed=seed, verbose=False)
-    fitness, stagnation = _Fitness(penalised=penalised), _Stagnation()
-    while algorithm.has_next():
-        _anneal(algorithm, protocol, search.cost.rollouts / protocol.budget)
-        asked = algorithm.ask()
-        points = asked.get("X")
-        if search.cost.rollouts + len(points) > protocol.budget:
-            return False
-        found = search.evaluate(points)
-        objective, constraints = fitness(found)
-        Evaluator().eval(StaticProblem(shape, F=objective, G=constraints), asked)
-        algorithm.tell(infills=asked)
-        search.tell(search.cost.rollouts / protocol.budget)
-        if not penalised and stagnation(algorithm.pop.get("X"), found):
-            break
-    return True
 
 
 class _Stagnation:

@@ -119,7 +119,24 @@ class LocalModel:
         """Best step (k,) of the model whose weighted length is at most a radius, and the fall it predicts."""
         u, size = self.at.u, radius / self.reach
         lower, upper = np.maximum(-size, -u), np.minimum(size, 1 - u)
-        d = self._minimax(lower, upper) if self.form == "minimax" else self._quadratic(lower, upper)
+        box, m, linear = (lower, upper), len(self.at.constraints), self.slopes[0]
+        rows, slopes = self.at.rows, self.slopes[1 + m :]
+        if self.form != "minimax":
+            curvature = self.curvature + 2 * slopes.T @ slopes
+            empty = np.empty((0, len(linear)))
+            d = self._program(linear + 2 * rows @ slopes, curvature, np.empty(0), empty, box)
+        else:  # over the rows that matter, found by adding those that the last step would pass
+            far = np.abs(slopes) @ np.maximum(-lower, upper)
+            chosen = _crests(rows + far, FIRST_ROWS)
+            while True:
+                d = self._program(linear, self.curvature, rows[chosen], slopes[chosen], box)
+                after = rows + slopes @ d
+                top = after[chosen].max()
+                passed = np.where(after > top + PASSED * np.abs(rows).max(), after, -np.inf)
+                passed[chosen] = -np.inf
+                if not np.isfinite(passed).any():
+                    break
+                chosen = np.union1d(chosen, _crests(passed, MORE_ROWS))
         d = np.clip(d, lower, upper)
         return d, self._predicted(np.zeros_like(d)) - self._predicted(d)
 
@@ -128,30 +145,6 @@ class LocalModel:
         y = self.at.stacked(self.form) + self.slopes @ d
         value = y[0] + d @ self.curvature @ d / 2 + outer(self.form, y[1 + m :])
         return float(value / self.scale + self.weight * (y[1 : 1 + m] + MARGIN).max(initial=0.0))
-
-    def _quadratic(self, lower: Array, upper: Array) -> Array:
-        m = len(self.at.constraints)
-        rows, slopes = self.at.rows, self.slopes[1 + m :]
-        linear = self.slopes[0] + 2 * rows @ slopes
-        curvature = self.curvature + 2 * slopes.T @ slopes
-        empty = np.empty((0, len(linear)))
-        return self._program(linear, curvature, np.empty(0), empty, (lower, upper))
-
-    def _minimax(self, lower: Array, upper: Array) -> Array:
-        """Over the rows that matter, found by adding those that the last step would pass."""
-        m, linear = len(self.at.constraints), self.slopes[0]
-        rows, slopes = self.at.rows, self.slopes[1 + m :]
-        far = np.abs(slopes) @ np.maximum(-lower, upper)
-        chosen = _crests(rows + far, FIRST_ROWS)
-        while True:
-            d = self._program(linear, self.curvature, rows[chosen], slopes[chosen], (lower, upper))
-            after = rows + slopes @ d
-            top = after[chosen].max()
-            passed = np.where(after > top + PASSED * np.abs(rows).max(), after, -np.inf)
-            passed[chosen] = -np.inf
-            if not np.isfinite(passed).any():
-                return d
-            chosen = np.union1d(chosen, _crests(passed, MORE_ROWS))
 
     def _program(
         self, linear: Array, curvature: Array, rows: Array, slopes: Array, box: tuple[Array, Array]

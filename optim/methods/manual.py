@@ -137,7 +137,10 @@ class _Trials:
         lost = bool(np.isfinite(batch.diverged_at_s[0]))
         errors = batch.outputs["tip_error"][0][:, error_rows(self._problem.scene)]
         largest = np.inf if lost else float(np.abs(errors).max())
-        swings = np.inf if lost else _swings(errors) / rollout.grid.duration_s
+        # full swings (two turning points each) of the liveliest component, small ones left out
+        threshold = SWING * float(np.abs(errors).max())
+        turns = np.inf if lost else max(_turns(column, threshold) for column in errors.T)
+        swings = turns / 2 / rollout.grid.duration_s
         self._log.append(
             {
                 "step": step,
@@ -148,12 +151,6 @@ class _Trials:
             }
         )
         return largest, swings
-
-
-def _swings(errors: Array) -> float:
-    """Full swings (two turning points each) of the liveliest component, small ones left out."""
-    threshold = SWING * float(np.abs(errors).max())
-    return max(_turns(column, threshold) for column in errors.T) / 2
 
 
 def _turns(values: Array, threshold: float) -> int:

@@ -138,10 +138,21 @@ class _MultiStart:
         for i in list(running):
             self._answer(i, running, asked, None, starts[i])
         while asked and not self.spent:
-            answers = self._answers(asked)
+            # answers to all that is asked, one batch for each kind
+            found: dict[int, list[EvaluatedPoint] | list[Linearisation]] = {}
+            for kind in ("sample", "linearise"):
+                who = [i for i, ask in asked.items() if ask.kind == kind]
+                if who:
+                    u = np.concatenate([asked[i].points for i in who])
+                    answers = self.screened(u) if kind == "sample" else self._search.linearise_all(u)
+                    begin = 0
+                    for i in who:
+                        end = begin + len(asked[i].points)
+                        found[i] = answers[begin:end]
+                        begin = end
             asked = {}
-            for i, answer in answers.items():
-                self._answer(i, running, asked, answer, starts[i])
+            for i in sorted(found):
+                self._answer(i, running, asked, found[i], starts[i])
             # report the share of the starts that are done, or of the budget, whichever is larger
             share, budget = (len(self.ended) + 0.5) / self._starts, self._settings.budget
             if budget is not None:
@@ -173,24 +184,6 @@ class _MultiStart:
                     "message": ended.message,
                 }
             )
-
-    def _answers(
-        self, asked: dict[int, EvaluationRequest]
-    ) -> dict[int, list[EvaluatedPoint] | list[Linearisation]]:
-        """Answers to all that is asked, one batch for each kind."""
-        found: dict[int, list[EvaluatedPoint] | list[Linearisation]] = {}
-        for kind in ("sample", "linearise"):
-            who = [i for i, ask in asked.items() if ask.kind == kind]
-            if not who:
-                continue
-            u = np.concatenate([asked[i].points for i in who])
-            answers = self.screened(u) if kind == "sample" else self._search.linearise_all(u)
-            begin = 0
-            for i in who:
-                end = begin + len(asked[i].points)
-                found[i] = answers[begin:end]
-                begin = end
-        return {i: found[i] for i in sorted(found)}
 
     def finish(self) -> SearchRun:
         """The run, its first-order conditions judged at the best point by exact derivatives."""

@@ -13,7 +13,7 @@ from optim.problem.tuning_problem import TuningProblem
 from optim.search.search import SearchRun, better
 from optim.search.session import SearchSession
 from spacerobot.arrays import Array
-from spacerobot.errors import ScenarioError, SpaceRobotError
+from spacerobot.errors import SpaceRobotError
 from spacerobot.registry import TUNING_METHODS
 
 
@@ -107,11 +107,10 @@ def refuse_periods(problem: TuningProblem, method: str) -> None:
     """
     periods = problem.variables.periods
     if periods and TUNING_METHODS.find(method).uses_gradients:
-        raise ScenarioError(
+        raise problem.scene.error(
             f"found a period, by which the objective jumps where sample instants change places, and the "
             f"method {method}, which uses gradients; methods: {without_gradients()}",
-            source=problem.scene.source,
-            where=f"tuning.variables.{periods[0]}",
+            f"tuning.variables.{periods[0]}",
         )
 
 

@@ -7,7 +7,7 @@ variables themselves, and a variable costs one direction however many numbers it
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import casadi as ca
@@ -18,7 +18,7 @@ from spacerobot.rollout import ClosedLoopFunctions, EventRule, Signals
 from spacerobot.symbolic import NoiseTable, WindowTable
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class DerivedLoop:
     """A closed loop by its functions; see ``spacerobot.rollout.ClosedLoopFunctions``."""
 
@@ -27,21 +27,21 @@ class DerivedLoop:
     state_names: tuple[str, ...]
     nq: int
     nv: int
-    nz: int
     setup: ca.Function
     dynamics: ca.Function
     normalise: ca.Function
     outputs: ca.Function
     gaps: ca.Function
-    max_gaps: Mapping[str, float]
-    jumps: tuple[int, ...]
-    switches: tuple[int, ...]
-    events: Sequence[EventRule]
-    fine: tuple[tuple[int, float, float], ...]
-    tables: Sequence[WindowTable]
     rows: ca.Function
     guards: ca.Function
     update: ca.Function
+    nz: int = 0
+    max_gaps: Mapping[str, float] = field(default_factory=dict)
+    jumps: tuple[int, ...] = ()
+    switches: tuple[int, ...] = ()
+    events: Sequence[EventRule] = ()
+    fine: tuple[tuple[int, float, float], ...] = ()
+    tables: Sequence[WindowTable] = ()
     noise: Sequence[NoiseTable] = ()
 
     @classmethod

@@ -201,9 +201,7 @@ def build_margin_terms(scene: Scene, free: Variables) -> MarginTerms | None:
     try:
         linear = ParametricLinearisation.of(scene, at, free.paths, backend)
     except ScenarioError as fault:
-        raise ScenarioError(
-            fault.message, source=scene.source, where=f"tuning.margins, {fault.where}"
-        ) from None
+        raise scene.error(fault.message, f"tuning.margins, {fault.where}") from None
     numbers, count = dict[float | str, range](), 0
     for place in at:
         numbers[place] = range(count, count + (2 if isinstance(place, str) else 1))
@@ -215,7 +213,7 @@ def build_margin_terms(scene: Scene, free: Variables) -> MarginTerms | None:
         named = matching(known, one.loops)
         if not named:
             message = f"no break point '{one.loops}', {near_names(one.loops, known)}"
-            raise ScenarioError(message, source=scene.source, where=f"{where}.loops")
+            raise scene.error(message, f"{where}.loops")
         own = [
             MarginRow(one, k, systems[k].label, name)
             for k in numbers[one.at]
@@ -226,12 +224,12 @@ def build_margin_terms(scene: Scene, free: Variables) -> MarginTerms | None:
             message = (
                 f"found {one.loops}, whose loops vary in time and have no margins (docs/how_to/margins.md)"
             )
-            raise ScenarioError(message, source=scene.source, where=f"{where}.loops")
+            raise scene.error(message, f"{where}.loops")
         if one.weight is not None and len(own) > 1:
             message = (
                 f"found {len(own)} margins ({own[0].name}, ...), allowed: one, of one loop at one instant"
             )
-            raise ScenarioError(message, source=scene.source, where=f"{where}.weight")
+            raise scene.error(message, f"{where}.weight")
         rows += own
     simulation = None
     if not start_alone:

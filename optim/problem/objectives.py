@@ -99,10 +99,8 @@ def extended_loop(loop: ClosedLoopFunctions, scene: Scene, objective: Objective)
         return loop
     for tip in scene.tips:
         if tip.config.amnesia is None:
-            raise ScenarioError(
-                f"Eq. 45 needs t_a, but {tip.path} has no amnesia controller",
-                source=scene.source,
-                where="tuning.objective.kind",
+            raise scene.error(
+                f"Eq. 45 needs t_a, but {tip.path} has no amnesia controller", "tuning.objective.kind"
             )
 
     def rates(signals: Signals, memory: ca.SX) -> ca.SX:
@@ -179,11 +177,7 @@ def _standard(
 ) -> ObjectiveTerms:
     """Terms of a scenario's objective; measured are peaks, weighed quantities, and their weights."""
     if objective.object_rotation and scene.target is None:
-        raise ScenarioError(
-            "there is no target whose rotation could count",
-            source=scene.source,
-            where="tuning.objective.object_rotation",
-        )
+        raise scene.error("there is no target whose rotation could count", "tuning.objective.object_rotation")
     watched, extras, own_weights = measured
     duration = scene.scenario.simulation.duration
     named = watched | {quantity.name: own for quantity, own in extras.items()}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from optim.problem.derived_loop import extend
-from spacerobot.errors import ScenarioError
 from spacerobot.quantities import Components, Context, Quantity
 from spacerobot.rollout import ClosedLoopFunctions, Measure, Signals, final, integral, peak
 from spacerobot.scene import Scene
@@ -56,5 +55,5 @@ def required_measure(quantity: Quantity, context: Context, where: str) -> Measur
     """
     found, reduced = measure(quantity, context)
     if not found.labels:
-        raise ScenarioError(quantity.absent, source=context.scene.source, where=where)
+        raise context.scene.error(quantity.absent, where)
     return reduced

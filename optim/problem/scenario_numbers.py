@@ -59,17 +59,15 @@ def find_numbers(
             try:
                 paths = expand(document, pattern)
             except ScenarioError as fault:
-                raise ScenarioError(f"{pattern}: {fault.message}", source=scene.source, where=where) from None
+                raise scene.error(f"{pattern}: {fault.message}", where) from None
             for path in paths:
                 if path not in owner:
                     owner[path] = name
                     value = get(document, path)
                     if not is_number(value):
-                        raise ScenarioError(
-                            f"{path} is no number, found {value!r}", source=scene.source, where=where
-                        )
+                        raise scene.error(f"{path} is no number, found {value!r}", where)
                     found[name].append(ScenarioNumber(path, pattern, float(value)))
                 elif owner[path] != name:
                     told = f"{path} is set by {owner[path]} already"
-                    raise ScenarioError(told, source=scene.source, where=where)
+                    raise scene.error(told, where)
     return found

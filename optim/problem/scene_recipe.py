@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +51,35 @@ class SceneRecipe:
         return build_scene(validate(dict(self.document), source=source), source=source)
 
 
+@dataclass(frozen=True)
+class BuildRecipe:
+    """Recipe of an object of a scene, to be built in another process.
+
+    Attributes
+    ----------
+    scene
+        The scene.
+    make
+        Function of the scene and the options that makes it, of a module or a class.
+    options
+        Keyword arguments, plain data.
+    """
+
+    scene: SceneRecipe
+    make: Callable[..., Any]
+    options: Mapping[str, Any]
+
+    @property
+    def key(self) -> str:
+        """Hash of it."""
+        plain = [asdict(self.scene), self.make.__qualname__, self.options]
+        return hashlib.sha256(json.dumps(plain, sort_keys=True, default=str).encode()).hexdigest()
+
+    def build(self) -> Any:
+        """The object."""
+        return self.make(self.scene.build(), **self.options)
+
+
 def tuning_of(scene: Scene) -> Tuning:
     """The scene's tuning section.
 
@@ -58,11 +89,10 @@ def tuning_of(scene: Scene) -> Tuning:
         If it has none.
     """
     if scene.scenario.tuning is None:
-        raise ScenarioError(
+        raise scene.error(
             "this scenario has no tuning section; name what varies by `spacerobot tune --vary kp=20..2000`, "
             "or let `spacerobot new` write a scenario that has one (docs/explanation/tuning_methods.md)",
-            source=scene.source,
-            where="tuning",
+            "tuning",
         )
     return scene.scenario.tuning
 
@@ -111,4 +141,4 @@ def with_variables(
 
 def _known(name: str, known: Iterable[str], what: str, scene: Scene) -> None:
     if name not in known:
-        raise ScenarioError(f"no {what} {name!r}; {near_names(name, known)}", source=scene.source)
+        raise scene.error(f"no {what} {name!r}; {near_names(name, known)}")

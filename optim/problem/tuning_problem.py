@@ -18,7 +18,7 @@ from optim.problem.margin_terms import build_margin_terms
 from optim.problem.objectives import MARGINS, OBJECTIVE, UserObjective, build_terms, extended_loop
 from optim.problem.problem import Evaluation, EvaluationCost, Linearisation, OptimisationProblem
 from optim.problem.scene_recipe import NewVariables, SceneRecipe, changed_scene, tuning_of, with_variables
-from optim.problem.variables import resolve_variables
+from optim.problem.variables import variables_of
 from optim.workers import Arrays, Threads, Workers
 from optim.workers.workers import LANES
 from spacerobot.arrays import Array
@@ -165,29 +165,13 @@ class TuningProblem(Formulation, OptimisationProblem):
         plants
             Values (N,) of other parameters by dotted path.
         """
-        return self.measure_values(self.variables.values(np.atleast_2d(u)), plants)
-
-    def measure_values(self, values: Array, plants: Mapping[str, Array] | None = None) -> Arrays:
-        """Measures at values of the variables in the scenario's units.
-
-        Parameters
-        ----------
-        values
-            Values of the variables, (N, k).
-        plants
-            Values (N,) of other parameters by dotted path.
-
-        Returns
-        -------
-        Mapping
-            Measures by name, each with N as its first axis.
-        """
+        values = self.variables.values(np.atleast_2d(u))
         others = dict(plants or {})
-        rows = np.column_stack([np.atleast_2d(values), *others.values()])
+        rows = np.column_stack([values, *others.values()])
         return self.workers.map(self, partial(worker_operations.measures, paths=(*self.names, *others)), rows)
 
     def linearise_all(self, u: Array) -> list[Linearisation]:
-        """Values and their exact derivatives at points u (N, k); see :mod:`optim.problem.linearise`.
+        """Values and their exact derivatives at points u (N, k); see :mod:`optim.problem.worker_operations`.
 
         Several gradients by the adjoint share lanes.
         """
@@ -245,7 +229,7 @@ def build_problem(
     scene = changed_scene(scene, variant)
     check_size(scene)
     tuning = tuning_of(scene)
-    free = resolve_variables(scene, tuning, chosen)
+    free = variables_of(scene, {name: tuning.variables[name] for name in chosen or tuning.variables})
     loop = cached_closed_loop(scene, vary=[*free.all_paths, *also_vary])
     for path in free.all_paths:
         loop.index(path)

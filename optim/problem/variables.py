@@ -9,7 +9,6 @@ import numpy as np
 
 from optim.problem.scenario_numbers import find_numbers
 from spacerobot.arrays import Array
-from spacerobot.scenario import Tuning
 from spacerobot.scenario.tuning import DesignVariable
 from spacerobot.scene import Scene
 
@@ -86,34 +85,15 @@ class Variables:
         return {name: float(v) for name, v in zip(self.names, values, strict=True)}
 
 
-def resolve_variables(scene: Scene, tuning: Tuning, chosen: Sequence[str] | None = None) -> Variables:
-    """Variables of a scene's tuning problem.
-
-    Parameters
-    ----------
-    scene
-        The scene, the tuning problem's changes made.
-    tuning
-        The tuning problem.
-    chosen
-        Names of the variables to take; all of them if None.
-
-    Raises
-    ------
-    ScenarioError
-        If a path is not in the scenario, is no number, or stands in two variables.
-    """
-    names = tuple(chosen or tuning.variables)
-    return variables_of(scene, {name: tuning.variables[name] for name in names}, "tuning.variables")
-
-
-def variables_of(scene: Scene, named: Mapping[str, DesignVariable], section: str) -> Variables:
+def variables_of(
+    scene: Scene, named: Mapping[str, DesignVariable], section: str = "tuning.variables"
+) -> Variables:
     """Variables that a section names.
 
     Parameters
     ----------
     scene
-        The scene.
+        The scene, the section's changes made.
     named
         Variables by name.
     section

@@ -70,14 +70,14 @@ def _named(scene: Scene, path: str) -> dict[str, list[str]]:
         try:
             expand(document, path)
         except ScenarioError as fault:
-            raise ScenarioError(fault.message, source=scene.source, where=f"--vary {path}") from None
+            raise scene.error(fault.message, f"--vary {path}") from None
         return {_name(path.split(".")[-2:]): [path]}
     known = [p for p, _ in numbers({place: document[place] for place in PLACES if document[place]})]
     ending = [p for p in known if p.endswith(f".{path}")]
     if not ending:
         hint = near_names(path, {p.rpartition(".")[2] for p in known if not p.rpartition(".")[2].isdecimal()})
         message = f"no number's path ends in {path!r}; {hint}"
-        raise ScenarioError(message, source=scene.source, where="--vary")
+        raise scene.error(message, "--vary")
     found: dict[str, list[str]] = {}
     for number in ending if "." not in path else ():
         found.setdefault(_name(number.split(".")[-2:]), []).append(number)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from optim.problem.formulation import Formulation
-from optim.problem.linearise import linearise_all, rows_of, sampled_outputs
-from optim.problem.objectives import MARGINS, OBJECTIVE
+from optim.problem.objectives import MARGINS, OBJECTIVE, error_rows
+from optim.problem.problem import Linearisation
 from optim.workers import Arrays
 from spacerobot.arrays import Array
 
@@ -58,3 +59,103 @@ def linearisations(problem: Formulation, rows: Array) -> Arrays:
     """Fields of the linearisation at points (N, k) of the unit cube."""
     found = [at.as_arrays() for at in linearise_all(problem, rows)]
     return {name: np.stack([fields[name] for fields in found]) for name in found[0]}
+
+
+def linearise_all(problem: Formulation, u: Array) -> list[Linearisation]:
+    """Objective, constraints and their exact derivatives at points u (N, k) of the unit cube.
+
+    By the adjoint, in lanes, where only the objective's gradient is needed, else by forward sensitivities;
+    margins follow. Values are NaN where the rollout diverged.
+    """
+    if problem.form != "smooth" or problem.terms.limits:
+        found = [_linearise(problem, point) for point in u]
+    else:
+        values = problem.variables.values(u)
+        plain = problem.rollout.gradient_batch(
+            problem.names, values, costs=[OBJECTIVE], threads=1, orders=False
+        )
+        gradients = plain.gradients[OBJECTIVE] * np.array([problem.variables.slope(point) for point in u])
+        costs = map(float, plain.costs[OBJECTIVE])
+        found = [Linearisation.of_smooth(*each) for each in zip(costs, gradients, strict=True)]
+    terms = problem.terms.margins
+    if terms is None:
+        return found
+    limited = [i for i, row in enumerate(terms.rows) if row.requirement.least is not None]
+    for k, (point, at) in enumerate(zip(u, found, strict=True)):
+        margins = terms.values(problem.variables.values(point), slopes=True)
+        values = np.array([one.value for one in margins])
+        slopes = np.array([one.gradient for one in margins]) * problem.variables.slope(point)
+        (g, by_margin), (penalty, weights) = terms.constraints(values), terms.penalty(values)
+        weighed = weights != 0
+        added = weights[weighed] @ slopes[weighed]
+        jacobian = np.concatenate([at.constraint_jacobian, by_margin[:, None] * slopes[limited]])
+        found[k] = replace(
+            at,
+            objective=at.objective + float(penalty),
+            gradient=at.gradient + added,
+            smooth=at.smooth + float(penalty),
+            smooth_gradient=at.smooth_gradient + added,
+            constraints=np.concatenate([at.constraints, g]),
+            constraint_jacobian=jacobian,
+        )
+    return found
+
+
+def _linearise(problem: Formulation, u: Array) -> Linearisation:
+    """All but margins at one point u (k,), by forward sensitivities."""
+    values = dict(zip(problem.names, problem.variables.values(u), strict=True))
+    sampled = sampled_outputs(problem)
+    jacobian = problem.rollout.jacobian(values, wrt=problem.names, outputs=sampled, orders=False)
+    if jacobian.trajectory.status != "completed":
+        sizes = problem.terms.measures.sizes
+        m, k = sum(sizes[name] for name in problem.terms.limits), len(u)
+        nothing = Linearisation.of_smooth(np.nan, np.full(k, np.nan))
+        return replace(nothing, constraints=np.full(m, np.nan), constraint_jacobian=np.full((m, k), np.nan))
+    slope = problem.variables.slope(u)
+    measures, k = jacobian.trajectory.measures, len(slope)
+    value = float(jacobian.trajectory.costs[OBJECTIVE])
+    # derivative of the objective with respect to the variables' values (k,), by the chain rule
+    names = problem.rollout.kernel.measures
+    by_variables = np.concatenate([jacobian.measures[name] for name in names])
+    towards = problem.objective_slope(
+        np.concatenate([measures[name] for name in names]), problem.rollout.values(None)
+    )
+    gradient = np.asarray(towards.full().ravel() @ by_variables, dtype=np.float64) * slope
+    limits = problem.terms.limits
+    g = np.concatenate([np.empty(0), *(measures[n] / limit - 1 for n, limit in limits.items())])
+    dg = np.concatenate([np.empty((0, k)), *(jacobian.measures[n] / limit for n, limit in limits.items())])
+    rows = rows_of(problem, jacobian.trajectory.outputs)
+    moved = {name: np.moveaxis(values, -1, 0) for name, values in jacobian.outputs.items()}
+    rows_jacobian = rows_of(problem, moved).T * slope if len(rows) else np.empty((0, k))
+    smooth, smooth_gradient = value, gradient
+    if problem.form == "minimax":
+        worst = int(rows.argmax())
+        smooth, smooth_gradient = value - float(rows[worst]), gradient - rows_jacobian[worst]
+    return Linearisation(value, gradient, g, dg * slope, rows, rows_jacobian, smooth, smooth_gradient)
+
+
+def sampled_outputs(problem: Formulation) -> tuple[str, ...]:
+    """Outputs whose samples the objective is made of."""
+    outputs = [*problem.terms.residuals] + (["tip_error"] if problem.form == "minimax" else [])
+    return tuple(dict.fromkeys(outputs))
+
+
+def rows_of(problem: Formulation, outputs: Mapping[str, Array]) -> Array:
+    """Rows (..., n) of sampled outputs (..., nt, c), or of their derivatives; see :class:`Linearisation`.
+
+    A minimax problem has each error twice, with either sign, one after the other over time.
+    """
+    if problem.form == "smooth":
+        return np.empty(0)
+    if problem.form == "minimax":
+        tuning = problem.scene.scenario.tuning
+        weight = 1.0 if tuning is None else tuning.objective.weight
+        error = weight * np.swapaxes(outputs["tip_error"][..., error_rows(problem.scene)], -1, -2)
+        flat = error.reshape(*error.shape[:-2], -1)
+        return np.concatenate([flat, -flat], axis=-1)
+    step = problem.rollout.grid.duration_s / problem.rollout.grid.intervals
+    rows = []
+    for name, (weight, factor) in problem.terms.residuals.items():
+        scaled = outputs[name] * (np.sqrt(weight * step) * factor)
+        rows.append(scaled.reshape(*scaled.shape[:-2], -1))
+    return np.concatenate(rows, axis=-1)

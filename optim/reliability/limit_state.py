@@ -19,7 +19,6 @@ from optim.campaign.sampling.samplers import score_values
 from optim.evaluation import build_quantity_rollout
 from optim.planning.mpc.flown_scene import mpc_controllers
 from spacerobot.arrays import Array
-from spacerobot.errors import ScenarioError
 from spacerobot.quantities import Quantity, find_quantity
 from spacerobot.rollout import Rollout
 from spacerobot.scenario import Campaign
@@ -179,24 +178,20 @@ def build_limit_state(
     given = campaign.limits.given
     if quantity is None and len(given) != 1:
         found = ", ".join(given) or "none"
-        raise ScenarioError(
+        raise scene.error(
             f"limits of exactly one quantity are needed, found {found}; name one with --metric and --limit",
-            source=scene.source,
-            where="campaign.limits",
+            "campaign.limits",
         )
     chosen = find_quantity(quantity or next(iter(given)))
     bound = given.get(chosen.name) if limit is None else limit
     if bound is None:
-        raise ScenarioError(
-            f"no limit of {chosen.name}; give one with --limit", source=scene.source, where="campaign.limits"
-        )
+        raise scene.error(f"no limit of {chosen.name}; give one with --limit", "campaign.limits")
     scene = gain_set(scene, {})
     if mpc_controllers(scene):
-        raise ScenarioError(
+        raise scene.error(
             "a controller of kind mpc solves plans in each rollout, which has no exact gradient; use "
             "`spacerobot campaign`",
-            source=scene.source,
-            where="robots",
+            "robots",
         )
     space = resolve_space(scene, campaign)
     rollout, _ = build_quantity_rollout(scene, [chosen], space.paths, step=campaign.step)

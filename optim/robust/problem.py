@@ -38,7 +38,7 @@ from optim.search.search import Progress
 from optim.search.session import SearchSession
 from optim.workers import Workers
 from spacerobot.arrays import Array
-from spacerobot.errors import ScenarioError, SpaceRobotError
+from spacerobot.errors import SpaceRobotError
 from spacerobot.files import write_text
 from spacerobot.registry import TUNING_METHODS
 from spacerobot.result import Result
@@ -237,11 +237,7 @@ def build_robust(
         If a section is missing or does not fit, or an uncertain number is a variable as well.
     """
     if tuning_of(scene).margins:
-        raise ScenarioError(
-            "robust tuning knows no margins; `spacerobot tune` does",
-            source=scene.source,
-            where="tuning.margins",
-        )
+        raise scene.error("robust tuning knows no margins; `spacerobot tune` does", "tuning.margins")
     statistic = statistic or Statistic()
     changed = gain_set(changed_scene(scene, variant), {})
     space = resolve_space(changed, campaign_of(changed))
@@ -250,9 +246,7 @@ def build_robust(
     )
     both = sorted(set(space.paths) & set(problem.variables.all_paths))
     if both:
-        raise ScenarioError(
-            f"{both[0]} is tuned and uncertain at once", source=scene.source, where="campaign"
-        )
+        raise scene.error(f"{both[0]} is tuned and uncertain at once", "campaign")
     found = RobustProblem(
         problem, space, _draws(changed, statistic.samples, 0), statistic.kind, statistic.percent
     )

@@ -16,7 +16,7 @@ from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from optim.problem.scene_recipe import changed_scene, tuning_of
-from optim.problem.variables import resolve_variables
+from optim.problem.variables import variables_of
 from spacerobot.arrays import Array
 from spacerobot.errors import DivergedError, ScenarioError, SpaceRobotError, near_names
 from spacerobot.linear.margin_gradients import MARGINS, MarginValue, ParametricLinearisation
@@ -139,7 +139,7 @@ def worst_margins(
         raise SpaceRobotError(f"no margin '{margin}', {near_names(margin, MARGINS)}")
     tell, at = progress or (lambda _: None), tuple(at)
     scene = changed_scene(scene)
-    free = resolve_variables(scene, tuning_of(scene))
+    free = variables_of(scene, tuning_of(scene).variables)
     found = ParametricLinearisation.of(scene, at, free.paths, backend, tell)
     names = chosen_loops(found, loops)
     cases, count, size = list[WorstMargin](), 0, len(free)

@@ -181,12 +181,17 @@ class Search:
         u = np.ascontiguousarray(u, dtype=float)
         record = self._journal.replay("linear", u)
         if record is not None and "0 gradient" in record:
-            found = [Linearisation.of_arrays(_numbered(record, i)) for i in range(len(u))]
+            arrays = [dict[str, Array]() for _ in u]
+            for name, value in record.items():
+                number, space, key = name.partition(" ")
+                if space:
+                    arrays[int(number)][key] = value
+            found = [Linearisation.of_arrays(each) for each in arrays]
         else:
             found = self.problem.linearise_all(u)
         if record is None:
-            arrays = {f"{i} {name}": a for i, at in enumerate(found) for name, a in at.as_arrays().items()}
-            self._keep("linear", u, arrays)
+            kept = {f"{i} {name}": a for i, at in enumerate(found) for name, a in at.as_arrays().items()}
+            self._keep("linear", u, kept)
         else:
             self._resume(float(record["seconds"]))
         values = [at.as_evaluation() for at in found]
@@ -290,9 +295,3 @@ class Search:
     def _resume(self, seconds: float) -> None:
         """Take over the time that an earlier process had spent here."""
         self._seconds, self._since = seconds, time.perf_counter()
-
-
-def _numbered(record: Mapping[str, Array], i: int) -> dict[str, Array]:
-    """Arrays of the point with a number, by name."""
-    head = f"{i} "
-    return {name.removeprefix(head): value for name, value in record.items() if name.startswith(head)}

@@ -48,7 +48,16 @@ def connect(address: str) -> Iterator[Any]:
     distributed = distributed_module()
     with _quiet():
         if address.startswith("local:"):
-            with _own_cluster(address) as cluster, distributed.Client(cluster) as client:
+            # processes of this machine, which listen to it alone and end with the context
+            count = address.removeprefix("local:")
+            if not count.isdecimal() or int(count) < 1:
+                told = f"found {address!r}, allowed: local:N with N of 1 and more"
+                raise SpaceRobotError(told, where="--dask")
+            options: dict[str, Any] = {"n_workers": int(count), "threads_per_worker": 1}
+            places = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
+            with _spared():
+                cluster = distributed.LocalCluster(**options, **places, silence_logs=logging.CRITICAL)
+            with cluster, distributed.Client(cluster) as client:
                 yield client
             return
         place = {"address": address} if "://" in address else {"scheduler_file": _scheduler_file(address)}
@@ -58,20 +67,6 @@ def connect(address: str) -> Iterator[Any]:
             raise SpaceRobotError(f"no scheduler answers at {address}: {fault}", where="--dask") from None
         with client:
             yield client
-
-
-@contextlib.contextmanager
-def _own_cluster(address: str) -> Iterator[Any]:
-    """Processes of this machine, which listen to it alone and end with the context."""
-    count = address.removeprefix("local:")
-    if not count.isdecimal() or int(count) < 1:
-        raise SpaceRobotError(f"found {address!r}, allowed: local:N with N of 1 and more", where="--dask")
-    options: dict[str, Any] = {"n_workers": int(count), "threads_per_worker": 1}
-    places = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
-    with _spared():
-        cluster = distributed_module().LocalCluster(**options, **places, silence_logs=logging.CRITICAL)
-    with cluster:
-        yield cluster
 
 
 @contextlib.contextmanager
@@ -154,19 +149,15 @@ def _work(version: str, work: Any, recipe: Recipe, *arguments: Any) -> Any:
             f"a worker has spacerobot {spacerobot.__version__}, this process {version}: install the same"
         )
         raise SpaceRobotError(message, where="--dask")
-    return work(_make(recipe), *arguments)
-
-
-def _make(recipe: Recipe) -> Any:
-    """Object of a recipe, built once in this process."""
     key = recipe.key
-    with _lock:
+    with _lock:  # built once in this process
         if key not in _built:
             while len(_built) >= KEPT:
                 _built.pop(next(iter(_built)))
             with alone_on_this_machine():
                 _built[key] = recipe.build()
-        return _built[key]
+        made = _built[key]
+    return work(made, *arguments)
 
 
 @contextlib.contextmanager

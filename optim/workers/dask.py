@@ -60,7 +60,12 @@ class DaskWorkers:
         """
         recipe = problem.recipe
         learnt = (recipe.key, _name(operation))
-        count = self._pieces(len(rows), grain, self._row_s.get(learnt))
+        # one piece for each thread, fewer if they were too short, more if they were too long
+        threads, most, row_s = threads_of(self._client), max(1, len(rows) // grain), self._row_s.get(learnt)
+        count = min(threads, most)
+        if row_s is not None:
+            longest = int(np.ceil(len(rows) * row_s / LONGEST_S))
+            count = min(max(1, min(threads, int(len(rows) * row_s / SHORTEST_S)), longest), most)
         futures = [
             submit(self._client, run_piece, recipe, operation, part) for part in np.array_split(rows, count)
         ]
@@ -72,14 +77,6 @@ class DaskWorkers:
     def together(self, searches: Sequence[Callable[[], Ended]]) -> list[Ended]:
         """Side by side: one computes here while the others wait for workers."""
         return self._turns.together(searches)
-
-    def _pieces(self, count: int, grain: int, row_s: float | None) -> int:
-        """How many pieces: one for each thread, fewer if they were too short, more if they were too long."""
-        threads, most = threads_of(self._client), max(1, count // grain)
-        if row_s is None:
-            return min(threads, most)
-        longest = int(np.ceil(count * row_s / LONGEST_S))
-        return min(max(1, min(threads, int(count * row_s / SHORTEST_S)), longest), most)
 
     def _gather(self, futures: Sequence[Any]) -> list[tuple[Arrays, float]]:
         """Results of futures, in order; those that are no longer needed are cancelled."""

@@ -304,6 +304,10 @@ class Scene:
         rows += [("grasps", ", ".join(f"{g.name} ({g.tip.label})" for g in self.grasps))]
         return html_table(f"Scene {self.scenario.name}", [*rows, *(("warning", w) for w in self.warnings)])
 
+    def error(self, message: str, where: str | None = None) -> ScenarioError:
+        """Error of the scenario's file, at a dotted path."""
+        return ScenarioError(message, source=self.source, where=where)
+
     @property
     def robots(self) -> tuple[SceneBody, ...]:
         """The bodies that are robots."""

@@ -80,6 +80,7 @@ BUILT_ON = {
     "optim.planning.solver": set(),
     "optim.planning.transcription": {"optim.planning.formulation", "optim.planning.solver"},
     "optim.planning.verification": {
+        "optim.problem",
         "optim.planning.formulation",
         "optim.planning.solver",
         "optim.planning.transcription",

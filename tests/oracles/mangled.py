@@ -26,7 +26,7 @@ from optim.campaign.sampling.parameter_space import campaign_of, resolve_space
 from optim.planning.formulation.formulate import formulate_phases
 from optim.planning.studies.design_study import design_variables
 from optim.problem.scene_recipe import tuning_of
-from optim.problem.variables import resolve_variables
+from optim.problem.variables import variables_of
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import SpaceRobotError
 from spacerobot.scenario.load import parse_yaml, to_document, validate
@@ -211,7 +211,7 @@ def use(case: Case) -> None:
         if scenario.plan.design:
             uses.append(lambda: design_variables(scene))
     if scenario.tuning is not None:
-        uses.append(lambda: resolve_variables(scene, tuning_of(scene)))
+        uses.append(lambda: variables_of(scene, tuning_of(scene).variables))
     if scenario.campaign is not None:
         uses.append(lambda: resolve_space(scene, campaign_of(scene)))
     found, original = to_document(scenario), filled(source)

@@ -26,10 +26,10 @@ from optim.campaign.sampling.parameter_space import (
     resolve_space,
 )
 from optim.campaign.sampling.samplers import draw
-from optim.planning.mpc.batch import MpcRollout, build_mpc_rollout
+from optim.planning.mpc.batch import MpcRollout
 from optim.planning.mpc.flown_scene import FlownScene, mpc_controllers
 from optim.problem.quantity_measures import with_added_states
-from optim.problem.scene_recipe import SceneRecipe
+from optim.problem.scene_recipe import BuildRecipe, SceneRecipe
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError
 from spacerobot.loop_cache import cached_closed_loop
@@ -113,32 +113,6 @@ class GainSet:
 
 
 @dataclass(frozen=True)
-class EvaluatorRecipe:
-    """All it takes to build an evaluator anywhere: plain data that can be sent to another machine.
-
-    Attributes
-    ----------
-    scene
-        The scene, its campaign section in it.
-    gains
-        Changes by name of the set.
-    """
-
-    scene: SceneRecipe
-    gains: Gains
-
-    @property
-    def key(self) -> str:
-        """Hash of it."""
-        text = json.dumps([dataclasses.asdict(self.scene), self.gains], sort_keys=True, default=str)
-        return hashlib.sha256(text.encode()).hexdigest()
-
-    def build(self) -> CampaignEvaluator:
-        """The evaluator."""
-        return build_evaluator(self.scene.build(), self.gains)
-
-
-@dataclass(frozen=True)
 class CampaignEvaluator:
     """A campaign ready to run.
 
@@ -194,9 +168,9 @@ class CampaignEvaluator:
         return self.members[list(self.gains).index(gains)]
 
     @property
-    def recipe(self) -> EvaluatorRecipe:
+    def recipe(self) -> BuildRecipe:
         """Recipe that builds the same evaluator in another process."""
-        return EvaluatorRecipe(SceneRecipe.of(self.scene), self.gains)
+        return BuildRecipe(SceneRecipe.of(self.scene), build_evaluator, {"gains": self.gains})
 
     def identity(self, draws: Array) -> dict[str, Any]:
         """Data that determines the numbers: plain data with comparable leaves, and a hash of everything.
@@ -300,7 +274,7 @@ def build_evaluator(scene: Scene, gains: Gains | None = None, *, compiled: bool 
         or member.rollout.kernel.closure.largest != made[0].rollout.kernel.closure.largest
         for member in made
     ):
-        raise ScenarioError("sets of gains differ in robots, tips or grasps", source=scene.source)
+        raise scene.error("sets of gains differ in robots, tips or grasps")
     campaign = campaign.model_copy(update={"gains": {n: dict(c) for n, c in chosen.items()}})
     scenario = scene.scenario.model_copy(update={"campaign": campaign})
     return CampaignEvaluator(dataclasses.replace(scene, scenario=scenario), campaign, chosen, tuple(made))
@@ -359,6 +333,6 @@ def _member(scene: Scene, campaign: Campaign, sets: int, compiled: bool) -> Gain
     if flown is None:
         rollout = build_rollout(rolled, duration_s=duration, measures=kept.measures, **options)
     else:
-        rollout = build_mpc_rollout(scene, flown, loop, rolled, kept.measures, duration_s=duration, **options)
+        rollout = MpcRollout(scene, flown, loop, rolled, kept.measures, duration_s=duration, **options)
         kept = dataclasses.replace(kept, columns=(*kept.columns, *MPC_COLUMNS))
     return GainSet(scene, space, kept, recording, rollout)

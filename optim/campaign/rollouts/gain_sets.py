@@ -51,7 +51,7 @@ def gain_sets(scene: Scene, asked: Sequence[str]) -> Gains | None:
             found[name] = dict(known[name])
         else:
             hint = f"{near_names(name, known)}; or NAME=DIR with the folder of a result"
-            raise ScenarioError(f"no set {name!r}; {hint}", source=scene.source, where="--gains")
+            raise scene.error(f"no set {name!r}; {hint}", "--gains")
     return found or None
 
 

@@ -57,11 +57,10 @@ def campaign_of(scene: Scene) -> Campaign:
         If it has none.
     """
     if scene.scenario.campaign is None:
-        raise ScenarioError(
+        raise scene.error(
             "no campaign section, which defines the uncertain parameters (docs/how_to/monte_carlo.md); "
             "`spacerobot new` writes a scenario that has one",
-            source=scene.source,
-            where="campaign",
+            "campaign",
         )
     return scene.scenario.campaign
 
@@ -152,4 +151,4 @@ def check_range(scene: Scene, space: ParameterSpace, draws: Array) -> None:
         except ScenarioError as fault:
             hint = "cut the distribution (truncated_normal, uniform) or take another (lognormal)"
             message = f"the campaign draws a value that is not allowed: {fault.message}; {hint}"
-            raise ScenarioError(message, source=scene.source, where=fault.where) from None
+            raise scene.error(message, fault.where) from None

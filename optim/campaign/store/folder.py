@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from optim.campaign.rollouts.evaluator import SampleTable
-from optim.campaign.store.netcdf import DATA, FORMAT, DatasetLayout, is_complete, write_tables
+from optim.campaign.rollouts.evaluator import CampaignEvaluator, SampleTable
+from optim.campaign.store.netcdf import DATA, FORMAT, is_complete, write_tables
 from spacerobot.elements.registry import plugin_records
 from spacerobot.errors import ResultError
 from spacerobot.files import write_bytes, write_text
@@ -99,7 +99,7 @@ class CampaignStore:
             write_bytes(self._chunk((begin, end)), buffer.getvalue())
             self._chunks.append((begin, end))
 
-    def merge(self, layout: DatasetLayout) -> None:
+    def merge(self, evaluator: CampaignEvaluator, about: str) -> None:
         """Make ``campaign.nc`` of what is there, chunk by chunk, and drop the chunks if nothing is missing.
 
         Raises
@@ -114,7 +114,7 @@ class CampaignStore:
         tables = ((begin, _read(self._chunk((begin, end)))) for begin, end in sorted(self._chunks))
         try:
             with uninterrupted():  # Ctrl-C would leave the file's library locked
-                write_tables(stage / DATA, layout, tables, complete)
+                write_tables(stage / DATA, evaluator, tables, about=about, complete=complete)
                 # wait until a file is on the disk: the chunks that it replaces are about to go
                 with (stage / DATA).open("rb+") as file:
                     os.fsync(file.fileno())

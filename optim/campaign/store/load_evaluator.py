@@ -6,7 +6,7 @@ from pathlib import Path
 
 from optim.campaign.rollouts.evaluator import CampaignEvaluator, all_draws, build_evaluator
 from optim.campaign.store.folder import HEAD, difference, load_head, open_store
-from optim.campaign.store.netcdf import DATA, DatasetLayout, check_layout, is_complete
+from optim.campaign.store.netcdf import DATA, check_layout, is_complete
 from optim.campaign.store.run_settings import named_in
 from spacerobot.errors import ResultError, SpaceRobotError
 from spacerobot.files import StrPath
@@ -49,7 +49,7 @@ def reopen(folder: StrPath) -> CampaignEvaluator:
         scene = build_scene(validate(document, source=source), source=source)
         evaluator = build_evaluator(scene, head["gains"], compiled=False)
         draws = all_draws(evaluator)
-        layout = DatasetLayout.of(evaluator, head["notes"]["about"])
+        about = head["notes"]["about"]
         named_in(head["notes"])
     except (KeyError, TypeError, AttributeError) as fault:
         raise ResultError(f"is no campaign's: {fault!r}", source=folder / HEAD) from None
@@ -67,6 +67,6 @@ def reopen(folder: StrPath) -> CampaignEvaluator:
         with open_store(folder, identity, len(draws)) as store:
             if not store.done:
                 raise ResultError("holds no sample yet; start its campaign again to continue", source=folder)
-            store.merge(layout)
-    check_layout(folder / DATA, layout)
+            store.merge(evaluator, about)
+    check_layout(folder / DATA, evaluator)
     return evaluator

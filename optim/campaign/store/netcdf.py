@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ import numpy as np
 import xarray as xr
 
 from optim.campaign.rollouts.evaluator import CampaignEvaluator, SampleTable
-from optim.campaign.rollouts.metrics import MetricColumn
 from optim.campaign.rollouts.series import BYTES_EACH, SignalRecording
 from spacerobot.errors import ResultError, near_names
 from spacerobot.files import StrPath
@@ -24,47 +22,19 @@ BLOCK_BYTES = 32_000_000  # of series that are put together before they are writ
 PIECE_BYTES = 1_000_000  # of series that are packed together
 
 
-@dataclass(frozen=True)
-class DatasetLayout:
-    """Names along the axes of a campaign's file.
-
-    Attributes
-    ----------
-    parameters, gains
-        Uncertain parameters, and sets of gains.
-    columns
-        Metrics.
-    recording
-        Series.
-    max_gaps
-        Grasps that may begin open, and the greatest gaps allowed [m].
-    about
-        What ran, for people.
-    """
-
-    parameters: Sequence[str]
-    gains: Sequence[str]
-    columns: Sequence[MetricColumn]
-    recording: SignalRecording
-    max_gaps: Mapping[str, float]
-    about: str
-
-    @classmethod
-    def of(cls, evaluator: CampaignEvaluator, about: str) -> DatasetLayout:
-        """Layout of an evaluator's tables."""
-        names = list(evaluator.campaign.parameters), list(evaluator.gains)
-        return cls(*names, evaluator.columns, evaluator.recording, evaluator.max_gaps, about)
-
-    @property
-    def rows(self) -> int:
-        """Samples of a block: a power of two, so few that their series fit into memory."""
-        each = len(self.gains) * self.recording.bytes_per_rollout
-        fitting = max(1, BLOCK_BYTES // max(each, 1))
-        return int(min(ROWS, 1 << (fitting.bit_length() - 1)))
+def block_rows(sets: int, recording: SignalRecording) -> int:
+    """Samples of a block of so many sets of gains: a power of two, so few that series fit into memory."""
+    fitting = max(1, BLOCK_BYTES // max(sets * recording.bytes_per_rollout, 1))
+    return int(min(ROWS, 1 << (fitting.bit_length() - 1)))
 
 
 def write_tables(
-    path: Path, layout: DatasetLayout, tables: Iterator[tuple[int, SampleTable]], complete: bool
+    path: Path,
+    evaluator: CampaignEvaluator,
+    tables: Iterator[tuple[int, SampleTable]],
+    *,
+    about: str,
+    complete: bool,
 ) -> None:
     """Write a campaign's file.
 
@@ -72,17 +42,20 @@ def write_tables(
     ----------
     path
         The file.
-    layout
-        What it holds.
+    evaluator
+        What made the tables.
     tables
         Tables with their first sample, in order.
+    about
+        What ran, for people.
     complete
         Whether every sample is among them.
     """
     with netCDF4.Dataset(path, "w") as file:
-        _define(file, layout)
-        file.setncatts({"format": FORMAT, "complete": int(complete), "about": layout.about})
-        for samples, table in blocks(tables, layout.rows):
+        rows_of_block = block_rows(len(evaluator.gains), evaluator.recording)
+        _define(file, evaluator, rows_of_block)
+        file.setncatts({"format": FORMAT, "complete": int(complete), "about": about})
+        for samples, table in blocks(tables, rows_of_block):
             at = len(file.dimensions["sample"])
             rows = slice(at, at + len(table))
             file["sample"][rows] = samples
@@ -90,14 +63,14 @@ def write_tables(
             file["diverged_at"][rows] = table.diverged_at_s
             if table.gaps.shape[2]:
                 file["gap"][rows] = table.gaps
-            for metric in dict.fromkeys(column.metric for column in layout.columns):
-                places = [i for i, column in enumerate(layout.columns) if column.metric == metric]
+            for metric in dict.fromkeys(column.metric for column in evaluator.columns):
+                places = [i for i, column in enumerate(evaluator.columns) if column.metric == metric]
                 file[metric][rows] = table.metrics[:, :, places]
             for name, values in table.series.items():
                 file[name][rows] = values
 
 
-def check_layout(path: Path, layout: DatasetLayout) -> None:
+def check_layout(path: Path, evaluator: CampaignEvaluator) -> None:
     """Refuse a file that lacks something of its campaign.
 
     Raises
@@ -105,8 +78,8 @@ def check_layout(path: Path, layout: DatasetLayout) -> None:
     ResultError
         Naming what.
     """
-    metrics = list(dict.fromkeys(column.metric for column in layout.columns))
-    series = [one.name for one in layout.recording.series]
+    metrics = list(dict.fromkeys(column.metric for column in evaluator.columns))
+    series = [one.name for one in evaluator.recording.series]
     names: dict[str, tuple[str, ...]] = {"draw": ("sample", "parameter"), "diverged_at": ("sample", "gains")}
     names |= {name: (name,) for name in ("sample", "parameter", "gains")}
     names |= {f"{name}_of": (f"{name}_of",) for name in (*metrics, *series)}
@@ -114,7 +87,7 @@ def check_layout(path: Path, layout: DatasetLayout) -> None:
     names |= {name: ("sample", "gains", "time", f"{name}_of") for name in series}
     if series:
         names["time"] = ("time",)
-    if layout.max_gaps:
+    if evaluator.max_gaps:
         names |= {"grasp": ("grasp",), "gap": ("sample", "gains", "grasp"), "max_gap": ("grasp",)}
     missing = []
     try:
@@ -211,16 +184,16 @@ def _joined(
     )
 
 
-def _define(file: Any, layout: DatasetLayout) -> None:
+def _define(file: Any, evaluator: CampaignEvaluator, rows_of_block: int) -> None:
     """Dimensions and variables; ``sample`` has no limit."""
     file.createDimension("sample", None)
-    axes = {"parameter": list(layout.parameters), "gains": list(layout.gains)}
-    for column in layout.columns:
+    axes = {"parameter": list(evaluator.campaign.parameters), "gains": list(evaluator.gains)}
+    for column in evaluator.columns:
         axes.setdefault(f"{column.metric}_of", []).append(column.where)
-    for one in layout.recording.series:
+    for one in evaluator.recording.series:
         axes[f"{one.name}_of"] = list(one.components)
-    if layout.max_gaps:
-        axes["grasp"] = list(layout.max_gaps)
+    if evaluator.max_gaps:
+        axes["grasp"] = list(evaluator.max_gaps)
     for axis, names in axes.items():
         file.createDimension(axis, len(names))
         file.createVariable(axis, str, (axis,))[:] = np.array(names, dtype=object)
@@ -232,21 +205,21 @@ def _define(file: Any, layout: DatasetLayout) -> None:
 
     table("draw", "parameter")
     table("diverged_at", "gains").units = "s"
-    if layout.max_gaps:
+    if evaluator.max_gaps:
         table("gap", "gains", "grasp").units = "m"
         largest = file.createVariable("max_gap", "f8", ("grasp",))
-        largest[:], largest.units = list(layout.max_gaps.values()), "m"
-    for metric, unit in {column.metric: column.unit for column in layout.columns}.items():
+        largest[:], largest.units = list(evaluator.max_gaps.values()), "m"
+    for metric, unit in {column.metric: column.unit for column in evaluator.columns}.items():
         table(metric, "gains", f"{metric}_of").units = unit
-    if layout.recording.series:
+    if evaluator.recording.series:
         # packed by whole blocks of samples and a few times, so that a moment of all samples is near
-        times = layout.recording.time
+        times = evaluator.recording.time
         file.createDimension("time", len(times))
         time = file.createVariable("time", "f8", ("time",))
         time[:], time.units = times, "s"
-        for one in layout.recording.series:
+        for one in evaluator.recording.series:
             width = len(one.components)
-            few = max(1, min(len(times), PIECE_BYTES // (layout.rows * width * BYTES_EACH)))
-            dimensions, sizes = ("sample", "gains", "time", f"{one.name}_of"), (layout.rows, 1, few, width)
+            few = max(1, min(len(times), PIECE_BYTES // (rows_of_block * width * BYTES_EACH)))
+            dimensions, sizes = ("sample", "gains", "time", f"{one.name}_of"), (rows_of_block, 1, few, width)
             file.createVariable(one.name, "f8", dimensions, zlib=True, complevel=1, chunksizes=sizes)
             file[one.name].units = one.unit

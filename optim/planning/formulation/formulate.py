@@ -40,10 +40,8 @@ def plan_section(scene: Scene) -> PlanSection:
         If there is none.
     """
     if scene.scenario.plan is None:
-        raise ScenarioError(
-            "no such section: it defines the planning problem (docs/how_to/plan_and_follow.md)",
-            source=scene.source,
-            where="plan",
+        raise scene.error(
+            "no such section: it defines the planning problem (docs/how_to/plan_and_follow.md)", "plan"
         )
     return scene.scenario.plan
 
@@ -61,23 +59,20 @@ def scene_with_plan_model(scene: Scene) -> Scene:
         return scene
     for path in changes:
         if path.split(".")[0] not in ("robots", "target", "grasps", "gravity"):
-            raise ScenarioError(
-                f"found {path!r}, allowed: paths in robots, target, grasps and gravity",
-                source=scene.source,
-                where="plan.model",
+            raise scene.error(
+                f"found {path!r}, allowed: paths in robots, target, grasps and gravity", "plan.model"
             )
     try:
         found = build_scene(scene.scenario, changes, source=scene.source)
     except ScenarioError as fault:
         told = f"{str(fault.where or '').removeprefix('--set ')}: {fault.message}"
-        raise ScenarioError(told, source=scene.source, where="plan.model") from None
+        raise scene.error(told, "plan.model") from None
     same = list(found.model.names) == list(scene.model.names)
     if not (same and np.array_equal(found.q, scene.q) and np.array_equal(found.v, scene.v)):
-        raise ScenarioError(
+        raise scene.error(
             "changes where or with what the motion begins; allowed: masses, inertias and other numbers that "
             "leave configuration and velocity at the start as they are",
-            source=scene.source,
-            where="plan.model",
+            "plan.model",
         )
     return found
 
@@ -125,16 +120,14 @@ def formulate_phases(scene: Scene) -> tuple[PhaseProblem, ...]:
     """
     whole, scene = plan_section(scene), scene_with_plan_model(scene)
     if whole.choices:
-        raise ScenarioError(
+        raise scene.error(
             f"{next(iter(whole.choices))!r} is chosen where one plan is made; decide here, and give `{{}}`",
-            source=scene.source,
-            where="plan.choices",
+            "plan.choices",
         )
     if scene.scenario.environment:
-        raise ScenarioError(
+        raise scene.error(
             f"found {next(iter(scene.scenario.environment))!r}; plans know gravity alone, and no environment",
-            source=scene.source,
-            where="environment",
+            "environment",
         )
     found, before = list[PhaseProblem](), tuple[SceneGrasp, ...]()
     for (name, plan), closed in zip(
@@ -204,11 +197,10 @@ def check_weights(whole: PlanSection, phases: Sequence[PhaseProblem]) -> None:
         for name, cost in phase.plan.costs.items():
             if cost.weight and cost.of != "duration" and name not in found:
                 with located_in_phase(whole, phase.name):
-                    raise ScenarioError(
+                    raise phase.problem.stage.scene.error(
                         f"found a weight of {cost.weight:g}, but there are no {cost.weighs}; or leave the "
                         "weight out",
-                        source=phase.problem.stage.scene.source,
-                        where=f"plan.costs.{name}",
+                        f"plan.costs.{name}",
                     )
 
 
@@ -256,26 +248,23 @@ def closed_grasps_by_phase(scene: Scene, whole: PlanSection) -> Iterator[tuple[S
             config, where = grasp.config, f"plan.phases.{name}.goals"
             mating = mated(config, plan.goals)
             if not mating:
-                raise ScenarioError(
+                raise scene.error(
                     f"the phase ends with {grasp.name!r} captured, so a goal must bring {config.tip!r} to "
                     f"{config.frame!r}: give `{{tip: {config.tip}, frame: {config.frame}}}`",
-                    source=scene.source,
-                    where=where,
+                    where,
                 )
             goal = plan.goals[mating[0]]
             if isinstance(goal, TipGoal) and not goal.is_exact:
-                raise ScenarioError(
+                raise scene.error(
                     f"found a tolerance of the pose, where {grasp.name!r} closes on the mating frame; "
                     "leave it out",
-                    source=scene.source,
-                    where=f"{where}.{mating[0]}",
+                    f"{where}.{mating[0]}",
                 )
             if not is_rigid(grasp) and isinstance(goal, TipGoal) and goal.end_distance:
-                raise ScenarioError(
+                raise scene.error(
                     f"found a standoff, where {grasp.name!r} closes and its springs are at rest; "
                     "leave it out",
-                    source=scene.source,
-                    where=f"{where}.{mating[0]}.standoff",
+                    f"{where}.{mating[0]}.standoff",
                 )
             closed[grasp.name] = grasp
 

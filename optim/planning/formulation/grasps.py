@@ -17,7 +17,6 @@ from spacerobot.dynamics import Kinematics, frame_placement, frame_velocity, rot
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.joints import exact_directions
 from spacerobot.elements.grasp import Displacement
-from spacerobot.errors import ScenarioError
 from spacerobot.scene import Scene
 from spacerobot.scene.grasp_closing import begun, is_rigid
 from spacerobot.scene.scene import SceneGrasp
@@ -36,11 +35,10 @@ def closed_grasps(scene: Scene) -> tuple[SceneGrasp, ...]:
     found = begun(scene.grasps)
     for grasp in found:
         if not is_rigid(grasp) and not grasp.config.has_springs:
-            raise ScenarioError(
+            raise scene.error(
                 f"found {grasp.config.kind!r}, closed from the start; plans know rigid grasps, "
                 "and springs and dampers",
-                source=scene.source,
-                where=grasp.path,
+                grasp.path,
             )
     return found
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from optim.planning.formulation.lookup import find_robot, joints_named
+from optim.planning.formulation.instant_view import find_robot, joints_named
 from optim.planning.formulation.path_constraints import urdf_joint
 from optim.planning.formulation.stage import Stage
 from spacerobot.arrays import Array
 from spacerobot.elements.plan_instant import BoundedRow
-from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import PlanSection
 
 Sides = tuple[Array, Array]
@@ -38,7 +37,7 @@ def initial_conditions(
     """
     if not plan.start:
         return None, []
-    model, source = stage.scene.model, stage.scene.source
+    model = stage.scene.model
     sides = least, greatest = fixed.copy(), fixed.copy()
     rows: list[BoundedRow] = []
     for name, room in plan.start.items():
@@ -49,11 +48,7 @@ def initial_conditions(
             urdf = urdf_joint(stage.scene, body, joint)
             key = "offset" if urdf.kind == "prismatic" else "angle_deg"
             if getattr(given, key) is None:
-                raise ScenarioError(
-                    f"{urdf.name} is {urdf.kind}: give `{key}`",
-                    source=source,
-                    where=f"{where}.joints",
-                )
+                raise stage.scene.error(f"{urdf.name} is {urdf.kind}: give `{key}`", f"{where}.joints")
             own, reach = model.joints[joint], np.radians(given.angle_deg or 0.0) + (given.offset or 0.0)
             if own.nq == 2:
                 rows.append(_turned(stage, own.idx_q, reach, sides, f"start of {model.names[joint]}"))
@@ -62,11 +57,10 @@ def initial_conditions(
                 greatest[own.idx_q] += reach
         if room.places:
             if not body.root_joint:
-                raise ScenarioError(
+                raise stage.scene.error(
                     f"the base of {body.name!r} is fixed; give it `joint: planar` or `free_flyer` to "
                     "place it",
-                    source=source,
-                    where=where,
+                    where,
                 )
             own = model.joints[body.root_joint]
             if (own.nv == 3 and room.position[2]) or (own.nv == 6 and room.rotation_deg):
@@ -74,7 +68,7 @@ def initial_conditions(
                 told = (
                     "a planar base stays in its plane" if own.nv == 3 else "only a planar base begins turned"
                 )
-                raise ScenarioError(told, source=source, where=f"{where}.{key}")
+                raise stage.scene.error(told, f"{where}.{key}")
             axes = 2 if own.nv == 3 else 3
             least[own.idx_q : own.idx_q + axes] -= room.position[:axes]
             greatest[own.idx_q : own.idx_q + axes] += room.position[:axes]
@@ -83,18 +77,15 @@ def initial_conditions(
                 rows.append(_turned(stage, own.idx_q + 2, turn, sides, f"start of {body.name}'s base"))
     # refuse a free placement where something counts from it, and free starts of what is held
     if stage.grips:
-        raise ScenarioError(
-            f"grasp {stage.grips[0].name!r} begins closed, so the start is given by it",
-            source=source,
-            where="plan.start",
+        raise stage.scene.error(
+            f"grasp {stage.grips[0].name!r} begins closed, so the start is given by it", "plan.start"
         )
     counted = [f"costs.{name}" for name, one in plan.costs.items() if one.weight and one.relative_to_start]
     counted += [f"limits.{name}" for name, one in plan.limits.items() if one.relative_to_start]
     if counted and any(room.places for room in plan.start.values()):
-        raise ScenarioError(
+        raise stage.scene.error(
             f"{counted[0]} counts from where bases begin, and that is free; leave one of the two out",
-            source=source,
-            where="plan.start",
+            "plan.start",
         )
     lower, upper = (side[: fixed.size] for side in limits)
     least = np.maximum(least, np.minimum(lower, fixed))

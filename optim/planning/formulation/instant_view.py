@@ -10,18 +10,26 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from optim.planning.formulation.base_reactions import base_reactions
-from optim.planning.formulation.lookup import find_robot, joints_named
 from optim.planning.formulation.reaction_wheels import wheel_driven_bases
 from optim.planning.formulation.stage import Stage, spring_forces
-from spacerobot.dynamics import Inertias, forward_kinematics, kinetic_energy, rotation_log
+from spacerobot.dynamics import (
+    Inertias,
+    centre_of_mass,
+    forward_kinematics,
+    kinetic_energy,
+    momentum,
+    rotation_log,
+    total_mass,
+)
+from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.joints import exact_directions, sparse
 from spacerobot.elements.collision_shape import Wrap
 from spacerobot.elements.goal import Goal
 from spacerobot.elements.plan_instant import JointCoordinate, MovingFrame, PlannedBase, PlannedWheels
 from spacerobot.errors import ScenarioError, near_names
+from spacerobot.scene import Scene
 from spacerobot.scene.contacts import find_pairs
-from spacerobot.scene.scene import SceneShape
+from spacerobot.scene.scene import SceneBody, SceneShape
 from spacerobot.section import matching
 from spacerobot.shapes import Implicit, Shape, held_gap
 
@@ -109,7 +117,7 @@ class InstantView:
 
     def fault(self, message: str, key: str) -> ScenarioError:
         """Error that names the place of a key of the section."""
-        return ScenarioError(message, source=self.stage.scene.source, where=f"{self.where}.{key}")
+        return self.stage.scene.error(message, f"{self.where}.{key}")
 
     def link(self, label: str, key: str = "link") -> MovingFrame:
         """A link of a robot, by robot/link."""
@@ -178,9 +186,49 @@ class InstantView:
         return found
 
     def base_reactions(self) -> dict[str, tuple[ca.SX, ca.SX]]:
-        """Force and torque of each robot's arms on its base, by robot."""
-        count = len(self.axes)
-        return {name: (one[:count], one[count:]) for name, one in base_reactions(self.stage).items()}
+        """Wrenches that the robots' arms put on their bases, by robot: force [N], and torque about the root
+        link's origin [N m], world axes, as far as the scene has them; on a fixed base with the opposite sign.
+
+        On a floating base that is the rate of the momentum of the root link, and of wheels on it, less
+        gravity and what drives the base; under a fixed one the same of the arm. Grasps act where their tips
+        are.
+        """
+        stage, scene, model = self.stage, self.stage.scene, self.stage.scene.model
+        moving = stage.kinematics
+        inertias, found = Inertias.from_model(model), {}
+        state, rate = ca.vertcat(stage.q, stage.v), ca.vertcat(stage.rate, stage.a)
+        for body in scene.robots:
+            # panels of the base are part of it, flexible booms of the arm
+            own = set(body.driven_joints)
+            panels = [j for j in body.passive if own.isdisjoint(model.supports[j])]
+            floating = (body.root_joint, *body.owned, *panels)
+            joints = floating if body.root_joint else body.joints
+            # what the bodies' motion takes in addition to gravity and grasps, about the root link's origin
+            momenta = ca.vertcat(*momentum(model, moving, inertias, joints))
+            whole = ca.jtimes(momenta, state, rate)
+            force, torque = whole[:3], whole[3:]
+            weight = total_mass(model, inertias, joints) * sparse(np.asarray(model.gravity.linear))
+            acting = [(weight, centre_of_mass(model, moving, inertias, joints))] if weight.nnz() else []
+            for grip in (*stage.grips, *stage.springs):
+                if int(model.frames[grip.tip.frame].parentJoint) in joints:
+                    pull, twist = ca.SX(3, 1), ca.SX(3, 1)
+                    pull[list(scene.translation_axes)], turn = stage.wrench(grip)
+                    if turn.numel():
+                        twist[list(scene.rotation_axes)] = turn
+                    acting.append((pull, stage.placement(grip.tip.frame)[1]))
+                    torque -= twist
+            for pull, place in acting:
+                force, torque = force - pull, torque - cross(place, pull)
+            rotation, origin = stage.placement(body.root_frame)
+            wrench = ca.vertcat(force, torque - cross(origin, force))
+            for name, drive in zip(stage.driven.names, ca.vertsplit(stage.u), strict=True):
+                base, _, axis = name.rpartition(".")
+                if base == f"{body.name}/base":
+                    first = 0 if axis[0] == "f" else 3
+                    wrench[first : first + 3] -= rotation[:, "xyz".index(axis[1])] * drive
+            about = [3 + axis for axis in self.turns]
+            found[body.name] = wrench[list(self.axes)], wrench[about]
+        return found
 
     def grips(self) -> dict[str, tuple[ca.SX, ca.SX]]:
         """Force and torque on its tip of each grasp that holds, by grasp."""
@@ -190,11 +238,10 @@ class InstantView:
         """Reaction wheels that alone turn a base, by robot."""
         found = wheel_driven_bases(self.stage)
         if not found:
-            raise ScenarioError(
+            raise self.stage.scene.error(
                 "no robot's base is turned by one set of `reaction_wheels` alone, so that momentum is not "
                 "conserved or there is none; leave it out, or `base_force` and other actuators of the base",
-                source=self.stage.scene.source,
-                where=self.where,
+                self.where,
             )
         return {name: PlannedWheels(one.momenta, one.speeds, one.motors) for name, one in found.items()}
 
@@ -239,3 +286,36 @@ class InstantView:
             origin + ca.mtimes(rotation, sparse(shape.placement[:3, 3])),
             shape.config.measures(),
         )
+
+
+def find_robot(scene: Scene, name: str, where: str) -> SceneBody:
+    """Robot by its name.
+
+    Raises
+    ------
+    ScenarioError
+        If there is none; the near names are listed.
+    """
+    robots = {body.name: body for body in scene.robots}
+    if name not in robots:
+        raise scene.error(f"no robot {name!r}; {near_names(name, robots)}", where)
+    return robots[name]
+
+
+def joints_named(
+    scene: Scene, body: SceneBody, given: Mapping[str, T], where: str
+) -> Iterator[tuple[str, int, T]]:
+    """Name and number of each joint of a body that a pattern names, and what is given for it.
+
+    Raises
+    ------
+    ScenarioError
+        If a pattern names none.
+    """
+    ids = {body.joint_name(scene.model, j): j for j in body.driven_joints}
+    for pattern, each in given.items():
+        names = matching(ids, pattern)
+        if not names:
+            raise scene.error(f"no joint {pattern!r}; {near_names(pattern, ids)}", where)
+        for name in names:
+            yield name, ids[name], each

@@ -229,11 +229,10 @@ def keep_apart(scene: Scene, entered: Sequence[Collision]) -> Scene:
             if min(coal_distance(*pair, places).min_distance for pair, places in placed) > ALLOWED:
                 break
         else:
-            raise ScenarioError(
+            raise scene.error(
                 f"{one.words()} in the plan, and primitives around their shapes at the start, so that "
                 "nothing keeps them apart; name pads in `keep_out`, or give `collision_avoidance: false`",
-                source=scene.source,
-                where="plan",
+                "plan",
             )
         given = {"between": between, "only": one.only, "wrap": wrap}
         zones[f"{PREFIX}_{number}"] = create("plan_limit", "keep_out", **given)

@@ -17,7 +17,6 @@ from spacerobot.arrays import Array
 from spacerobot.description.parts import UrdfJoint as UrdfJoint
 from spacerobot.elements.plan_instant import BoundedRow
 from spacerobot.elements.plan_limit import JointQuantity, PlanLimit, PlannedJoint
-from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scene import Scene
 from spacerobot.scene.scene import SceneBody
@@ -37,11 +36,10 @@ def driven_coordinates(scene: Scene, given: Limits) -> DrivenCoordinates:
         If a limit that is asked for is missing in a URDF, or a joint mimics another one.
     """
     if scene.ties:
-        raise ScenarioError(
+        raise scene.error(
             f"{scene.model.names[scene.ties[0].joint]} mimics another joint, which plans do not know; lock "
             "it by `locked: true`",
-            source=scene.source,
-            where="plan",
+            "plan",
         )
     names, columns, limits, joints = [], [], [], []
     for body in scene.robots:
@@ -49,7 +47,7 @@ def driven_coordinates(scene: Scene, given: Limits) -> DrivenCoordinates:
             planned = planned_joint(scene, body, joint)
             for name, limit in given.items():
                 for fault in limit.faults(planned):
-                    raise ScenarioError(fault, source=scene.source, where=f"plan.limits.{name}")
+                    raise scene.error(fault, f"plan.limits.{name}")
             names.append(str(scene.model.names[joint]))
             columns.append(int(scene.model.idx_vs[joint]))
             joints.append(int(joint))

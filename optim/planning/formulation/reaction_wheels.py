@@ -25,7 +25,6 @@ from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.joints import sparse
 from spacerobot.elements.actuator import MomentumStorage
 from spacerobot.elements.plan_instant import BoundedRow, zero
-from spacerobot.errors import ScenarioError
 from spacerobot.scenario.bodies import Robot
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scene import Scene
@@ -108,21 +107,19 @@ def wheel_rows(stage: Stage, plan: PlanSection) -> Iterator[BoundedRow]:
     """
     for name, turned in wheel_driven_bases(stage).items():
         if name in plan.start:
-            raise ScenarioError(
+            raise stage.scene.error(
                 f"the momentum of {name}'s wheels counts from where it begins, and that is free; leave it "
                 "out, or let nothing drive the base by `limits.base_torque: 0`",
-                source=stage.scene.source,
-                where=f"plan.start.{name}",
+                f"plan.start.{name}",
             )
         # refuse an object that several robots hold, for whose wheels take what of it nobody knows
         holding = {grasp.tip.body.name for grasp in stage.scene.grasps}
         if name in holding and len(holding) > 1:
             other = min(holding - {name})
-            raise ScenarioError(
+            raise stage.scene.error(
                 f"{other!r} grasps the target too, so that the momentum of {name}'s wheels is not known; let "
                 "nothing drive the base by `limits.base_torque: 0`",
-                source=stage.scene.source,
-                where="plan.limits",
+                "plan.limits",
             )
         # directions about which the wheels give no torque (k, 3)
         across = np.zeros((0, 3)) if stage.scene.planar else np.asarray(null_space(turned.wheels.axes.T).T)

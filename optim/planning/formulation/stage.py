@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 
 from optim.planning.formulation.grasps import closed_grasps, spring_wrench, tip_slip, wrench_axes
 from spacerobot.arrays import Array
@@ -93,13 +94,6 @@ def spring_forces(scene: Scene, q: ca.SX) -> ca.SX:
     return found
 
 
-def replans_with_an_estimate(scene: Scene) -> bool:
-    """Whether plans are made in flight, and a filter estimates the mass properties of what a tip holds."""
-    robots = scene.scenario.robots.values()
-    flown = any(one.replanning is not None for robot in robots for one in robot.controllers.values())
-    return flown and any(HELD_INERTIA in one.makes for robot in robots for one in robot.estimators.values())
-
-
 @dataclass(frozen=True, eq=False)
 class Stage:
     """A scene at one instant.
@@ -152,7 +146,11 @@ class Stage:
         q, v, a = (ca.SX.sym(n, size) for n, size in (("q", model.nq), ("v", model.nv), ("a", model.nv)))
         u = ca.SX.sym("u", len(driven.columns))
         w = ca.SX.sym("w", sum(len(wrench_axes(scene, grip)) for grip in grips))
-        inertia = ca.SX.sym("inertia", SIZE if replans_with_an_estimate(scene) else 0)
+        # whether plans are made in flight, and a filter estimates the mass properties of what a tip holds
+        robots = scene.scenario.robots.values()
+        flown = any(one.replanning is not None for robot in robots for one in robot.controllers.values())
+        held = any(HELD_INERTIA in one.makes for robot in robots for one in robot.estimators.values())
+        inertia = ca.SX.sym("inertia", SIZE if flown and held else 0)
         kinematics = forward_kinematics(model, q, v)
         return cls(scene, driven, grips, springs, q, v, a, u, w, kinematics, inertia=inertia)
 
@@ -215,6 +213,34 @@ class Stage:
     def velocity(self, frame: int) -> tuple[ca.SX, ca.SX]:
         """Linear and angular velocity of a frame's origin (3x1 each) [m/s, rad/s]."""
         return frame_velocity(self.scene.model, self.kinematics, frame)
+
+
+def state_after_impact(stage: Stage, state: Array, *, locked: bool = False) -> Array:
+    """State (nq + nv,) behind the plastic impact that joins what a phase's rigid grasps hold.
+
+    Parameters
+    ----------
+    stage
+        An instant of the phase.
+    state
+        Before it (nq + nv,).
+    locked
+        Whether it stops the joints too.
+    """
+    model = stage.scene.model
+    q, v = np.split(state, [model.nq])
+    rows = tip_slip(stage.scene, stage.kinematics, stage.grips)
+    if locked:
+        rows = ca.vertcat(rows, stage.v[list(stage.driven.columns[: len(stage.driven.joints)])])
+    if not rows.numel():
+        return state
+    slopes = np.array(ca.Function("slopes", [stage.q], [ca.jacobian(rows, stage.v)])(q).full())
+    upper = np.triu(pin.crba(model, model.createData(), q))
+    inertia = upper + np.triu(upper, 1).T
+    matrix = np.block([[inertia, slopes.T], [slopes, np.zeros((len(slopes), len(slopes)))]])
+    right = np.concatenate([np.zeros(model.nv), -slopes @ v])
+    jump = np.linalg.lstsq(matrix, right, rcond=None)[0][: model.nv]
+    return np.concatenate([q, v + jump])
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,8 +21,7 @@ from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.compiled import usable_cores
 from spacerobot.elements.controller import MEASURED
-from spacerobot.errors import ScenarioError
-from spacerobot.rollout import Batch, Measures, Rollout, build_rollout, final, time_grid
+from spacerobot.rollout import Batch, Measures, build_rollout, final, time_grid
 from spacerobot.rollout.batch import Controls
 from spacerobot.rollout.resumable_loop import SWITCHES, resumed
 from spacerobot.scene import Scene
@@ -41,16 +40,19 @@ class MpcRollout:
 
     Parameters
     ----------
-    scene
-        The scene, as plans are made for it.
-    flown
-        The one with places for plans.
-    loop
-        Closed loop of that, for its variables.
-    rollout
-        That rolls out ``extended`` from anywhere.
+    scene, flown, loop
+        The scene, the one with places for plans, and its closed loop.
+    extended
+        The same with states that are added for what is measured.
     measures
-        To which rollouts are reduced, without those of the plans.
+        Over the signals of ``extended``.
+    **options
+        As of :func:`spacerobot.rollout.build_rollout`.
+
+    Raises
+    ------
+    ScenarioError
+        If plans are made in another phase than the first one.
     """
 
     def __init__(
@@ -59,13 +61,38 @@ class MpcRollout:
         flown: FlownScene,
         loop: ClosedLoop,
         extended: Any,
-        rollout: Rollout,
         measures: Measures,
+        **options: Any,
     ) -> None:
         self.scene, self.flown, self.variables = scene, flown, loop.variables
-        self.loop, self.rollout, self.measures = extended, rollout, measures
+        self.loop, self.measures = extended, measures
         self._planners: ParallelPlanners | Planners | None = None
         self._count = 0
+        if flown.phase:
+            raise scene.error(
+                f"plans are made in {flown.phase!r}, allowed in batches and campaigns: in the first phase",
+                "phases",
+            )
+        whole, signals = resumed(extended), measures.signals
+        begin, names = ca.SX.sym(BEGIN), [one.name for one in loop.variables if one.name.startswith(MEASURED)]
+        switches = ca.SX.sym(SWITCHES, len(extended.switches))
+        known = dataclasses.replace(
+            signals,
+            outputs={**signals.outputs, SWITCHES: switches},
+            parameters={**signals.parameters, BEGIN: begin},
+        )
+        # a resumed loop counts time from where it is taken up
+        named = {
+            name: dataclasses.replace(
+                one, expression=ca.substitute(one.expression, signals.t, signals.t + begin)
+            )
+            for name, one in measures.named.items()
+        }
+        named |= {name: final(signals[name]) for name in names}
+        named[STATE] = final(ca.vertcat(signals.x, switches))
+        self.rollout = build_rollout(
+            whole, measures=Measures(known, named, costs=lambda _r, _p: {}), **options
+        )
 
     @property
     def kernel(self) -> Any:
@@ -105,7 +132,7 @@ class MpcRollout:
         plant = LanePlant(self, self.rollout.rows(paths, rows)[:, : len(self.values())], outputs, control)
         count = max(1, min(control.get("threads") or usable_cores(), len(rows)))
         planners = self.planners(count)
-        faults = fly(Computer.of(self.scene, self.flown, plant), planners)
+        faults = fly(Computer(self.scene, self.flown, plant), planners)
         told = [statistics(self.flown.settings, one) if one else {} for one in planners.end(range(len(rows)))]
         # no number where there was no plan
         plans = {
@@ -163,7 +190,7 @@ class LanePlant:
                 told = (
                     f"found {self._sample_s:g} s, allowed with kind mpc: a part of its {name}, {length:g} s"
                 )
-                raise ScenarioError(told, source=own.scene.source, where="campaign.series_step")
+                raise own.scene.error(told, "campaign.series_step")
         x0, c = (value.full().T for value in own.loop.setup(parameters.T))
         self.start = np.hstack([np.zeros((count, 1)), x0, c[:, list(own.loop.switches)]])
         self.readings: list[Readings] = [{} for _ in range(count)]
@@ -234,54 +261,3 @@ class LanePlant:
                 for i in range(len(ends))
             ],
         )
-
-
-def build_mpc_rollout(
-    scene: Scene,
-    flown: FlownScene,
-    loop: ClosedLoop,
-    extended: Any,
-    measures: Measures,
-    **options: Any,
-) -> MpcRollout:
-    """Make a scene under model predictive control ready to run many times.
-
-    Parameters
-    ----------
-    scene, flown, loop
-        The scene, the one with places for plans, and its closed loop.
-    extended
-        The same with states that are added for what is measured.
-    measures
-        Over the signals of ``extended``.
-    **options
-        As of :func:`spacerobot.rollout.build_rollout`.
-
-    Raises
-    ------
-    ScenarioError
-        If plans are made in another phase than the first one.
-    """
-    if flown.phase:
-        raise ScenarioError(
-            f"plans are made in {flown.phase!r}, allowed in batches and campaigns: in the first phase",
-            source=scene.source,
-            where="phases",
-        )
-    whole, signals = resumed(extended), measures.signals
-    begin, names = ca.SX.sym(BEGIN), [one.name for one in loop.variables if one.name.startswith(MEASURED)]
-    switches = ca.SX.sym(SWITCHES, len(extended.switches))
-    known = dataclasses.replace(
-        signals,
-        outputs={**signals.outputs, SWITCHES: switches},
-        parameters={**signals.parameters, BEGIN: begin},
-    )
-    # a resumed loop counts time from where it is taken up
-    named = {
-        name: dataclasses.replace(one, expression=ca.substitute(one.expression, signals.t, signals.t + begin))
-        for name, one in measures.named.items()
-    }
-    named |= {name: final(signals[name]) for name in names}
-    named[STATE] = final(ca.vertcat(signals.x, switches))
-    rollout = build_rollout(whole, measures=Measures(known, named, costs=lambda _r, _p: {}), **options)
-    return MpcRollout(scene, flown, loop, extended, rollout, measures)

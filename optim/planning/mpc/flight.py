@@ -85,68 +85,44 @@ class ControlledPlant(Protocol):
         """Carry some simulations on to a time [s]."""
 
 
-@dataclass(frozen=True)
 class Computer:
     """Source of what plans begin with: measurements, and the controllers' own model.
 
-    Attributes
+    Parameters
     ----------
     scene, flown
         The scene, and the one with places for plans.
     plant
         The simulations.
-    model
-        Parameters of the controllers' own model (np,): those of ``plan.model``, and sensors without errors.
-    places
-        Places of the plans' points among the parameters.
-    biases
-        Places of biases among time, state and switches.
-    first
-        Configuration of each simulation at its start (N, nq).
     handover
-        Where plans begin.
+        Where plans begin; at the start of the simulations if None.
     """
 
-    scene: Scene
-    flown: FlownScene
-    plant: ControlledPlant
-    model: Array
-    places: Rows
-    biases: Rows
-    first: Array
-    handover: Handover
-
-    @classmethod
-    def of(
-        cls, scene: Scene, flown: FlownScene, plant: ControlledPlant, handover: Handover | None = None
-    ) -> Computer:
-        """Of simulations whose plans begin at their start if there is no other handover."""
-        loop = plant.loop
-        model, own = np.array(loop.parameter_values, dtype=float), scene_with_plan_model(scene)
-        known: dict[str, float] = {}
+    def __init__(
+        self, scene: Scene, flown: FlownScene, plant: ControlledPlant, handover: Handover | None = None
+    ) -> None:
+        self.scene, self.flown, self.plant = scene, flown, plant
+        self.handover = handover or Handover.at_start(scene)
+        loop, own, known = plant.loop, scene_with_plan_model(scene), dict[str, float]()
         if own is not scene:
             before, after = (dict(numbers(to_document(one.scenario))) for one in (scene, own))
             known = {path: value for path, value in after.items() if value != before.get(path)}
+        # parameters of the controllers' own model (np,): those of `plan.model`, and sensors without errors
+        self.model = np.array(loop.parameter_values, dtype=float)
         for place, path in enumerate(loop.parameter_paths):
-            model[place] = known.get(path, model[place])
+            self.model[place] = known.get(path, self.model[place])
             if ".sensors." in path:
-                model[place] = TRUE.get(path.rpartition(".")[2], model[place])
+                self.model[place] = TRUE.get(path.rpartition(".")[2], self.model[place])
             if path == DRAW:
-                model[place] = NOISELESS
+                self.model[place] = NOISELESS
+        # places of the plans' points among the parameters, and of biases among time, state and switches
+        self.places = flown.places(loop.parameter_paths)
         biases = [1 + i for i, name in enumerate(loop.state_names) if ".bias[" in name]
-        first = np.tile(scene.q, (len(plant.start), 1))
+        self.biases = np.array(biases, dtype=np.int64)
+        # configuration of each simulation at its start (N, nq)
+        self.first = np.tile(scene.q, (len(plant.start), 1))
         if handover is None:
-            first = plant.start[:, 1 : 1 + scene.model.nq].copy()
-        return cls(
-            scene,
-            flown,
-            plant,
-            model,
-            flown.places(loop.parameter_paths),
-            np.array(biases, dtype=np.int64),
-            first,
-            handover or Handover.at_start(scene),
-        )
+            self.first = plant.start[:, 1 : 1 + scene.model.nq].copy()
 
     def measured(self, rows: Rows, readings: Sequence[Readings]) -> Array:
         """Where some simulations seem to be (n, nq + nv)."""

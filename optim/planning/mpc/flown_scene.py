@@ -18,7 +18,6 @@ from optim.planning.verification.replay import joint_angle
 from spacerobot.arrays import Array
 from spacerobot.elements.controller import Replanning
 from spacerobot.elements.goal import TipGoal
-from spacerobot.errors import ScenarioError
 from spacerobot.scenario.bodies import Robot
 from spacerobot.scenario.phases import reached_from, successors
 from spacerobot.scenario.plan import PlanSection
@@ -191,34 +190,32 @@ def mpc_settings(scene: Scene) -> Replanning:
         If robots differ in them, one has none, they do not rest behind the first phase, or the plan's
         duration is not so many periods.
     """
-    source, given, plan = scene.source, mpc_controllers(scene), first_plan(scene)
+    given, plan = mpc_controllers(scene), first_plan(scene)
     for body in scene.robots:
         if body.name not in given:
-            raise ScenarioError(
+            raise scene.error(
                 "has no controller of kind mpc; a plan moves the joints of all robots",
-                source=source,
-                where=f"robots.{body.name}.controllers",
+                f"robots.{body.name}.controllers",
             )
     leads = [lead for _, lead in given.values()]
     for key in ("period", "min_horizon", "delay", "iterations"):
         if len({getattr(lead, key) for lead in leads}) > 1:
             told = f"controllers of kind mpc differ in {key}, allowed: one for all robots"
-            raise ScenarioError(told, source=source, where="robots")
+            raise scene.error(told, "robots")
     settings = leads[0]
     where = (
         "plan" if not plan_section(scene).phases else f"plan.phases.{next(iter(plan_section(scene).phases))}"
     )
     if plan.start:
         told = "found a free start, allowed with kind mpc: none"
-        raise ScenarioError(told, source=source, where=f"{where}.start")
+        raise scene.error(told, f"{where}.start")
     count, timed = plan.duration.upper / settings.period, plan.duration
     if timed.lower != timed.upper or abs(count - round(count)) > ROUNDING * count:
         free = "" if timed.lower == timed.upper else f"{timed.lower:g} to "
-        raise ScenarioError(
+        raise scene.error(
             f"found {free}{timed.upper:g} s, allowed with kind mpc: "
             f"one number, so many periods of {settings.period:g} s",
-            source=source,
-            where=f"{where}.duration",
+            f"{where}.duration",
         )
     mpc_phase(scene)
     return settings
@@ -237,28 +234,27 @@ def mpc_phase(scene: Scene) -> str | None:
         if key in scene.scenario.during(name).robots[robot].controllers:
             found[name] = None
             if len(found) > 1:
-                raise ScenarioError(
+                raise scene.error(
                     f"plans are made in one phase alone, found them in {next(iter(found))!r} too; write "
                     f"`{key}: null` in one of them",
-                    source=scene.source,
-                    where=f"phases.{name}.robots.{robot}.controllers",
+                    f"phases.{name}.robots.{robot}.controllers",
                 )
     if not phases:
         return None
     if not found:
         told = "none has the controllers of kind mpc, which rest in all of them"
-        raise ScenarioError(told, source=scene.source, where="phases")
+        raise scene.error(told, "phases")
     (phase,) = found
     for robot, (key, _) in mpc_controllers(scene).items():
         if key not in scene.scenario.during(phase).robots[robot].controllers:
             told = "rests in the phase in which plans are made and flown; they move all robots"
             where = f"phases.{phase}.robots.{robot}.controllers.{key}"
-            raise ScenarioError(told, source=scene.source, where=where)
+            raise scene.error(told, where)
     for name, follows in successors(phases).items():
         if phase in follows and name in reached_from(phase, phases):
             told = f"leads back to {phase!r}; plans are made in it once"
-            raise ScenarioError(told, source=scene.source, where=f"phases.{name}")
+            raise scene.error(told, f"phases.{name}")
     if phase != next(iter(phases)) and plan_section(scene).phases:
         told = f"found phases, allowed where plans are made in {phase!r}: none; give the plan's own keys"
-        raise ScenarioError(told, source=scene.source, where="plan.phases")
+        raise scene.error(told, "plan.phases")
     return phase

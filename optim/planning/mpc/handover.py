@@ -16,7 +16,6 @@ from optim.planning.verification.replay import joint_angle
 from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.dynamics.inertial_parameters import PLANAR, is_realisable
-from spacerobot.errors import ScenarioError
 from spacerobot.scenario.bodies import Robot
 from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene, build_scene
@@ -76,11 +75,10 @@ class Handover:
         for grasp in scene.grasps:
             closed = switched.get(f"{grasp.path}.closed", grasp.config.begins == "closed")
             if closed and not is_rigid(grasp):
-                raise ScenarioError(
+                raise scene.error(
                     f"found {grasp.config.kind!r}, whose springs are strained where plans begin; "
                     "allowed there: rigid grasps",
-                    source=scene.source,
-                    where=grasp.path,
+                    grasp.path,
                 )
             changes.append((f"{grasp.path}.begins", "closed" if closed else "open"))
         locked, document = {}, to_document(scene.scenario)

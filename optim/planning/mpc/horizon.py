@@ -28,8 +28,8 @@ from optim.planning.transcription.initial_guess import initial_guess
 from optim.planning.transcription.mesh_transfer import transfer_constrained, transfer_remaining
 from optim.planning.transcription.motion import Motion, PhasedMotion
 from optim.planning.transcription.phase_chain import PhaseChain
-from optim.planning.verification.clearance import course_collisions
 from optim.planning.verification.replay import joint_angle
+from optim.planning.verification.verify import course_collisions
 from spacerobot.arrays import Array
 from spacerobot.errors import NoPlanError
 

@@ -23,7 +23,7 @@ from optim.planning.mpc.horizon import Horizon
 from optim.planning.search.plan_solver import PlanSolver
 from optim.problem.scene_recipe import SceneRecipe
 from spacerobot.arrays import Array
-from spacerobot.errors import NoPlanError, ScenarioError, SpaceRobotError
+from spacerobot.errors import NoPlanError, SpaceRobotError
 from spacerobot.scene import Scene
 
 OFTEN = 1000
@@ -68,7 +68,7 @@ class Planners:
                 "found an actuator on a base, allowed with kind mpc: only joints are controlled; leave the "
                 "base to its own controller by `limits: {base_torque: 0, base_force: 0}`"
             )
-            raise ScenarioError(told, source=scene.source, where="plan.limits")
+            raise scene.error(told, "plan.limits")
 
     def first(self, numbers: Sequence[int], measured: Array, inertia: Sequence[Array | None]) -> list[str]:
         """Plan simulations from their start, each from a first guess.

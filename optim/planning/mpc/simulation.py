@@ -198,7 +198,7 @@ def simulate_mpc(scene: Scene, *, backend: str = "auto", progress: Progress | No
             planners = Planners(scene, backend, notify, (flown, handover))
     told: Mapping[str, Any] | None = None
     if planners is not None:
-        (fault,) = fly(Computer.of(scene, flown, plant, handover), planners, notify)
+        (fault,) = fly(Computer(scene, flown, plant, handover), planners, notify)
         if fault:
             raise NoPlanError(fault, source=scene.source, where="plan")
         (told,) = planners.end([0])

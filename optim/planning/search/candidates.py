@@ -34,28 +34,6 @@ class Candidate:
     failure: str = ""
 
 
-def candidate_scenes(scene: Scene) -> list[tuple[dict[str, Value], Scene]]:
-    """Combinations of choices, each with its scene; the scene itself where its plan has no choices.
-
-    Raises
-    ------
-    ScenarioError
-        If a choice names a path that is not there, or a value that it does not take.
-    """
-    choices, found = plan_section(scene).choices, list[tuple[dict[str, Value], Scene]]()
-    if not choices:
-        return [({}, scene)]
-    for values in itertools.product(*(choice.among for choice in choices.values())):
-        changes = [
-            (path, value)
-            for choice, value in zip(choices.values(), values, strict=True)
-            for path in choice.paths
-        ]
-        built = build_scene(scene.scenario, [("plan.choices", {}), *changes], source=scene.source)
-        found.append((dict(zip(choices, values, strict=True)), built))
-    return found
-
-
 def best_candidate(
     scene: Scene, plan: Callable[[Scene, str], tuple[float, T]]
 ) -> tuple[T, tuple[Candidate, ...]]:
@@ -71,10 +49,21 @@ def best_candidate(
     Raises
     ------
     ScenarioError
-        If there are no choices, and there is no plan; NoPlanError where none of them leads to one.
+        If there are no choices, and there is no plan, or one names a path that is not there, or a value that
+        it does not take; NoPlanError where none of them leads to a plan.
     """
     best: tuple[float, T] | None = None
-    candidates, found = list[Candidate](), candidate_scenes(scene)
+    candidates, choices = list[Candidate](), plan_section(scene).choices
+    # combinations of choices, each with its scene; the scene itself where its plan has no choices
+    found: list[tuple[dict[str, Value], Scene]] = [] if choices else [({}, scene)]
+    for values in itertools.product(*(choice.among for choice in choices.values())) if choices else ():
+        changes = [
+            (path, value)
+            for choice, value in zip(choices.values(), values, strict=True)
+            for path in choice.paths
+        ]
+        built = build_scene(scene.scenario, [("plan.choices", {}), *changes], source=scene.source)
+        found.append((dict(zip(choices, values, strict=True)), built))
     for chosen, each in found:
         words = ", ".join(f"{name} {value}" for name, value in chosen.items())
         try:

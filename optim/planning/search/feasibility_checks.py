@@ -15,7 +15,6 @@ from optim.planning.transcription.initial_guess import drift
 from optim.planning.transcription.lobatto import Lobatto
 from spacerobot.arrays import Array
 from spacerobot.elements.goal import TipGoal
-from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scene import Scene
 from spacerobot.scene.reference_checks import com_from_base, reach
@@ -49,11 +48,10 @@ def check_start(problem: PlanningProblem) -> None:
         for what, place, unit in checked:
             least, greatest = problem.lower[place], problem.upper[place]
             if not least - SLACK <= problem.fixed[place] <= greatest + SLACK:
-                raise ScenarioError(
+                raise scene.error(
                     f"the start violates a limit: the {what} of {name} is {problem.fixed[place]:.4g}, "
                     f"allowed {least:.4g} to {greatest:.4g} {unit}; begin elsewhere or change the limit",
-                    source=scene.source,
-                    where="plan",
+                    "plan",
                 )
     stage = problem.stage
     later = ca.vertcat(stage.a, stage.u, stage.w, stage.s)
@@ -65,11 +63,10 @@ def check_start(problem: PlanningProblem) -> None:
     for row, value in zip(rows, found, strict=True):
         if not row.lower - SLACK <= value <= row.upper + SLACK:
             over = max(row.lower - value, value - row.upper) * row.scale
-            raise ScenarioError(
+            raise scene.error(
                 f"the start violates a limit: {row.name} is passed by {over:.4g} {row.unit}; begin elsewhere "
                 "or change the limit",
-                source=scene.source,
-                where="plan",
+                "plan",
             )
 
 
@@ -97,11 +94,10 @@ def check_momentum(problem: PlanningProblem, plan: PlanSection) -> None:
         else:
             group = [target, *holding.values()]
         if body.name in resting:
-            raise ScenarioError(
+            raise scene.error(
                 f"{body.name} comes to rest by goal {resting[body.name]!r} already, by a weld; leave "
                 "one of the two out",
-                source=scene.source,
-                where=where,
+                where,
             )
         if problem.stage.springs:
             continue  # they may take it
@@ -109,7 +105,7 @@ def check_momentum(problem: PlanningProblem, plan: PlanSection) -> None:
         resting |= dict.fromkeys(names, name)
         if names == {"target"}:
             told = "moves on as it does, for nothing holds it"
-            raise ScenarioError(f"{body.name} {told}", source=scene.source, where=where)
+            raise scene.error(f"{body.name} {told}", where)
         if any(not one.root_joint for one in group):
             continue  # the world takes it
         # bounds of the force [N], and of the torque about their centre of mass [N m], on the bases of bodies
@@ -132,7 +128,7 @@ def check_momentum(problem: PlanningProblem, plan: PlanSection) -> None:
                     f"for its momentum is {size:.4g} {unit}, of which {problem.duration[1]:g} s take no more "
                     f"than {most:.4g} {unit}; raise `limits.{key}`, or the duration"
                 )
-            raise ScenarioError(f"{body.name} cannot come to rest, {told}", source=scene.source, where=where)
+            raise scene.error(f"{body.name} cannot come to rest, {told}", where)
 
 
 def check_joined(problem: PlanningProblem, plan: PlanSection) -> None:
@@ -176,11 +172,10 @@ def check_joined(problem: PlanningProblem, plan: PlanSection) -> None:
         elif np.all((spins @ angular <= SLACK * turned) & (turning + turned > SLACK)):
             fault = f"its angular momentum stays {turned:.4g} N m s, so it cannot turn likewise"
         if fault:
-            raise ScenarioError(
+            raise scene.error(
                 f"{tip.body.name} cannot end at rest relative to the target: nothing acts on it from outside "
                 f"and {fault}; leave `rest` out, or give `limits.base_force` and `base_torque`",
-                source=scene.source,
-                where=f"plan.goals.{name}",
+                f"plan.goals.{name}",
             )
 
 
@@ -240,11 +235,10 @@ def check_changeable(problem: PlanningProblem) -> None:
         over = np.maximum(row.lower - found, found - row.upper)
         crossed = row.lower == row.upper and found.min() <= row.lower <= found.max()
         if not crossed and over.min() > MISSED:
-            raise ScenarioError(
+            raise scene.error(
                 f"{row.name}: nothing that is planned changes it, and it misses by at least "
                 f"{over.min() * row.scale:.3g} {row.unit}; leave the goal out, or drive or hold its body",
-                source=scene.source,
-                where="plan.goals",
+                "plan.goals",
             )
 
 
@@ -281,11 +275,10 @@ def check_reach(problem: PlanningProblem, plan: PlanSection, tips: dict[str, Sce
                 centre = data.oMi[root].act(data.com[root])
             nearest = min(nearest, float(np.linalg.norm(np.array(place(q)).ravel() - centre)))
         if nearest > allowed * (1 + 1e-6):
-            raise ScenarioError(
+            raise scene.error(
                 f"out of reach: at its nearest the goal is {nearest:.4g} m from {tip.body.name}'s centre of "
                 f"mass, and {tip.label} is never more than {allowed:.4g} m from it",
-                source=scene.source,
-                where=f"plan.goals.{name}",
+                f"plan.goals.{name}",
             )
 
 

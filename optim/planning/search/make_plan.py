@@ -13,7 +13,6 @@ from numpy.polynomial import Polynomial
 
 from optim.planning.search.candidates import Candidate, best_candidate
 from optim.planning.search.plan_solver import PlanSolver, SolveRequest, SolveResult, SolverRun
-from optim.planning.search.result_store import ResultStore
 from optim.planning.search.solve_tasks import SolveTask, run_tasks
 from optim.planning.search.warm_start import stored_motion
 from optim.planning.solver.ipopt import Solution
@@ -122,7 +121,7 @@ def make_plan(
         solver = PlanSolver.of(each, backend, (lambda text: notify(f"{words}: {text}")) if words else notify)
         near = None if warm_start is None else stored_motion(solver, Path(warm_start))
         tasks = plan_tasks(solver, solver.request(near=near))
-        found = run_tasks(solver, tasks, result_store(folder, solver), dask)
+        found = run_tasks(solver, tasks, folder, dask)
         fault = failure_message(found[PLAN], solver.plan.starts)
         if fault is not None:
             raise NoPlanError(fault, source=scene.source, where="plan")
@@ -154,11 +153,6 @@ def plan_tasks(solver: PlanSolver, request: SolveRequest, name: str = PLAN) -> d
         return dataclasses.replace(request, start=k, near=found[starts[k]], is_solved=True)
 
     return tasks | {name: SolveTask(best, starts)}
-
-
-def result_store(folder: Path | None, solver: PlanSolver) -> ResultStore:
-    """Store of the results of a problem's searches."""
-    return ResultStore(folder, solver.recipe.key)
 
 
 def failure_message(result: SolveResult, starts: int = 1) -> str | None:

@@ -36,7 +36,7 @@ from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.motion import Motion, PhasedMotion
 from optim.planning.transcription.phase_chain import Linkage, PhaseChain
 from optim.planning.verification.verify import VerificationResult
-from optim.problem.scene_recipe import SceneRecipe
+from optim.problem.scene_recipe import BuildRecipe, SceneRecipe
 from spacerobot.elements.plan_instant import BoundedRow
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scene import Scene
@@ -139,32 +139,6 @@ class SolveRequest:
         if self.near is not None and self.near.solution is not None:
             digest.update(self.near.solution.w.tobytes() + str((self.near.meshes, self.near.apart)).encode())
         return digest.hexdigest()
-
-
-@dataclass(frozen=True)
-class PlanSolverRecipe:
-    """Recipe that builds a plan solver in another process.
-
-    Attributes
-    ----------
-    scene
-        The scene, its plan section in it.
-    backend
-        ``auto``, ``compiled`` or ``interpreted``.
-    """
-
-    scene: SceneRecipe
-    backend: str
-
-    @property
-    def key(self) -> str:
-        """Hash of it."""
-        text = json.dumps(dataclasses.asdict(self), sort_keys=True, default=str)
-        return hashlib.sha256(text.encode()).hexdigest()
-
-    def build(self) -> PlanSolver:
-        """The plan solver."""
-        return PlanSolver.of(self.scene.build(), self.backend)
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,9 +316,9 @@ class PlanSolver:
         return dataclasses.replace(self, scene=scene, phases=tuple(phases), apart=whole)
 
     @property
-    def recipe(self) -> PlanSolverRecipe:
+    def recipe(self) -> BuildRecipe:
         """Recipe that builds it in another process."""
-        return PlanSolverRecipe(SceneRecipe.of(self.scene), self.backend)
+        return BuildRecipe(SceneRecipe.of(self.scene), PlanSolver.of, {"backend": self.backend})
 
     @cached_property
     def interpreted(self) -> PlanSolver:

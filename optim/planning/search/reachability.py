@@ -14,8 +14,7 @@ duration is free, the instant t within its limits is an unknown too.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 
 import casadi as ca
 import numpy as np
@@ -27,7 +26,6 @@ from optim.planning.transcription.initial_guess import drift
 from optim.planning.transcription.lobatto import Lobatto
 from spacerobot.arrays import Array
 from spacerobot.elements.plan_instant import BoundedRow
-from spacerobot.errors import ScenarioError
 
 POSTURES = 20
 """From which inverse kinematics begins."""
@@ -58,9 +56,12 @@ def check_posture(problem: PlanningProblem) -> None:
     """
     if problem.begin is not None or problem.stage.grips or problem.stage.springs:
         return
-    search = _Postures.of(problem)
-    if search is None:
+    stage = problem.stage
+    moving = ca.vertcat(stage.v, stage.a, stage.u, stage.w, stage.s)
+    goals = [row for row in problem.goal if not ca.depends_on(row.value, moving)]
+    if not goals:
         return
+    search = _Postures(problem, goals, moving)
     nearest, misses = np.inf, dict[str, tuple[float, str]]()
     for posture in search.starts():
         size, found = search.run(posture)
@@ -74,69 +75,43 @@ def check_posture(problem: PlanningProblem) -> None:
     first = {row.name for row in problem.goal} & missed.keys() or missed.keys()
     worst = sorted(first, key=lambda name: -missed[name][0])[:NAMED]
     words = ", ".join(f"{name} by {missed[name][0]:.2g} {missed[name][1]}" for name in worst)
-    raise ScenarioError(
+    raise problem.stage.scene.error(
         f"out of reach: the nearest posture that inverse kinematics found from {POSTURES} postures misses "
         f"{words}; bring the object nearer, or change the goal or the limits of joints and bases",
-        source=problem.stage.scene.source,
-        where="plan.goals",
+        "plan.goals",
     )
 
 
-@dataclass(frozen=True, eq=False)
 class _Postures:
-    """Inverse kinematics of all robots for all goals.
+    """Inverse kinematics of all robots for goals that depend on the configuration alone.
 
     A posture is a configuration of the scene and the part of the longest duration at which it is taken.
-
-    Attributes
-    ----------
-    problem
-        Of the first phase.
-    rows
-        Goals, then path constraints, that depend on the configuration alone.
-    values
-        Function of a configuration: their values, and their derivatives by all velocities.
-    columns
-        Velocities along which the posture is searched.
-    floating
-        Root joints of the robots whose centre of mass nothing accelerates.
-    drift
-        Configurations (INSTANTS + 1, nq) and velocities in the longest duration where nothing is driven.
     """
 
-    problem: PlanningProblem
-    rows: tuple[BoundedRow, ...]
-    values: ca.Function
-    columns: list[int]
-    floating: list[int]
-    drift: tuple[Array, Array]
-
-    @classmethod
-    def of(cls, problem: PlanningProblem) -> _Postures | None:
-        """None where no goal depends on the configuration alone."""
+    def __init__(self, problem: PlanningProblem, goals: Sequence[BoundedRow], moving: ca.SX) -> None:
         stage, model = problem.stage, problem.stage.scene.model
-        moving = ca.vertcat(stage.v, stage.a, stage.u, stage.w, stage.s)
-        goals = [row for row in problem.goal if not ca.depends_on(row.value, moving)]
-        if not goals:
-            return None
+        self.problem = problem
         # distances between shapes are left out: their derivatives take longer than all else
         path = [
             row
             for row in problem.path
             if row.about is None and not row.first and not ca.depends_on(row.value, moving)
         ]
-        value = ca.densify(ca.vertcat(*(row.value for row in (*goals, *path))))
+        self.rows = (*goals, *path)
+        # values of a configuration, and their derivatives by all velocities
+        value = ca.densify(ca.vertcat(*(row.value for row in self.rows)))
         slopes = ca.mtimes(ca.jacobian(value, stage.q), ca.jacobian(stage.rate, stage.v))
-        columns, floating = list(stage.driven.columns[: len(stage.driven.joints)]), list[int]()
+        self.values = ca.Function("posture", [stage.q], [value, ca.densify(slopes)], {"cse": True})
+        # velocities along which the posture is searched, and roots of what keeps its centre of mass
+        self.columns, self.floating = list(stage.driven.columns[: len(stage.driven.joints)]), list[int]()
         for body in stage.scene.robots:
             if body.root_joint:
                 first = int(model.idx_vs[body.root_joint])
-                columns += range(first, first + int(model.nvs[body.root_joint]))
+                self.columns += range(first, first + int(model.nvs[body.root_joint]))
                 if not stage.driven.strength(body.name, "f"):
-                    floating.append(body.root_joint)
-        function = ca.Function("posture", [stage.q], [value, ca.densify(slopes)], {"cse": True})
-        free = drift(problem, Lobatto.of_order(2), INSTANTS, problem.duration[1])
-        return cls(problem, (*goals, *path), function, columns, floating, free)
+                    self.floating.append(body.root_joint)
+        # configurations (INSTANTS + 1, nq) and velocities in the longest duration where nothing is driven
+        self.drift = drift(problem, Lobatto.of_order(2), INSTANTS, problem.duration[1])
 
     def starts(self) -> Iterator[tuple[Array, float]]:
         """Postures to begin with: the scenario's, then drawn ones, at instants between the limits."""

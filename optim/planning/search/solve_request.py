@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 
-from optim.planning.formulation.stage import PlanningProblem
+from optim.planning.formulation.stage import PlanningProblem, state_after_impact
 from optim.planning.search.failure_messages import (
     bad_guess_message,
     infeasibility_message,
@@ -17,16 +17,15 @@ from optim.planning.search.failure_messages import (
 from optim.planning.search.plan_solver import PlanSolver, SolveRequest, SolveResult, SolverRun
 from optim.planning.solver.elastic import ElasticProgram
 from optim.planning.solver.ipopt import TIME_LIMIT, Solution, solve
-from optim.planning.transcription.drive_jumps import may_jump, split_at_jumps
-from optim.planning.transcription.initial_guess import initial_guesses, rescaled_motion
+from optim.planning.transcription.drive_jumps import split_at_jumps
+from optim.planning.transcription.initial_guess import initial_guess, rescaled_motion
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.mesh_transfer import transfer, transfer_constrained
-from optim.planning.transcription.motion import PhasedMotion
+from optim.planning.transcription.motion import Motion, PhasedMotion
 from optim.planning.transcription.phase_chain import PhaseChain
-from optim.planning.verification.clearance import course_collisions
 from optim.planning.verification.mesh_refinement import refined_meshes, sharper_meshes
 from optim.planning.verification.second_order_conditions import descent_direction
-from optim.planning.verification.verify import VerificationResult, verify
+from optim.planning.verification.verify import VerificationResult, course_collisions, verify
 
 BARRIER = 1e-4
 """Barrier parameter, in units of the cost's size, to begin with from another problem's solution."""
@@ -194,8 +193,11 @@ class _SolverRuns:
 
     def refined(self) -> VerificationResult | None:
         """Verdict on the motion on meshes that become finer until it is good, or as fine as is allowed."""
-        jumps = self.solver.names == ("",) and may_jump(self.problem)
-        jumps = jumps and not self.problem.magnitudes  # their drives are linear, their meshes sharpened
+        # A motion can be cut where nothing holds for a part of its duration, and its start is given. Where
+        # magnitudes are a cost, drives are linear and meshes are sharpened instead.
+        problem = self.problem
+        jumps = self.solver.names == ("",) and problem.begin is None and not problem.magnitudes
+        jumps = jumps and all(row.final_fraction == 1.0 for row in problem.path)
         verification, before = None, np.inf
         while True:
             self.clear()
@@ -270,9 +272,15 @@ class _SolverRuns:
         start = self.request.start if start is None else start
         rng = np.random.default_rng([self.solver.plan.seed, start]) if start else None
         solver = self.solver
-        phased_motion = initial_guesses(solver.problems_of(self.request), solver.lobatto, meshes, rng, start)
+        motions = list[Motion]()
+        for problem, mesh in zip(solver.problems_of(self.request), meshes, strict=True):
+            if motions:  # from where the phase before it ends
+                end = np.concatenate([motions[-1].q[-1], motions[-1].v[-1]])
+                begin = state_after_impact(problem.stage, end, locked=True)
+                problem = dataclasses.replace(problem, fixed=begin)
+            motions.append(initial_guess(problem, solver.lobatto, mesh, rng, start))
         impulses = tuple(np.zeros(link.impulses) for link in solver.links)
-        return self._solve(dataclasses.replace(phased_motion, impulses=impulses), meshes, give_up=give_up)
+        return self._solve(PhasedMotion(tuple(motions), impulses), meshes, give_up=give_up)
 
     def _finer(self, wanted: Meshes) -> bool:
         """Solve on a finer mesh from what is kept."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 from optim.planning.search.plan_solver import PlanSolver, SolveRequest, SolveResult
 from optim.planning.search.result_store import ResultStore
@@ -34,7 +35,7 @@ class SolveTask:
 
 
 def run_tasks(
-    solver: PlanSolver, tasks: Mapping[str, SolveTask], kept: ResultStore, dask: str | None = None
+    solver: PlanSolver, tasks: Mapping[str, SolveTask], folder: Path | None = None, dask: str | None = None
 ) -> ResultsByTask:
     """Run tasks, except those whose results are stored already.
 
@@ -44,8 +45,8 @@ def run_tasks(
         The problem.
     tasks
         By name, each after those that it builds on.
-    kept
-        Where attempts are kept as soon as they are there.
+    folder
+        Where attempts are kept as soon as they are there; nowhere if None.
     dask
         Address of a cluster as for :func:`optim.workers.cluster.connect`; this process if None.
 
@@ -54,7 +55,7 @@ def run_tasks(
     SpaceRobotError
         If the cluster cannot be reached, or loses an attempt on one worker after the other.
     """
-    left, found = dict(tasks), ResultsByTask()
+    left, found, kept = dict(tasks), ResultsByTask(), ResultStore(folder, solver.recipe.key)
 
     def ready() -> Iterator[tuple[str, SolveRequest]]:
         """Tasks whose turn has come, with what is asked; what is kept already is taken from there."""

@@ -21,9 +21,9 @@ from optim.planning.search.make_plan import (
     failure_message,
     make_plan,
     plan_result,
-    result_store,
 )
 from optim.planning.search.plan_solver import PlanSolver, SolveResult
+from optim.planning.search.result_store import ResultStore
 from optim.planning.search.solve_request import solve_request
 from optim.planning.studies.cost_sensitivities import OptimalPoint
 from optim.problem.variables import Variables, variables_of
@@ -148,12 +148,12 @@ def design_variables(scene: Scene) -> Variables:
     named = plan.design
     if plan.phases:
         message = "a design study takes a plan of one phase; leave them out"
-        raise ScenarioError(message, source=scene.source, where="plan.phases")
+        raise scene.error(message, "plan.phases")
     if not named:
         message = (
             "no variables; give some, as {mass: {paths: robots.arm.links.base.mass, lower: 50, upper: 400}}"
         )
-        raise ScenarioError(message, source=scene.source, where="plan.design")
+        raise scene.error(message, "plan.design")
     return variables_of(scene, named, "plan.design")
 
 
@@ -237,7 +237,7 @@ class _DesignSearch:
             solver = PlanSolver.of(scene, self.begun.backend, self.notify)
         except ScenarioError as fault:
             return _lost(values, fault.message, 0), None, near
-        request, kept = solver.request(near=near, refine=False), result_store(self.folder, solver)
+        request, kept = solver.request(near=near, refine=False), ResultStore(self.folder, solver.recipe.key)
         result = result or kept.find(request)
         if result is None:
             result = solve_request(solver, request)

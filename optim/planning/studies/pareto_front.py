@@ -25,7 +25,6 @@ from optim.planning.search.make_plan import (
     integrals,
     plan_result,
     plan_tasks,
-    result_store,
 )
 from optim.planning.search.plan_solver import PlanSolver, SolveRequest, SolveResult
 from optim.planning.search.solve_tasks import SolveTask, run_tasks
@@ -149,7 +148,7 @@ def make_front(
             tasks |= plan_tasks(solver, requests[k], names[k])
         else:
             tasks[names[k]] = _after(requests[k], names[parent])
-    found = run_tasks(solver, tasks, result_store(folder, solver), dask)
+    found = run_tasks(solver, tasks, folder, dask)
     points = [_point(solver, request, found, name) for name, request in zip(names, requests, strict=True)]
     return ParetoFront(scene, wanted.names, tuple(_compared(points, wanted.names)))
 
@@ -179,18 +178,14 @@ def _asks(solver: PlanSolver, wanted: FrontRequest) -> list[SolveRequest]:
     """
     weights, plain = solver.problem.weights, solver.request()
     if len(solver.phases) > 1:
-        raise ScenarioError(
-            "a front takes a plan of one phase", source=solver.scene.source, where="plan.phases"
-        )
+        raise solver.scene.error("a front takes a plan of one phase", "plan.phases")
     for name in wanted.names:
         known = dict.fromkeys([*solver.plan.costs, *kinds("plan_cost")])
         if name not in known:
             raise ScenarioError(f"no term {name!r}; {near_names(name, known)}", where="--pareto")
         if name != "time" and not weights.get(name):
-            raise ScenarioError(
-                "has no weight, so that nothing makes it small; give it one",
-                source=solver.scene.source,
-                where=f"plan.costs.{name}",
+            raise solver.scene.error(
+                "has no weight, so that nothing makes it small; give it one", f"plan.costs.{name}"
             )
     first, second = wanted.names
     if first == second:
@@ -210,10 +205,9 @@ def _asks(solver: PlanSolver, wanted: FrontRequest) -> list[SolveRequest]:
         ]
     least, greatest, _ = solver.problem.duration
     if least == greatest:
-        raise ScenarioError(
+        raise solver.scene.error(
             f"found {least:g} s; a front over time needs limits of the duration, as {{lower: 6, upper: 12}}",
-            source=solver.scene.source,
-            where="plan.duration",
+            "plan.duration",
         )
     times = np.linspace(least, greatest, wanted.count)
     return [dataclasses.replace(plain, duration=(float(t),) * 3) for t in times]

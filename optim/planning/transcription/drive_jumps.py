@@ -82,11 +82,6 @@ def segment_constraints(
     return LinearConstraints(matrix, np.append(least, none), np.append(greatest, none))
 
 
-def may_jump(problem: PlanningProblem) -> bool:
-    """Whether a motion can be cut: nothing holds for a part of its duration, and its start is given."""
-    return problem.begin is None and all(row.final_fraction == 1.0 for row in problem.path)
-
-
 @dataclass(frozen=True)
 class DriveJump:
     """A drive that goes from one of its levels to another.

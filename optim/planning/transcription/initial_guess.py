@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from optim.planning.formulation.impact import state_after_impact
 from optim.planning.formulation.stage import PlanningProblem
 from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.mesh import Mesh
-from optim.planning.transcription.motion import Motion, PhasedMotion
+from optim.planning.transcription.motion import Motion
 from spacerobot.arrays import Array
 from spacerobot.scene.scene import SceneBody
 
@@ -31,31 +29,6 @@ WINDINGS = 3
 way with a full turn about another axis beside it."""
 STEP = 1e-3
 """Part of the duration over which a base's path is differentiated."""
-
-
-def initial_guesses(
-    problems: Sequence[PlanningProblem],
-    lobatto: Lobatto,
-    meshes: Sequence[Mesh],
-    rng: np.random.Generator | None,
-    start: int = 0,
-) -> PhasedMotion:
-    """Motions to begin with of the phases of a plan, each from where the one before it ends.
-
-    Parameters
-    ----------
-    problems, meshes
-        Of each phase.
-    lobatto, rng, start
-        As for :func:`initial_guess`.
-    """
-    motions = list[Motion]()
-    for problem, mesh in zip(problems, meshes, strict=True):
-        if motions:
-            end = np.concatenate([motions[-1].q[-1], motions[-1].v[-1]])
-            problem = dataclasses.replace(problem, fixed=state_after_impact(problem.stage, end, locked=True))
-        motions.append(initial_guess(problem, lobatto, mesh, rng, start))
-    return PhasedMotion(tuple(motions))
 
 
 def initial_guess(

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -14,11 +12,11 @@ import numpy as np
 import pinocchio as pin
 
 from optim.planning.formulation.grasps import spring_wrench, tip_slip
-from optim.planning.formulation.impact import state_after_impact
 from optim.planning.formulation.stage import Stage, spring_forces
 from optim.planning.transcription.lobatto import Lobatto
-from optim.planning.transcription.motion import Motion, PhasedMotion
+from optim.planning.transcription.motion import Motion
 from optim.planning.verification.tracking_gains import tracking_gains
+from optim.problem.derived_loop import DerivedLoop
 from spacerobot.arrays import Array
 from spacerobot.dynamics import (
     ArticulatedBody,
@@ -35,112 +33,74 @@ LONGEST_STEP = 0.01
 """[s] Of the replay."""
 
 
-@dataclass(frozen=True)
-class ReplayLoop:
-    """A scene whose drive is a polynomial of time, with joint PD to the plan, as rollouts know closed loops.
+@functools.lru_cache(maxsize=4)
+def _loop(stage: Stage, lobatto: Lobatto) -> DerivedLoop:
+    """A scene whose drive is a polynomial of time, with joint PD to the plan, over one interval.
 
     Parameters are the state at the beginning, and for one interval of the plan: its length, gains of joints
     and their positions at its beginning, and at each of its points the drive, joint rates and accelerations.
     Time is counted in parts of the interval, so that one loop serves intervals of all lengths.
     """
-
-    parameter_paths: tuple[str, ...]
-    parameter_values: Array
-    state_names: tuple[str, ...]
-    nq: int
-    nv: int
-    setup: ca.Function
-    dynamics: ca.Function
-    normalise: ca.Function
-    outputs: ca.Function
-    gaps: ca.Function
-    guards: ca.Function
-    update: ca.Function
-    rows: ca.Function
-    nz: int = 0
-    jumps: tuple[int, ...] = ()
-    switches: tuple[int, ...] = ()
-    events: tuple[()] = ()
-    fine: tuple[tuple[int, float, float], ...] = ()
-    tables: tuple[()] = ()
-    noise: tuple[()] = ()
-    max_gaps: Mapping[str, float] = dataclasses.field(default_factory=dict)
-
-    @classmethod
-    def of(cls, stage: Stage, lobatto: Lobatto) -> ReplayLoop:
-        """Loop of a scene over one interval of this collocation."""
-        model, driven = stage.scene.model, stage.driven
-        nx, nu = model.nq + model.nv, len(driven.columns)
-        joints, points = len(driven.joints), lobatto.points
-        count = 1 + 3 * joints + (nu + 2 * joints) * points
-        t, x, given = ca.SX.sym("t"), ca.SX.sym("x", nx), ca.SX.sym("c", count)
-        q, v = x[: model.nq], x[model.nq :]
-        sizes = [1, joints, joints, joints, points * nu, points * joints, points * joints]
-        length, kp, kd, first, *rest = ca.vertsplit(given, np.cumsum([0, *sizes]).tolist())
-        drive, rates, accelerations = (ca.reshape(part, part.numel() // points, points) for part in rest)
-        place = t
-        torque = _summed(lobatto.basis, place, drive)
-        wanted = first + length * _summed(lobatto.primitives, place, rates)
-        rate = rates[:, 0] + length * _summed(lobatto.primitives, place, accelerations)
-        force = -sparse(np.asarray(model.damping)) * v - spring_forces(stage.scene, q)
-        for k, column in enumerate(driven.columns):
-            force[column] += torque[k]
-        for k, joint in enumerate(driven.joints):
-            column = driven.columns[k]
-            # how far it is behind [rad or m], the short way round if it is unbounded
-            own, near = model.joints[joint], q[model.joints[joint].idx_q]
-            behind = wanted[k] - near
-            if own.nq == 2:
-                c, s, other = ca.cos(wanted[k]), ca.sin(wanted[k]), q[own.idx_q + 1]
-                behind = ca.atan2(s * near - c * other, c * near + s * other)
-            force[column] += kp[k] * behind + kd[k] * (rate[k] - v[column])
-        # forward dynamics with the grasps that hold
-        moving = forward_kinematics(model, q, v)
-        for spring in stage.springs:
-            wrench = ca.vertcat(*spring_wrench(stage.scene, moving, spring))
-            force = force + ca.jtimes(tip_slip(stage.scene, moving, [spring]), v, wrench, True)
-        body = ArticulatedBody.factorise(model, moving, Inertias.from_model(model))
-        acceleration = free = body.acceleration(force)
-        if stage.grips:
-            parting = tip_slip(stage.scene, moving, stage.grips)
-            slopes = ca.jacobian(parting, v)
-            drift = ca.jtimes(parting, q, configuration_derivative(model, q, v))
-            response = ca.horzcat(*(body.response(row.T) for row in ca.vertsplit(slopes)))
-            factors = SymmetricFactors(ca.mtimes(slopes, response))
-            wrench = factors.solve_negated(ca.mtimes(slopes, free) + drift)
-            acceleration = free + ca.mtimes(response, wrench)
-        change = ca.vertcat(configuration_derivative(model, q, v), acceleration)
-        p, none = ca.SX.sym("p", nx + given.numel()), ca.SX(0, 1)
-        names = tuple(f"p{i}" for i in range(p.numel()))
-        xdot, e = ca.SX.sym("xdot", nx), ca.SX.sym("e")
-        at, at_names = [t, x, given], ["t", "x", "c"]
-        return cls(
-            names,
-            np.ones(p.numel()),
-            tuple(f"x{i}" for i in range(nx)),
-            model.nq,
-            model.nv,
-            ca.Function("setup", [p], [p[:nx], p[nx:]], ["p"], ["x0", "c"]),
-            ca.Function("dynamics", at, [ca.densify(length * change)], at_names, ["xdot"]),
-            ca.Function("normalise", [x], [ca.vertcat(normalise(model, q), v)], ["x"], ["n"]),
-            ca.Function("outputs", at, [v], at_names, ["velocity"]),
-            ca.Function("gaps", [p], [none], ["p"], ["gap"]),
-            ca.Function("guards", [*at, xdot], [none] * 3, [*at_names, "xdot"], ["g", "rate", "speed"]),
-            ca.Function("update", [*at, e], [x], [*at_names, "e"], ["x_after"]),
-            ca.Function("rows", at, [none], at_names, ["row"]),
-        )
-
-
-def replay_phases(phased_motion: PhasedMotion, backend: str = "auto") -> tuple[list[Array], list[Array]]:
-    """The same of all phases, each from where the one before it ended, through the impact of what closes."""
-    alone, followed = list[Array](), list[Array]()
-    for motion in phased_motion.motions:
-        stage, starts = motion.problem.stage, None
-        if alone:
-            starts = state_after_impact(stage, alone[-1][-1]), state_after_impact(stage, followed[-1][-1])
-        for states, found in zip((alone, followed), replay_motion(motion, backend, starts), strict=True):
-            states.append(found)
-    return alone, followed
+    model, driven = stage.scene.model, stage.driven
+    nx, nu = model.nq + model.nv, len(driven.columns)
+    joints, points = len(driven.joints), lobatto.points
+    count = 1 + 3 * joints + (nu + 2 * joints) * points
+    t, x, given = ca.SX.sym("t"), ca.SX.sym("x", nx), ca.SX.sym("c", count)
+    q, v = x[: model.nq], x[model.nq :]
+    sizes = [1, joints, joints, joints, points * nu, points * joints, points * joints]
+    length, kp, kd, first, *rest = ca.vertsplit(given, np.cumsum([0, *sizes]).tolist())
+    drive, rates, accelerations = (ca.reshape(part, part.numel() // points, points) for part in rest)
+    place = t
+    torque = _summed(lobatto.basis, place, drive)
+    wanted = first + length * _summed(lobatto.primitives, place, rates)
+    rate = rates[:, 0] + length * _summed(lobatto.primitives, place, accelerations)
+    force = -sparse(np.asarray(model.damping)) * v - spring_forces(stage.scene, q)
+    for k, column in enumerate(driven.columns):
+        force[column] += torque[k]
+    for k, joint in enumerate(driven.joints):
+        column = driven.columns[k]
+        # how far it is behind [rad or m], the short way round if it is unbounded
+        own, near = model.joints[joint], q[model.joints[joint].idx_q]
+        behind = wanted[k] - near
+        if own.nq == 2:
+            c, s, other = ca.cos(wanted[k]), ca.sin(wanted[k]), q[own.idx_q + 1]
+            behind = ca.atan2(s * near - c * other, c * near + s * other)
+        force[column] += kp[k] * behind + kd[k] * (rate[k] - v[column])
+    # forward dynamics with the grasps that hold
+    moving = forward_kinematics(model, q, v)
+    for spring in stage.springs:
+        wrench = ca.vertcat(*spring_wrench(stage.scene, moving, spring))
+        force = force + ca.jtimes(tip_slip(stage.scene, moving, [spring]), v, wrench, True)
+    body = ArticulatedBody.factorise(model, moving, Inertias.from_model(model))
+    acceleration = free = body.acceleration(force)
+    if stage.grips:
+        parting = tip_slip(stage.scene, moving, stage.grips)
+        slopes = ca.jacobian(parting, v)
+        drift = ca.jtimes(parting, q, configuration_derivative(model, q, v))
+        response = ca.horzcat(*(body.response(row.T) for row in ca.vertsplit(slopes)))
+        factors = SymmetricFactors(ca.mtimes(slopes, response))
+        wrench = factors.solve_negated(ca.mtimes(slopes, free) + drift)
+        acceleration = free + ca.mtimes(response, wrench)
+    change = ca.vertcat(configuration_derivative(model, q, v), acceleration)
+    p, none = ca.SX.sym("p", nx + given.numel()), ca.SX(0, 1)
+    names = tuple(f"p{i}" for i in range(p.numel()))
+    xdot, e = ca.SX.sym("xdot", nx), ca.SX.sym("e")
+    at, at_names = [t, x, given], ["t", "x", "c"]
+    return DerivedLoop(
+        parameter_paths=names,
+        parameter_values=np.ones(p.numel()),
+        state_names=tuple(f"x{i}" for i in range(nx)),
+        nq=model.nq,
+        nv=model.nv,
+        setup=ca.Function("setup", [p], [p[:nx], p[nx:]], ["p"], ["x0", "c"]),
+        dynamics=ca.Function("dynamics", at, [ca.densify(length * change)], at_names, ["xdot"]),
+        normalise=ca.Function("normalise", [x], [ca.vertcat(normalise(model, q), v)], ["x"], ["n"]),
+        outputs=ca.Function("outputs", at, [v], at_names, ["velocity"]),
+        gaps=ca.Function("gaps", [p], [none], ["p"], ["gap"]),
+        guards=ca.Function("guards", [*at, xdot], [none] * 3, [*at_names, "xdot"], ["g", "rate", "speed"]),
+        update=ca.Function("update", [*at, e], [x], [*at_names, "e"], ["x_after"]),
+        rows=ca.Function("rows", at, [none], at_names, ["row"]),
+    )
 
 
 def replay_motion(
@@ -202,9 +162,6 @@ def steps_of(motion: Motion, backend: str = "auto") -> Callable[[int, Array, Arr
         return np.array(rollout.run(p).state[-1])
 
     return step
-
-
-_loop = functools.lru_cache(maxsize=4)(ReplayLoop.of)
 
 
 @functools.lru_cache(maxsize=8)

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from optim.planning.formulation.link_pairs import Collision, LinkPair, collisions
 from optim.planning.formulation.rows import row_values
-from optim.planning.formulation.stage import PlanningProblem
+from optim.planning.formulation.stage import PlanningProblem, state_after_impact
 from optim.planning.solver.ipopt import Solution
 from optim.planning.solver.nonlinear_program import NonlinearProgram
 from optim.planning.transcription.collocation_program import first_constrained
-from optim.planning.transcription.motion import Motion, PhasedMotion
+from optim.planning.transcription.motion import Motion, PhasedMotion, normalised
 from optim.planning.transcription.phase_chain import PhaseChain
-from optim.planning.verification.replay import replay_phases, tip_errors
+from optim.planning.verification.replay import replay_motion, tip_errors
 from optim.planning.verification.second_order_conditions import descent_direction
 from spacerobot.arrays import Array
 
@@ -151,13 +152,19 @@ def verify(
     backend
         What replays: ``auto``, ``compiled`` or ``interpreted``.
     """
-    errors = list[dict[str, float]]()  # greatest distance of each tip from the plan in any phase [m]
-    for states in replay_phases(phased_motion, backend):
-        greatest = dict[str, float]()
-        for motion, found in zip(phased_motion.motions, states, strict=True):
-            for label, own in tip_errors(motion, found).items():
+    # greatest distance of each tip from the plan in any phase [m], each replayed from where the one before it
+    # ended, through the impact of what closes
+    alone, followed, ends = dict[str, float](), dict[str, float](), list[Array]()
+    for motion in phased_motion.motions:
+        starts = None
+        if ends:
+            one, other = (state_after_impact(motion.problem.stage, end) for end in ends)
+            starts = one, other
+        replayed = replay_motion(motion, backend, starts)
+        for greatest, states in zip((alone, followed), replayed, strict=True):
+            for label, own in tip_errors(motion, states).items():
                 greatest[label] = max(greatest.get(label, 0.0), float(own.max()))
-        errors.append(greatest)
+        ends = [states[-1] for states in replayed]
     violations = [
         Violation(one.name, one.unit, float(one.excess.max()), max(one.allowed, 1e-12), begin + one.worst_s)
         for begin, motion in zip(phased_motion.begins, phased_motion.motions, strict=True)
@@ -168,7 +175,6 @@ def verify(
     problem = phased_motion.motions[0].problem
     residual = first_order_residual(program, solution, scale)
     saddle = residual <= RESIDUAL and descent_direction(program, solution, scale) is not None
-    alone, followed = errors
     return VerificationResult(
         residual, tuple(violations), alone, followed, problem.tolerance, problem.open_loop, saddle
     )
@@ -250,6 +256,28 @@ def between_points(motion: Motion) -> Iterator[LimitExcess]:
             allowed = ABSOLUTE if row.size is None else RELATIVE * row.size
             over = row.scale * np.maximum(row.lower - found[held], found[held] - row.upper)
             yield LimitExcess(row.name, row.unit, allowed, time[held], over)
+
+
+def course_collisions(phased_motion: PhasedMotion, pairs: Sequence[LinkPair]) -> list[Collision]:
+    """Pairs of links that overlap along a course, looked at where its limits are, the deepest first.
+
+    Parameters
+    ----------
+    phased_motion
+        The motion.
+    pairs
+        What is looked at.
+    """
+    if not pairs:
+        return []
+    places = np.arange(FINER) / FINER
+    q, time = list[Array](), list[Array]()
+    for begin, motion in zip(phased_motion.begins, phased_motion.motions, strict=True):
+        shares = np.append((motion.mesh.starts[:, None] + motion.mesh.widths[:, None] * places).ravel(), 1.0)
+        model = motion.problem.stage.scene.model
+        q.append(normalised(model, motion.parts(motion.along(shares))[0]))
+        time.append(begin + shares * motion.duration_s)
+    return collisions(pairs, model, np.vstack(q), np.concatenate(time))
 
 
 def limit_names(problem: PlanningProblem) -> Mapping[int, tuple[str, str]]:

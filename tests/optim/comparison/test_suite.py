@@ -7,7 +7,7 @@ import pytest
 
 from optim.comparison.report import to_data
 from optim.comparison.suite import compare_suite, read_suite, scene_of
-from optim.problem.variables import resolve_variables
+from optim.problem.variables import variables_of
 from optim.search.session import SearchSession
 from spacerobot.errors import SpaceRobotError
 from spacerobot.registry import TUNING_METHODS
@@ -25,7 +25,7 @@ def test_it_has_a_dozen_contests_of_known_methods():
 @pytest.mark.parametrize("name", SUITE["problems"])
 def test_each_contest_names_variables_of_its_scene(name):
     scene = scene_of(SUITE, name)
-    variables = resolve_variables(scene, scene.scenario.tuning, None)
+    variables = variables_of(scene, scene.scenario.tuning.variables)
     assert list(variables.names) == SUITE["problems"][name]["tune"]
     inside = (variables.lower <= variables.start) & (variables.start <= variables.upper)
     assert inside.sum() >= len(inside) / 2

@@ -14,7 +14,7 @@ from optim.planning.search.plan_solver import PlanSolver
 from optim.planning.studies.pareto_front import FrontRequest, make_front
 from optim.planning.transcription.instant_functions import build_instants
 from optim.planning.transcription.motion import PhasedMotion
-from optim.planning.verification.clearance import course_collisions
+from optim.planning.verification.verify import course_collisions
 from spacerobot.cli.commands.check import command as check
 
 LOOK = {"look": {"tip": "one/tip", "position": [1.2, 0.15, 0]}}

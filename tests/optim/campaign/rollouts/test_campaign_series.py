@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
 
 import netCDF4
 import numpy as np
@@ -16,7 +15,7 @@ from optim.campaign import LocalExecutor, load_campaign, read_bands, reopen, run
 from optim.campaign.rollouts.evaluator import all_draws, build_evaluator
 from optim.campaign.rollouts.series import RecordedSignal, SignalRecording, check_size
 from optim.campaign.run import ChunkQueue, most_samples
-from optim.campaign.store.netcdf import DatasetLayout, blocks
+from optim.campaign.store.netcdf import block_rows, blocks
 from spacerobot.errors import ResultError, ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
@@ -155,9 +154,8 @@ def test_chunks_keep_within_their_bytes(whole, monkeypatch):
 
 def test_blocks_fit_into_memory():
     recording = SignalRecording((RecordedSignal("a", tuple(map(str, range(100))), "1"),), np.zeros(9_001))
-    layout = DatasetLayout(["p"], ["g"], [], recording, {}, "")
-    assert layout.rows == 4  # 7.2 MB each
-    assert replace(layout, recording=SignalRecording((), np.empty(0))).rows == 1024
+    assert block_rows(1, recording) == 4  # 7.2 MB each
+    assert block_rows(1, SignalRecording((), np.empty(0))) == 1024
 
 
 @pytest.mark.parametrize(
