@@ -332,33 +332,20 @@ class _ProgramCallback(ca.Callback):
         return int(self._bridge.interrupted or self._bridge.fault is not None)
 
 
-class _IterationCallback(ca.Callback):
+class _IterationCallback(_ProgramCallback):
     """Tells of each iteration, and ends the solver where it was interrupted or is late."""
 
     def __init__(self, program: NonlinearProgram, bridge: _CasadiFunctions, told: Told | None) -> None:
-        ca.Callback.__init__(self)
-        self._bridge, self._told, self._count = bridge, told, -1
-        self._sizes = {"x": program.size, "f": 1, "g": program.rows, "lam_x": program.size}
-        self._sizes |= {"lam_g": program.rows, "lam_p": 0}
-        self._limits = program.limits()
-        self.construct("watch", {})
+        sizes = {"x": program.size, "f": 1, "g": program.rows, "lam_x": program.size}
+        sizes |= {"lam_g": program.rows, "lam_p": 0}
+        names = [str(ca.nlpsol_out(i)) for i in range(ca.nlpsol_n_out())]
+        given = {n: ca.Sparsity.dense(sizes[n]) if sizes[n] else ca.Sparsity(0, 0) for n in names}
+        super().__init__(bridge, "watch", given, {"stop": (ca.Sparsity.dense(1), bool)})
+        self._told, self._count, self._limits = told, -1, program.limits()
 
-    def get_n_in(self) -> int:
-        """Number of outputs of a solver."""
-        return int(ca.nlpsol_n_out())
-
-    def get_n_out(self) -> int:
-        """Whether to end."""
-        return 1
-
-    def get_name_in(self, i: int) -> str:
-        """Name of what it gives."""
-        return str(ca.nlpsol_out(i))
-
-    def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        """Length of what it gives."""
-        size = self._sizes[ca.nlpsol_out(i)]
-        return ca.Sparsity.dense(size) if size else ca.Sparsity(0, 0)
+    def has_eval_buffer(self) -> bool:
+        """Whether :meth:`eval_buffer` is called."""
+        return False
 
     def eval(self, given: Sequence[ca.DM]) -> list[Any]:
         """Tell."""
