@@ -49,7 +49,20 @@ export class Magnifier {
     const pen = this.canvas.getContext("2d"), metre = radius / this.greatest;
     pen.scale(ratio, ratio);
     pen.translate(size / 2, size / 2);
-    this.rings(pen, metre, radius);
+    pen.strokeStyle = "#5b6c7e";
+    pen.lineWidth = 1;
+    for (let k = 1; k * this.ring * metre <= radius * 1.001; k++) {
+      pen.beginPath();
+      pen.arc(0, 0, k * this.ring * metre, 0, 2 * Math.PI);
+      pen.stroke();
+    }
+    pen.beginPath();
+    pen.moveTo(-5, 0);
+    pen.lineTo(5, 0);
+    pen.moveTo(0, -5);
+    pen.lineTo(0, 5);
+    pen.strokeStyle = "#ffffff";
+    pen.stroke();
     const across = new THREE.Vector3(), up = new THREE.Vector3();
     this.eye.viewer.camera.matrixWorld.extractBasis(across, up, new THREE.Vector3());
     const error = new THREE.Vector3();
@@ -67,23 +80,6 @@ export class Magnifier {
     });
     const times = this.times(radius);
     this.caption.textContent = `tips around their references${times ? `, ${times} times enlarged` : ""}; rings every ${Number((this.ring * 1e3).toPrecision(2))} mm`;
-  }
-
-  rings(pen, metre, radius) {
-    pen.strokeStyle = "#5b6c7e";
-    pen.lineWidth = 1;
-    for (let k = 1; k * this.ring * metre <= radius * 1.001; k++) {
-      pen.beginPath();
-      pen.arc(0, 0, k * this.ring * metre, 0, 2 * Math.PI);
-      pen.stroke();
-    }
-    pen.beginPath();
-    pen.moveTo(-5, 0);
-    pen.lineTo(5, 0);
-    pen.moveTo(0, -5);
-    pen.lineTo(0, 5);
-    pen.strokeStyle = "#ffffff";
-    pen.stroke();
   }
 
   trail(pen, at, last, colour, dashed) {

@@ -111,11 +111,7 @@ function indexed(pixels, palette, known) {
   return found;
 }
 
-export function saveText(text, name, type) {
-  saveBlob(new Blob([text], { type }), name);
-}
-
-function saveBlob(blob, name) {
+export function saveBlob(blob, name) {
   const address = URL.createObjectURL(blob);
   save(address, name);
   setTimeout(() => URL.revokeObjectURL(address), 60000);

@@ -18,32 +18,15 @@ export function viewerIn(pane) {
     const words = `This browser cannot draw in three dimensions (${fault.message.replace(/\.+$/, "")}). Time, curves and numbers work without.`;
     pane.replaceChildren(element("p", words, "fault"));
     document.body.classList.add("blind");
-    return new BlindViewer();
+    return /** @type {any} */ (blindViewer());
   }
 }
 
-class BlindViewer {
-  constructor() {
-    this.camera = new THREE.PerspectiveCamera();
-    this.gui = { domElement: { style: {} } };
-    this.renderer = { setSize() {}, setPixelRatio() {} };
-    const target = new THREE.Vector3(), { camera } = this;
-    this.controls = {
-      target,
-      addEventListener() {},
-      update() { camera.lookAt(target); camera.updateMatrixWorld(); },
-    };
-  }
-
-  hide_background() {}
-
-  set_property() {}
-
-  set_object() {}
-
-  delete_path() {}
-
-  set_dirty() {}
-
-  render() {}
+function blindViewer() {
+  const camera = new THREE.PerspectiveCamera(), target = new THREE.Vector3(), nothing = () => {};
+  return {
+    camera, gui: { domElement: { style: {} } }, renderer: { setSize: nothing, setPixelRatio: nothing },
+    controls: { target, addEventListener: nothing, update: () => { camera.lookAt(target); camera.updateMatrixWorld(); } },
+    ...Object.fromEntries(["hide_background", "set_property", "set_object", "delete_path", "set_dirty", "render"].map((name) => [name, nothing])),
+  };
 }

@@ -9,7 +9,7 @@ import { LAYERS, Legend } from "./legend.js";
 import { Link } from "./permalink.js";
 import { Magnifier } from "./error_magnifier.js";
 import { SignalPicker } from "./signal_picker.js";
-import { Camera, save, saveText } from "./image_export.js";
+import { Camera, save, saveBlob } from "./image_export.js";
 import { Portrait } from "./phase_portrait.js";
 import { fixedLevel } from "./quality.js";
 import { Readout } from "./readout.js";
@@ -64,14 +64,9 @@ export class Player {
     if (this.legend.planar !== payload.planar) this.legend.reset(payload.planar);
     if (payload.over) this.scene.over = true; // a plan lies under what was flown
     this.scene.load(payload, this.legend.shown);
-    this.magnifier.load(this.scene.runs);
-    this.legend.load((layer) => this.present(layer));
-    this.picker.load(this.signals);
-    this.portrait.load(this.signals);
-    this.chart.load(this.signals, this.scene.end, payload.runs[0].events);
+    this.fill(payload.runs);
     this.offer();
     this.speak();
-    this.events.load(payload.runs[0].events, this.scene.end);
     this.timeline.load(this.scene.end, this.scene.runs.some((run) => run.time.length > 1));
     this.toggled("magnifier");
     this.timeline.seek(0);
@@ -85,21 +80,26 @@ export class Player {
     this.words();
     const others = this.scene.renew(runs);
     this.signals = new Signals(runs, this.signals);
-    this.magnifier.load(this.scene.runs);
-    this.legend.load((layer) => this.present(layer));
-    this.picker.load(this.signals);
-    this.portrait.load(this.signals);
-    this.chart.load(this.signals, this.scene.end, runs[0].events);
+    this.fill(runs);
     if (others) {
       this.readout.load(this.scene.runs, this.scene.colours, this.signals.full);
       this.labels.load(this.scene.runs);
     }
-    this.events.load(runs[0].events, this.scene.end);
     $("placing").hidden = runs.length < 2;
     if (this.scene.end !== end) this.timeline.stretch(this.scene.end);
     this.magnifier.show(this.legend.shown.magnifier);
     if (runs.length !== count) this.scene.refit(); // the words take another room
     this.timeline.seek(this.timeline.time);
+  }
+
+  // The parts about signals, layers and events.
+  fill([{ events }]) {
+    this.magnifier.load(this.scene.runs);
+    this.legend.load((layer) => this.present(layer));
+    this.picker.load(this.signals);
+    this.portrait.load(this.signals);
+    this.chart.load(this.signals, this.scene.end, events);
+    this.events.load(events, this.scene.end);
   }
 
   // A campaign: ``paths`` of its tips, of that ``shape`` (samples, times, tips, 3), and ``bands`` of signals; none if null.
@@ -295,7 +295,7 @@ export class Player {
     $("farther").addEventListener("click", () => this.chart.zoom(1 / 1.5));
     $("earlier").addEventListener("click", () => this.chart.pan(-0.25));
     $("later").addEventListener("click", () => this.chart.pan(0.25));
-    $("table").addEventListener("click", () => saveText(curvesTable(this.chart), `${this.fileName}.csv`, "text/csv"));
+    $("table").addEventListener("click", () => saveBlob(new Blob([curvesTable(this.chart)], { type: "text/csv" }), `${this.fileName}.csv`));
     $("fullnames").addEventListener("click", () => this.name(!this.signals.full));
     $("plot").addEventListener("click", () => save(curvesPicture(this.chart), `${this.fileName}-curves.png`));
     $("paneling").addEventListener("click", () => this.panel($("panel").hidden));

@@ -24,11 +24,63 @@ export class Run {
     this.vector = new THREE.Vector3();
     this.from = new THREE.Vector3();
     this.turn = new THREE.Quaternion();
-    this.addBodies();
-    this.addPaths();
-    this.addGrips();
-    this.addMasses();
-    this.addWheels();
+    // bodies, where each began, and their axes
+    this.ghosts = [];
+    this.nodes = this.data.nodes.map((node, k) => {
+      const group = new THREE.Group();
+      for (const mesh of surfaces(node.solids, this.scale)) group.add(mesh);
+      this.root.add(group);
+      if (node.base) {
+        const ghost = this.put("ghosts", ghostOf(node, this.scale), 2);
+        setPose(ghost, this.poses.subarray(7 * k, 7 * k + 7));
+        this.ghosts.push([ghost, k]);
+        const axes = triad(0.06 * this.scale);
+        this.layers.frames.push(axes);
+        group.add(axes);
+      }
+      return group;
+    });
+    // paths of references, tips and the object
+    const thin = 0.0011 * this.scale, thick = 0.0021 * this.scale;
+    this.growing = [];
+    this.paths = [];
+    this.data.references.forEach((_, k) => {
+      this.path("reference", () => floats(this.data.references[k]), thin, overlay(COLOURS.reference, 0.75), 10);
+    });
+    const tips = this.data.tip_names.length;
+    this.tipBalls = this.data.tip_names.map((_, k) => {
+      const colour = tipColour(k);
+      this.grow(() => this.column(this.tips, tips, k), thick, colour, 12);
+      return this.put("mates", ball(0.0052 * this.scale, colour, 21));
+    });
+    if (this.data.target) {
+      this.grow(() => floats(this.data.target), thick, COLOURS.target, 11);
+    }
+    // forces of grips and contacts, impulses, and flashes of captures
+    const grips = this.data.grasp_tips;
+    this.arrows = grips.map(() => this.put("forces", arrow(0.0028 * this.scale, COLOURS.force)));
+    this.mateBalls = grips.map(() => this.put("mates", ball(0.0072 * this.scale, COLOURS.mate, 20)));
+    this.flashes = grips.map((tip) => this.tipBalls[tip].add(ball(0.0052 * this.scale, COLOURS.mate, 19)).children.at(-1));
+    const struck = this.data.grips.impulses.length > 0 ? grips : [];
+    this.impulseArrows = struck.map(() => this.put("impulses", arrow(0.0028 * this.scale, COLOURS.impulse)));
+    const touches = Array.from({ length: this.data.contacts.count });
+    this.contactArrows = touches.map(() => this.put("contacts", arrow(0.0028 * this.scale, COLOURS.contact)));
+    // centres of mass of bodies and, last, of all together; momenta at them
+    const { count: masses } = this.data.masses;
+    this.centreBalls = Array.from({ length: masses }, (_, k) => (
+      this.put("centres", ball(0.006 * this.scale, k === masses - 1 ? "#ffffff" : COLOURS.centre, 22))
+    ));
+    this.momentumArrows = this.centreBalls.map(() => this.put("momenta", arrow(0.0028 * this.scale, COLOURS.momentum)));
+    // reaction wheels are seen through their base, each beside its middle along its axis
+    const { nodes, axes } = this.data.wheels, radius = 0.026 * this.scale, up = new THREE.Vector3(0, 0, 1);
+    this.wheels = axes.map((axis, k) => {
+      const base = this.nodes[nodes[k]], shown = flywheel(radius), along = new THREE.Vector3(...axis);
+      boxesOf(base).box.getCenter(shown.position).addScaledVector(along, 2.2 * radius);
+      shown.quaternion.setFromUnitVectors(up, along);
+      this.layers.wheels.push(shown);
+      base.add(shown);
+      return shown.children[0];
+    });
     this.plumes = Array.from({ length: data.plumes.count }, () => this.put("plumes", plume(COLOURS.plume)));
     if (data.pale) this.fade();
   }
@@ -85,42 +137,6 @@ export class Run {
     return object;
   }
 
-  addBodies() {
-    this.ghosts = [];
-    this.nodes = this.data.nodes.map((node, k) => {
-      const group = new THREE.Group();
-      for (const mesh of surfaces(node.solids, this.scale)) group.add(mesh);
-      this.root.add(group);
-      if (node.base) {
-        const ghost = this.put("ghosts", ghostOf(node, this.scale), 2);
-        setPose(ghost, this.poses.subarray(7 * k, 7 * k + 7));
-        this.ghosts.push([ghost, k]);
-        const axes = triad(0.06 * this.scale);
-        this.layers.frames.push(axes);
-        group.add(axes);
-      }
-      return group;
-    });
-  }
-
-  addPaths() {
-    const thin = 0.0011 * this.scale, thick = 0.0021 * this.scale;
-    this.growing = [];
-    this.paths = [];
-    this.data.references.forEach((_, k) => {
-      this.path("reference", () => floats(this.data.references[k]), thin, overlay(COLOURS.reference, 0.75), 10);
-    });
-    const count = this.data.tip_names.length;
-    this.tipBalls = this.data.tip_names.map((_, k) => {
-      const colour = tipColour(k);
-      this.grow(() => this.column(this.tips, count, k), thick, colour, 12);
-      return this.put("mates", ball(0.0052 * this.scale, colour, 21));
-    });
-    if (this.data.target) {
-      this.grow(() => floats(this.data.target), thick, COLOURS.target, 11);
-    }
-  }
-
   // A path that grows with time.
   grow(points, radius, colour, order) {
     const path = this.path("traces", points, radius, overlay(colour, 1), order);
@@ -133,39 +149,6 @@ export class Run {
     const mesh = this.put(layer, tube(points(), radius, material), order);
     this.paths.push({ mesh, points, radius });
     return mesh;
-  }
-
-  addGrips() {
-    const grips = this.data.grasp_tips;
-    this.arrows = grips.map(() => this.put("forces", arrow(0.0028 * this.scale, COLOURS.force)));
-    this.mateBalls = grips.map(() => this.put("mates", ball(0.0072 * this.scale, COLOURS.mate, 20)));
-    this.flashes = grips.map((tip) => this.tipBalls[tip].add(ball(0.0052 * this.scale, COLOURS.mate, 19)).children.at(-1));
-    const struck = this.data.grips.impulses.length > 0 ? grips : [];
-    this.impulseArrows = struck.map(() => this.put("impulses", arrow(0.0028 * this.scale, COLOURS.impulse)));
-    const touches = Array.from({ length: this.data.contacts.count });
-    this.contactArrows = touches.map(() => this.put("contacts", arrow(0.0028 * this.scale, COLOURS.contact)));
-  }
-
-  // Centres of mass of bodies and, last, of all together; momenta at them.
-  addMasses() {
-    const { count } = this.data.masses;
-    this.centreBalls = Array.from({ length: count }, (_, k) => (
-      this.put("centres", ball(0.006 * this.scale, k === count - 1 ? "#ffffff" : COLOURS.centre, 22))
-    ));
-    this.momentumArrows = this.centreBalls.map(() => this.put("momenta", arrow(0.0028 * this.scale, COLOURS.momentum)));
-  }
-
-  // Reaction wheels are seen through their base, each beside its middle along its axis.
-  addWheels() {
-    const { nodes, axes } = this.data.wheels, radius = 0.026 * this.scale, up = new THREE.Vector3(0, 0, 1);
-    this.wheels = axes.map((axis, k) => {
-      const base = this.nodes[nodes[k]], shown = flywheel(radius), along = new THREE.Vector3(...axis);
-      boxesOf(base).box.getCenter(shown.position).addScaledVector(along, 2.2 * radius);
-      shown.quaternion.setFromUnitVectors(up, along);
-      this.layers.wheels.push(shown);
-      base.add(shown);
-      return shown.children[0];
-    });
   }
 
   column(values, count, k) {

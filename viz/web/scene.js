@@ -29,10 +29,6 @@ export class Scene {
     this.over = this.near = false;
     this.followed = "";
     this.time = 0;
-    this.light();
-  }
-
-  light() {
     for (const name of ["PointLightNegativeX", "PointLightPositiveX", "FillLight", "SpotLight", "AmbientLight"]) this.viewer.delete_path(["Lights", name]);
     for (const name of ["Grid", "Axes"]) this.viewer.set_property([name], "visible", false);
     this.space = new Space(this.viewer);

@@ -58,16 +58,12 @@ const MARGIN = 3e-5;
 // Boxes, spheres and cylinders are closed and seen from outside alone; a mesh may be open, or wound either way.
 const CLOSED = ["box", "sphere", "cylinder"];
 
-// Sides of a circle that is such a share of the scene: as many as make it look round.
-function sidesOf(share) {
-  return Math.round(Math.min(32, Math.max(8, 200 * Math.sqrt(share))));
-}
-
 // ``scale``: the scene's size, m.
 function solidGeometry({ kind, size, mesh }, scale) {
   if (kind === "mesh") return meshes[mesh];
   if (kind === "box") return new THREE.BoxGeometry(...size);
-  const sides = sidesOf(size[0] / scale);
+  // as many sides of a circle as make it look round
+  const sides = Math.round(Math.min(32, Math.max(8, 200 * Math.sqrt(size[0] / scale))));
   if (kind === "sphere") return new THREE.SphereGeometry(size[0], sides, Math.round(0.6 * sides));
   if (kind === "cone") return new THREE.CylinderGeometry(size[1], size[0], size[2], 32, 1, true).rotateX(Math.PI / 2);
   // a URDF's cylinder lies along z, Three's along y

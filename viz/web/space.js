@@ -30,7 +30,7 @@ export class Space {
     this.planet = planet && { radius: planet.radius, distance: floats(planet.distance), angle: floats(planet.angle) };
     this.earth = this.planet && earth(this.planet);
     if (this.earth) this.sky.add(this.earth);
-    const [x, y, z] = planar ? [-0.5, -0.75, 1] : turned(towards, -0.75);
+    const [x, y, z] = planar ? [-0.5, -0.75, 1] : new THREE.Vector3(...towards).applyAxisAngle(new THREE.Vector3(0, 0, 1), -0.75).toArray();
     this.direction = new THREE.Vector3(x, y, planar ? z : Math.max(0.55, z + 0.35)).normalize();
     if (this.planet) this.direction.addScaledVector(this.nadir(0), -Math.max(0, this.direction.dot(this.nadir(0)) + 0.45)).normalize();
     const { shadow } = this.sun, half = 0.62 * scale;
@@ -73,12 +73,6 @@ export class Space {
     this.sky.position.copy(this.sky.parent.worldToLocal(camera.getWorldPosition(new THREE.Vector3())));
     this.sky.scale.setScalar(FAR * camera.far);
   }
-}
-
-// About the vertical, rad.
-function turned([x, y, z], angle) {
-  const [c, s] = [Math.cos(angle), Math.sin(angle)];
-  return [c * x - s * y, s * x + c * y, z];
 }
 
 function stars() {

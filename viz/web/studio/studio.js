@@ -176,8 +176,10 @@ export class Studio {
   status() {
     const known = this.rollouts.known(this.designs?.now);
     if (known?.message) this.say(`This design has no result: ${known.message} The previous motion remains.`);
-    else if (known) this.say(known.words || `rolled out in ${lasted(known.seconds.rollout)}`);
-    else this.say("rolling out", true);
+    else if (known) {
+      const { seconds: { rollout } } = known, lasted = rollout < 1 ? `${digits(1e3 * rollout)} ms` : `${digits(rollout)} s`;
+      this.say(known.words || `rolled out in ${lasted}`);
+    } else this.say("rolling out", true);
   }
 
   say(text, busy = false) {
@@ -310,8 +312,4 @@ export class Studio {
     if (wanted.has("set")) this.designs.take(Designs.plain(parsed(wanted.get("set"))));
     this.lay();
   }
-}
-
-function lasted(seconds) {
-  return seconds < 1 ? `${digits(1e3 * seconds)} ms` : `${digits(seconds)} s`;
 }
