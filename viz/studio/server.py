@@ -72,10 +72,6 @@ class Studio(Loopback):
         given = {"server": self}
         return [(r"/", _StudioPage, given), (r"/studio", _Connection, given)]
 
-    def knows(self, token: str) -> bool:
-        """Whether a token is the studio's."""
-        return hmac.compare_digest(token.encode(), self.token.encode())
-
     def later(self, call: Callable[[], None]) -> None:
         """Call something in the server's thread."""
         if self._thread.is_alive():
@@ -85,15 +81,6 @@ class Studio(Loopback):
         """Stop serving and working; pages keep what they have."""
         self.session.close()
         super().close()
-
-    def payload(self) -> dict[str, Any]:
-        """Initial data of the page."""
-        return {
-            "title": self.session.origin.scene.scenario.name,
-            "about": "connecting",
-            "runs": [],
-            "studio": True,
-        }
 
 
 def studio(scene: Scene, *, folder: StrPath = FOLDER, port: int = FIRST_PORT) -> Studio:
@@ -123,7 +110,8 @@ class _TokenHolder(LocalRequestHandler):
 
     def prepare(self) -> None:
         super().prepare()
-        if not self.server.knows(self.get_query_argument("token", "")):
+        token = self.get_query_argument("token", "")
+        if not hmac.compare_digest(token.encode(), self.server.token.encode()):
             raise tornado.web.HTTPError(403)
 
 
@@ -131,7 +119,9 @@ class _StudioPage(_TokenHolder):
     def get(self) -> None:
         self.set_header("Cache-Control", "no-store")
         self.set_header("Referrer-Policy", "no-referrer")
-        self.write(page(self.server.payload(), connect=f"ws://{self.request.host}"))
+        title = self.server.session.origin.scene.scenario.name
+        waiting = {"title": title, "about": "connecting", "runs": [], "studio": True}
+        self.write(page(waiting, connect=f"ws://{self.request.host}"))
 
 
 class Peer:
