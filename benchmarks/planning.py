@@ -240,14 +240,13 @@ class Shooting:
         nx, nu = len(problem.fixed), stage.u.numel()
         wide = nx + nu
         self.size = wide * (count + 1)
-        pair, step, goal, held = _one(problem, first.duration_s / count)
         w = ca.MX.sym("w", self.size)
         # unknowns of each interval's ends (count, 2 wide)
         places = np.arange(count)[:, None] * wide + np.arange(2 * wide)
         pairs = ca.reshape(w[places.ravel().tolist()], 2 * wide, count)
-        blocks = _Blocks(pair, step, goal, held, count)
-        self.operations = blocks.operations
-        problem_of, options = blocks.program(w, pairs)
+        problem_of, options, self.operations = _program(
+            _one(problem, first.duration_s / count), count, w, pairs
+        )
         own = np.r_[0:nx, nx + stage.a.numel() : stage.z.numel()]
         self._own, guessed = own, first.z[:, own].ravel()
         kinds = {
@@ -289,81 +288,58 @@ class Shooting:
         )
 
 
-class _Blocks:
-    """Rows of one interval and of the end, with derivatives, put together for all intervals."""
+def _program(
+    parts: tuple[ca.SX, ca.SX, ca.SX, tuple[list[ca.SX], list[ca.SX]]], count: int, w: ca.MX, pairs: ca.MX
+) -> tuple[dict[str, ca.MX], dict[str, Any], int]:
+    """Program of all intervals in the form of CasADi's interface to IPOPT, its options, and its operations.
 
-    def __init__(
-        self, pair: ca.SX, step: ca.SX, goal: ca.SX, held: tuple[list[ca.SX], list[ca.SX]], count: int
-    ) -> None:
-        def function(name: str, given: list[ca.SX], found: ca.SX) -> ca.Function:
-            """A function of both ends, with what is held constant in its derivatives put in."""
-            return ca.Function(name, given, ca.substitute([ca.densify(found)], *held), {"cse": True})
+    ``parts`` are what :func:`_one` returns; the operations are those of the second derivatives of one step.
+    """
+    pair, step_rows, goal_rows, held = parts
 
-        self._count, self._wide = count, pair.numel() // 2
-        self._size, self._inner, self._goals = self._wide * (count + 1), step.numel() - 1, goal.numel()
-        weights, ends = ca.SX.sym("weights", step.numel()), ca.SX.sym("ends", goal.numel())
-        self._parts = {}
-        gradient = ca.densify(ca.jacobian(step[-1], pair))
-        self._gradient = function("step_gradient", [pair], gradient)
-        for name, rows_of, by in (("step", step, weights), ("goal", goal, ends)):
-            slopes, bends = ca.jacobian(rows_of, pair), ca.triu(ca.hessian(ca.dot(by, rows_of), pair)[0])
-            self._parts[name] = (
-                function(name, [pair], rows_of),
-                function(f"{name}_slopes", [pair], slopes.nz[:]),
-                function(f"{name}_bends", [pair, by], bends.nz[:]),
-                [np.array(k) for k in slopes.sparsity().get_triplet()],
-                [np.array(k) for k in bends.sparsity().get_triplet()],
-            )
+    def function(name: str, given: list[ca.SX], found: ca.SX) -> ca.Function:
+        """A function of both ends, with what is held constant in its derivatives put in."""
+        return ca.Function(name, given, ca.substitute([ca.densify(found)], *held), {"cse": True})
 
-    @property
-    def operations(self) -> int:
-        """Of the second derivatives of one step."""
-        return int(self._parts["step"][2].n_instructions())
-
-    def program(self, w: ca.MX, pairs: ca.MX) -> tuple[dict[str, ca.MX], dict[str, Any]]:
-        """Program in the form of CasADi's interface to IPOPT."""
-        (step, slopes, bends, at, bent), (goal, ends, end_bends, end_at, end_bent) = self._parts.values()
-        count, inner, goals, n = self._count, self._inner, self._goals, np.arange(self._count)[:, None]
-        last, shift, end_shift = pairs[:, -1], n * self._wide, (count - 1) * self._wide
-        found = step.map(count)(pairs)
-        f, g = ca.sum2(found[inner, :]), ca.vertcat(ca.vec(found[:inner, :]), goal(last))
-        by_pair = slopes.map(count)(pairs)
-        others = np.flatnonzero(at[0] < inner).tolist()
-        own = np.arange(2 * self._wide)
-        of_cost = self._gradient.map(count)(pairs)
-        gradient = _summed([(0 * n + 0 * own, shift + own)], (1, self._size), ca.vec(of_cost)).T
-        jacobian = _summed(
-            [
-                (n * inner + at[0][others], shift + at[1][others]),
-                (count * inner + end_at[0], end_shift + end_at[1]),
-            ],
-            (g.numel(), self._size),
-            ca.vertcat(ca.vec(by_pair[others, :]), ends(last)),
-        )
-        factor, multipliers = ca.MX.sym("factor"), ca.MX.sym("multipliers", g.numel())
-        held = ca.reshape(multipliers[: count * inner], inner, count)
-        weighed = bends.map(count)(pairs, ca.vertcat(held, ca.repmat(factor, 1, count)))
-        hessian = _summed(
-            [(shift + bent[0], shift + bent[1]), (end_shift + end_bent[0], end_shift + end_bent[1])],
-            (self._size, self._size),
-            ca.vertcat(ca.vec(weighed), end_bends(last, multipliers[-goals:])),
-        )
-        p = ca.MX.sym("p", 0)
-        options = {
-            "grad_f": ca.Function("grad_f", [w, p], [f, ca.densify(gradient)], ["x", "p"], ["f", "grad_f_x"]),
-            "jac_g": ca.Function("jac_g", [w, p], [g, jacobian], ["x", "p"], ["g", "jac_g_x"]),
-            "hess_lag": ca.Function(
-                "hess_lag",
-                [w, p, factor, multipliers],
-                [hessian],
-                ["x", "p", "lam_f", "lam_g"],
-                ["triu_hess_gamma_x_x"],
-            ),
-            "no_nlp_grad": True,
-            "print_time": False,
-            "record_time": True,
-        }
-        return {"x": w, "p": p, "f": f, "g": g}, options
+    wide, inner, goals = pair.numel() // 2, step_rows.numel() - 1, goal_rows.numel()
+    size, n = wide * (count + 1), np.arange(count)[:, None]
+    cost_slopes = function("step_gradient", [pair], ca.densify(ca.jacobian(step_rows[-1], pair)))
+    found = []
+    for name, rows_of in (("step", step_rows), ("goal", goal_rows)):
+        by = ca.SX.sym("weights", rows_of.numel())
+        slopes, bends = ca.jacobian(rows_of, pair), ca.triu(ca.hessian(ca.dot(by, rows_of), pair)[0])
+        found += [function(name, [pair], rows_of), function(f"{name}_slopes", [pair], slopes.nz[:])]
+        found.append(function(f"{name}_bends", [pair, by], bends.nz[:]))
+        found += [[np.array(k) for k in each.sparsity().get_triplet()] for each in (slopes, bends)]
+    step, slopes_of, bends_of, at, bent, goal, ends, end_bends, end_at, end_bent = found
+    last, shift, end_shift = pairs[:, -1], n * wide, (count - 1) * wide
+    values = step.map(count)(pairs)
+    f, g = ca.sum2(values[inner, :]), ca.vertcat(ca.vec(values[:inner, :]), goal(last))
+    by_pair = slopes_of.map(count)(pairs)
+    others = np.flatnonzero(at[0] < inner).tolist()
+    own = np.arange(2 * wide)
+    of_cost = cost_slopes.map(count)(pairs)
+    gradient = _summed([(0 * n + 0 * own, shift + own)], (1, size), ca.vec(of_cost)).T
+    places = [(n * inner + at[0][others], shift + at[1][others])]
+    places.append((count * inner + end_at[0], end_shift + end_at[1]))
+    nonzeros = ca.vertcat(ca.vec(by_pair[others, :]), ends(last))
+    jacobian = _summed(places, (g.numel(), size), nonzeros)
+    factor, multipliers = ca.MX.sym("factor"), ca.MX.sym("multipliers", g.numel())
+    weights = ca.vertcat(ca.reshape(multipliers[: count * inner], inner, count), ca.repmat(factor, 1, count))
+    nonzeros = ca.vertcat(ca.vec(bends_of.map(count)(pairs, weights)), end_bends(last, multipliers[-goals:]))
+    places = [(shift + bent[0], shift + bent[1]), (end_shift + end_bent[0], end_shift + end_bent[1])]
+    hessian, p = _summed(places, (size, size), nonzeros), ca.MX.sym("p", 0)
+    given = [w, p, factor, multipliers]
+    names = ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]
+    options = {
+        "grad_f": ca.Function("grad_f", [w, p], [f, ca.densify(gradient)], ["x", "p"], ["f", "grad_f_x"]),
+        "jac_g": ca.Function("jac_g", [w, p], [g, jacobian], ["x", "p"], ["g", "jac_g_x"]),
+        "hess_lag": ca.Function("hess_lag", given, [hessian], *names),
+        "no_nlp_grad": True,
+        "print_time": False,
+        "record_time": True,
+    }
+    return {"x": w, "p": p, "f": f, "g": g}, options, int(bends_of.n_instructions())
 
 
 def _one(
