@@ -388,10 +388,8 @@ def _one(
 
 def _summed(places: list[tuple[Any, Any]], shape: tuple[int, int], values: ca.MX) -> ca.MX:
     """Sparse matrix of entries, those in the same place summed."""
-    where = [tuple(np.ravel(k) for k in np.broadcast_arrays(*place)) for place in places]
-    at, columns = (np.concatenate(side) for side in zip(*where, strict=True))
-    sums = SparseSums.of(at, columns, shape)
-    matrix, given = sums.matrix, len(at)
+    sums = SparseSums.of([np.broadcast_arrays(*place) for place in places], shape)
+    matrix, given = sums.matrix, len(sums.place)
     adding = ca.Sparsity.triplet(matrix.nnz, given, sums.place.tolist(), list(range(given)))
     pattern = ca.Sparsity(*shape, matrix.indptr.tolist(), matrix.indices.tolist())
     return ca.MX(pattern, ca.mtimes(ca.DM(adding, 1.0), values))
