@@ -119,11 +119,23 @@ LARGE = (
     "tests/cli/",
     "tests/contacts/",
     "tests/docs/",
+    *(
+        f"tests/elements/test_{name}.py"
+        for name in (
+            "attitude_filter",
+            "inertia_filter",
+            "joint_failure",
+            "sampling",
+            "sensor_errors",
+            "transmissions",
+        )
+    ),
     "tests/pinocchio_engine/",
     "tests/result/",
     "tests/rollout/test_edges.py",
     "tests/rollout/test_event_gradients.py",
     "tests/rollout/test_events.py",
+    "tests/scene/",
     "tests/viz/",
 )
 """Where few rollouts take less time than to optimise their code."""
