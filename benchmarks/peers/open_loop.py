@@ -7,7 +7,6 @@ from typing import ClassVar, Literal
 import casadi as ca
 
 from spacerobot.elements import Contribution, RobotContext, register
-from spacerobot.elements.base_control import reduced
 from spacerobot.elements.contribution import ControlChannel
 from spacerobot.elements.controller import RobotController
 from spacerobot.elements.robot_element import Part
@@ -40,6 +39,6 @@ class ConstantBaseTorque(RobotController):
         turning = plant.jacobian(robot.base_frame)[3:, :].T
         command = ca.mtimes(plant.placement(robot.base_frame)[0], robot.context.vector("torque"))
         sense = ca.SX(plant.v.size1(), 3)
-        drive = reduced(robot, turning)
+        drive = plant.reduced(turning)
         channel = ControlChannel(robot.name, turning, drive, sense, command, None, moves_tip=False)
         return Contribution(channels=(channel,))

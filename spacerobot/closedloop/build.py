@@ -180,6 +180,25 @@ def _assemble(builder: LoopBuilder, found: EvaluatedLoop) -> ClosedLoop:
     arguments = {"t": context.time, "x": x, "c": c}
     unit = ca.densify(ca.vertcat(normalise(model, q), v, z))
     setup = {"x0": ca.densify(beginning), "c": ca.densify(constants.expressions)}
+    places, names = constants.switches, list(constants.switches)
+    rate, which = ca.SX.sym("xdot", x.size1()), ca.SX.sym("e")
+    values, slopes = guards_of(acting.events, context.time, x, rate)
+    guards = {
+        "g": ca.densify(values),
+        "rate": ca.densify(slopes),
+        "speed": ca.densify(speeds_of(acting.events)),
+    }
+    after = {"x_after": ca.densify(update_of(plant, acting, which))}
+    functions = _functions(
+        setup=({"p": parameters.symbols}, setup),
+        dynamics=(arguments, {"xdot": ca.densify(rates)}),
+        normalise=({"x": x}, {"x_unit": unit}),
+        outputs=(arguments, found.outputs),
+        gaps=({"p": parameters.symbols}, {"gap": ca.densify(gaps)}),
+        rows=(arguments, {"row": ca.densify(constants.cursors)}),
+        guards=({**arguments, "xdot": rate}, guards),
+        update=({**arguments, "e": which}, after),
+    )
     return ClosedLoop(
         parameter_paths=parameters.paths,
         parameter_values=parameters.values,
@@ -187,45 +206,31 @@ def _assemble(builder: LoopBuilder, found: EvaluatedLoop) -> ClosedLoop:
         nq=model.nq,
         nv=model.nv,
         nz=z.size1(),
-        setup=_function("setup", {"p": parameters.symbols}, setup),
-        dynamics=_function("dynamics", arguments, {"xdot": ca.densify(rates)}),
-        normalise=_function("normalise", {"x": x}, {"x_unit": unit}),
-        outputs=_function("outputs", arguments, found.outputs),
         variables=found.variables,
-        gaps=_function("gaps", {"p": parameters.symbols}, {"gap": ca.densify(gaps)}),
         max_gaps={grasp.path: grasp.config.max_gap for grasp in grasps},
         noise=tuple(constants.noise),
         works={work.name: 1 if work.sign == "in" else -1 for work in found.works},
         outside=unbooked(builder.scene),
         jumps=constants.jumps,
         tables=constants.tables,
-        rows=_function("rows", arguments, {"row": ca.densify(constants.cursors)}),
-        **_hybrid(builder, acting, arguments),
+        switches=tuple(places.values()),
+        switch_names=tuple(names),
+        events=rules_of(acting.events, names),
+        fine=tuple((names.index(switch.name()), begin, end) for switch, begin, end in acting.fine),
+        **functions,
     )
 
 
-def _hybrid(builder: LoopBuilder, acting: Contribution, arguments: Mapping[str, ca.SX]) -> dict[str, Any]:
-    """Switches, event rules and event functions of the closed loop, as keyword arguments."""
-    places, events = builder.context.constants.switches, acting.events
-    rate, which = ca.SX.sym("xdot", arguments["x"].size1()), ca.SX.sym("e")
-    values, rates = guards_of(events, arguments["t"], arguments["x"], rate)
-    updated = update_of(builder.plant, acting, which)
-    names = list(places)
-    guards = {"g": ca.densify(values), "rate": ca.densify(rates), "speed": ca.densify(speeds_of(events))}
+def _functions(**described: tuple[Mapping[str, ca.SX], Mapping[str, ca.SX]]) -> dict[str, Any]:
+    """Functions of (inputs, outputs), common subexpressions shared.
+
+    These are looked for once in all of them: outputs and guards repeat most of the dynamics.
+    """
+    shared = iter(ca.cse([value for _, outputs in described.values() for value in outputs.values()]))
     return {
-        "switches": tuple(places.values()),
-        "switch_names": tuple(names),
-        "events": rules_of(events, names),
-        "guards": _function("guards", {**arguments, "xdot": rate}, guards),
-        "update": _function("update", {**arguments, "e": which}, {"x_after": ca.densify(updated)}),
-        "fine": tuple((names.index(switch.name()), *steps) for switch, *steps in acting.fine),
+        name: ca.Function(name, [*inputs.values()], [next(shared) for _ in outputs], [*inputs], [*outputs])
+        for name, (inputs, outputs) in described.items()
     }
-
-
-def _function(name: str, inputs: Mapping[str, ca.SX], outputs: Mapping[str, ca.SX]) -> ca.Function:
-    """Named function with common subexpressions shared."""
-    shared = ca.cse(list(outputs.values()))
-    return ca.Function(name, list(inputs.values()), shared, list(inputs), list(outputs))
 
 
 def state_names(model: Any, states: Sequence[State]) -> tuple[str, ...]:

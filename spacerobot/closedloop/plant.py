@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from spacerobot.dynamics import ArticulatedBody, Inertias, forward_kinematics
 from spacerobot.dynamics.joints import sparse
+from spacerobot.dynamics.recorded import recorded
 from spacerobot.scene import Scene
 from spacerobot.scene.model import lent
 from spacerobot.symbolic import Constants, Parameters, Plant
@@ -104,5 +105,10 @@ def _link_moments(parameters: Parameters, path: str, placement: Any) -> tuple[ca
         xx, yy, zz, xy, xz, yz = (scale * entry for entry in (xx, yy, zz, xy, xz, yz))
     about_com = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
     turned = ca.mtimes(rotation, ca.mtimes(about_com, rotation.T))
-    steiner = mass * (ca.dot(com, com) * ca.SX.eye(3) - ca.mtimes(com, com.T))
-    return mass, mass * com, turned + steiner
+    return mass, mass * com, turned + _steiner(mass, com)
+
+
+@recorded((1, 1), (3, 1))
+def _steiner(mass: ca.SX, com: ca.SX) -> ca.SX:
+    """Share of the parallel-axis theorem in an inertia, kg m^2, 3x3."""
+    return mass * (ca.dot(com, com) * ca.SX.eye(3) - ca.mtimes(com, com.T))

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import casadi as ca
 
+from spacerobot.dynamics.recorded import recorded
+
 ZERO3 = ca.SX(3, 1)
 """The structurally zero vector."""
 
@@ -52,6 +54,11 @@ def rotate_symmetric(rotation: ca.SX, matrix: ca.SX) -> ca.SX:
     """
     if rotation.nnz() <= 5:
         return mirror(rotate_square(rotation, matrix))
+    return _rotate_symmetric(rotation, matrix)
+
+
+@recorded((3, 3), (3, 3))
+def _rotate_symmetric(rotation: ca.SX, matrix: ca.SX) -> ca.SX:
     kept = matrix[2, 2] * IDENTITY3
     rest = matrix - kept
     rest = ca.vertcat(rest[:2, :], ca.horzcat(rest[2, :2], ca.SX(1, 1)))
@@ -68,6 +75,12 @@ def rotate_square(rotation: ca.SX, matrix: ca.SX) -> ca.SX:
     if rotation.nnz() == 3 or rotation.nnz() > 5:
         return ca.mtimes(rotation, ca.mtimes(matrix, rotation.T))
     k, cosine, sine, relabel = _split_turn(rotation)
+    return _turn_square(cosine, sine, relabel, matrix, k=k)
+
+
+@recorded((1, 1), (1, 1), (3, 3), (3, 3))
+def _turn_square(cosine: ca.SX, sine: ca.SX, relabel: ca.SX, matrix: ca.SX, *, k: int) -> ca.SX:
+    """Q A Q^T turned about axis k."""
     a = ca.mtimes(relabel, ca.mtimes(matrix, relabel.T))
     i, j = (k + 1) % 3, (k + 2) % 3
     across = cosine * (a[i, i] - a[j, j]) - sine * (a[i, j] + a[j, i])
@@ -89,9 +102,9 @@ def rotate_square(rotation: ca.SX, matrix: ca.SX) -> ca.SX:
 
 def _split_turn(rotation: ca.SX) -> tuple[int, ca.SX, ca.SX, ca.SX]:
     """Axis index, cosine, sine and signed permutation of a rotation with five structural entries."""
-    pattern = [[rotation[i, j].nnz() for j in range(3)] for i in range(3)]
+    pattern = [[rotation.has_nz(i, j) for j in range(3)] for i in range(3)]
     k = next(i for i in range(3) if sum(pattern[i]) == 1)
-    column = pattern[k].index(1)
+    column = pattern[k].index(True)
     i, j = (k + 1) % 3, (k + 2) % 3
     sign = float(rotation[k, column])
     # Q takes `column` to k with that sign; the order of the other two makes Q a proper rotation.
@@ -103,12 +116,14 @@ def _split_turn(rotation: ca.SX) -> tuple[int, ca.SX, ca.SX, ca.SX]:
     return k, rotation[i, first], rotation[j, first], relabel
 
 
+@recorded((3, 1))
 def skew(vector: ca.SX) -> ca.SX:
     """Matrix of the vector product, ``skew(a) b = a x b``, 3x3, sparse."""
     x, y, z, zero = vector[0], vector[1], vector[2], ca.SX(1, 1)
     return ca.vertcat(ca.horzcat(zero, -z, y), ca.horzcat(z, zero, -x), ca.horzcat(-y, x, zero))
 
 
+@recorded((3, 3), (3, 1))
 def velocity_gradient(products: ca.SX, acceleration: ca.SX) -> ca.SX:
     """Acceleration of a rigid body's points relative to its origin, per unit of distance.
 
@@ -131,6 +146,7 @@ def velocity_gradient(products: ca.SX, acceleration: ca.SX) -> ca.SX:
     return ca.sparsify(products + square * IDENTITY3) + skew(acceleration)
 
 
+@recorded((3, 3), (3, 3), (3, 3), (3, 1))
 def inertia_torque(rotational: ca.SX, products: ca.SX, gradient: ca.SX, acceleration: ca.SX) -> ca.SX:
     """Euler's torque ``I alpha + omega x I omega``, N m, 3x1, from the products the gradient is made of.
 

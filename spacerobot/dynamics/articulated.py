@@ -35,20 +35,21 @@ from spacerobot.dynamics.inertias import Inertias, sparse_rotor_inertia
 from spacerobot.dynamics.joints import sparse
 from spacerobot.dynamics.kinematics import Kinematics
 from spacerobot.dynamics.local_motion import LocalMotion
+from spacerobot.dynamics.recorded import recorded
 
 
 @dataclass(frozen=True)
 class Wrench:
-    """A force and a couple applied to a joint's body, world axes.
+    """A force and a couple applied to a joint's body, or n of them in turn, world axes.
 
     Attributes
     ----------
     joint_id
         The body's joint; a wrench on the universe (0) does nothing.
     force
-        N, 3x1, acting at ``point``.
+        N, 3xn, acting at ``point``.
     torque
-        N m, 3x1, in addition to the force's own moment.
+        N m, 3xn, in addition to the force's own moment.
     point
         World position of the point of attack, m, 3x1.
     """
@@ -142,39 +143,47 @@ class ArticulatedBody:
     def reduced(
         self, tau: ca.SX | None = None, wrenches: Iterable[Wrench] = (), *, moving: bool = False
     ) -> ca.SX:
-        """Loads reduced by a backward sweep: ``N (tau + sum J^T f)``, nv, structurally zero off their paths.
+        """Loads reduced by a backward sweep: ``N (tau + sum J^T f)``, structurally zero off their paths.
+
+        One sweep reduces any number n of load cases, the columns of the result (nvxn).
 
         Parameters
         ----------
         tau
-            Generalised force in velocity coordinates, nv; may be sparse.
+            Generalised force in velocity coordinates, nvxn; may be sparse.
         wrenches
             Applied forces and couples.
         moving
-            Whether the model's gravity and the inertia forces at its velocity count among the loads.
+            Whether the model's gravity and the inertia forces at its velocity count among the loads; n is 1.
         """
-        loads = applied_loads(self.model, self.kinematics, wrenches)
+        wrenches = tuple(wrenches)
+        cases = load_cases(tau, wrenches)
+        loads = applied_loads(self.model, self.kinematics, wrenches, cases)
         if moving:
             for joint in self.kinematics.joints:
                 motion, body = self.kinematics.local[joint.index], self.bodies[joint.index]
                 loads[joint.index] = loads[joint.index] - inertia_force(self.model, motion, body)
-        # Carry loads from the leaves to the roots; what drives each joint, reduced, nv.
-        efforts = ca.SX(self.model.nv, 1) if tau is None else tau
+        # Carry loads from the leaves to the roots; what drives each joint, reduced, nvxn.
+        efforts = ca.SX(self.model.nv, cases) if tau is None else tau
         reduced: list[ca.SX] = []
         for joint in reversed(self.kinematics.joints):
             index, elimination = joint.index, self.eliminations[joint.index - 1]
-            effort = ca.mtimes(elimination.turn, joint.rates(efforts))
+            effort = joint.rates(efforts)
+            if not (effort.nnz() or loads[index].nnz()):
+                reduced.append(effort)
+                continue
+            effort = ca.mtimes(elimination.turn, effort)
             drive = effort + ca.mtimes(elimination.axes.T, loads[index])
             reduced.append(elimination.factors.reduced(drive))
             if joint.parent:
-                # load that reaches the parent through the joint, 6x1
+                # load that reaches the parent through the joint, 6xn
                 passed = loads[index] + ca.mtimes(elimination.gain, drive)
                 if elimination.rows is not None:
                     # Along its own motion a joint passes on the reaction to its drive and nothing else.
-                    passed[list(elimination.rows)] = -effort
+                    passed[list(elimination.rows), :] = -effort
                 motion = self.kinematics.local[index]
-                force = motion.outward(passed[:3])
-                torque = motion.outward(passed[3:]) + cross(motion.arm, force)
+                force = motion.outward(passed[:3, :])
+                torque = motion.outward(passed[3:, :]) + cross_columns(motion.arm, force)
                 loads[joint.parent] = loads[joint.parent] + ca.vertcat(force, torque)
         return ca.vertcat(*reversed(reduced))
 
@@ -282,13 +291,21 @@ class ArticulatedBody:
         return self.motion(self.reduced(tau, wrenches, moving=True))
 
 
-def applied_loads(model: pinocchio.Model, kinematics: Kinematics, wrenches: Iterable[Wrench]) -> list[ca.SX]:
-    """Applied (force, torque about the joint origin) by joint, calculation axes, 6x1 each."""
-    loads = [ca.SX(6, 1)] * model.njoints
+def load_cases(tau: ca.SX | None, wrenches: Iterable[Wrench]) -> int:
+    """Number n of load cases that a generalised force and wrenches are given for."""
+    given = [wrench.force for wrench in wrenches] if tau is None else [tau]
+    return given[0].size2() if given else 1
+
+
+def applied_loads(
+    model: pinocchio.Model, kinematics: Kinematics, wrenches: Iterable[Wrench], cases: int = 1
+) -> list[ca.SX]:
+    """Applied (force, torque about the joint origin) by joint, calculation axes, 6xcases each."""
+    loads = [ca.SX(6, cases)] * model.njoints
     for wrench in wrenches:
         axes = kinematics.local[wrench.joint_id].axes
         lever = wrench.point - kinematics.origin[wrench.joint_id]
-        torque = wrench.torque + cross(lever, wrench.force)
+        torque = wrench.torque + cross_columns(lever, wrench.force)
         load = ca.vertcat(ca.mtimes(axes.T, wrench.force), ca.mtimes(axes.T, torque))
         loads[wrench.joint_id] = loads[wrench.joint_id] + load
     return loads
@@ -298,12 +315,16 @@ def inertia_force(model: pinocchio.Model, motion: LocalMotion, body: tuple[ca.SX
     """Wrench that a body's motion at zero joint acceleration takes, gravity's share removed, 6x1."""
     mass, moment, rotational = body
     gravity = ca.mtimes(motion.axes.T, sparse(model.gravity.linear))
-    felt = motion.velocity_bias - gravity
-    force = mass * felt + ca.mtimes(motion.gradient, moment)
     turning = inertia_torque(rotational, motion.products, motion.gradient, motion.spin_bias)
-    return ca.vertcat(force, cross(moment, felt) + turning)
+    return _inertia_force(mass, moment, motion.velocity_bias - gravity, motion.gradient, turning)
 
 
+@recorded((1, 1), (3, 1), (3, 1), (3, 3), (3, 1))
+def _inertia_force(mass: ca.SX, moment: ca.SX, felt: ca.SX, gradient: ca.SX, turning: ca.SX) -> ca.SX:
+    return ca.vertcat(mass * felt + ca.mtimes(gradient, moment), cross(moment, felt) + turning)
+
+
+@recorded((1, 1), (3, 1), (3, 3))
 def _rigid(mass: ca.SX, moment: ca.SX, rotational: ca.SX) -> ca.SX:
     """Spatial inertia of one body about its joint origin, 6x6."""
     coupling = -cross_columns(moment, ca.SX.eye(3))

@@ -11,6 +11,7 @@ import pinocchio
 from spacerobot.dynamics.algebra import IDENTITY3, ZERO3, ZERO33, mirror, rotate_symmetric
 from spacerobot.dynamics.joints import sparse
 from spacerobot.dynamics.kinematics import Kinematics
+from spacerobot.dynamics.recorded import recorded
 
 
 @dataclass(frozen=True)
@@ -100,6 +101,7 @@ def sparse_rotor_inertia(model: pinocchio.Model) -> ca.SX:
     return ca.SX(ca.sparsify(ca.DM(model.armature)))
 
 
+@recorded((1, 1), (3, 1), (3, 3), (3, 1))
 def shifted_inertia(mass: ca.SX, moment: ca.SX, rotational: ca.SX, arm: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Rigid-body inertia about a new origin; ``arm`` (m, 3x1) points from the new origin to the old one."""
     half = moment + 0.5 * mass * arm

@@ -6,6 +6,7 @@ free-flyer ``(x, y, z, qx, qy, qz, qw)``, and the velocity of both is expressed 
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
@@ -82,8 +83,8 @@ class JointModel:
         return q[self.idx_q : self.idx_q + self.nq]
 
     def rates(self, v: ca.SX) -> ca.SX:
-        """Own part of a vector in velocity coordinates (nv)."""
-        return v[self.idx_v : self.idx_v + self.nv]
+        """Own rows of vectors in velocity coordinates (nv x n)."""
+        return v[self.idx_v : self.idx_v + self.nv, :]
 
 
 def read_joints(model: pinocchio.Model) -> tuple[JointModel, ...]:
@@ -129,15 +130,24 @@ def exact_directions(matrix: npt.ArrayLike) -> ca.SX:
     """Sparse copy of unit directions with rounding noise about 0, 1 and -1 removed (see :data:`NOISE`)."""
     values = np.array(matrix, dtype=float)
     nearest = np.rint(values)
-    values = np.where(np.abs(values - nearest) < NOISE, nearest, values)
-    return ca.SX(ca.sparsify(ca.DM(values)))
+    return _constant(np.where(np.abs(values - nearest) < NOISE, nearest, values))
 
 
 def sparse(array: npt.ArrayLike) -> ca.SX:
     """Sparse copy of an array without entries below :data:`NOISE` of its largest one."""
     values = np.array(array, dtype=float)
     largest = np.max(np.abs(values), initial=0.0)
-    return ca.SX(ca.sparsify(ca.DM(np.where(np.abs(values) <= NOISE * largest, 0.0, values))))
+    return _constant(np.where(np.abs(values) <= NOISE * largest, 0.0, values))
+
+
+def _constant(values: Array) -> ca.SX:
+    return _known_constant(values.tobytes(), values.shape)
+
+
+@functools.lru_cache(maxsize=10_000)
+def _known_constant(entries: bytes, shape: tuple[int, ...]) -> ca.SX:
+    """Sparse constant, made once: a closed loop needs those of each joint and frame several times."""
+    return ca.SX(ca.sparsify(ca.DM(np.frombuffer(entries).reshape(shape))))
 
 
 def joint_rotation(joint: JointModel, coordinates: ca.SX) -> ca.SX:

@@ -16,6 +16,7 @@ import casadi as ca
 
 from spacerobot.dynamics.algebra import IDENTITY3, ZERO3, ZERO33, cross, mirror, velocity_gradient
 from spacerobot.dynamics.joints import JointKind, JointModel, joint_rotation, joint_translation
+from spacerobot.dynamics.recorded import recorded
 
 _TURNING = (JointKind.REVOLUTE, JointKind.UNBOUNDED, JointKind.PLANAR)
 _CARRIED = (JointKind.PLANAR, JointKind.FREE_FLYER)
@@ -123,17 +124,18 @@ def _step(joint: JointModel, parent: LocalMotion, q: ca.SX, v: ca.SX, bends: boo
     # A revolute or prismatic axis is the same before and after the joint moves; before is cheaper.
     basis = IDENTITY3 if adopt else (turned if joint.kind in _CARRIED else resting)
     linear, angular = ca.mtimes(basis, joint.linear), ca.mtimes(basis, joint.angular)
-    sliding, turning = ca.mtimes(linear, rates), ca.mtimes(angular, rates)
-
-    def inward(vector: ca.SX) -> ca.SX:
-        return vector if to_parent is None else ca.mtimes(to_parent.T, vector)
-
-    carrier = inward(parent.spin)
-    spin = carrier + turning
-    spin_bias = inward(parent.spin_bias) + cross(carrier, turning)
-    products = mirror(ca.mtimes(spin, spin.T))
-    # Coriolis: the columns of `linear` turn with the parent (prismatic) or with the joint itself.
-    swing = carrier + (spin if joint.kind in _CARRIED else carrier)
+    velocity, spin, velocity_bias, spin_bias, products, gradient = _motion(
+        IDENTITY3 if to_parent is None else to_parent,
+        parent.velocity,
+        parent.spin,
+        parent.velocity_bias,
+        parent.spin_bias,
+        parent.gradient,
+        arm,
+        ca.mtimes(linear, rates),
+        ca.mtimes(angular, rates),
+        carried=joint.kind in _CARRIED,
+    )
     return LocalMotion(
         axes=parent.axes if to_parent is None else ca.mtimes(parent.axes, to_parent),
         to_parent=to_parent,
@@ -141,12 +143,35 @@ def _step(joint: JointModel, parent: LocalMotion, q: ca.SX, v: ca.SX, bends: boo
         arm=arm,
         linear=linear,
         angular=angular,
-        velocity=inward(parent.velocity + cross(parent.spin, arm)) + sliding,
+        velocity=velocity,
         spin=spin,
-        velocity_bias=inward(parent.velocity_bias + ca.mtimes(parent.gradient, arm)) + cross(swing, sliding),
+        velocity_bias=velocity_bias,
         spin_bias=spin_bias,
         products=products,
-        gradient=velocity_gradient(products, spin_bias),
+        gradient=gradient,
+    )
+
+
+@recorded((3, 3), (3, 1), (3, 1), (3, 1), (3, 1), (3, 3), (3, 1), (3, 1), (3, 1))
+def _motion(to_parent: ca.SX, *given: ca.SX, carried: bool) -> tuple[ca.SX, ...]:
+    """The motion of a joint frame, velocity to gradient, from its parent's and its own by (q, v).
+
+    The columns of ``linear`` turn with the joint itself if it is carried along, else with the parent.
+    """
+    velocity, spin, velocity_bias, spin_bias, gradient, arm, sliding, turning = given
+    inward = to_parent.T
+    carrier = ca.mtimes(inward, spin)
+    own = carrier + turning
+    bias = ca.mtimes(inward, spin_bias) + cross(carrier, turning)
+    products = mirror(ca.mtimes(own, own.T))
+    swing = carrier + (own if carried else carrier)  # Coriolis
+    return (
+        ca.mtimes(inward, velocity + cross(spin, arm)) + sliding,
+        own,
+        ca.mtimes(inward, velocity_bias + ca.mtimes(gradient, arm)) + cross(swing, sliding),
+        bias,
+        products,
+        velocity_gradient(products, bias),
     )
 
 

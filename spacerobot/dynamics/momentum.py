@@ -10,6 +10,7 @@ import pinocchio
 from spacerobot.dynamics.algebra import ZERO3, cross
 from spacerobot.dynamics.inertias import Inertias, sparse_rotor_inertia
 from spacerobot.dynamics.kinematics import Kinematics
+from spacerobot.dynamics.recorded import recorded
 
 
 def subtree(model: pinocchio.Model, joint_id: int) -> tuple[int, ...]:
@@ -152,5 +153,12 @@ def _body_momentum(kinematics: Kinematics, inertias: Inertias, index: int) -> tu
     """Linear momentum, and angular momentum about the joint origin, of one body in its calculation axes."""
     motion = kinematics.local[index]
     mass, moment, rotational = inertias.rotated(motion.body, index)
-    linear = mass * motion.velocity + cross(motion.spin, moment)
-    return linear, cross(moment, motion.velocity) + ca.mtimes(rotational, motion.spin)
+    return _moved(mass, moment, rotational, motion.velocity, motion.spin)
+
+
+@recorded((1, 1), (3, 1), (3, 3), (3, 1), (3, 1))
+def _moved(
+    mass: ca.SX, moment: ca.SX, rotational: ca.SX, velocity: ca.SX, spin: ca.SX
+) -> tuple[ca.SX, ca.SX]:
+    linear = mass * velocity + cross(spin, moment)
+    return linear, cross(moment, velocity) + ca.mtimes(rotational, spin)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import casadi as ca
 
 from spacerobot.dynamics.algebra import IDENTITY3, cross, skew
+from spacerobot.dynamics.recorded import recorded
 
 __all__ = [
     "cross",
@@ -41,10 +42,14 @@ def turn(axis: ca.SX, cosine: ca.SX, sine: ca.SX) -> ca.SX:
     cosine, sine
         Of the angle, 1x1 each.
     """
-    if axis.nnz() == 1 and axis.is_constant():
+    return _turn(axis, cosine, sine, coordinate=axis.nnz() == 1 and axis.is_constant())
+
+
+@recorded((3, 1), (1, 1), (1, 1))
+def _turn(axis: ca.SX, cosine: ca.SX, sine: ca.SX, *, coordinate: bool) -> ca.SX:
+    if coordinate:
         along = ca.diag(axis * axis)  # 1 on the axis, whatever its sign
-        across = ca.SX(ca.sparsify(IDENTITY3 - along))
-        return along + cosine * across + sine * skew(axis)
+        return along + cosine * (IDENTITY3 - along) + sine * skew(axis)
     return (1 - cosine) * ca.mtimes(axis, axis.T) + cosine * IDENTITY3 + sine * skew(axis)
 
 
@@ -80,6 +85,11 @@ def rotation_exp(vector: ca.SX) -> ca.SX:
         axis = ca.SX(vector.sparsity(), 1)
         angle = ca.sum1(vector)
         return turn(axis, ca.cos(angle), ca.sin(angle))
+    return _rotation_exp(vector)
+
+
+@recorded((3, 1))
+def _rotation_exp(vector: ca.SX) -> ca.SX:
     square = ca.dot(vector, vector)
     near = square < _NEAR_ZERO
     angle = ca.sqrt(ca.if_else(near, 1, square))
@@ -109,10 +119,15 @@ def rotation_log(rotation: ca.SX) -> ca.SX:
     """
     for k in range(3):
         i, j = (k + 1) % 3, (k + 2) % 3
-        if not any(rotation[a, b].nnz() for a, b in ((i, k), (k, i), (j, k), (k, j))):
+        if not any(rotation.has_nz(a, b) for a, b in ((i, k), (k, i), (j, k), (k, j))):
             result = ca.SX(3, 1)
             result[k] = ca.atan2(rotation[j, i] - rotation[i, j], rotation[i, i] + rotation[j, j])
             return result
+    return _rotation_log(rotation)
+
+
+@recorded((3, 3))
+def _rotation_log(rotation: ca.SX) -> ca.SX:
     quaternion = _scaled_quaternion(rotation)
     vector, scalar = quaternion[:3], quaternion[3]
     square = ca.dot(vector, vector)
@@ -128,6 +143,7 @@ def rotation_log(rotation: ca.SX) -> ca.SX:
     return 2 * factor * vector
 
 
+@recorded((4, 1))
 def rotation_from_quaternion(quaternion: ca.SX) -> ca.SX:
     """Rotation of a unit quaternion ``(x, y, z, w)``, by Pinocchio's own formula, 3x3."""
     x, y, z, w = ca.vertsplit(quaternion)
@@ -148,6 +164,7 @@ def quaternion_from_rotation(rotation: ca.SX) -> ca.SX:
     return quaternion / ca.norm_2(quaternion)
 
 
+@recorded((3, 3))
 def _scaled_quaternion(rotation: ca.SX) -> ca.SX:
     """Quaternion times four times its largest entry, ``w >= 0``: linear in the rotation's entries."""
     R = rotation

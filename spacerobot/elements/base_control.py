@@ -86,7 +86,7 @@ def held(
             states.append(State(label, found, value, lag))
             command = command + part * states[-1].derivative
     actuation = actuation[:, axes]
-    drive = reduced(robot, actuation)
+    drive = robot.plant.reduced(actuation)
     channel = ControlChannel(robot.name, actuation, drive, sense, command, gain, moves_tip=False)
     called, unit, text = (
         ("base_attitude_error", "rad", "rotation vector from bases to the attitudes they shall have")
@@ -99,11 +99,6 @@ def held(
         channels=(channel,),
         outputs=() if brakes_only else (Output(called, error, unit, text, "body", robot.name),),
     )
-
-
-def reduced(robot: RobotContext, efforts: ca.SX) -> ca.SX:
-    """Generalized forces (nv x n), reduced."""
-    return ca.horzcat(*(robot.plant.reduced(effort) for effort in ca.horzsplit(efforts)))
 
 
 def resistance(robot: RobotContext, motions: ca.SX) -> ca.SX:

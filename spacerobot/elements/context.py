@@ -289,17 +289,14 @@ class TipContext:
         tuple
             Reduced generalized forces by the joints, and those by wrenches (nv x n each).
         """
-        point, by_arm, by_wrench = self.position, [], []
-        for axis in axes:
-            force, torque = unit_load(axis, rotation=rotation)
-            on_tip = Wrench(self.joint, force, torque, point)
-            if self.bends:
-                by_arm.append(self.plant.reduced(self.arm_jacobian[axis + 3 * rotation, :].T))
-            else:
-                back = Wrench(self.base_joint, -force, -torque, point)
-                by_arm.append(self.plant.reduced(wrenches=[on_tip, back]))
-            by_wrench.append(self.plant.reduced(wrenches=[on_tip]))
-        return ca.horzcat(*by_arm), ca.horzcat(*by_wrench)
+        force, torque = unit_loads(axes, rotation=rotation)
+        on_tip = Wrench(self.joint, force, torque, self.position)
+        by_wrench = self.plant.reduced(wrenches=[on_tip])
+        if self.bends:
+            rows = [axis + 3 * rotation for axis in axes]
+            return self.plant.reduced(self.arm_jacobian[rows, :].T), by_wrench
+        back = Wrench(self.base_joint, -force, -torque, self.position)
+        return self.plant.reduced(wrenches=[on_tip, back]), by_wrench
 
     def relative_drift(self, *, rotation: bool) -> ca.SX:
         """Rate (3x1), at zero joint acceleration, of the tip's velocity as seen from the base.
@@ -604,6 +601,10 @@ def joint_of(plant: Plant, frame: int) -> int:
 
 def unit_load(axis: int, *, rotation: bool) -> tuple[ca.SX, ca.SX]:
     """Unit force along a world axis and no couple, or no force and a unit couple about it (3x1 each)."""
-    unit, none = ca.SX(3, 1), ca.SX(3, 1)
-    unit[axis] = 1
-    return (none, unit) if rotation else (unit, none)
+    return unit_loads([axis], rotation=rotation)
+
+
+def unit_loads(axes: Sequence[int], *, rotation: bool) -> tuple[ca.SX, ca.SX]:
+    """The same for each of n axes (3xn each)."""
+    units, none = ca.SX.eye(3)[:, list(axes)], ca.SX(3, len(axes))
+    return (none, units) if rotation else (units, none)

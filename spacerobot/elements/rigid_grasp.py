@@ -47,7 +47,8 @@ class RigidGrasp(Grasp):
             drift.append((angular + 2 * rate * relative.spin + rate**2 * relative.twist)[about])
             slip.append(relative.spin[about])
             directions += [unit_load(axis, rotation=True) for axis in about]
-        loads = [plant.reduced(wrenches=grasp.opposite(-force, -torque)) for force, torque in directions]
+        force, torque = (ca.horzcat(*units) for units in zip(*directions, strict=True))
+        sense, slips = plant.reduced(wrenches=grasp.opposite(-force, -torque)), ca.vertcat(*slip)
 
         def answer(force: ca.SX, torque: ca.SX) -> Contribution:
             power = -ca.dot(force, relative.velocity) - ca.dot(torque, relative.spin)
@@ -56,6 +57,5 @@ class RigidGrasp(Grasp):
                 outputs=observed(grasp, relative, force, torque),
             )
 
-        sense, slips = ca.horzcat(*loads), ca.vertcat(*slip)
         constraint = AccelerationConstraint(tuple(directions), sense, ca.vertcat(*drift), slips, answer)
         return Contribution(constraints=(constraint,))

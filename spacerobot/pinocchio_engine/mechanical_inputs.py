@@ -19,7 +19,8 @@ from spacerobot.arrays import Array
 from spacerobot.closedloop.built_elements import LoopBuilder
 from spacerobot.closedloop.plant import joint_resistance
 from spacerobot.dynamics import Inertias, Kinematics, Wrench, configuration_derivative, forward_kinematics
-from spacerobot.dynamics.algebra import IDENTITY3, cross
+from spacerobot.dynamics.algebra import IDENTITY3, cross_columns
+from spacerobot.dynamics.articulated import load_cases
 from spacerobot.dynamics.joints import sparse
 from spacerobot.dynamics.kinematics import (
     frame_drift,
@@ -155,13 +156,13 @@ class InputPlant(Plant):
         return found[:3], found[3:]
 
     def reduced(self, torque: ca.SX | None = None, wrenches: Sequence[Wrench] = ()) -> ca.SX:
-        """Generalized forces of torques and wrenches (nv x 1): ``torque + sum J^T f``."""
-        total = ca.SX(self.v.size1(), 1) if torque is None else torque
+        """Generalized forces of torques and wrenches (nv x n): ``torque + sum J^T f``."""
+        total = ca.SX(self.v.size1(), load_cases(torque, wrenches)) if torque is None else torque
         for wrench in wrenches:
             if wrench.joint_id:
                 jacobian = _joint_jacobian(self.pattern, self.inputs, wrench.joint_id)
                 lever = wrench.point - self.kinematics.origin[wrench.joint_id]
-                load = ca.vertcat(wrench.force, wrench.torque + cross(lever, wrench.force))
+                load = ca.vertcat(wrench.force, wrench.torque + cross_columns(lever, wrench.force))
                 total = total + ca.mtimes(jacobian.T, load)
         return total
 

@@ -88,7 +88,7 @@ class Plant:
         return frame_drift(self.model, self.kinematics, frame)
 
     def reduced(self, torque: ca.SX | None = None, wrenches: Sequence[Wrench] = ()) -> ca.SX:
-        """Generalized forces and wrenches, reduced (nv x 1); see :mod:`spacerobot.dynamics.articulated`."""
+        """Generalized forces and wrenches, reduced (nv x n); see :mod:`spacerobot.dynamics.articulated`."""
         return self.articulated.reduced(torque, wrenches)
 
     def reduced_moving(self, torque: ca.SX, wrenches: Sequence[Wrench] = ()) -> ca.SX:

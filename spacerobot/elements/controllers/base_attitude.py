@@ -10,7 +10,7 @@ from pydantic import Field
 from spacerobot.dynamics import FreeFloating, centre_of_mass, momentum, subtree, total_mass
 from spacerobot.dynamics.algebra import cross, cross_columns
 from spacerobot.dynamics.rotations import rotation_from_rpy
-from spacerobot.elements.base_control import ArmReaction, held, reduced, resistance
+from spacerobot.elements.base_control import ArmReaction, held, resistance
 from spacerobot.elements.context import RobotContext
 from spacerobot.elements.contribution import Contribution
 from spacerobot.elements.controller import RobotController
@@ -86,7 +86,7 @@ class BaseAttitude(RobotController):
         lever = centre - origin
         force, torque = plant.inertia_force(joints)
         about_centre = ca.vertcat(cross_columns(lever, ca.SX.eye(3)), ca.SX.eye(3))
-        sense = resistance(robot, about_centre) - reduced(robot, ca.mtimes(turning, own))
+        sense = resistance(robot, about_centre) - plant.reduced(ca.mtimes(turning, own))
         return ArmReaction(sense, torque - cross(lever, force))
 
     def assumptions(self) -> list[str]:

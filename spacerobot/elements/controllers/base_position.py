@@ -9,7 +9,7 @@ from pydantic import Field
 
 from spacerobot.dynamics import centre_of_mass, momentum, subtree, total_mass
 from spacerobot.dynamics.algebra import cross_columns
-from spacerobot.elements.base_control import ArmReaction, held, reduced, resistance
+from spacerobot.elements.base_control import ArmReaction, held, resistance
 from spacerobot.elements.context import RobotContext
 from spacerobot.elements.contribution import Contribution
 from spacerobot.elements.controller import RobotController
@@ -73,7 +73,7 @@ class BasePosition(RobotController):
             whole = momentum(plant.model, plant.kinematics, plant.inertias, joints)[0]
             return ArmReaction(None, ca.SX(3, 1), whole - mass * plant.velocity(robot.base_frame)[0])
         along = ca.vertcat(ca.SX.eye(3), ca.SX(3, 3))
-        sense = resistance(robot, along) - reduced(robot, mass * moving)
+        sense = resistance(robot, along) - plant.reduced(mass * moving)
         drift = plant.inertia_force(joints)[0] - mass * plant.drift(robot.base_frame)[0]
         return ArmReaction(sense, drift)
 
