@@ -1,6 +1,7 @@
 """Each room knows only the rooms behind it, and nobody knows the command line."""
 
 import ast
+import functools
 import re
 import runpy
 from graphlib import TopologicalSorter
@@ -234,6 +235,7 @@ def modules():
     }
 
 
+@functools.cache
 def edges():
     """Modules that each module imports, at any depth."""
     found = {}
@@ -249,7 +251,6 @@ def edges():
 
 
 MODULES = modules()
-EDGES = edges()
 
 
 @pytest.mark.parametrize("room", KNOWS)
@@ -275,7 +276,7 @@ def test_a_room_of_tuning_or_pictures_knows_only_the_rooms_behind_it(package):
     for module, path in MODULES.items():
         if module.startswith(f"{package}."):
             room = room_of(module)
-            for known in EDGES[module]:
+            for known in edges()[module]:
                 if known.partition(".")[0] in ("optim", "viz"):
                     assert room_of(known) in BUILT_ON[room] | {room}, f"{path}: {known}"
 
@@ -289,7 +290,7 @@ def test_no_module_knows_itself_by_way_of_others():
     """The front doors aside, which load nothing before a name is used."""
     doors = {"spacerobot", "optim", "viz"}
     tuple(
-        TopologicalSorter({m: known - doors for m, known in EDGES.items() if m not in doors}).static_order()
+        TopologicalSorter({m: known - doors for m, known in edges().items() if m not in doors}).static_order()
     )
 
 
