@@ -2,31 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from spacerobot.cli.output import console, pairs, table
-
-if TYPE_CHECKING:
-    from optim.planning.studies.design_study import DesignStudy
-    from spacerobot.scene import Scene
-
-
-def make(scene: Scene, points: int, out: Path | None, **how: Any) -> tuple[DesignStudy, dict[str, Any]]:
-    """Make a study; written and drawn if a folder is given."""
-    from optim.planning.output.study_folder import to_data, write
-    from optim.planning.studies.design_study import make_study
-
-    study = make_study(scene, points, **how)
-    if out is None:
-        return study, to_data(study)
-    from viz.figures.design_study import study as drawn
-    from viz.figures.style import write_drawings
-
-    how["progress"]("writing the design and its plan")
-    data = write(study, out)
-    write_drawings([("design", drawn(data))], out / "figures")
-    return study, data
 
 
 def show(data: dict[str, Any]) -> None:
@@ -51,15 +29,13 @@ def show(data: dict[str, Any]) -> None:
     ]
     console().print(table("variables", heads, cells))
     for k, (name, sweep) in enumerate(data["sweeps"].items()):
-        cells = [_cells(trial, k) for trial in sweep]
+        cells = []
+        for trial in sweep:
+            told = [trial["failure"], ""]
+            if not trial["failure"]:
+                told = [f"{trial['cost']:.6g}", f"{trial['slopes'][k]:+.5g}"]
+            cells.append([f"{trial['values'][k]:.6g}", *told])
         title = f"optimal cost over {name}, the other variables at their optimum"
         console().print(
             table(title, [f"{name} [{data['variables'][name]['unit']}]", "cost", "sensitivity"], cells)
         )
-
-
-def _cells(trial: dict[str, Any], k: int) -> list[str]:
-    value = f"{trial['values'][k]:.6g}"
-    if trial["failure"]:
-        return [value, trial["failure"], ""]
-    return [value, f"{trial['cost']:.6g}", f"{trial['slopes'][k]:+.5g}"]

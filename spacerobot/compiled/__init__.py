@@ -5,13 +5,12 @@ This room knows nothing of robots, only :class:`casadi.Function`.
 
 from spacerobot.compiled.build import usable_cores
 from spacerobot.compiled.library import Library, compile_functions
-from spacerobot.compiled.numpy_function import NumpyFunction, numpy_function
+from spacerobot.compiled.numpy_function import numpy_function
 from spacerobot.compiled.toolchain import NO_COMPILER, Toolchain, find_toolchain
 
 __all__ = [
     "NO_COMPILER",
     "Library",
-    "NumpyFunction",
     "Toolchain",
     "compile_functions",
     "find_toolchain",

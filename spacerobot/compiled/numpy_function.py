@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
@@ -15,57 +16,40 @@ from spacerobot.arrays import Array
 from spacerobot.compiled.library import compile_functions
 
 
-class NumpyFunction:
-    """Compiled CasADi function of NumPy arrays.
+def numpy_function(function: ca.Function) -> Callable[..., Array | tuple[Array, ...]]:
+    """Compile a CasADi function, or take it from the cache, to be called with NumPy arrays.
 
     Its arguments and results pass through arrays of its own, so that each thread needs one of its own.
-    """
-
-    def __init__(self, function: ca.Function) -> None:
-        self._library = compile_functions({"f": function})
-        self._call = self._library.entry("call_f")
-        self._given = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
-        self._found = [np.zeros(function.numel_out(i)) for i in range(function.n_out())]
-        self._arguments = (ctypes.c_void_p * len(self._given))(*[a.ctypes.data for a in self._given])
-        self._results = (ctypes.c_void_p * len(self._found))(*[a.ctypes.data for a in self._found])
-
-    def __call__(self, *arguments: npt.ArrayLike) -> Array | tuple[Array, ...]:
-        """Evaluate.
-
-        Parameters
-        ----------
-        arguments
-            One for each input: shape (n,), or a number for every entry; a matrix column by column.
-
-        Returns
-        -------
-        array, or tuple of arrays
-            New arrays of shape (n,), one for each output; alone where there is only one.
-
-        Raises
-        ------
-        ValueError
-            The number of arguments, or the length of one, is wrong.
-        """
-        for place, argument in zip(self._given, arguments, strict=True):
-            place[:] = argument
-        self._call(self._arguments, self._results)
-        if len(self._found) == 1:
-            return self._found[0].copy()
-        return tuple(found.copy() for found in self._found)
-
-
-def numpy_function(function: ca.Function) -> NumpyFunction:
-    """Compile a CasADi function, or take it from the cache, to be called with NumPy arrays.
 
     Parameters
     ----------
     function
         SX function with dense inputs and outputs and no free variables.
 
+    Returns
+    -------
+    callable
+        From one argument for each input (shape (n,), or a number for every entry; a matrix column by column)
+        to new arrays of shape (n,), one for each output; alone where there is only one. It raises a
+        ``ValueError`` where the number of arguments, or the length of one, is wrong.
+
     Raises
     ------
     CompileError
         There is no compiler, or it does not accept the function.
     """
-    return NumpyFunction(function)
+    library = compile_functions({"f": function})
+    call = library.entry("call_f")
+    given = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
+    found = [np.zeros(function.numel_out(i)) for i in range(function.n_out())]
+    arguments = (ctypes.c_void_p * len(given))(*[array.ctypes.data for array in given])
+    results = (ctypes.c_void_p * len(found))(*[array.ctypes.data for array in found])
+
+    def evaluate(*values: npt.ArrayLike) -> Array | tuple[Array, ...]:
+        """Evaluate the function."""
+        for place, value in zip(given, values, strict=True):
+            place[:] = value
+        call(arguments, results)
+        return found[0].copy() if len(found) == 1 else tuple(array.copy() for array in found)
+
+    return evaluate

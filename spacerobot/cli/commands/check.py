@@ -161,24 +161,16 @@ def _add_body(root: Tree, scene: Scene, body: SceneBody) -> None:
     if isinstance(body.config, Robot):
         for key, element in body.config.parts():
             branch.add(escape(f"{key.replace('.', ' ')}: {element.words()}"))
-    for tip in scene.tips:
-        if tip.body.name == body.name:
-            branch.add(_tip_text(tip.label, scene))
-
-
-def _tip_text(label: str, scene: Scene) -> str:
-    from rich.markup import escape
-
-    tip = next(tip for tip in scene.tips if tip.label == label)
-    parts = [
-        f"reference {reference.config.kind}"
-        + (" of the target" if reference.from_target else "")
-        + (f" in {', '.join(reference.phases)}" if len(tip.references) > 1 else "")
-        for reference in tip.references
-    ]
-    parts += [f"{key} {controller.words()}" for key, controller in tip.config.elements()]
-    for name in ("amnesia", "orientation_amnesia"):
-        memory = getattr(tip.config, name)
-        if memory is not None:
-            parts.append(f"{name} G_e {memory.ge:g} 1/s^2, t_a {memory.ta:.4g} 1/s")
-    return f"tip [bold]{escape(label)}[/]: {escape('; '.join(parts))}"
+    for tip in (tip for tip in scene.tips if tip.body.name == body.name):
+        parts = [
+            f"reference {reference.config.kind}"
+            + (" of the target" if reference.from_target else "")
+            + (f" in {', '.join(reference.phases)}" if len(tip.references) > 1 else "")
+            for reference in tip.references
+        ]
+        parts += [f"{key} {controller.words()}" for key, controller in tip.config.elements()]
+        for key in ("amnesia", "orientation_amnesia"):
+            memory = getattr(tip.config, key)
+            if memory is not None:
+                parts.append(f"{key} G_e {memory.ge:g} 1/s^2, t_a {memory.ta:.4g} 1/s")
+        branch.add(f"tip [bold]{escape(tip.label)}[/]: {escape('; '.join(parts))}")

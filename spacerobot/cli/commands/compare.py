@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -17,7 +16,6 @@ from spacerobot.cli.output import console, table, warn
 from spacerobot.cli.tuning_options import Budget, Runs, Seed, Starts, journals, parts, shown
 
 if TYPE_CHECKING:
-    from optim.comparison.compare import Comparison
     from optim.comparison.tables import ComparisonTable
 
 Name = Annotated[
@@ -102,10 +100,15 @@ def command(
     from optim.comparison import SearchSession, compare
     from optim.comparison.compare import even_effort
     from optim.comparison.report import to_data
+    from optim.comparison.results import write
     from optim.comparison.suite import compare_suite
+    from optim.comparison.tables import markdown
     from optim.problem.scene_recipe import tuning_of
     from optim.workers.dask import open_workers
+    from spacerobot.files import write_text
     from spacerobot.scene import load_scene
+    from viz.figures.comparison import write_figures
+    from viz.report.comparison_section import comparison_report
 
     for asked_for, name in ((page, "--report"), (view, "--view")):
         if asked_for and out is None:
@@ -128,7 +131,17 @@ def command(
             scene = load_scene(scenario, parse_changes(changes))
             effort = even_effort(tuning_of(scene), asked, full=full)
             found = compare(scene, **picked, effort=effort, session=session)
-        data = to_data(found) if out is None else _written(found, out, tell, page=page)
+        if out is None:
+            data = to_data(found)
+        else:
+            tell("simulating and saving the best designs")
+            data = write(found, out)
+            write_text(out / "comparison.md", markdown(data))
+            tell("drawing")
+            write_figures(data, out)
+            if page:
+                tell("writing the report")
+                write_text(out / "report.html", comparison_report(out))
     show(data)
     console().print(f"\n{found.wall_s:.0f} s in all", markup=False)
     if out is not None:
@@ -150,25 +163,6 @@ def _refuse(what: str, given: Mapping[str, object]) -> None:
     for name, value in given.items():
         if value:
             raise typer.BadParameter(f"does not go with a {what}", param_hint=name)
-
-
-def _written(found: Comparison, out: Path, tell: Any, *, page: bool) -> dict[str, Any]:
-    """Write data, tables, figures, designs and, if asked for, the page."""
-    from optim.comparison.results import write
-    from optim.comparison.tables import markdown
-    from spacerobot.files import write_text
-    from viz.figures.comparison import write_figures
-    from viz.report.comparison_section import comparison_report
-
-    tell("simulating and saving the best designs")
-    data = write(found, out)
-    write_text(out / "comparison.md", markdown(data))
-    tell("drawing")
-    write_figures(data, out)
-    if page:
-        tell("writing the report")
-        write_text(out / "report.html", comparison_report(out))
-    return data
 
 
 def show(data: Mapping[str, Any]) -> None:

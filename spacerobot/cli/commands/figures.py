@@ -51,37 +51,29 @@ def command(
 
         spacerobot figures out/plan --compare out/flown
     """
-    from optim.planning.output.plan_folder import is_plan
+    from optim.planning.output.constraint_values import with_flown
+    from optim.planning.output.plan_folder import SCENARIO, is_plan, read
     from spacerobot.errors import ResultError
     from spacerobot.result import Result
+    from spacerobot.scene import load_scene
     from viz.figures import save_figures
+    from viz.figures.plan import write_plan_figures
 
     load_plugins_of([folder for folder in (result, compare) if folder is not None])
+    folder = out or result / "figures"
     wanted = [form.strip() for form in formats.split(",") if form.strip()]
     if is_plan(result):
         if only:
             raise ResultError("the figures of a plan are drawn together; leave out --only", source=result)
-        _plan(result, compare, out or result / "figures", wanted, width)
+        with progress("drawing"):
+            plan, summary = read(result)
+            flown = None if compare is None else Result.load(compare)
+            if flown is not None and "constraint" in plan:
+                plan = with_flown(plan, load_scene(result / SCENARIO), flown.data)
+            drawn = write_plan_figures(plan, summary, folder, flown=flown, formats=wanted, width=width)
+        console().print(f"{len(drawn)} files in {folder}", markup=False, soft_wrap=True)
         return
     results = [Result.load(folder) for folder in (result, compare) if folder is not None]
-    folder = out or result / "figures"
     with progress("drawing"):
         written = save_figures(results[0], folder, *results[1:], formats=wanted, names=only, width=width)
     console().print(f"{len(written)} files in {folder}", markup=False, soft_wrap=True)
-
-
-def _plan(folder: Path, flown: Path | None, out: Path, formats: list[str], width: str) -> None:
-    """Draw a plan, and what was flown of it."""
-    from optim.planning.output.constraint_values import with_flown
-    from optim.planning.output.plan_folder import SCENARIO, read
-    from spacerobot.result import Result
-    from spacerobot.scene import load_scene
-    from viz.figures.plan import write_plan_figures
-
-    with progress("drawing"):
-        plan, summary = read(folder)
-        result = None if flown is None else Result.load(flown)
-        if result is not None and "constraint" in plan:
-            plan = with_flown(plan, load_scene(folder / SCENARIO), result.data)
-        written = write_plan_figures(plan, summary, out, flown=result, formats=formats, width=width)
-    console().print(f"{len(written)} files in {out}", markup=False, soft_wrap=True)

@@ -16,7 +16,6 @@ from spacerobot.cli.output import console, pairs, progress, table, warn
 from spacerobot.interrupts import keep, recall
 
 if TYPE_CHECKING:
-    from optim.planning.search.candidates import Candidate
     from optim.planning.search.make_plan import PlanSolution
     from spacerobot.scene import Scene
 
@@ -135,7 +134,7 @@ def command(
             elif pareto is None:
                 show = _plan(scene, out, how | {"warm_start": warm_start}, sensitivities)
             else:
-                show = _front(scene, (pareto, points), out, how)
+                show = _front(scene, pareto, points, out, how)
         except KeyboardInterrupt:
             if folder is None:
                 raise
@@ -191,16 +190,24 @@ def _plan(
 def _design(scene: Scene, points: int, out: Path | None, how: dict[str, Any]) -> Callable[[], None]:
     """Make a design study, likewise."""
     from optim.planning.output.plan_folder import SUMMARY, read
-    from optim.planning.output.study_folder import DESIGN
-    from spacerobot.cli.design import make, show
+    from optim.planning.output.study_folder import DESIGN, to_data, write
+    from optim.planning.studies.design_study import make_study
+    from spacerobot.cli.design import show
     from spacerobot.result import check_folder
 
     if out is not None:
         check_folder(out, SUMMARY)
-    study, data = make(scene, points, out, **how)
-    if out is not None:
+    study = make_study(scene, points, **how)
+    if out is None:
+        data = to_data(study)
+    else:
+        from viz.figures.design_study import study as drawn
         from viz.figures.plan import write_plan_figures
+        from viz.figures.style import write_drawings
 
+        how["progress"]("writing the design and its plan")
+        data = write(study, out)
+        write_drawings([("design", drawn(data))], out / "figures")
         write_plan_figures(*read(out), out / "figures")
 
     def shown() -> None:
@@ -214,16 +221,32 @@ def _design(scene: Scene, points: int, out: Path | None, how: dict[str, Any]) ->
     return shown
 
 
-def _front(scene: Scene, asked: tuple[str, int], out: Path | None, how: dict[str, Any]) -> Callable[[], None]:
+def _front(
+    scene: Scene, terms: str, points: int, out: Path | None, how: dict[str, Any]
+) -> Callable[[], None]:
     """Make a front, likewise."""
-    from optim.planning.output.front_folder import FRONT
-    from spacerobot.cli.front import make, show, wanted_front
+    from optim.planning.output.front_folder import FRONT, to_data, write
+    from optim.planning.studies.pareto_front import FrontRequest, make_front
+    from spacerobot.cli.front import show
+    from spacerobot.errors import ScenarioError
     from spacerobot.result import check_folder
 
-    wanted = wanted_front(*asked)
+    names = tuple(part.strip() for part in terms.split(","))
+    if len(names) != 2:
+        message = f"found {terms!r}, allowed: two terms of the cost, as time,base_rotation"
+        raise ScenarioError(message, where="--pareto")
     if out is not None:
         check_folder(out, FRONT)
-    data = make(scene, wanted, out, **how)
+    front = make_front(scene, FrontRequest(names, points), **how)
+    if out is None:
+        data = to_data(front)
+    else:
+        from viz.figures.pareto_front import front as drawn
+        from viz.figures.style import write_drawings
+
+        how["progress"]("writing the plans")
+        data = write(front, out)
+        write_drawings([("front", drawn(data))], out / "figures")
 
     def shown() -> None:
         """Print it."""
@@ -252,21 +275,27 @@ def _show(planned: PlanSolution) -> None:
     else:
         worst = planned.verification.violations[0]
         violation = f"{worst.amount:.1e} {worst.unit}, {worst.name} (allowed {worst.allowed:.1e})"
+    # pairs of links that were checked, and those that needed a constraint
+    apart = ", ".join(" and ".join(names) for names in planned.kept_apart)
+    avoided = f"{planned.pairs} pairs of links apart" + (f", by a constraint {apart}" if apart else "")
+    candidates = []
+    for one in planned.candidates:
+        chosen = ", ".join(f"{name} {value}" for name, value in one.chosen.items())
+        candidates.append(
+            (f"candidate {chosen}", one.failure if one.cost is None else f"cost {one.cost:.6g}")
+        )
     rows = [
         ("duration", f"{phased_motion.duration_s:.6g} s"),
         *((f"  {name}", f"{motion.duration_s:.6g} s") for name, motion in phases if name),
         ("mesh", f"{intervals} intervals of order {order}, {len(phased_motion.unknowns)} unknowns"),
-        *(
-            (f"candidate {_named(one)}", one.failure if one.cost is None else f"cost {one.cost:.6g}")
-            for one in planned.candidates
-        ),
+        *candidates,
         *(
             (f"base of {name}", f"within the limits of {own}")
             for name, own in limiting_actuators(
                 planned.scene, plan_section(planned.scene).by_phase.values()
             ).items()
         ),
-        *((("collision avoidance", _avoided(planned)),) if planned.pairs else ()),
+        *((("collision avoidance", avoided),) if planned.pairs else ()),
         ("cost", f"{planned.cost:.6g}"),
         *((f"  {name.replace('_', ' ')}", f"{value:.6g}") for name, value in planned.terms.items()),
         ("first-order residual", f"{verification.residual:.1e}"),
@@ -291,13 +320,3 @@ def _show(planned: PlanSolution) -> None:
     ]
     heads = ["start", "intervals", "cost", "iterations", "time [s]", "status"]
     console().print(table("runs of IPOPT", heads, cells))
-
-
-def _avoided(planned: PlanSolution) -> str:
-    """How many pairs of links were checked, and those that needed a constraint."""
-    names = ", ".join(" and ".join(names) for names in planned.kept_apart)
-    return f"{planned.pairs} pairs of links apart" + (f", by a constraint {names}" if names else "")
-
-
-def _named(one: Candidate) -> str:
-    return ", ".join(f"{name} {value}" for name, value in one.chosen.items())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Annotated, Literal
 
 import typer
@@ -90,7 +89,15 @@ def command(
         (f"objective on the {samples} samples tuned for", found.common),
         (f"objective on {fresh} fresh samples", found.fresh),
     ):
-        rows = [[name, *_cells(told)] for name, told in describe(designs).items()]
+        rows = []
+        for name, told in describe(designs).items():
+            # statistics of a design, those of means with their intervals
+            means = {
+                key: f"{told[key]:.4g} ({told[f'{key}_low']:.4g} to {told[f'{key}_high']:.4g})"
+                for key in ("mean", *(("change",) if told["change"] else ()))
+            }
+            plain = [f"{told[key]:.4g}" for key in COLUMNS[1:-1]]
+            rows.append([name, means["mean"], *plain, means.get("change", "")])
         console().print(table(title, ("tuned", *COLUMNS), rows))
     if out is not None:
         warn_if_open(saved)
@@ -99,13 +106,3 @@ def command(
 
 
 COLUMNS = ("mean (95 % interval)", "median", "95 %", "largest", "diverged", "change of the mean")
-
-
-def _cells(told: Mapping[str, float]) -> list[str]:
-    """Statistics of a design, those of means with their intervals."""
-
-    def mean(name: str) -> str:
-        return f"{told[name]:.4g} ({told[f'{name}_low']:.4g} to {told[f'{name}_high']:.4g})"
-
-    plain = [f"{told[name]:.4g}" for name in COLUMNS[1:-1]]
-    return [mean("mean"), *plain, mean("change") if told["change"] else ""]

@@ -118,9 +118,8 @@ def _show_trials(found: TuningResult) -> None:
     log = found.outcome.best.log
     heads = list(log[0])
     shown = [HEADS.get(head, head) for head in heads]
-    cells = [["-" if row[h] is None else _short(row[h]) for h in heads] for row in log]
+    cells = []
+    for row in log:
+        told = [f"{row[h]:.4g}" if isinstance(row[h], float) else str(row[h]) for h in heads]
+        cells.append(["-" if row[h] is None else text for h, text in zip(heads, told, strict=True)])
     console().print(table("the manual procedure, step by step", shown, cells))
-
-
-def _short(value: object) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
