@@ -304,7 +304,28 @@ def _least(
     slope = speed + robot.spin[k] * robot.radius[k] + target.spin[k] * target.radius[k]
 
     def sampled(t: float) -> tuple[float, float, tuple[str, str]]:
-        distance, pair = _distance(robot, target, robot.placed(k, t), target.placed(k, t))
+        # distance [m] of the nearest shapes, and their links
+        robots = robot.placed(k, t)
+        targets = target.placed(k, t)
+        ones = [(one, robots[one.joint]) for one in robot.solids]
+        others = [(other, targets[other.joint]) for other in target.solids]
+        near = sorted(
+            (float(np.linalg.norm(p.act(a.centre) - r.act(b.centre))) - a.radius - b.radius, i, j)
+            for i, (a, p) in enumerate(ones)
+            for j, (b, r) in enumerate(others)
+        )
+        distance, pair = np.inf, ("", "")
+        for bound, i, j in near:
+            if bound > distance:
+                break
+            apart = coal.DistanceResult()
+            placed = [solid.placement for solid, _ in (ones[i], others[j])]
+            at = [joint * own for (_, joint), own in zip((ones[i], others[j]), placed, strict=True)]
+            forms = [coal.Transform3s(place.rotation, place.translation) for place in at]
+            shapes = ones[i][0].geometry, others[j][0].geometry
+            coal.distance(shapes[0], forms[0], shapes[1], forms[1], coal.DistanceRequest(), apart)
+            if apart.min_distance < distance:
+                distance, pair = float(apart.min_distance), (ones[i][0].link, others[j][0].link)
         return distance, t, pair
 
     first, last = sampled(0.0), sampled(duration)
@@ -320,29 +341,3 @@ def _least(
         for one, other in ((left, middle), (middle, right)):
             heapq.heappush(open_, ((one[0] + other[0] - slope * (other[1] - one[1])) / 2, one, other))
     return best
-
-
-def _distance(
-    robot: _RigidDrift, target: _RigidDrift, robots: dict[int, pin.SE3], targets: dict[int, pin.SE3]
-) -> tuple[float, tuple[str, str]]:
-    """Distance [m] of the nearest shapes, and their links."""
-    ones = [(one, robots[one.joint]) for one in robot.solids]
-    others = [(other, targets[other.joint]) for other in target.solids]
-    near = sorted(
-        (float(np.linalg.norm(p.act(a.centre) - r.act(b.centre))) - a.radius - b.radius, i, j)
-        for i, (a, p) in enumerate(ones)
-        for j, (b, r) in enumerate(others)
-    )
-    best, pair = np.inf, ("", "")
-    for bound, i, j in near:
-        if bound > best:
-            break
-        apart = coal.DistanceResult()
-        placed = [solid.placement for solid, _ in (ones[i], others[j])]
-        at = [joint * own for (_, joint), own in zip((ones[i], others[j]), placed, strict=True)]
-        forms = [coal.Transform3s(place.rotation, place.translation) for place in at]
-        shapes = ones[i][0].geometry, others[j][0].geometry
-        coal.distance(shapes[0], forms[0], shapes[1], forms[1], coal.DistanceRequest(), apart)
-        if apart.min_distance < best:
-            best, pair = float(apart.min_distance), (ones[i][0].link, others[j][0].link)
-    return best, pair

@@ -44,7 +44,15 @@ def show(summary: Mapping[str, Any]) -> None:
         title = f"{name}: percentiles{sure if summary['intervals'] else ''}"
         console().print(table(title, *_percentiles(told)))
         if told["plans"] is not None:
-            prose(f"{name}: {_plans(told['plans'])}")
+            # plans of model predictive control
+            made = told["plans"]
+            times = ", ".join(
+                f"{word} {_number(made[f'{word}_solve_s'], 1.0)} s" for word in ("median", "longest")
+            )
+            failures = f"{made['missed']} not found, {made['unfinished']} flown unconverged"
+            none = f", {made['without_plan']} samples without a first plan" if made["without_plan"] else ""
+            flown = f"{made['plans']} plans solved in flight, {failures}{none}"
+            prose(f"{name}: {flown}; solution time {times}")
         prose(f"{name}: sensitivity, as rank correlation or share of the variance")
         for metric, entry in told["matters"].items():
             prose(depends(metric, entry), indent=2)
@@ -84,14 +92,6 @@ def _failures(summary: Mapping[str, Any]) -> Rows:
         head.append("P(capture) [%]")
         rows = [[*row, _estimate(one, "%", 100)] for row, one in zip(rows, captured, strict=True)]
     return head, rows
-
-
-def _plans(told: Mapping[str, Any]) -> str:
-    """Plans of model predictive control, in a sentence."""
-    times = ", ".join(f"{word} {_number(told[f'{word}_solve_s'], 1.0)} s" for word in ("median", "longest"))
-    failures = f"{told['missed']} not found, {told['unfinished']} flown unconverged"
-    none = f", {told['without_plan']} samples without a first plan" if told["without_plan"] else ""
-    return f"{told['plans']} plans solved in flight, {failures}{none}; solution time {times}"
 
 
 def _percentiles(told: Mapping[str, Any]) -> Rows:

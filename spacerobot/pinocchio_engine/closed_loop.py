@@ -182,7 +182,21 @@ class PinocchioLoop:
         state = MechanicalState(self.model, q, v, self._scratch)
         x = np.concatenate([state.q, v, z])
         inputs = self._inputs.values(state)
-        given = (t, x, self._shown(t, x, inputs, within), inputs)
+        # constants (nc,) as they hold within an interval: jumps passed or not, rows of tables shown
+        at = t if within is None else within
+        if at in self._kept and within is not None:
+            shown = self._kept[at]
+        else:
+            shown = self.c.copy()
+            shown[self._jumps] = np.where(self._jump_times <= at, -np.inf, np.inf)
+            if self._tables:
+                rows = self._rows(t, x, shown, inputs)[0].astype(int)
+                for table in self._tables:
+                    held, first = (self._noise, table.noise) if table.noise >= 0 else (shown, table.first)
+                    first += rows[table.cursor] * table.width
+                    shown[table.window : table.window + table.width] = held[first : first + table.width]
+            self._kept = {at: shown}
+        given = (t, x, shown, inputs)
         if not solved:
             return EvaluatedInstant(state, given, np.full(self._solved, np.nan), np.full(len(v), np.nan))
         conditions = self._conditions(state, given)
@@ -280,22 +294,3 @@ class PinocchioLoop:
     ) -> DynamicsConditions:
         found = self._loads.matrices(*given)
         return DynamicsConditions(state, dict(zip(self._unknowns.loads, found, strict=True)))
-
-    def _shown(self, t: float, x: Array, inputs: Array, within: float | None) -> Array:
-        """Constants (nc,) as they hold within an interval: jumps passed or not, rows of tables shown."""
-        at = t if within is None else within
-        if at in self._kept and within is not None:
-            return self._kept[at]
-        c = self.c.copy()
-        c[self._jumps] = np.where(self._jump_times <= at, -np.inf, np.inf)
-        if self._tables:
-            rows = self._rows(t, x, c, inputs)[0].astype(int)
-            for table in self._tables:
-                if table.noise >= 0:
-                    first = table.noise + rows[table.cursor] * table.width
-                    c[table.window : table.window + table.width] = self._noise[first : first + table.width]
-                    continue
-                first = table.first + rows[table.cursor] * table.width
-                c[table.window : table.window + table.width] = c[first : first + table.width]
-        self._kept = {at: c}
-        return c

@@ -42,7 +42,29 @@ def build_ledger(data: xr.Dataset, scenario: Scenario) -> dict[str, Any]:
         "largest_energy_j": largest,
         "relative_residual": worst / max(largest, SMALLEST),
     }
-    return {"momentum": _momentum(data, scenario), "energy": energy}
+    momentum: dict[str, Any] = {"conserved": False, "reason": data.attrs["outside"]}
+    if not data.attrs["outside"]:
+        bodies = [*scenario.robots.values(), *([scenario.target] if scenario.target else [])]
+        momentum = {"conserved": True}
+        # momentum [N s, N m s] that the kinetic energy could carry at most: no part moves with more
+        mass = sum(link.mass or 0.0 for body in bodies for link in body.links.values())
+        linear = float(np.sqrt(2 * mass * data.energy_kinetic.values.max()))
+        extent = float(np.linalg.norm(data.body_position.values, axis=-1).max())
+        inner = {"linear": linear, "angular": linear * extent}
+        for kind, unit in KINDS:
+            total, partial = data[f"momentum_{kind}"].values, data[f"body_momentum_{kind}"].values
+            kept = kept_momentum(data, kind).values
+            drift = float(np.linalg.norm(kept - kept[0], axis=-1).max())
+            largest = max(float(np.linalg.norm(partial, axis=-1).max()), INNER_PART * inner[kind])
+            if kind == "angular" and "wheel_momentum" in data:
+                largest = max(largest, float(np.nanmax(np.linalg.norm(data.wheel_momentum.values, axis=-1))))
+            momentum[kind] = {
+                f"initial_{unit}": [float(x) for x in total[0]],
+                f"drift_{unit}": drift,
+                f"largest_partial_{unit}": largest,
+                "relative_drift": drift / max(largest, SMALLEST),
+            }
+    return {"momentum": momentum, "energy": energy}
 
 
 def kept_momentum(data: xr.Dataset, kind: str) -> xr.DataArray:
@@ -59,29 +81,3 @@ def works_of(data: xr.Dataset) -> list[xr.DataArray]:
 def work_text(work: xr.DataArray) -> str:
     """Legend text of a work: ``put in by actuators``."""
     return str(work.attrs["long_name"]).removeprefix("work ").removesuffix(" since the start")
-
-
-def _momentum(data: xr.Dataset, scenario: Scenario) -> dict[str, Any]:
-    if data.attrs["outside"]:
-        return {"conserved": False, "reason": data.attrs["outside"]}
-    bodies = [*scenario.robots.values(), *([scenario.target] if scenario.target else [])]
-    found: dict[str, Any] = {"conserved": True}
-    # momentum [N s, N m s] that the kinetic energy could carry at most: no part moves with more
-    mass = sum(link.mass or 0.0 for body in bodies for link in body.links.values())
-    linear = float(np.sqrt(2 * mass * data.energy_kinetic.values.max()))
-    extent = float(np.linalg.norm(data.body_position.values, axis=-1).max())
-    inner = {"linear": linear, "angular": linear * extent}
-    for kind, unit in KINDS:
-        total, partial = data[f"momentum_{kind}"].values, data[f"body_momentum_{kind}"].values
-        kept = kept_momentum(data, kind).values
-        drift = float(np.linalg.norm(kept - kept[0], axis=-1).max())
-        largest = max(float(np.linalg.norm(partial, axis=-1).max()), INNER_PART * inner[kind])
-        if kind == "angular" and "wheel_momentum" in data:
-            largest = max(largest, float(np.nanmax(np.linalg.norm(data.wheel_momentum.values, axis=-1))))
-        found[kind] = {
-            f"initial_{unit}": [float(x) for x in total[0]],
-            f"drift_{unit}": drift,
-            f"largest_partial_{unit}": largest,
-            "relative_drift": drift / max(largest, SMALLEST),
-        }
-    return found

@@ -92,7 +92,19 @@ def _expand(
         keys = [(str(i), 1) for i in range(len(node))] if segments[0] == "*" else []
         keys = keys or [(str(_index(node, segments[0], pattern)), 1)]
     elif isinstance(node, dict):
-        keys = _matching_keys(node, segments, pattern)
+        # keys that the first segments stand for, each with how many segments it takes
+        names = [str(key) for key in node]
+        hint = f"; {near_names(segments[0], names)}" if node else ""
+        if "*" in segments[0]:
+            keys = [(key, 1) for key in matching(names, segments[0])]
+            if not keys:
+                raise ScenarioError(f"`{segments[0]}` finds nothing here{hint}", where=pattern)
+        else:
+            joined = ((".".join(segments[:used]), used) for used in range(len(segments), 0, -1))
+            keys = [next((found for found in joined if found[0] in node), ("", 0))]
+            if not keys[0][1]:
+                near = near_names(segments[0], names)
+                raise ScenarioError(f"no {segments[0]!r}; {near}", where=pattern)
     else:
         raise ScenarioError(f"{node!r} has no parts, so no {segments[0]!r}", where=pattern)
     found = []
@@ -107,18 +119,3 @@ def _expand(
             continue
         found += [(key, *rest) for rest in _expand(child, segments[used:], pattern, open_null=open_null)]
     return found
-
-
-def _matching_keys(node: dict[str, Any], segments: list[str], pattern: str) -> list[tuple[str, int]]:
-    """Keys that the first segments stand for, each with how many segments it takes."""
-    if "*" in segments[0]:
-        found = matching(map(str, node), segments[0])
-        if not found:
-            hint = f"; {near_names(segments[0], map(str, node))}" if node else ""
-            raise ScenarioError(f"`{segments[0]}` finds nothing here{hint}", where=pattern)
-        return [(key, 1) for key in found]
-    for used in range(len(segments), 0, -1):
-        key = ".".join(segments[:used])
-        if key in node:
-            return [(key, used)]
-    raise ScenarioError(f"no {segments[0]!r}; {near_names(segments[0], map(str, node))}", where=pattern)

@@ -63,7 +63,11 @@ def explain(error: Mapping[str, Any], document: Document) -> tuple[str, str]:
         if isinstance(node, int | float | str) or (isinstance(node, list | tuple) and isinstance(key, str)):
             break  # stands for a section
         path.append(str(key))
-        node = node.get(key) if isinstance(node, dict) else _element(node, key)
+        if isinstance(node, dict):
+            node = node.get(key)
+        else:
+            inside = isinstance(node, list | tuple) and isinstance(key, int) and key < len(node)
+            node = node[key] if inside else None
     kind, given = str(error["type"]), error["input"]
     message = str(error["msg"]).removeprefix("Value error, ")
     if kind == "missing" and path and path[-1].isdecimal():
@@ -73,9 +77,9 @@ def explain(error: Mapping[str, Any], document: Document) -> tuple[str, str]:
     if kind == "unknown_kind":
         return ".".join([*path, "kind"]), message
     if kind == "value_error":
-        inside = re.match(r"([\w*.-]+): (.*)", message, re.DOTALL)  # a check that names a key of its section
-        if inside:
-            path, message = [*path, inside[1]], inside[2]
+        named = re.match(r"([\w*.-]+): (.*)", message, re.DOTALL)  # a check that names a key of its section
+        if named:
+            path, message = [*path, named[1]], named[2]
         return ".".join(path), message
     context = error.get("ctx", {})
     if kind == "string_pattern_mismatch":
@@ -85,11 +89,6 @@ def explain(error: Mapping[str, Any], document: Document) -> tuple[str, str]:
     if allowed is None:
         return ".".join(path), f"{message[:1].lower()}{message[1:]}, found {_short(given)}"
     return ".".join(path), f"found {_short(given)}, allowed: {allowed}"
-
-
-def _element(node: Any, key: Any) -> Any:
-    inside = isinstance(node, list | tuple) and isinstance(key, int) and key < len(node)
-    return node[key] if inside else None
 
 
 def _short(value: Any) -> str:

@@ -262,7 +262,24 @@ def check_elements(scene: Scene) -> None:
         delivered = {
             part for _, _, element in own if isinstance(element, Actuator) for part in element.base_wrench
         }
-        _check_order(scene, [(path, part) for _, path, part in own if isinstance(part, Actuator)])
+        # refuse to unload wheels that are not there or stand before what unloads them, and to miss failures
+        actuators = [(path, part) for _, path, part in own if isinstance(part, Actuator)]
+        wheels = [actuator.has_wheels for _, actuator in actuators]
+        for place, (path, actuator) in enumerate(actuators):
+            if actuator.unloads and (any(wheels[:place]) or not any(wheels[place:])):
+                able = [
+                    name for name, kind in kinds("actuator").items() if getattr(kind, "has_wheels", False)
+                ]
+                message = (
+                    f"unloads wheels, which must be listed after it; give some, of kind {' or '.join(able)}"
+                )
+                raise ScenarioError(message, source=scene.source, where=path)
+            early = next((name for name, other in actuators[:place] if other.loses_torque), None)
+            if actuator.detects_failures and early is not None:
+                message = (
+                    f"sees only failures that are listed after it; found {early} before it, list that later"
+                )
+                raise ScenarioError(message, source=scene.source, where=path)
         for _, path, element in own:
             if element.base_wrench and not body.root_joint:
                 message = (
@@ -281,7 +298,38 @@ def check_elements(scene: Scene) -> None:
                 source=scene.source,
                 where=path,
             )
-        _check_estimates(scene, body)
+        # refuse two estimators of one signal, and one that sees nothing
+        made: dict[str, str] = {}
+        estimators = body.config.estimators if isinstance(body.config, Robot) else {}
+        for key, estimator in estimators.items():
+            where = f"{body.path}.estimators.{key}"
+            for signal in estimator.makes:
+                if signal in made:
+                    told = f"estimates {signal}, which estimator {made[signal]!r} does too; leave one of "
+                    raise ScenarioError(f"{told}them out", source=scene.source, where=where)
+                made[signal] = key
+            seen = estimator.frames()
+            if seen is None:
+                continue
+            if scene.target is None or not scene.target.root_joint:
+                told = (
+                    "found no target that moves, which it is to see; give `target`, with a base that is free"
+                )
+                raise ScenarioError(told, source=scene.source, where=where)
+            tips = [tip.label.rpartition("/")[2] for tip in scene.tips if tip.body is body]
+            links = [link.name for link in scene.target.description.links]
+            for name, field, known in zip(seen, ("tip", "frame"), (tips, links), strict=True):
+                if name not in known:
+                    told = f"found {name!r}, {near_names(name, known)}"
+                    raise ScenarioError(told, source=scene.source, where=f"{where}.{field}")
+            if HELD_INERTIA in estimator.makes and not any(
+                (grasp.tip.label, grasp.config.frame) == (f"{body.name}/{seen[0]}", seen[1])
+                and grasp.config.fixes_position
+                and grasp.config.fixes_orientation
+                for grasp in scene.grasps
+            ):
+                told = f"found no grasp of {seen[0]} and {seen[1]} that fixes position and orientation; "
+                raise ScenarioError(f"{told}give a weld", source=scene.source, where=f"{where}.frame")
     for tip in scene.tips:
         carriers = [joint for joint in tip.body.owned if joint in scene.model.supports[tip.joint]]
         if carriers:
@@ -291,41 +339,6 @@ def check_elements(scene: Scene) -> None:
                 source=scene.source,
                 where=f"{tip.body.path}.actuators",
             )
-
-
-def _check_estimates(scene: Scene, body: SceneBody) -> None:
-    """Refuse two estimators of one signal, and one that sees nothing."""
-    made: dict[str, str] = {}
-    estimators = body.config.estimators if isinstance(body.config, Robot) else {}
-    for key, estimator in estimators.items():
-        where = f"{body.path}.estimators.{key}"
-        for signal in estimator.makes:
-            if signal in made:
-                told = f"estimates {signal}, which estimator {made[signal]!r} does too; leave one of them out"
-                raise ScenarioError(told, source=scene.source, where=where)
-            made[signal] = key
-        seen = estimator.frames()
-        if seen is None:
-            continue
-        if scene.target is None or not scene.target.root_joint:
-            told = "found no target that moves, which it is to see; give `target`, with a base that is free"
-            raise ScenarioError(told, source=scene.source, where=where)
-        tips = [tip.label.rpartition("/")[2] for tip in scene.tips if tip.body is body]
-        links = [link.name for link in scene.target.description.links]
-        for name, field, known in zip(seen, ("tip", "frame"), (tips, links), strict=True):
-            if name not in known:
-                told = f"found {name!r}, {near_names(name, known)}"
-                raise ScenarioError(told, source=scene.source, where=f"{where}.{field}")
-        if HELD_INERTIA in estimator.makes and not any(
-            (grasp.tip.label, grasp.config.frame) == (f"{body.name}/{seen[0]}", seen[1])
-            and grasp.config.fixes_position
-            and grasp.config.fixes_orientation
-            for grasp in scene.grasps
-        ):
-            told = (
-                f"found no grasp of {seen[0]} and {seen[1]} that fixes position and orientation; give a weld"
-            )
-            raise ScenarioError(told, source=scene.source, where=f"{where}.frame")
 
 
 def check_environment(scene: Scene) -> None:
@@ -344,20 +357,6 @@ def check_environment(scene: Scene) -> None:
                 source=scene.source,
                 where=f"{body.path}.base.joint",
             )
-
-
-def _check_order(scene: Scene, actuators: Sequence[tuple[str, Actuator]]) -> None:
-    """Refuse to unload wheels that are not there or stand before what unloads them, and to miss failures."""
-    wheels = [actuator.has_wheels for _, actuator in actuators]
-    for place, (path, actuator) in enumerate(actuators):
-        if actuator.unloads and (any(wheels[:place]) or not any(wheels[place:])):
-            able = [name for name, kind in kinds("actuator").items() if getattr(kind, "has_wheels", False)]
-            message = f"unloads wheels, which must be listed after it; give some, of kind {' or '.join(able)}"
-            raise ScenarioError(message, source=scene.source, where=path)
-        early = next((name for name, other in actuators[:place] if other.loses_torque), None)
-        if actuator.detects_failures and early is not None:
-            message = f"sees only failures that are listed after it; found {early} before it, list that later"
-            raise ScenarioError(message, source=scene.source, where=path)
 
 
 def robot_elements(scene: Scene) -> Iterator[tuple[SceneBody, str, RobotElement]]:

@@ -75,29 +75,25 @@ class Pid(TipController):
             states.append(state)
             wanted, wanted_rate = wanted + correction.value, wanted_rate + correction.rate
         error = wanted - fed_back.velocity
-        command, gain, own = self._law(tip, error, wanted_rate - fed_back.drift)
+        # command, derivative gain and states (Eq. 35); `error_rate` lacks the part that depends on v'
+        kp, ki, kd = (tip.context.number(gain) for gain in ("kp", "ki", "kd"))
+        size, name = error.size1(), f"{tip.label}/{tip.key}"
+        integral = ca.SX.sym(f"{name}.integral", size)
+        own = [State(f"{name}.integral", integral, ca.SX.zeros(size), error)]
+        command = kp * error + ki * integral
+        if self.derivative == "ideal":
+            command, gain = command + kd * (wanted_rate - fed_back.drift), ca.repmat(kd, size, 1)
+        else:
+            lag = tip.context.number("filter_time")
+            filtered = ca.SX.sym(f"{name}.filter", size)
+            # begins at the error itself, so that the derivative does not kick
+            own.append(State(f"{name}.filter", filtered, error, (error - filtered) / lag))
+            command, gain = command + kd * (error - filtered) / lag, None
         rows = [axis + 3 * turns for axis in axes]
         channel = ControlChannel(
             tip.robot, tip.arm_jacobian[rows, :].T, fed_back.drive, fed_back.sense, command, gain
         )
         return Contribution(states=(*states, *own), channels=(channel,))
-
-    def _law(
-        self, tip: TipContext, error: ca.SX, error_rate: ca.SX
-    ) -> tuple[ca.SX, ca.SX | None, list[State]]:
-        """Command, derivative gain and states (Eq. 35); ``error_rate`` lacks the part that depends on v'."""
-        kp, ki, kd = (tip.context.number(gain) for gain in ("kp", "ki", "kd"))
-        size, name = error.size1(), f"{tip.label}/{tip.key}"
-        integral = ca.SX.sym(f"{name}.integral", size)
-        states = [State(f"{name}.integral", integral, ca.SX.zeros(size), error)]
-        command = kp * error + ki * integral
-        if self.derivative == "ideal":
-            return command + kd * error_rate, ca.repmat(kd, size, 1), states
-        lag = tip.context.number("filter_time")
-        filtered = ca.SX.sym(f"{name}.filter", size)
-        # begins at the error itself, so that the derivative does not kick
-        states.append(State(f"{name}.filter", filtered, error, (error - filtered) / lag))
-        return command + kd * (error - filtered) / lag, None, states
 
     def reads(self, key: str, siblings: Mapping[str, Section]) -> set[str]:
         """The velocity that it feeds back, and what its amnesia controller reads."""

@@ -15,7 +15,6 @@ from spacerobot.elements.contribution import Contribution, Output
 from spacerobot.elements.environment import Environment, EnvironmentContext
 from spacerobot.elements.reference import DEGREE
 from spacerobot.elements.registry import register
-from spacerobot.elements.section_context import SectionContext
 from spacerobot.section import quantity
 
 _ITERATIONS = 7  # exact to rounding up to an eccentricity of 0.999
@@ -90,7 +89,34 @@ class Orbit(Environment):
 
     def build(self, environment: EnvironmentContext) -> Contribution:
         """Force and torque on everything that moves, and the bodies' motion in Hill axes."""
-        now = self._now(environment.context)
+        # the reference orbit now
+        context = environment.context
+        number, path = context.parameters, context.path
+        mu, e = number(f"{path}.gravitational_parameter"), number.sparse(f"{path}.eccentricity")
+        if self.semi_major_axis is not None:
+            axis = number(f"{path}.semi_major_axis")
+        else:
+            axis = (number(f"{path}.planet_radius") + number(f"{path}.altitude")) / (1 - e)
+        first = number(f"{path}.true_anomaly_deg") * DEGREE
+        rate, a = context.once("rate", ca.sqrt(mu / axis) / axis), context.once("axis", axis)
+        if not e.nnz():
+            angle = rate * context.time
+            reached = context.once("anomaly", first) + angle
+            anomaly = ca.atan2(ca.sin(reached), ca.cos(reached))
+            line = ca.vertcat(ca.cos(angle), ca.sin(angle), 0)
+            now = OrbitState(line, a, rate, context.once("strength", mu / axis**3), anomaly)
+        else:
+            narrow = ca.sqrt((1 - e) * (1 + e))
+            swept = ca.atan2(narrow * ca.sin(first), e + ca.cos(first))
+            mean = context.once("mean", swept - e * ca.sin(swept))
+            e, narrow = context.once("eccentricity", e), context.once("narrow", narrow)
+            swept = eccentric_anomaly(mean + rate * context.time, e)
+            near = 1 - e * ca.cos(swept)
+            cos, sin = (ca.cos(swept) - e) / near, narrow * ca.sin(swept) / near
+            cos0, sin0 = context.once("cos", ca.cos(first)), context.once("sin", ca.sin(first))
+            line = ca.vertcat(cos * cos0 + sin * sin0, sin * cos0 - cos * sin0, 0)
+            turning = rate * narrow / near**2
+            now = OrbitState(line, a * near, turning, rate**2 / near**3, ca.atan2(sin, cos))
         pairs = []
         for load in environment.loads:
             # acceleration relative to the origin's at a place (3x1), the vertical there and mu / r^3
@@ -125,33 +151,6 @@ class Orbit(Environment):
                 *_relative(now, environment),
             ),
         )
-
-    def _now(self, context: SectionContext) -> OrbitState:
-        number, path = context.parameters, context.path
-        mu, e = number(f"{path}.gravitational_parameter"), number.sparse(f"{path}.eccentricity")
-        if self.semi_major_axis is not None:
-            axis = number(f"{path}.semi_major_axis")
-        else:
-            axis = (number(f"{path}.planet_radius") + number(f"{path}.altitude")) / (1 - e)
-        first = number(f"{path}.true_anomaly_deg") * DEGREE
-        rate, a = context.once("rate", ca.sqrt(mu / axis) / axis), context.once("axis", axis)
-        if not e.nnz():
-            angle = rate * context.time
-            now = context.once("anomaly", first) + angle
-            anomaly = ca.atan2(ca.sin(now), ca.cos(now))
-            line = ca.vertcat(ca.cos(angle), ca.sin(angle), 0)
-            return OrbitState(line, a, rate, context.once("strength", mu / axis**3), anomaly)
-        narrow = ca.sqrt((1 - e) * (1 + e))
-        swept = ca.atan2(narrow * ca.sin(first), e + ca.cos(first))
-        mean = context.once("mean", swept - e * ca.sin(swept))
-        e, narrow = context.once("eccentricity", e), context.once("narrow", narrow)
-        swept = eccentric_anomaly(mean + rate * context.time, e)
-        near = 1 - e * ca.cos(swept)
-        cos, sin = (ca.cos(swept) - e) / near, narrow * ca.sin(swept) / near
-        cos0, sin0 = context.once("cos", ca.cos(first)), context.once("sin", ca.sin(first))
-        line = ca.vertcat(cos * cos0 + sin * sin0, sin * cos0 - cos * sin0, 0)
-        turning = rate * narrow / near**2
-        return OrbitState(line, a * near, turning, rate**2 / near**3, ca.atan2(sin, cos))
 
     def mean_motion(self) -> float | None:
         """Of a circular orbit; None for others."""

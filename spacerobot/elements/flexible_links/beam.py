@@ -110,26 +110,23 @@ class FlexibleBeam(FlexibleLink):
         across /= np.linalg.norm(across)
         return {"a": across, "b": np.cross(axis, across)} | twist
 
-    def _polar(self, link: UrdfLink) -> float:
-        """Moment of inertia about the beam's axis, per length, of what twists [kg m]."""
-        if self.torsional_stiffness is None:
-            return 0.0
-        if self.torsional_inertia is not None:
-            return self.torsional_inertia
-        found = float(self._axis @ link.inertia @ self._axis) / self._length
-        if not found > 0:
-            raise DescriptionError(
-                f"link {self.link!r} has no moment of inertia about the beam, so that nothing resists its "
-                "torsion; give `torsional_inertia`",
-                where="torsional_stiffness",
-            )
-        return found
-
     def expanded(self, description: Description, name: str) -> Description:
         """Hinges and pieces; what the link carries moves with the piece that it is attached to."""
         link, axis, start = find_link(description, self.link), self._axis, np.array(self.start)
         density = link.mass / self._length if self.mass_per_length is None else self.mass_per_length
-        polar = self._polar(link)
+        # moment of inertia about the beam's axis, per length, of what twists [kg m]
+        if self.torsional_stiffness is None:
+            polar = 0.0
+        elif self.torsional_inertia is not None:
+            polar = self.torsional_inertia
+        else:
+            polar = float(self._axis @ link.inertia @ self._axis) / self._length
+            if not polar > 0:
+                raise DescriptionError(
+                    f"link {self.link!r} has no moment of inertia about the beam, so that nothing resists "
+                    "its torsion; give `torsional_inertia`",
+                    where="torsional_stiffness",
+                )
         ends = self._hinges.tolist()
         pieces = {
             kind: [piece for shape in getattr(link, kind) for piece in cut(shape, start, axis, ends)]
