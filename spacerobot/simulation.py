@@ -224,7 +224,7 @@ def prepare_simulation(
 
 def _result(run: _Run, loop: ClosedLoop, begin: float, built: float) -> Result:
     """Result of a run that began, and had its closed loop, at these times."""
-    # trajectory up to the last sample that holds nothing but numbers, and none beyond :data:`LARGEST`
+    # up to the last sample that holds nothing but numbers, and none beyond LARGEST
     trajectory = run.trajectory
     parts = [trajectory.state, *trajectory.outputs.values()]
     if not all(np.abs(part).max(initial=0.0) <= LARGEST for part in parts):

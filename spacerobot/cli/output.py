@@ -122,7 +122,14 @@ class TextTable:
         layouts = []
         for prose in LEAST_PROSE:
             bounds = [_bounds(column, prose) for column in columns]
-            layouts.append((bounds, self._blocks([least for least, _, _ in bounds], options)))
+            # places of the columns of each block, from the least width of each column
+            blocks = [list(range(self.keys))]
+            for place in range(self.keys, len(bounds)):
+                least = sum(bounds[other][0] + GAP for other in (*blocks[-1], place))
+                if least > options.max_width - 1 and len(blocks[-1]) > self.keys:
+                    blocks.append(list(range(self.keys)))
+                blocks[-1].append(place)
+            layouts.append((bounds, blocks))
         bounds, blocks = next((layout for layout in layouts if len(layout[1]) == 1), layouts[0])
         for k, places in enumerate(blocks):
             room = options.max_width - 1 - GAP * len(places)
@@ -138,17 +145,6 @@ class TextTable:
             for cells in zip(*(column[1:] for column in block), strict=True):
                 made.add_row(*map(escape, cells))
             yield made
-
-    def _blocks(self, least: Sequence[int], options: ConsoleOptions) -> list[list[int]]:
-        """Places of the columns of each block, from the least width of each column."""
-        keys, room = list(range(self.keys)), options.max_width - 1
-        blocks = [keys.copy()]
-        for place in range(self.keys, len(least)):
-            full = sum(least[other] + GAP for other in (*blocks[-1], place)) > room
-            if full and len(blocks[-1]) > self.keys:
-                blocks.append(keys.copy())
-            blocks[-1].append(place)
-        return blocks
 
 
 def pairs(title: str, rows: Sequence[tuple[str, str]]) -> Table:

@@ -106,7 +106,7 @@ def convert_links(robot: yp.Robot, source: Path) -> tuple[tuple[UrdfLink, ...], 
         shapes: dict[str, list[LinkShape]] = {"visual": [], "collision": []}
         for kind, found in (("visual", link.visuals), ("collision", link.collisions)):
             for shape in found:
-                # A shape's geometry, or None if its mesh is not found
+                # None if its mesh is not found
                 geometry = shape.geometry
                 if geometry.box is not None:
                     geometry = Geometry("box", frozen(geometry.box.size))

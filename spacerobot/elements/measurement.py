@@ -251,7 +251,7 @@ class Measurement:
         period = context.steady("period")
         clock = Clock.of(f"{name}.samples", context.time, period)
         value = memory(f"{name}.measured", observed.sample(observed.shown, ca.SX(-1)))
-        # A sample (m x 1), what is remembered for the next one with its new values, and the bias (n x 1)
+        # a sample (m x 1), what is remembered for the next one with its new values, and the bias (n x 1)
         sample, kept = observed.shown, list[tuple[State, ca.SX]]()
         size, root, number = sample.size1(), ca.sqrt(context.steady("period")), clock.count.symbol
         rows = math.ceil(context.parameters.value("simulation.duration") / errors.period) + 2

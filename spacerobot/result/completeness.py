@@ -83,41 +83,38 @@ def missing_summary(summary: Mapping[str, Any], data: xr.Dataset) -> str | None:
         for kind, unit in KINDS:
             numbers = (f"drift_{unit}", f"largest_partial_{unit}", "relative_drift")
             momentum[kind] = {f"initial_{unit}": list, **dict.fromkeys(numbers, Number)}
-    told = _missing(
-        {
-            "name": str,
-            "status": {
-                "state": str,
-                "reached_s": Number,
-                "diverged_at_s": Maybe,
-                "trusted": bool,
-                "open": list,
-                "advice": Name,
-                "cause": Name,
-            },
-            "outcome": Name,
-            "events": list,
-            "tip_error": {str(tip): dict.fromkeys((*"xyz", "norm"), span) for tip in data.tip.values},
-            "target": motion if "target" in bodies else type(None),
-            "bases": {body: motion for body in bodies if body != "target"},
-            "greatest_torque": {"torque_n_m": Number, "unit": str, "joint": Name, "time_s": Maybe},
-            "greatest_grip": {"force_n": Number, "grasp": Name, "time_s": Maybe},
-            **({"greatest_contact": contact} if "contact" in data.coords else {}),
-            **({"attitude_error": dict} if "base_attitude_error" in data else {}),
-            **({"propellant_kg": dict} if "propellant" in data else {}),
-            **({"fastest_wheel": wheel} if "wheel" in data.dims else {}),
-            "fastest_joint": {"rate": Number, "unit": str, "joint": Name, "time_s": Maybe},
-            "ledger": {"momentum": momentum, "energy": _ENERGY},
-            "engine": {"name": str, "backend": str, "step_s": Maybe, "steps": Number},
-            "timing_s": dict.fromkeys(("closed_loop", "compile_or_load", "rollout", "total"), Number),
-            "assumptions": list,
-            "warnings": list,
-            "urdf_sha256": dict.fromkeys(bodies, str),
-            "versions": {"spacerobot": str, "python": str},
+    expected = {
+        "name": str,
+        "status": {
+            "state": str,
+            "reached_s": Number,
+            "diverged_at_s": Maybe,
+            "trusted": bool,
+            "open": list,
+            "advice": Name,
+            "cause": Name,
         },
-        summary,
-        "",
-    )
+        "outcome": Name,
+        "events": list,
+        "tip_error": {str(tip): dict.fromkeys((*"xyz", "norm"), span) for tip in data.tip.values},
+        "target": motion if "target" in bodies else type(None),
+        "bases": {body: motion for body in bodies if body != "target"},
+        "greatest_torque": {"torque_n_m": Number, "unit": str, "joint": Name, "time_s": Maybe},
+        "greatest_grip": {"force_n": Number, "grasp": Name, "time_s": Maybe},
+        **({"greatest_contact": contact} if "contact" in data.coords else {}),
+        **({"attitude_error": dict} if "base_attitude_error" in data else {}),
+        **({"propellant_kg": dict} if "propellant" in data else {}),
+        **({"fastest_wheel": wheel} if "wheel" in data.dims else {}),
+        "fastest_joint": {"rate": Number, "unit": str, "joint": Name, "time_s": Maybe},
+        "ledger": {"momentum": momentum, "energy": _ENERGY},
+        "engine": {"name": str, "backend": str, "step_s": Maybe, "steps": Number},
+        "timing_s": dict.fromkeys(("closed_loop", "compile_or_load", "rollout", "total"), Number),
+        "assumptions": list,
+        "warnings": list,
+        "urdf_sha256": dict.fromkeys(bodies, str),
+        "versions": {"spacerobot": str, "python": str},
+    }
+    told = _missing(expected, summary, "")
     if told is not None:
         return told
     events = enumerate(summary["events"])

@@ -402,16 +402,15 @@ class _Jets:
         actuator, expected = self.actuator, self.expected(parts)
         tests = Contribution() if self.test is None else self.test.contribution(expected)
         # parts of their thrust that thrusters give although valves fail (n x 1), and when they do
-        context, given, events = self.actuator.context, ca.vertsplit(parts), list[Event]()
+        context, given, failures = actuator.context, ca.vertsplit(parts), list[Event]()
         for i, (name, nozzle) in enumerate(self.config.nozzles.items()):
             if nozzle.failure is None:
                 continue
             valve = context.at(f"{context.path}.nozzles.{name}.failure")
             failed, event = failing(valve, f"{self.name}.{name}")
-            events.append(event)
+            failures.append(event)
             given[i] = (1 - failed) * given[i] + failed * valve.number("opening")
         parts = ca.vertcat(*given)
-        failures = events
         rotation, origin = actuator.plant.placement(actuator.base_frame)
         velocity, spin = actuator.plant.velocity(actuator.base_frame)
         whole = ca.SX(6, 1)

@@ -245,20 +245,16 @@ class _AttitudeFilterLaw:
             """Rotation vector from any attitude to the estimated one, from that to the true one."""
             return rotation_log(ca.mtimes(error, rotation_exp(vector)))
 
-        # of the star tracker
-        robot, errors = self.robot, self.robot.errors(TRACKER)
-        period_s = robot.context.parameters.value(f"{errors.path}.period")
+        # innovations of the star tracker
+        period_s = robot.context.parameters.value(f"{robot.errors(TRACKER).path}.period")
         instants = robot.errors(GYRO).steady("period"), ca.SX(0)
+        seen = Innovation(robot.label, TRACKER, self.nis.symbol, n, self.used.symbol, *instants, period_s)
         return Contribution(
             states=(*(state for state, _ in updates), clock.count),
             events=(tick,),
             outputs=tuple(self._outputs(found)),
             estimates=((TRACKER, turned), (GYRO, lambda _: spin)),
-            innovations=(
-                Innovation(
-                    robot.label, TRACKER, self.nis.symbol, self.size, self.used.symbol, *instants, period_s
-                ),
-            ),
+            innovations=(seen,),
         )
 
     def _outputs(self, found: ca.SX) -> Iterable[Output]:

@@ -178,7 +178,6 @@ class _InertiaFilterLaw:
             "assumed", expanded(in_other_axes(known, rotation.T, -ca.mtimes(rotation.T, origin)))
         )
         # covariance at the start, of independent errors of mass, centre and inertia
-        number = self.robot.context.number
         mass, _, mean = self._scales()
         deviation = self._by_name(
             number("mass_deviation") * mass, number("com_deviation"), number("inertia_deviation") * mean
@@ -189,8 +188,7 @@ class _InertiaFilterLaw:
         self.first = once(
             "prior", expanded(triangle(ca.mtimes(back, ca.mtimes(ca.diag(deviation**2), back.T))))
         )
-        size = len(self.columns) + len(self.base)
-        self.size = size
+        self.size = size = len(self.columns) + len(self.base)
         self.start = ca.densify(self.assumed[self.columns])
         self.mean = memory(f"{self.label}.mean", self.start)
         self.covariance = memory(f"{self.label}.covariance", self.first)

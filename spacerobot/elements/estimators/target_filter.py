@@ -329,7 +329,7 @@ class _TargetFilterLaw:
             (slice(m, m + n), turned, "attitude_noise", ATTITUDE),
         )
         for i, (part, value, key, signal) in enumerate(samples):
-            # of a component of a sample, taken at a distance (1x1)
+            # variance of a component of a sample, taken at a distance (1x1)
             if getattr(self.config, key) is not None:
                 variance = self.robot.context.number(key) ** 2
             else:
