@@ -254,8 +254,8 @@ class ArticulatedBody:
                 force = motion.outward(loads[index][:3])
                 torque = motion.outward(loads[index][3:]) + cross(motion.arm, force)
                 loads[parent] = loads[parent] + ca.vertcat(force, torque)
-        axes = self.kinematics.local[root].axes
-        return ca.mtimes(axes, loads[root][:3]), ca.mtimes(axes, loads[root][3:])
+        in_world = self.kinematics.local[root].in_world
+        return in_world(loads[root][:3]), in_world(loads[root][3:])
 
     def negated_mobility(self, rows: ca.SX, columns: ca.SX) -> ca.SX:
         """``-B^T M^-1 A``, the motion along loads B (m of them) that loads A (n) cause, negated, mxn.

@@ -83,18 +83,18 @@ def forward_kinematics(model: pinocchio.Model, q: ca.SX, v: ca.SX | None = None)
     local = local_motions(joints, q, velocity)
     origin = [ZERO3]
     for joint in joints:
-        arm = ca.mtimes(local[joint.parent].axes, local[joint.index].arm)
+        arm = local[joint.parent].in_world(local[joint.index].arm)
         origin.append(origin[joint.parent] + arm)
     return Kinematics(
         joints=joints,
         velocity=velocity,
         local=local,
-        rotation=tuple(ca.mtimes(motion.axes, motion.body) for motion in local),
+        rotation=tuple(motion.in_world(motion.body) for motion in local),
         origin=tuple(origin),
-        linear=tuple(ca.mtimes(motion.axes, motion.linear) for motion in local),
-        angular=tuple(ca.mtimes(motion.axes, motion.angular) for motion in local),
-        linear_velocity=tuple(ca.mtimes(motion.axes, motion.velocity) for motion in local),
-        angular_velocity=tuple(ca.mtimes(motion.axes, motion.spin) for motion in local),
+        linear=tuple(motion.in_world(motion.linear) for motion in local),
+        angular=tuple(motion.in_world(motion.angular) for motion in local),
+        linear_velocity=tuple(motion.in_world(motion.velocity) for motion in local),
+        angular_velocity=tuple(motion.in_world(motion.spin) for motion in local),
     )
 
 
@@ -164,7 +164,7 @@ def frame_drift(model: pinocchio.Model, kinematics: Kinematics, frame_id: int) -
     motion = kinematics.local[int(frame.parentJoint)]
     arm = ca.mtimes(motion.body, sparse(frame.placement.translation))
     linear = motion.velocity_bias + ca.mtimes(motion.gradient, arm)
-    return ca.mtimes(motion.axes, linear), ca.mtimes(motion.axes, motion.spin_bias)
+    return motion.in_world(linear), motion.in_world(motion.spin_bias)
 
 
 def frame_jacobian(model: pinocchio.Model, kinematics: Kinematics, frame_id: int) -> ca.SX:

@@ -62,6 +62,10 @@ class LocalMotion:
     products: ca.SX
     gradient: ca.SX
 
+    def in_world(self, vector: ca.SX) -> ca.SX:
+        """From these calculation axes to the world's, 3xn."""
+        return vector if self.axes is IDENTITY3 else ca.mtimes(self.axes, vector)
+
     def inward(self, vector: ca.SX) -> ca.SX:
         """From the parent's calculation axes to these, 3xn."""
         return vector if self.to_parent is None else ca.mtimes(self.to_parent.T, vector)

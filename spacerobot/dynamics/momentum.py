@@ -56,8 +56,8 @@ def momentum(
     """
     linear, angular = ZERO3, ZERO3
     for index in _chosen(model, joints):
-        axes = kinematics.local[index].axes
-        push, turn = (ca.mtimes(axes, part) for part in _body_momentum(kinematics, inertias, index))
+        in_world = kinematics.local[index].in_world
+        push, turn = map(in_world, _body_momentum(kinematics, inertias, index))
         lever = kinematics.origin[index] if about is None else kinematics.origin[index] - about
         linear = linear + push
         angular = angular + turn + cross(lever, push)
