@@ -121,6 +121,9 @@ class OneOf:
                 return str(value)
             named = [repr(name) for name in found]
             expected = " or ".join([", ".join(named[:-1]), named[-1]] if len(named) > 1 else named)
+            near = near_names(str(value), found)
+            hint = f"{near} " if near.startswith("did") else ""
+            expected += f"; {hint}your own come with --plugin FILE"
             raise PydanticKnownError("literal_error", {"expected": expected})
 
         return core_schema.no_info_plain_validator_function(

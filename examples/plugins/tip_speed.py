@@ -1,31 +1,30 @@
-"""A cost and a limit of plans of one's own: the speed of a tip.
+"""The speed of a tip: a quantity, which plans and tuning weigh and campaigns keep, and a limit of plans.
 
 spacerobot plan reach.yaml --plugin tip_speed.py --set 'plan.limits.tip_speed={upper: 0.2, tip: arm/tip}'
 """
 
 from collections.abc import Iterator
-from typing import ClassVar, Literal
+from typing import Literal
 
-import casadi as ca
 from pydantic import Field
 
 import spacerobot as sr
-from spacerobot.elements import BoundedRow, PlanCost, PlanInstant, PlanLimit, quantity, within
+from spacerobot.elements import BoundedRow, PlanInstant, PlanLimit, quantity, within
 
-
-@sr.register
-class TipSpeedCost(PlanCost):
-    """Integral of the squared speed of a tip."""
-
-    unit: ClassVar[str] = "m/s"
-
-    kind: Literal["tip_speed"] = "tip_speed"
-    weight: float = quantity("s/m^2", "weight of the integral of the tip's squared speed", ge=0)
-    tip: str = Field(description="which tip, as robot/tip")
-
-    def expression(self, instant: PlanInstant) -> ca.SX:
-        """The squared speed."""
-        return ca.sumsqr(instant.tip(self.tip).velocity)
+sr.register_quantity(
+    sr.Quantity(
+        "tip_speed_rms",
+        "RMS tip speed",
+        "root mean square of the speed of a tip",
+        "m/s",
+        "rms",
+        "tip_velocity",
+        total="norm",
+        weight="tip_speed",
+        cost="tip_speed",
+        is_default=False,
+    )
+)
 
 
 @sr.register

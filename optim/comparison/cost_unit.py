@@ -12,6 +12,7 @@ import casadi as ca
 
 from optim.problem.problem import EvaluationCost
 from optim.problem.tuning_problem import TuningProblem
+from optim.problem.worker_operations import sampled_outputs
 from spacerobot.rollout.adjoint import SEGMENT_BYTES, WHOLE_BYTES, adjoint_kernel
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.sensitivity import sensitivity_kernel
@@ -65,9 +66,7 @@ def cost_unit_of(problem: TuningProblem) -> CostUnit:
     kernel, grid, wrt = rollout.kernel, rollout.grid, rollout.indices(problem.names)
     plain = _rollout(kernel, grid)
     adjoint = adjoint_kernel(kernel, wrt)
-    # outputs whose derivatives a linearisation samples
-    sampled = tuple(dict.fromkeys([*problem.terms.residuals, *["tip_error"] * (problem.form == "minimax")]))
-    sensitivity = sensitivity_kernel(kernel, wrt, sampled)
+    sensitivity = sensitivity_kernel(kernel, wrt, sampled_outputs(problem))
     samples = grid.intervals + 1
     slope, sample = (
         _rollout(k, grid) + samples * operations(k.functions["outputs"]) for k in (sensitivity, kernel)

@@ -15,6 +15,7 @@ import numpy as np
 
 from spacerobot.arrays import Array
 from spacerobot.rollout import ClosedLoopFunctions, EventRule, Signals
+from spacerobot.rollout.closed_loop_protocol import OutputRule
 from spacerobot.symbolic import NoiseTable, WindowTable
 
 
@@ -42,6 +43,7 @@ class DerivedLoop:
     events: Sequence[EventRule] = ()
     fine: tuple[tuple[int, float, float], ...] = ()
     tables: Sequence[WindowTable] = ()
+    variables: Sequence[OutputRule] = ()
     noise: Sequence[NoiseTable] = ()
 
     @classmethod

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
-import numpy as np
 
 from optim.problem.derived_loop import extend
 from optim.problem.margin_terms import MarginTerms
 from optim.problem.problem import Form
-from optim.problem.quantity_measures import context_of, measure, required_measure, with_added_states
-from spacerobot.arrays import Array
+from optim.problem.quantity_measures import (
+    context_of,
+    measure,
+    required_measure,
+    squared_output,
+    with_added_states,
+)
 from spacerobot.errors import ScenarioError
-from spacerobot.quantities import Quantity, find_quantity
+from spacerobot.quantities import Context, find_quantity
 from spacerobot.rollout import ClosedLoopFunctions, Measure, Measures, Signals, integral, peak
 from spacerobot.scenario import Constraints, Objective
 from spacerobot.scene import Scene
@@ -70,7 +74,8 @@ class ObjectiveTerms:
     limits
         Limit of each component of each constrained measure, by the measure's name.
     residuals
-        ``squares``: outputs and factors w with objective = sum of w times the integral of the squared output.
+        ``squares``: outputs, factors w and entries of the outputs; the objective is the sum of w times the
+        integral of the squared entries.
     margins
         Stability margins that are required or weighed; none if None.
     """
@@ -78,7 +83,7 @@ class ObjectiveTerms:
     measures: Measures
     form: Form
     limits: Mapping[str, float] = field(default_factory=dict)
-    residuals: Mapping[str, tuple[float, Array]] = field(default_factory=dict)
+    residuals: Sequence[tuple[str, float, list[int]]] = ()
     margins: MarginTerms | None = None
 
 
@@ -152,12 +157,7 @@ def build_terms(
         quantity = find_quantity(name)
         named[name] = required_measure(quantity, context, f"tuning.constraints.max_{quantity.limit}")
     if isinstance(objective, Objective):
-        weights = {find_quantity(name): weight for name, weight in objective.given.items() if weight}
-        extras = {
-            quantity: required_measure(quantity, context, f"tuning.objective.{quantity.weight}")
-            for quantity in weights
-        }
-        return _standard(signals, scene, objective, (named, extras, weights), limits)
+        return _standard(context, objective, named, limits)
     own = objective(signals)
     if isinstance(own, Measure) and own.expression.numel() == 1:
         own = ReducedObjective(own, lambda whole: whole)
@@ -169,28 +169,14 @@ def build_terms(
 
 
 def _standard(
-    signals: Signals,
-    scene: Scene,
-    objective: Objective,
-    measured: tuple[dict[str, Measure], dict[Quantity, Measure], dict[Quantity, float]],
-    limits: dict[str, float],
+    context: Context, objective: Objective, named: dict[str, Measure], limits: dict[str, float]
 ) -> ObjectiveTerms:
-    """Terms of a scenario's objective; measured are peaks, weighed quantities, and their weights."""
-    if objective.object_rotation and scene.target is None:
-        raise scene.error("there is no target whose rotation could count", "tuning.objective.object_rotation")
-    watched, extras, own_weights = measured
-    duration = scene.scenario.simulation.duration
-    named = watched | {quantity.name: own for quantity, own in extras.items()}
-    # weight, and a factor for each component, of the outputs whose squares are penalised
-    robots = np.array([float(body.path != "target") for body in scene.bodies for _ in range(3)])
-    torques = np.ones(signals["joint_torque"].numel())
-    weights = {"joint_torque": (objective.effort, torques)}
-    rotation = objective.base_rotation * robots + objective.object_rotation * (1 - robots)
-    largest = float(rotation.max(initial=0.0))
-    weights["body_rotation"] = (largest, np.sqrt(rotation / largest) if largest else robots)
-    for name, (weight, factor) in weights.items():
-        if weight:
-            named[f"{name}_squared"] = integral(ca.sumsqr(ca.DM(factor) * signals[name]))
+    """Terms of a scenario's objective, with measures that every rollout has."""
+    signals, scene = context.signals, context.scene
+    weights = {find_quantity(name): weight for name, weight in objective.given.items() if weight}
+    for quantity in weights:
+        where = f"tuning.objective.{quantity.weight}"
+        named[quantity.name] = required_measure(quantity, context, where)
     error, tips = signals["tip_error"], len(scene.tips)
     track = None  # the largest of the peaks that are watched anyway
     if objective.kind == "ise":
@@ -203,24 +189,21 @@ def _standard(
         track = integral(ca.sumsqr(signals.x[signals.x.numel() - tips :]))
     if track is not None:
         named["track"] = track
-    counted = {name: weight for name, (weight, _) in weights.items() if weight}
 
     def costs(r: Mapping[str, ca.SX], _: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
         """Objective, from the reduced quantities of a rollout."""
         tracking = ca.mmax(r["tip_error_peak"]) if track is None else r["track"]
         total = objective.weight * tracking
-        for name, weight in counted.items():
-            total = total + weight * r[f"{name}_squared"]
-        for quantity, weight in own_weights.items():
-            values = ca.SX(quantity.reduced(r[quantity.name], duration))
-            total = total + weight * ca.SX(ca.sum1(values))
+        for quantity, weight in weights.items():
+            total = total + weight * ca.sum1(ca.SX(quantity.weighed(r[quantity.name])))
         return {OBJECTIVE: total}
 
-    forms: dict[str, Form] = {"ise": "squares", "minimax": "minimax"}
-    residuals = {name: weights[name] for name in counted}
+    squares = {quantity: squared_output(quantity, context) for quantity in weights}
+    residuals = [(own[0], weights[each], own[1]) for each, own in squares.items() if own is not None]
     if objective.kind == "ise":
-        residuals["tip_error"] = (objective.weight, np.ones(3 * len(scene.tips)))
-    form = "smooth" if extras else forms.get(objective.kind, "smooth")
+        residuals.append(("tip_error", objective.weight, list(range(3 * len(scene.tips)))))
+    forms: dict[str, Form] = {"ise": "squares", "minimax": "minimax"}
+    form = "smooth" if None in squares.values() else forms.get(objective.kind, "smooth")
     return ObjectiveTerms(Measures(signals, named, costs), form, limits, residuals)
 
 

@@ -9,7 +9,13 @@ from spacerobot.quantities import Components, Context, Quantity
 from spacerobot.rollout import ClosedLoopFunctions, Measure, Signals, final, integral, peak
 from spacerobot.scene import Scene
 
-_REDUCERS = {"integral": integral, "rms": integral, "peak": peak, "final": final}
+_REDUCERS = {
+    "integral": integral,
+    "rms": integral,
+    "magnitude": integral,
+    "final": final,
+    "final_length": final,
+}
 
 
 def context_of(scene: Scene, loop: ClosedLoopFunctions, signals: Signals | None = None) -> Context:
@@ -43,6 +49,14 @@ def measure(quantity: Quantity, context: Context) -> tuple[Components, Measure]:
     found = quantity.components(context)
     values = -found.values if quantity.reducer == "lowest" else found.values
     return found, _REDUCERS.get(quantity.reducer, peak)(values)
+
+
+def squared_output(quantity: Quantity, context: Context) -> tuple[str, list[int]] | None:
+    """Output, and its entries, the integral of whose squares a weight multiplies; None if it is of none."""
+    if quantity.reducer != "rms" or not isinstance(quantity.expression, str):
+        return None
+    output, labels = context.rows(quantity.expression)
+    return (output, [row for rows in labels.values() for row in rows]) if labels else None
 
 
 def required_measure(quantity: Quantity, context: Context, where: str) -> Measure:

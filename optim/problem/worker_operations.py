@@ -136,8 +136,8 @@ def _linearise(problem: Formulation, u: Array) -> Linearisation:
 
 def sampled_outputs(problem: Formulation) -> tuple[str, ...]:
     """Outputs whose samples the objective is made of."""
-    outputs = [*problem.terms.residuals] + (["tip_error"] if problem.form == "minimax" else [])
-    return tuple(dict.fromkeys(outputs))
+    outputs = [output for output, _, _ in problem.terms.residuals]
+    return tuple(dict.fromkeys([*outputs, *["tip_error"] * (problem.form == "minimax")]))
 
 
 def rows_of(problem: Formulation, outputs: Mapping[str, Array]) -> Array:
@@ -155,7 +155,7 @@ def rows_of(problem: Formulation, outputs: Mapping[str, Array]) -> Array:
         return np.concatenate([flat, -flat], axis=-1)
     step = problem.rollout.grid.duration_s / problem.rollout.grid.intervals
     rows = []
-    for name, (weight, factor) in problem.terms.residuals.items():
-        scaled = outputs[name] * (np.sqrt(weight * step) * factor)
+    for name, weight, entries in problem.terms.residuals:
+        scaled = np.sqrt(weight * step) * outputs[name][..., entries]
         rows.append(scaled.reshape(*scaled.shape[:-2], -1))
     return np.concatenate(rows, axis=-1)

@@ -13,7 +13,7 @@ from spacerobot.closedloop.built_elements import LoopBuilder
 from spacerobot.closedloop.closed_loop import ClosedLoop, OutputVariable
 from spacerobot.closedloop.energy import EnergyTerm, build_works, plant_powers, stored_energies
 from spacerobot.closedloop.events import booked, guards_of, rules_of, speeds_of, update_of
-from spacerobot.closedloop.external_impulse import impulse_of, on_bases, pushes_of, unbooked
+from spacerobot.closedloop.external_impulse import base_wrenches, impulse_of, on_bases, pushes_of, unbooked
 from spacerobot.closedloop.forward_dynamics import ForwardDynamicsResult, solve_accelerations
 from spacerobot.closedloop.impulse import strike
 from spacerobot.closedloop.initial_state import initial_state
@@ -122,6 +122,7 @@ def evaluate(
         *stored_energies(scene, plant, acting),
         *(work.output for work in works),
         *impulse.outputs,
+        *base_wrenches(scene, plant, delivered),
     ]
     seen = added_up(declared)
     phases = phased(builder, seen)

@@ -69,6 +69,26 @@ def _about_origin(wrenches: Iterable[Wrench]) -> tuple[ca.SX, ca.SX]:
     return force, torque
 
 
+def base_wrenches(scene: Scene, plant: Plant, wrenches: Sequence[Wrench]) -> Iterator[Output]:
+    """Forces and torques of actuators on floating bases, about the root link's origin.
+
+    Parameters
+    ----------
+    scene, plant, wrenches
+        The scene, its mechanics, and what actuators deliver to bases from outside.
+    """
+    for body in scene.bodies:
+        own = [wrench for wrench in wrenches if wrench.joint_id == body.root_joint]
+        if not own or not body.root_joint:
+            continue
+        force, torque = _about_origin(own)
+        torque = torque - cross(plant.kinematics.origin[body.root_joint], force)
+        into = plant.kinematics.rotation[body.root_joint].T
+        for name, unit, value in (("force", "N", force), ("torque", "N m", torque)):
+            text = f"{name} of actuators on floating bases, root link's axes"
+            yield Output(f"base_{name}", ca.mtimes(into, value), unit, text, "body", body.name)
+
+
 def on_bases(scene: Scene, plant: Plant, torque: ca.SX) -> Iterator[Wrench]:
     """Wrenches of the generalized forces (nv x 1) that are delivered to floating bases."""
     for body in scene.bodies:

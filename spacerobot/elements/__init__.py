@@ -32,7 +32,6 @@ from spacerobot.elements.event import Event, both, either, negated
 from spacerobot.elements.flexible_link import FlexibleContext, FlexibleLink
 from spacerobot.elements.goal import Goal, TipGoal
 from spacerobot.elements.grasp import Grasp
-from spacerobot.elements.plan_cost import AxesCost, JointCost, PlanCost
 from spacerobot.elements.plan_instant import BoundedRow, PlanInstant, within, zero
 from spacerobot.elements.plan_limit import PlanLimit, PlannedJoint
 from spacerobot.elements.reference import Reference
@@ -52,7 +51,6 @@ __all__ = [
     "ActuatorContext",
     "ActuatorDrive",
     "Affine",
-    "AxesCost",
     "BoundedRow",
     "CollisionShape",
     "CommandedTorque",
@@ -75,9 +73,7 @@ __all__ = [
     "Grasp",
     "GraspContext",
     "InitialMotion",
-    "JointCost",
     "Output",
-    "PlanCost",
     "PlanInstant",
     "PlanLimit",
     "PlannedJoint",

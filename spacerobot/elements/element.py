@@ -21,7 +21,7 @@ class Element(Section):
     family
         Which elements it stands beside: ``reference``, ``grasp``, ``contact``, ``tip_controller``,
         ``robot_controller``, ``actuator``, ``sensor``, ``estimator``, ``environment``, ``flexible_link`` or
-        ``shape``; of a plan, ``goal``, ``plan_cost`` or ``plan_limit``.
+        ``shape``; of a plan, ``goal`` or ``plan_limit``.
     fills
         Key of the section that what stands in its ``file`` fills in, if it has one.
     told_by

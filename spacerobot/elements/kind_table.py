@@ -6,8 +6,8 @@ import inspect
 import re
 from typing import Any
 
-from spacerobot.elements.element import Element
 from spacerobot.elements.registry import FAMILIES, PLANS, kinds
+from spacerobot.section import Section
 
 PLACES = {
     "reference": "`robots.*.tips.*.reference`, `target.reference`",
@@ -23,19 +23,19 @@ PLACES = {
     "flexible_link": "`robots.*.flexible.*`, `target.flexible.*`",
     "shape": "`pads.*`",
     "goal": "`plan.goals.*`; the kind follows from `attitude`, `frame`, `position`, `joints` or `still`",
-    "plan_cost": "`plan.costs.*`; the name is the kind if the section gives none, a number alone the weight",
-    "plan_limit": "`plan.limits.*`, likewise; `plan.keep_out.*`, `.approach_cones.*`, `.line_of_sight.*`",
+    "plan_limit": "`plan.limits.*`; the name is the kind if the section gives none; `plan.keep_out.*`, "
+    "`.approach_cones.*`, `.line_of_sight.*`",
 }
 """Where a kind of each family stands in a scenario."""
 
 
-def summary_of(kind: type[Element]) -> str:
+def summary_of(kind: type[Section]) -> str:
     """First sentence of a kind's documentation, in one line."""
     text = " ".join(inspect.cleandoc(kind.__doc__ or "").split("\n\n")[0].split())
     return text.rstrip(".")
 
 
-def fields_of(kind: type[Element]) -> list[tuple[str, str, str]]:
+def fields_of(kind: type[Section]) -> list[tuple[str, str, str]]:
     """Keys of a kind's section: name, default (``required`` if there is none), description with its unit."""
     rows = []
     for name, field in kind.model_fields.items():

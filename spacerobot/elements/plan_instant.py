@@ -169,10 +169,8 @@ class JointCoordinate(NamedTuple):
         In the URDF.
     position
         Position (1x1) [rad or m]; of an unbounded joint cosine and sine of its angle (2x1).
-    rate, acceleration
-        How it moves (1x1 each) [rad/s or m/s], [rad/s^2 or m/s^2].
-    torque
-        What its actuator gives (1x1) [N m or N].
+    rate
+        How it moves (1x1) [rad/s or m/s].
     lower, upper
         Its range in the URDF [rad or m]; infinite where it has none.
     """
@@ -180,8 +178,6 @@ class JointCoordinate(NamedTuple):
     name: str
     position: ca.SX
     rate: ca.SX
-    acceleration: ca.SX
-    torque: ca.SX
     lower: float
     upper: float
 
@@ -206,9 +202,6 @@ class PlannedBase(NamedTuple):
         Displacement since the start (3x1) [m], world axes.
     force, torque
         What drives it (3x1 each) [N], [N m], axes of the root link; structurally zero where nothing does.
-    force_limits, torque_limits
-        Greatest magnitudes along and about these axes (3,) each, zero where it is not driven, infinite where
-        there is no limit.
     """
 
     frame: MovingFrame
@@ -216,8 +209,6 @@ class PlannedBase(NamedTuple):
     translation: ca.SX
     force: ca.SX
     torque: ca.SX
-    force_limits: Array
-    torque_limits: Array
 
 
 class PlannedWheels(NamedTuple):
@@ -245,6 +236,20 @@ class PlanInstant(Protocol):
 
     Each raises :class:`spacerobot.errors.ScenarioError` where there is nothing of that name.
     """
+
+    def signal(self, name: str) -> Mapping[str, ca.SX]:
+        """Columns of a signal by label, of which quantities are expressions.
+
+        Parameters
+        ----------
+        name
+            ``joint_torque``, ``joint_rate``, ``joint_acceleration``, ``tip_position``, ``tip_velocity``,
+            ``base_force``, ``base_torque`` (root link's axes), ``base_rotation``, ``base_translation``,
+            ``reaction_force``, ``reaction_torque`` (of arms on their base about its origin, world axes; on a
+            fixed base with the opposite sign), ``grasp_force``, ``grasp_torque``, ``single_wheel_momentum``,
+            ``vibration_energy`` or ``arrival`` (velocity and spin of tips relative to the mating frames that
+            goals bring them to).
+        """
 
     @property
     def axes(self) -> Sequence[int]:
@@ -347,20 +352,6 @@ class PlanInstant(Protocol):
             Key of the section that names it.
         """
 
-    def joint_states(self) -> Mapping[str, JointCoordinate]:
-        """Joints of all robots that are planned, by robot/joint."""
-
-    def by_joint(self, given: Mapping[str, T], key: str) -> Mapping[str, T]:
-        """Values for each joint, by robot/joint; a full name takes precedence over a pattern.
-
-        Parameters
-        ----------
-        given
-            Values by robot/joint or pattern.
-        key
-            Key of the section that holds them.
-        """
-
     def flexible(self, body: str, key: str) -> Mapping[str, tuple[ca.SX, ca.SX]]:
         """Position [rad or m] and rate of each joint of a body's flexible links (1x1 each), by its name.
 
@@ -372,26 +363,14 @@ class PlanInstant(Protocol):
             Key of the section that names it.
         """
 
-    def vibration_energy(self) -> ca.SX:
-        """Elastic energy of flexible links, and kinetic energy of their joints' motion alone (1x1) [J]."""
-
     def bases(self) -> Mapping[str, PlannedBase]:
         """Floating bases, by robot."""
-
-    def base_reactions(self) -> Mapping[str, tuple[ca.SX, ca.SX]]:
-        """Force [N] and torque [N m] of each robot's arms on its base about the root link's origin, by robot.
-
-        World axes, as many entries as :attr:`axes` and :attr:`turns`; on a fixed base with the opposite sign.
-        """
 
     def grips(self) -> Mapping[str, tuple[ca.SX, ca.SX]]:
         """Force [N] and torque [N m] on its tip of each grasp that holds, by grasp, world axes."""
 
     def wheels(self) -> Mapping[str, PlannedWheels]:
         """Reaction wheels that alone turn a base, by robot; there must be some."""
-
-    def arrivals(self) -> Iterator[tuple[ca.SX, ca.SX]]:
-        """Velocity [m/s] and spin [rad/s] of tips relative to the mating frames that goals lead them to."""
 
     def gaps(self, between: tuple[str, str], wrap: Wrap | None) -> Iterator[tuple[str, ca.SX, Implicit]]:
         """Distances of pairs of shapes.

@@ -46,7 +46,6 @@ FAMILIES = {
 
 PLANS = {
     "goal": "spacerobot.elements.goals",
-    "plan_cost": "spacerobot.elements.plan_costs",
     "plan_limit": "spacerobot.elements.plan_limits",
 }
 """The same of plans, which are no part of a closed loop."""

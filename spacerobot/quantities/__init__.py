@@ -1,30 +1,34 @@
-"""Quantities of a rollout, one file for each group; tuning, campaigns, pages and reports use them."""
+"""Quantities of a motion, one file for each group; tuning, campaigns, plans, pages and reports use them."""
 
 from spacerobot.quantities.quantity import (
-    NOTHING,
     AddedStates,
+    Columns,
     Components,
     Context,
     Quantity,
+    SignalSource,
     default_metrics,
     find_quantity,
     limited,
     metrics,
+    planned,
     quantities,
     register_quantity,
     weighted,
 )
 
 __all__ = [
-    "NOTHING",
     "AddedStates",
+    "Columns",
     "Components",
     "Context",
     "Quantity",
+    "SignalSource",
     "default_metrics",
     "find_quantity",
     "limited",
     "metrics",
+    "planned",
     "quantities",
     "register_quantity",
     "weighted",

@@ -4,57 +4,46 @@ from __future__ import annotations
 
 import casadi as ca
 
-from spacerobot.quantities.quantity import Components, Context, Quantity, sizes
+from spacerobot.quantities.quantity import Columns, Context, Quantity, sizes
 
 SMALLEST = 1e-9  # m; keeps the distance smooth where it is zero
 NO_CAPTURE = "no grasp of this scene begins open"
 
 
-def open_grasps(context: Context) -> list[int]:
-    """Places of the grasps that begin open."""
-    return [i for i, grasp in enumerate(context.scene.grasps) if grasp.config.begins == "open"]
+def of_open_grasps(context: Context, signal: str) -> Columns:
+    """Columns of a signal of the grasps that begin open."""
+    begins_open = {grasp.name for grasp in context.scene.grasps if grasp.config.begins == "open"}
+    return {label: column for label, column in context.signal(signal).items() if label in begins_open}
 
 
-def grasp_names(context: Context, chosen: list[int]) -> tuple[str, ...]:
-    """Names of grasps by their places."""
-    return tuple(context.scene.grasps[i].name for i in chosen)
-
-
-def times(context: Context) -> Components:
+def times(context: Context) -> Columns:
     """Time of the last capture of each grasp [s]; the simulation's duration if it was missed."""
-    chosen, duration = open_grasps(context), context.scene.scenario.simulation.duration
-    captured = [context.signals["grasp_captured_at"][i] for i in chosen]
-    late = [ca.if_else(time < 0, duration, time) for time in captured]
-    return Components(grasp_names(context, chosen), ca.vertcat(ca.SX(0, 1), *late))
+    duration = context.scene.scenario.simulation.duration
+    captured = of_open_grasps(context, "grasp_captured_at")
+    return {label: ca.if_else(time < 0, duration, time) for label, time in captured.items()}
 
 
-def distances(context: Context) -> Components:
+def distances(context: Context) -> Columns:
     """Distance of tip and mating frame of each grasp [m]."""
-    chosen, gaps = open_grasps(context), context.vectors("grasp_gap")
-    away = sizes([gaps[i] for i in chosen], SMALLEST)
-    return Components(grasp_names(context, chosen), ca.vertcat(ca.SX(0, 1), *away))
+    return sizes(of_open_grasps(context, "grasp_gap"), SMALLEST)
 
 
-def touchdown_speeds(context: Context) -> Components:
+def touchdown_speeds(context: Context) -> Columns:
     """Speed of the tip relative to the target at the capture of each grasp [m/s]; zero if it was missed."""
-    chosen = open_grasps(context)
-    velocities = context.vectors("grasp_capture_velocity") if chosen else []
-    speeds = sizes([velocities[i] for i in chosen], SMALLEST)
-    return Components(grasp_names(context, chosen), ca.vertcat(ca.SX(0, 1), *speeds))
+    return sizes(of_open_grasps(context, "grasp_capture_velocity"), SMALLEST)
 
 
-def lateral_misses(context: Context) -> Components:
+def lateral_misses(context: Context) -> Columns:
     """Distance of the tip from the mating frame's axis at the capture of each grasp [m]."""
-    chosen, misses = open_grasps(context), list[ca.SX]()
-    for i in chosen:
-        capture = context.scene.grasps[i].config.capture
+    signals = ("grasp_captured_at", "grasp_gap", "grasp_capture_gap")
+    times, gaps, at_capture = (of_open_grasps(context, signal) for signal in signals)
+    grasps, misses = {grasp.name: grasp for grasp in context.scene.grasps}, dict[str, ca.SX]()
+    for label, gap in at_capture.items():
+        capture = grasps[label].config.capture
         assert capture is not None, "scenes are refused whose open grasps have none"
         axis = ca.DM(capture.axis) / ca.norm_2(ca.DM(capture.axis))
-        gap = context.vectors("grasp_capture_gap")[i]
-        missed = context.signals["grasp_captured_at"][i] < 0
-        misses.append(ca.if_else(missed, context.vectors("grasp_gap")[i], gap - axis * ca.dot(axis, gap)))
-    found = sizes(misses, SMALLEST)
-    return Components(grasp_names(context, chosen), ca.vertcat(ca.SX(0, 1), *found))
+        misses[label] = ca.if_else(times[label] < 0, gaps[label], gap - axis * ca.dot(axis, gap))
+    return sizes(misses, SMALLEST)
 
 
 QUANTITIES = (
@@ -67,7 +56,6 @@ QUANTITIES = (
         times,
         limit="capture_time",
         weight="capture_time",
-        weight_unit="objective/s",
         absent=NO_CAPTURE,
         symbol="C",
     ),
@@ -88,7 +76,6 @@ QUANTITIES = (
         "final",
         touchdown_speeds,
         weight="touchdown_speed",
-        weight_unit="objective s/m",
         is_default=False,
         absent=NO_CAPTURE,
     ),
@@ -101,7 +88,6 @@ QUANTITIES = (
         "final",
         lateral_misses,
         weight="lateral_miss",
-        weight_unit="objective/m",
         is_default=False,
         absent=NO_CAPTURE,
     ),

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import casadi as ca
 
-from spacerobot.quantities.quantity import Components, Context, Quantity, sizes
+from spacerobot.quantities.quantity import Columns, Quantity, SignalSource, sizes
 
 SMALLEST = 1e-12  # m; keeps the size smooth where it is zero
 
 
-def of_ends(context: Context) -> Components:
+def of_ends(source: SignalSource) -> Columns:
     """Deflection of the ends of beams [m]."""
-    has_beams = "deflection" in context.signals.outputs
-    values = list(sizes(context.vectors("deflection"), SMALLEST)) if has_beams else []
-    return Components(("total",) * len(values), ca.vertcat(ca.SX(0, 1), *values))
+    lengths = sizes(source.signal("deflection"), SMALLEST)
+    return {"total": ca.vertcat(*lengths.values())} if lengths else {}
 
 
-def of_modes(context: Context) -> Components:
+def of_modes(source: SignalSource) -> Columns:
     """Size of the coordinates of modes [kg^(1/2) m]."""
-    values = ca.fabs(context.signals.outputs.get("modal_coordinate", ca.SX(0, 1)))
-    return Components(("total",) * values.numel(), values)
+    coordinates = source.signal("modal_coordinate").values()
+    return {"total": ca.fabs(ca.vertcat(*coordinates))} if coordinates else {}
 
 
 QUANTITIES = (
@@ -44,5 +43,18 @@ QUANTITIES = (
         limit="modal_coordinate",
         absent="no flexible link of this scene is of kind modes",
         symbol="V",
+    ),
+    Quantity(
+        "vibration_energy",
+        "energy of vibrations",
+        "integral of the energy of flexible links: elastic, and kinetic of their motion in their joints; of "
+        "modes sum (h'^2 + w^2 h^2) / 2, h being their mass-normalised coordinates",
+        "J s",
+        "integral",
+        "vibration_energy",
+        cost="vibration",
+        is_metric=False,
+        is_default=False,
+        absent="there are no flexible links",
     ),
 )

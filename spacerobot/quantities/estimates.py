@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
-from spacerobot.quantities.quantity import Components, Context, Quantity, sizes
+from spacerobot.quantities.quantity import Columns, Quantity, SignalSource, sizes
 
 SMALLEST = 1e-15  # rad, m; keeps sizes smooth where they are zero
 NO_ATTITUDE = "no robot of this scene has an estimator of kind attitude_filter"
@@ -16,31 +15,16 @@ NO_HELD = "no robot of this scene has an estimator of kind inertia_filter"
 NO_TARGET = "no robot of this scene has an estimator of kind target_filter"
 
 
-def length(output: str, factor: float = 1.0) -> Callable[[Context], Components]:
+def length(output: str, factor: float = 1.0) -> Callable[[SignalSource], Columns]:
     """Size of a vector of each robot that has it, times a factor."""
-
-    def components(context: Context) -> Components:
-        names, vectors = context.bodies(output)
-        return Components(names, ca.vertcat(ca.SX(0, 1), *(factor * e for e in sizes(vectors, SMALLEST))))
-
-    return components
-
-
-def number(output: str) -> Callable[[Context], Components]:
-    """Number of each robot that has it."""
-
-    def components(context: Context) -> Components:
-        names, values = context.bodies(output)
-        return Components(names, ca.vertcat(ca.SX(0, 1), *values))
-
-    return components
+    return lambda source: sizes(source.signal(output), SMALLEST, factor)
 
 
 def _final(
     name: str,
     texts: tuple[str, str],
     unit: str,
-    found: Callable[[Context], Components],
+    found: str | Callable[[SignalSource], Columns],
     absent: str,
     **further: Any,
 ) -> Quantity:
@@ -60,14 +44,14 @@ QUANTITIES = (
         "attitude_nees",
         ("NEES of the attitude filter", "normalised error squared of attitude and gyro bias at the end"),
         "1",
-        number("attitude_nees"),
+        "attitude_nees",
         NO_ATTITUDE,
     ),
     _final(
         "attitude_nis",
         ("NIS of the attitude filter", "normalised innovation squared of the last star tracker sample"),
         "1",
-        number("attitude_nis"),
+        "attitude_nis",
         NO_ATTITUDE,
     ),
     _final(
@@ -81,14 +65,14 @@ QUANTITIES = (
         "target_nees",
         ("NEES of the target filter", "normalised error squared of all that it estimates at the end"),
         "1",
-        number("target_nees"),
+        "target_nees",
         NO_TARGET,
     ),
     _final(
         "target_nis",
         ("NIS of the target filter", "normalised innovation squared of the last pose"),
         "1",
-        number("target_nis"),
+        "target_nis",
         NO_TARGET,
     ),
     _final(
@@ -98,10 +82,9 @@ QUANTITIES = (
             "greatest relative standard deviation of its mass properties, in any direction, at the end",
         ),
         "1",
-        number("held_deviation"),
+        "held_deviation",
         NO_HELD,
         weight="held_deviation",
-        weight_unit="1",
     ),
     _final(
         "held_mass_error",
@@ -124,7 +107,7 @@ QUANTITIES = (
         "held_nees",
         ("NEES of the inertia filter", "normalised error squared of all that it estimates at the end"),
         "1",
-        number("held_nees"),
+        "held_nees",
         NO_HELD,
     ),
 )

@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-import casadi as ca
-
-from spacerobot.quantities.quantity import NOTHING, Components, Context, Quantity, sizes
+from spacerobot.quantities.quantity import Columns, Quantity, SignalSource, sizes
 
 SMALLEST = 1e-6  # N or N m; keeps the size smooth where there is no force
+NO_GRASP = "this scene has no grasp that holds"
 
 
-def per_grasp(context: Context) -> Components:
+def forces(source: SignalSource) -> Columns:
     """Size of the force in each grasp [N]."""
-    forces = sizes(context.vectors("grasp_force"), SMALLEST)
-    return Components(tuple(grasp.name for grasp in context.scene.grasps), ca.vertcat(ca.SX(0, 1), *forces))
+    return sizes(source.signal("grasp_force"), SMALLEST)
 
 
-def torque_per_grasp(context: Context) -> Components:
+def torques(source: SignalSource) -> Columns:
     """Size of the torque in each grasp, at its tip [N m]; exactly zero where there is none."""
-    torques = [size - SMALLEST for size in sizes(context.vectors("grasp_torque"), SMALLEST)]
-    return Components(tuple(grasp.name for grasp in context.scene.grasps), ca.vertcat(ca.SX(0, 1), *torques))
+    found = sizes(source.signal("grasp_torque"), SMALLEST)
+    return {label: size - SMALLEST for label, size in found.items()}
 
 
-def per_contact(context: Context) -> Components:
+def contact_forces(source: SignalSource) -> Columns:
     """Size of the force of each contact [N], exactly zero where there is none."""
-    if "contact_force" not in context.loop.outputs.name_out():
-        return NOTHING
-    forces = [size - SMALLEST for size in sizes(context.vectors("contact_force"), SMALLEST)]
-    return Components(tuple(context.scene.scenario.contacts), ca.vertcat(ca.SX(0, 1), *forces))
+    found = sizes(source.signal("contact_force"), SMALLEST)
+    return {label: size - SMALLEST for label, size in found.items()}
 
 
 QUANTITIES = (
@@ -36,9 +32,9 @@ QUANTITIES = (
         "largest force in a grasp",
         "N",
         "peak",
-        per_grasp,
+        forces,
         limit="grip_force",
-        absent="this scene has no grasp",
+        absent=NO_GRASP,
         symbol="G",
     ),
     Quantity(
@@ -47,10 +43,10 @@ QUANTITIES = (
         "largest torque in a grasp",
         "N m",
         "peak",
-        torque_per_grasp,
+        torques,
         limit="grip_torque",
         is_default=False,
-        absent="this scene has no grasp",
+        absent=NO_GRASP,
         symbol="M",
     ),
     Quantity(
@@ -59,10 +55,36 @@ QUANTITIES = (
         "largest force of a contact",
         "N",
         "peak",
-        per_contact,
+        contact_forces,
         limit="contact_force",
         is_default=False,
         absent="this scene has no contact",
         symbol="F",
+    ),
+    Quantity(
+        "grip_force_rms",
+        "RMS grip force",
+        "root mean square of the force in a grasp",
+        "N",
+        "rms",
+        "grasp_force",
+        total="norm",
+        weight="grip_force",
+        cost="grip_force",
+        is_default=False,
+        absent=NO_GRASP,
+    ),
+    Quantity(
+        "grip_torque_rms",
+        "RMS grip torque",
+        "root mean square of the torque in a grasp",
+        "N m",
+        "rms",
+        "grasp_torque",
+        total="norm",
+        weight="grip_torque",
+        cost="grip_torque",
+        is_default=False,
+        absent=NO_GRASP,
     ),
 )

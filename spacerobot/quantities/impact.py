@@ -2,27 +2,17 @@
 
 from __future__ import annotations
 
-import casadi as ca
-
-from spacerobot.quantities.capture import NO_CAPTURE, grasp_names, open_grasps
-from spacerobot.quantities.quantity import NOTHING, Components, Context, Quantity, sizes
+from spacerobot.quantities.capture import NO_CAPTURE, of_open_grasps
+from spacerobot.quantities.quantity import Columns, Context, Quantity, sizes
 
 SMALLEST = 1e-12  # N s; keeps the size smooth where there is no impulse
 
 
-def impulses(context: Context) -> Components:
+def impulses(context: Context) -> Columns:
     """Size of the sum of all impacts' impulses on the target in each rigid grasp that begins open [N s]."""
-    chosen = [i for i in open_grasps(context) if context.scene.grasps[i].config.is_rigid]
-    given = context.vectors("grasp_impulse") if chosen else []
-    summed = sizes([given[i] for i in chosen], SMALLEST)
-    return Components(grasp_names(context, chosen), ca.vertcat(ca.SX(0, 1), *summed))
-
-
-def dissipated(context: Context) -> Components:
-    """Energy that all events together dissipated [J]."""
-    if "work_event" not in context.loop.outputs.name_out():
-        return NOTHING
-    return Components(("total",), context.signals["work_event"])
+    rigid = {grasp.name for grasp in context.scene.grasps if grasp.config.is_rigid}
+    given = of_open_grasps(context, "grasp_impulse")
+    return sizes({label: impulse for label, impulse in given.items() if label in rigid}, SMALLEST)
 
 
 QUANTITIES = (
@@ -44,10 +34,22 @@ QUANTITIES = (
         "energy dissipated by impacts and released springs",
         "J",
         "final",
-        dissipated,
+        "work_event",
         total="sum",
         weight="event_energy",
-        weight_unit="objective/J",
         absent=NO_CAPTURE,
+    ),
+    Quantity(
+        "impact_speed",
+        "impact speed",
+        "speed [m/s] and spin [rad/s] with which tips reach their mating frames",
+        "m/s",
+        "final_length",
+        "arrival",
+        total="norm",
+        cost="impact_speed",
+        is_metric=False,
+        is_default=False,
+        absent="there are no tips that reach mating frames: give a goal with `frame`",
     ),
 )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from spacerobot.quantities.quantity import NOTHING, AddedStates, Components, Context, Quantity
+from spacerobot.quantities.quantity import AddedStates, Columns, Context, Quantity
 
 if TYPE_CHECKING:
     from spacerobot.scene import Scene
@@ -30,15 +30,14 @@ def low_passes(scene: Scene, frequency_hz: float) -> AddedStates:
     return AddedStates(names, rates)
 
 
-def squares(context: Context) -> Components:
-    """Squared jitter of each tip [m^2]."""
-    places = [i for i, name in enumerate(context.loop.state_names) if name.startswith(PREFIX)]
-    if not places:
-        return NOTHING
-    fast = context.signals["tip_error"] - context.signals.x[places]
-    tips = context.scene.tips
-    values = [ca.sumsqr(fast[3 * i : 3 * i + 3]) for i in range(len(tips))]
-    return Components(tuple(tip.label for tip in tips), ca.vertcat(*values))
+def fast_errors(context: Context) -> Columns:
+    """Error of each tip after its high pass [m]."""
+    names = context.loop.state_names
+    return {
+        label: error - context.signals.x[[names.index(f"{PREFIX}{label}[{axis}]") for axis in "xyz"]]
+        for label, error in context.signal("tip_error").items()
+        if f"{PREFIX}{label}[x]" in names
+    }
 
 
 QUANTITIES = (
@@ -48,25 +47,12 @@ QUANTITIES = (
         "root mean square of a tip's error after a first-order high-pass filter",
         "m",
         "rms",
-        squares,
+        fast_errors,
         limit="jitter",
+        weight="jitter",
         is_default=False,
         absent=NO_TIP,
         symbol="J",
-        states=low_passes,
-    ),
-    Quantity(
-        "jitter_squared",
-        "squared jitter",
-        "integral of the tips' squared jitter: their error after a first-order high-pass filter",
-        "m^2 s",
-        "integral",
-        squares,
-        total="sum",
-        weight="jitter",
-        weight_unit="objective/(m^2 s)",
-        is_metric=False,
-        absent=NO_TIP,
         states=low_passes,
     ),
 )

@@ -2,36 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import casadi as ca
 
-from spacerobot.quantities.quantity import NOTHING, Components, Context, Quantity
+from spacerobot.quantities.joint_motion import NO_JOINT, joint_unit
+from spacerobot.quantities.quantity import Columns, Quantity, SignalSource
 
-if TYPE_CHECKING:
-    from spacerobot.scene import Scene
-
-
-def per_joint(context: Context) -> Components:
-    """Absolute torque [N m] or force [N] of each joint, labelled by its robot."""
-    scene = context.scene
-    joints = sorted(
-        (scene.model.idx_vs[joint], body.name) for body in scene.bodies for joint in body.arm_joints
-    )
-    torque = context.signals["joint_torque"]
-    if torque.numel() != len(joints):
-        raise ValueError("every joint has one torque")
-    return Components(tuple(owner for _, owner in joints), ca.fabs(torque)) if joints else NOTHING
+torque_unit = joint_unit("N m", "N")
 
 
-def torque_unit(scene: Scene) -> str:
-    """Unit of what the scene's joint actuators deliver."""
-    kinds = {
-        scene.model.joints[joint].shortname().startswith("JointModelP")
-        for body in scene.bodies
-        for joint in body.arm_joints
-    }
-    return {(False,): "N m", (True,): "N"}.get(tuple(kinds), "N m or N")
+def by_robot(source: SignalSource) -> Columns:
+    """Absolute torques [N m] or forces [N] of the joints of each robot."""
+    found = dict[str, list[ca.SX]]()
+    for label, torque in source.signal("joint_torque").items():
+        found.setdefault(label.partition("/")[0], []).append(torque)
+    return {robot: ca.fabs(ca.vertcat(*torques)) for robot, torques in found.items()}
 
 
 QUANTITIES = (
@@ -41,10 +25,24 @@ QUANTITIES = (
         "largest torque or force of an actuator",
         "N m or N",
         "peak",
-        per_joint,
+        by_robot,
         limit="joint_torque",
-        absent="no robot of this scene has a joint",
+        absent=NO_JOINT,
         symbol="T",
+        scene_unit=torque_unit,
+    ),
+    Quantity(
+        "joint_torque_rms",
+        "RMS joint torque",
+        "root mean square of the torque or force of a joint",
+        "N m or N",
+        "rms",
+        "joint_torque",
+        total="norm",
+        weight="effort",
+        cost="torque",
+        is_default=False,
+        absent=NO_JOINT,
         scene_unit=torque_unit,
     ),
 )

@@ -1,15 +1,17 @@
-"""A quantity of a rollout: its expression, its reduction over time, its unit and its name for people.
+"""A quantity of a motion: its expression, its reduction over time, its unit and its name for people.
 
 A quantity is defined once, in a file of this package or in a plugin, and is available everywhere: as an
-objective or a constraint of tuning, as a metric and a limit of campaigns, in the studio and in reports.
+objective or a constraint of tuning, as a metric and a limit of campaigns, as a cost of plans, in the studio
+and in reports. Its expression is one of signals, which a rollout provides and an instant of a plan too.
 """
 
 from __future__ import annotations
 
 import importlib
 import pkgutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
@@ -19,30 +21,34 @@ import numpy as np
 from spacerobot.errors import SpaceRobotError, near_names
 
 if TYPE_CHECKING:
+    from spacerobot.rollout.closed_loop_protocol import ClosedLoopFunctions
     from spacerobot.rollout.measures import Signals
     from spacerobot.scene import Scene
 
-Reducer = Literal["integral", "peak", "lowest", "final", "rms"]
+Reducer = Literal["integral", "peak", "lowest", "final", "rms", "magnitude", "final_length"]
 Total = Literal["largest", "sum", "norm"]
+Columns = Mapping[str, ca.SX]
+"""Columns of a signal by label: of each joint, tip, body or grasp."""
 Expression = Any
 """A CasADi expression or a NumPy array: reductions are written once for both."""
+BODIES = {
+    "base_rotation": ("body_rotation", False),
+    "base_position": ("body_position", False),
+    "target_rotation": ("body_rotation", True),
+}
+"""Signals that are an output's entries of bodies, and whether of the target or of the others."""
 
 
-class Loop(Protocol):
-    """Interface of a closed loop that quantities use."""
+class SignalSource(Protocol):
+    """A rollout or an instant of a plan: the signals that quantities are expressions of."""
 
-    @property
-    def state_names(self) -> Sequence[str]:
-        """Names of all states."""
-
-    @property
-    def outputs(self) -> ca.Function:
-        """(t, x, c) -> outputs by name."""
+    def signal(self, name: str) -> Columns:
+        """Columns of a signal by label; none where the scene has nothing that it describes."""
 
 
 @dataclass(frozen=True)
 class Context:
-    """A rollout as quantities see it.
+    """A rollout as quantities see it: a :class:`SignalSource`.
 
     Attributes
     ----------
@@ -55,34 +61,58 @@ class Context:
     """
 
     scene: Scene
-    loop: Loop
+    loop: ClosedLoopFunctions
     signals: Signals
 
-    def vectors(self, output: str) -> list[ca.SX]:
-        """An output of three components each, one vector for each label."""
-        stacked = self.signals[output]
-        return [stacked[i : i + 3] for i in range(0, stacked.numel(), 3)]
+    def signal(self, name: str) -> Columns:
+        """Columns of an output by label; also rates of joints, and displacements of bases since the start."""
+        if name == "joint_rate":
+            model, rates = self.scene.model, self.signals.x[self.loop.nq :]
+            joints = sorted(joint for body in self.scene.robots for joint in body.driven_joints)
+            return {model.names[joint]: rates[int(model.idx_vs[joint])] for joint in joints}
+        if name == "base_translation":
+            x0, c = self.loop.setup(ca.vertcat(*self.signals.parameters.values()))
+            start = self._outputs(0, x0, c)["body_position"]
+            output, labels = self.rows("base_position")
+            return {label: self.signals[output][rows] - start[rows] for label, rows in labels.items()}
+        output, labels = self.rows(name)
+        return {label: self.signals[output][rows] for label, rows in labels.items()}
 
-    def bodies(self, output: str) -> tuple[tuple[str, ...], list[ca.SX]]:
-        """Names of the bodies that have an output, and its part for each.
+    def rows(self, name: str) -> tuple[str, Mapping[str, list[int]]]:
+        """Output that a signal is part of, and its entries by label; none where there is no such output.
 
-        A body whose elements do not declare the output has a constant that is not a number in its place.
+        Left out are bodies whose elements do not declare the output: they have no number in its place.
         """
-        bodies = self.scene.bodies
-        names = self.loop.outputs.name_out()
-        if output not in names:
-            return (), []
+        output, of_target = BODIES.get(name, (name, None))
+        found = {variable.name: variable for variable in self.loop.variables}.get(output)
+        if found is None:
+            return output, {}
+        scene, labels = self.scene, found.labels or ("total",)
+        if found.dims == ("joint",):
+            joints = sorted(joint for body in scene.bodies for joint in body.arm_joints)
+            labels = tuple(scene.model.names[joint] for joint in joints)
+        value = self._values[output]
+        size = value.numel() // len(labels) if labels else 0
+        places = {label: list(range(size * k, size * (k + 1))) for k, label in enumerate(labels)}
+        target = "" if scene.target is None else scene.target.name
+        return output, {
+            label: rows
+            for label, rows in places.items()
+            if size
+            and not (value[rows[0]].is_constant() and np.isnan(float(value[rows[0]])))
+            and (of_target is None or (label == target) == of_target)
+        }
+
+    @cached_property
+    def _values(self) -> Mapping[str, ca.SX]:
+        """Expressions of the outputs."""
         function = self.loop.outputs
-        given = [ca.SX.sym(name, function.sparsity_in(name)) for name in function.name_in()]
-        value = function.call(given)[names.index(output)]
-        size = value.numel() // len(bodies)
-        chosen = [
-            i
-            for i in range(len(bodies))
-            if not (value[size * i].is_constant() and np.isnan(float(value[size * i])))
-        ]
-        parts = [self.signals[output][size * i : size * (i + 1)] for i in chosen]
-        return tuple(bodies[i].name for i in chosen), parts
+        return self._outputs(*(ca.SX.sym(n, function.sparsity_in(n)) for n in function.name_in()))
+
+    def _outputs(self, *point: Any) -> Mapping[str, ca.SX]:
+        """Outputs by name at a time, state and constants."""
+        function = self.loop.outputs
+        return dict(zip(function.name_out(), function.call(list(point)), strict=True))
 
 
 @dataclass(frozen=True)
@@ -92,17 +122,14 @@ class Components:
     Attributes
     ----------
     labels
-        What each entry belongs to: a tip, a joint's robot, a grasp, ``total``; none where the scene has
+        What each entry belongs to: a tip, a joint, a robot, a grasp, ``total``; none where the scene has
         nothing that the quantity describes. Entries of the same label count as one: the largest.
     values
-        Expression (n,); for the reducer ``rms`` the squares whose mean is taken.
+        Expression (n,); of ``rms`` and ``final_length`` the squares.
     """
 
     labels: tuple[str, ...]
     values: ca.SX
-
-
-NOTHING = Components((), ca.SX(0, 1))
 
 
 @dataclass(frozen=True)
@@ -123,7 +150,7 @@ class AddedStates:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number, or one number per tip, robot or grasp, of each rollout; the smaller the better.
+    """A number, or one number per tip, robot or grasp, of each motion; the smaller the better.
 
     Attributes
     ----------
@@ -134,19 +161,24 @@ class Quantity:
     unit
         Of each component after reduction.
     reducer
-        ``integral`` over time, ``peak`` (largest) or ``lowest`` value, ``final`` value, or ``rms``.
-    components
-        The expression, from a :class:`Context`.
+        ``integral`` over time, ``peak`` (largest) or ``lowest`` value, ``final`` value, ``rms`` or
+        ``final_length`` of columns, or integral of their entries' ``magnitude``.
+    expression
+        Columns by label, as a function of a :class:`SignalSource`, or the name of the signal that they are.
     total
         How components become one number: the ``largest``, their ``sum`` or their ``norm``.
     limit
         Key under which ``campaign.limits`` bounds it, and ``tuning.constraints`` as ``max_`` and this key; it
         cannot be bounded if None.
-    weight, weight_unit
-        Key under which ``tuning.objective`` weighs the sum of its components, and the unit of that weight; it
-        is no part of objectives if None.
+    weight
+        Key under which ``tuning.objective`` weighs the sum of its components, or of their squares where it
+        is a root; it is no part of objectives if None.
+    cost
+        Key under which ``plan.costs`` weighs the same; it is no cost of plans if None.
+    relative_to_start
+        Whether it is measured from where bases are at the start.
     is_metric
-        Whether campaigns and the studio may keep it.
+        Whether rollouts have its signals, so that campaigns and the studio may keep it.
     is_default
         Whether campaigns keep it if their section names no metrics.
     absent
@@ -164,11 +196,12 @@ class Quantity:
     description: str
     unit: str
     reducer: Reducer
-    components: Callable[[Context], Components]
+    expression: str | Callable[[Any], Columns]
     total: Total = "largest"
     limit: str | None = None
     weight: str | None = None
-    weight_unit: str = ""
+    cost: str | None = None
+    relative_to_start: bool = False
     is_metric: bool = True
     is_default: bool = True
     absent: str = "this scene has nothing that it describes"
@@ -176,9 +209,52 @@ class Quantity:
     states: Callable[[Scene, float], AddedStates] | None = None
     scene_unit: Callable[[Scene], str] | None = None
 
+    @property
+    def is_root(self) -> bool:
+        """Whether it is the root of squares, which objectives and plans weigh in its place."""
+        return self.reducer in ("rms", "final_length")
+
+    @property
+    def weighed_unit(self) -> str:
+        """Unit of what a weight multiplies."""
+        if not self.is_root:
+            return self.unit
+        square = f"({self.unit})^2" if set(self.unit) & set(" /^") else f"{self.unit}^2"
+        return f"{square} s" if self.reducer == "rms" else square
+
+    def weight_unit(self, of: str = "1") -> str:
+        """Unit of a weight in what has a unit itself, as an objective."""
+        unit = self.weighed_unit
+        return of if unit == "1" else f"{of}/({unit})" if set(unit) & set(" /") else f"{of}/{unit}"
+
     def unit_in(self, scene: Scene) -> str:
         """Unit in a scene."""
         return self.unit if self.scene_unit is None else self.scene_unit(scene)
+
+    def columns(self, source: SignalSource) -> Columns:
+        """Columns by label; none where the scene has nothing that the quantity describes."""
+        return source.signal(self.expression) if isinstance(self.expression, str) else self.expression(source)
+
+    def components(self, source: SignalSource) -> Components:
+        """The expression that is reduced, of a rollout or an instant of a plan."""
+        return self.entries(self.columns(source))
+
+    def entries(self, columns: Columns) -> Components:
+        """The expression that is reduced: squared lengths or magnitudes of columns, or their entries."""
+        size = ca.sumsqr if self.is_root else ca.norm_1 if self.reducer == "magnitude" else ca.SX
+        parts = {label: size(column) for label, column in columns.items()}
+        labels = tuple(label for label, part in parts.items() for _ in range(part.numel()))
+        return Components(labels, ca.vertcat(ca.SX(0, 1), *parts.values()))
+
+    def weighed(self, measured: Expression) -> Expression:
+        """Values that are weighed, from what the rollout's measure gives for the components.
+
+        Parameters
+        ----------
+        measured
+            Integral, peak or final values, any shape; of ``lowest`` the peak of the negated expression.
+        """
+        return -measured if self.reducer == "lowest" else measured
 
     def reduced(self, measured: Expression, duration_s: float) -> Expression:
         """Values of the components, from what the rollout's measure gives for them.
@@ -186,13 +262,13 @@ class Quantity:
         Parameters
         ----------
         measured
-            Integral, peak or final values, any shape; of ``lowest`` the peak of the negated expression.
+            As for :meth:`weighed`.
         duration_s
             Of the rollout.
         """
-        if self.reducer == "rms":
-            return (measured / duration_s) ** 0.5
-        return -measured if self.reducer == "lowest" else measured
+        if self.is_root:
+            return (measured / (duration_s if self.reducer == "rms" else 1.0)) ** 0.5
+        return self.weighed(measured)
 
     def combined(self, values: ca.SX) -> ca.SX:
         """One number of all components' values (n,)."""
@@ -220,10 +296,15 @@ def register_quantity(quantity: Quantity) -> Quantity:
 
 def _add(quantity: Quantity) -> Quantity:
     known = _REGISTERED.get(quantity.name)
-    if known is not None and known.components.__code__ != quantity.components.__code__:
+    if known is not None and source_of(known) != source_of(quantity):
         raise SpaceRobotError(f"the quantity {quantity.name!r} is registered already")
     _REGISTERED[quantity.name] = quantity
     return quantity
+
+
+def source_of(quantity: Quantity) -> object:
+    """Expression as data: a plugin that is run again registers the same one under the same name."""
+    return quantity.expression if isinstance(quantity.expression, str) else quantity.expression.__code__
 
 
 ORDER = (
@@ -278,6 +359,11 @@ def weighted() -> dict[str, Quantity]:
     return {each.weight: each for each in quantities().values() if each.weight is not None}
 
 
+def planned() -> dict[str, Quantity]:
+    """Quantities that are costs of plans, by their keys."""
+    return {each.cost: each for each in quantities().values() if each.cost is not None}
+
+
 def find_quantity(name: str) -> Quantity:
     """The quantity of a name.
 
@@ -292,7 +378,6 @@ def find_quantity(name: str) -> Quantity:
     return known[name]
 
 
-def sizes(vectors: Sequence[ca.SX], smallest: float = 0.0) -> Iterator[ca.SX]:
-    """Lengths of vectors, smooth at zero where ``smallest`` is above it."""
-    for vector in vectors:
-        yield ca.sqrt(ca.sumsqr(vector) + smallest**2)
+def sizes(columns: Columns, smallest: float = 0.0, factor: float = 1.0) -> Columns:
+    """Lengths of columns, smooth at zero where ``smallest`` is above it, times a factor."""
+    return {label: factor * ca.sqrt(ca.sumsqr(column) + smallest**2) for label, column in columns.items()}

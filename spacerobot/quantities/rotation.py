@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-import casadi as ca
 import numpy as np
 
-from spacerobot.quantities.quantity import Components, Context, Quantity, sizes
+from spacerobot.quantities.quantity import Columns, Quantity, SignalSource, sizes
 
 SMALLEST = np.radians(1e-9)  # keeps the angle smooth where a body has not turned
+NO_TARGET = "this scene has no target"
 
 
-def _angles(context: Context, *, target: bool) -> Components:
-    """Angle by which bodies have turned since the start [deg]."""
-    rotations = context.vectors("body_rotation")
-    chosen = [i for i, body in enumerate(context.scene.bodies) if (body.path == "target") == target]
-    angles = [180 / np.pi * size for size in sizes([rotations[i] for i in chosen], SMALLEST)]
-    return Components(tuple(context.scene.bodies[i].name for i in chosen), ca.vertcat(ca.SX(0, 1), *angles))
-
-
-def of_target(context: Context) -> Components:
+def of_target(source: SignalSource) -> Columns:
     """Rotation of the object [deg]."""
-    return _angles(context, target=True)
+    return sizes(source.signal("target_rotation"), SMALLEST, 180 / np.pi)
 
 
-def of_bases(context: Context) -> Components:
+def of_bases(source: SignalSource) -> Columns:
     """Rotation of each robot's base [deg]."""
-    return _angles(context, target=False)
+    return sizes(source.signal("base_rotation"), SMALLEST, 180 / np.pi)
 
 
 QUANTITIES = (
@@ -37,7 +29,7 @@ QUANTITIES = (
         "peak",
         of_target,
         limit="target_rotation_deg",
-        absent="this scene has no target",
+        absent=NO_TARGET,
         symbol="R",
     ),
     Quantity(
@@ -50,5 +42,31 @@ QUANTITIES = (
         limit="base_rotation_deg",
         absent="this scene has no robot",
         symbol="B",
+    ),
+    Quantity(
+        "target_rotation_rms",
+        "RMS object rotation",
+        "root mean square of the object's rotation since the start",
+        "rad",
+        "rms",
+        "target_rotation",
+        total="norm",
+        weight="object_rotation",
+        is_default=False,
+        absent=NO_TARGET,
+    ),
+    Quantity(
+        "base_rotation_rms",
+        "RMS base rotation",
+        "root mean square of the rotation of a base since the start",
+        "rad",
+        "rms",
+        "base_rotation",
+        total="norm",
+        weight="base_rotation",
+        cost="base_rotation",
+        relative_to_start=True,
+        is_default=False,
+        absent="there are no floating bases of robots",
     ),
 )

@@ -4,22 +4,13 @@ from __future__ import annotations
 
 import casadi as ca
 
-from spacerobot.quantities.quantity import Components, Context, Quantity
+from spacerobot.quantities.quantity import Columns, Context, Quantity
 
 
-def along_axes(context: Context) -> Components:
+def along_axes(context: Context) -> Columns:
     """Absolute error of each tip along each axis that it can move along [m]."""
-    scene = context.scene
-    axes = scene.translation_axes
-    rows = [3 * i + axis for i in range(len(scene.tips)) for axis in axes]
-    labels = tuple(f"{tip.label} {'xyz'[axis]}" for tip in scene.tips for axis in axes)
-    return Components(labels, ca.fabs(context.signals["tip_error"][rows]))
-
-
-def squared_distances(context: Context) -> Components:
-    """Squared distance of each tip from its reference [m^2]."""
-    squares = [ca.sumsqr(error) for error in context.vectors("tip_error")]
-    return Components(tuple(tip.label for tip in context.scene.tips), ca.vertcat(ca.SX(0, 1), *squares))
+    errors, axes = context.signal("tip_error"), context.scene.translation_axes
+    return {f"{tip} {'xyz'[k]}": ca.fabs(error[k]) for tip, error in errors.items() for k in axes}
 
 
 NO_TIP = "no robot of this scene has a tip"
@@ -42,7 +33,7 @@ QUANTITIES = (
         "root mean square of the tip error over time",
         "m",
         "rms",
-        squared_distances,
+        "tip_error",
         total="norm",
         absent=NO_TIP,
     ),

@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-import casadi as ca
-
-from spacerobot.quantities.quantity import Components, Context, Quantity, sizes
+from spacerobot.quantities.quantity import Columns, Quantity, SignalSource, sizes
 
 SMALLEST = 1e-12  # N m s; keeps the size smooth where it is zero
 NO_WHEELS = "no robot of this scene has wheels, an actuator of kind reaction_wheels"
 
 
-def stored(context: Context) -> Components:
+def stored(source: SignalSource) -> Columns:
     """Size of the momentum of all wheels of each base together [N m s]."""
-    names, momenta = context.bodies("wheel_momentum")
-    return Components(names, ca.vertcat(ca.SX(0, 1), *sizes(momenta, SMALLEST)))
-
-
-def squares(context: Context) -> Components:
-    """Squared momentum of all wheels of each base together [N^2 m^2 s^2]."""
-    names, momenta = context.bodies("wheel_momentum")
-    return Components(names, ca.vertcat(ca.SX(0, 1), *map(ca.sumsqr, momenta)))
+    return sizes(source.signal("wheel_momentum"), SMALLEST)
 
 
 QUANTITIES = (
@@ -35,16 +26,28 @@ QUANTITIES = (
         symbol="W",
     ),
     Quantity(
-        "wheel_momentum_squared",
-        "squared wheel momentum",
-        "integral of the squared momentum of all wheels of each base together",
-        "N^2 m^2 s^3",
-        "integral",
-        squares,
-        total="sum",
+        "wheel_momentum_rms",
+        "RMS wheel momentum",
+        "root mean square of the momentum of all wheels of a base together",
+        "N m s",
+        "rms",
+        "wheel_momentum",
+        total="norm",
         weight="wheel_momentum",
-        weight_unit="objective/(N^2 m^2 s^3)",
+        is_default=False,
+        absent=NO_WHEELS,
+    ),
+    Quantity(
+        "single_wheel_momentum_rms",
+        "RMS momentum of single wheels",
+        "root mean square of the angular momentum of a wheel about its axis, where wheels alone turn a base",
+        "N m s",
+        "rms",
+        "single_wheel_momentum",
+        total="norm",
+        cost="wheel_momentum",
         is_metric=False,
+        is_default=False,
         absent=NO_WHEELS,
     ),
 )

@@ -59,6 +59,22 @@ class EventRule(Protocol):
         """Whether what it updates has steps, which derivatives do not see."""
 
 
+class OutputRule(Protocol):
+    """An output variable."""
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """Its dimensions besides time."""
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Along the first of them; empty for joints."""
+
+
 class LoopParameters(Protocol):
     """Names and numbers of a closed loop."""
 
@@ -174,3 +190,7 @@ class ClosedLoopFunctions(LoopParameters, Protocol):
     @property
     def outputs(self) -> ca.Function:
         """``(t, x, c) -> (named vectors)``."""
+
+    @property
+    def variables(self) -> Sequence[OutputRule]:
+        """The outputs as variables, in their order."""

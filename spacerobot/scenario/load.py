@@ -10,8 +10,8 @@ from pydantic import ValidationError
 
 from spacerobot.elements import kinds
 from spacerobot.errors import ScenarioError
+from spacerobot.quantities import planned
 from spacerobot.scenario.paths import Document
-from spacerobot.scenario.plan import FAMILY_OF
 from spacerobot.scenario.scenario import Scenario
 from spacerobot.scenario.validation_errors import explain
 from spacerobot.scenario.yaml_text import Dumper, Loader, describe
@@ -126,12 +126,18 @@ def json_schema() -> dict[str, Any]:
     duration = schema["$defs"]["PlanSection"]["properties"]["duration"]  # a number is a time that is given
     duration["anyOf"] = [{"type": "number", "exclusiveMinimum": 0}, {"$ref": duration.pop("$ref")}]
     definitions = schema["$defs"]
-    for key, family in FAMILY_OF.items():  # under the name of a kind, a number or list alone
+    options: dict[str, dict[str, list[Any]]] = {"costs": {}, "limits": {}}
+    for name, weighed in planned().items():
+        unit, text = weighed.weight_unit(), f"weight: {weighed.description}"
+        number = {"type": "number", "description": f"{text} [{unit}]", "unit": unit, "minimum": 0}
+        options["costs"][name] = [number, {"$ref": "#/$defs/PlanCost"}]
+    for name, kind in kinds("plan_limit").items():
+        place, short = f"#/$defs/{kind.__name__}", getattr(kind, "short", None)
+        alone = [definitions[kind.__name__]["properties"][short]] if short else []
+        options["limits"][name] = [*alone, {"$ref": place}]
+    for key, named in options.items():  # under the name of a kind, a number or list alone
         entries = definitions["PlanSection"]["properties"][key]
         (section,) = entries.pop("patternProperties").values()
-        entries |= {"properties": {}, "additionalProperties": section}
-        for name, place in section["discriminator"]["mapping"].items():
-            short = getattr(kinds(family)[name], "short", None)
-            alone = [definitions[place.rpartition("/")[2]]["properties"][short]] if short else []
-            entries["properties"][name] = {"anyOf": [*alone, {"$ref": place}, {"type": "null"}]}
+        entries["additionalProperties"] = section
+        entries["properties"] = {name: {"anyOf": [*each, {"type": "null"}]} for name, each in named.items()}
     return schema

@@ -17,9 +17,10 @@ from pydantic import (
 
 from spacerobot.elements import Family, kinds
 from spacerobot.elements.goal import Goal
-from spacerobot.elements.plan_cost import PlanCost
 from spacerobot.elements.plan_limit import PlanLimit
+from spacerobot.quantities import planned
 from spacerobot.scenario.merge import overlay, pick, without_null
+from spacerobot.scenario.plan_cost import PlanCost
 from spacerobot.scenario.tuning import DesignVariable
 from spacerobot.scenario.validation_errors import explain
 from spacerobot.section import Name, Paths, Section, Vector, is_number, quantity
@@ -109,8 +110,6 @@ WHOLE = (
     "seed",
 )
 """Keys that are the same in every phase."""
-FAMILY_OF = {"costs": "plan_cost", "limits": "plan_limit"}
-"""Family of the kinds in a section that is short where it can be."""
 PASSED = "passed"
 """Told of a phase that is not the last one, and may end anywhere."""
 
@@ -129,7 +128,7 @@ class PlanSection(Section):
     start: dict[Name, FreeStart] = Field(
         default={}, description="by robot: where it may begin, as far as that is to be found"
     )
-    costs: dict[Name, Annotated[PlanCost, Family("plan_cost")]] = Field(
+    costs: dict[Name, PlanCost] = Field(
         default={},
         description="terms of the cost, by name: a weight alone, or a section; the name is the kind where "
         "the section gives none",
@@ -207,10 +206,10 @@ class PlanSection(Section):
         """Give each entry its kind, and a number or list the key that it stands for; leave out nulls."""
         if not isinstance(data, dict):
             return data
-        found, family = dict[Any, Any](), FAMILY_OF[str(info.field_name)]
+        found = dict[Any, Any]()
         for name, one in data.items():
             if isinstance(one, int | float | list | tuple) and not isinstance(one, bool):
-                kind = kinds(family).get(str(name))
+                kind = PlanCost if info.field_name == "costs" else kinds("plan_limit").get(str(name))
                 short = getattr(kind, "short", None)  # an unknown kind is refused with the near names
                 found[name] = {"kind": str(name)} | ({short: one} if short else {})
             elif isinstance(one, dict):
@@ -243,10 +242,10 @@ class PlanSection(Section):
             if not getattr(self, key) and (key, info.context) != ("goals", PASSED):
                 raise ValueError(f"{key}: missing")
         for name, cost in self.costs.items():
-            if (name == "time") != (cost.of == "duration"):
+            if (name == "time") != (cost.kind == "time"):
                 raise ValueError(f"costs.{name}: found kind {cost.kind!r}; `time` is the duration's own name")
         if not any(cost.weight for cost in self.costs.values()):
-            names = ", ".join(kinds("plan_cost"))
+            names = ", ".join(planned())
             raise ValueError(f"costs: nothing is to become small; give one of {names} a weight above 0")
         return self
 

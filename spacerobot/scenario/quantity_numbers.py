@@ -94,4 +94,4 @@ class QuantityWeights(QuantityNumbers):
     @classmethod
     def described(cls, quantity: Quantity) -> tuple[str, str]:
         """A weight has a unit of its own."""
-        return quantity.weight_unit, f"weight: {quantity.description}"
+        return quantity.weight_unit("objective"), f"weight: {quantity.description}"

@@ -45,19 +45,7 @@ class Objective(QuantityWeights):
         "squared memory of Eq. 45, decaying as it was meant to [m^2 s^3]; eq45_printed: as printed",
     )
     weight: float = quantity("1", "factor of the tip errors' measure", default=1.0, ge=0)
-    effort: float = quantity(
-        "objective/(N^2 m^2 s)", "weight of the integral of squared joint torques", default=0.0, ge=0
-    )
-    base_rotation: float = quantity(
-        "objective/(rad^2 s)",
-        "weight of the integral of the robots' squared base rotations",
-        default=0.0,
-        ge=0,
-    )
-    object_rotation: float = quantity(
-        "objective/(rad^2 s)", "weight of the integral of the object's squared rotation", default=0.0, ge=0
-    )
-    jitter_frequency: float = quantity("Hz", "corner frequency of that high pass", default=1.0, gt=0)
+    jitter_frequency: float = quantity("Hz", "corner frequency of the jitter's high pass", default=1.0, gt=0)
 
 
 class Constraints(QuantityLimits):

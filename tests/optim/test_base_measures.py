@@ -43,9 +43,9 @@ def test_objectives_have_exact_gradients(held):
     found = rollout.value_and_gradient(wrt=paths)
     parts = rollout.run().measures
     weighed = [
-        3 * parts["attitude_error_squared"],
+        3 * parts["attitude_error_rms"],
         50 * parts["propellant"],
-        200 * sum(parts["jitter_squared"]),
+        200 * sum(parts["jitter"]),
     ]
     whole = sum(weighed)
     assert min(weighed) > 1e-6

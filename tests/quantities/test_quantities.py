@@ -1,6 +1,5 @@
 """Quantities: registered once, and known to every section and every call that names them."""
 
-import casadi as ca
 import numpy as np
 import pytest
 
@@ -10,7 +9,7 @@ from optim.evaluation import BatchResult, GradientResult, batch, gradient
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ResultError, ScenarioError, SpaceRobotError
 from spacerobot.quantities import (
-    Components,
+    Context,
     Quantity,
     find_quantity,
     limited,
@@ -35,8 +34,7 @@ def tip_height():
     """A quantity of a plugin: the largest height of a tip."""
 
     def heights(context):
-        tips = [position[1] for position in context.vectors("tip_position")]
-        return Components(tuple(tip.label for tip in context.scene.tips), ca.vertcat(*tips))
+        return {tip: position[1] for tip, position in context.signal("tip_position").items()}
 
     made = Quantity(
         "tip_height",
@@ -47,7 +45,6 @@ def tip_height():
         heights,
         limit="tip_height",
         weight="tip_height",
-        weight_unit="objective/m",
     )
     yield register_quantity(made)
     registry._REGISTERED.pop("tip_height")
@@ -55,12 +52,11 @@ def tip_height():
 
 def test_names_keys_and_symbols_are_unique_and_every_quantity_is_described():
     known = list(quantities().values())
-    for key in ("name", "limit", "weight", "symbol"):
+    for key in ("name", "limit", "weight", "cost", "symbol"):
         given = [getattr(each, key) for each in known if getattr(each, key)]
         assert len(given) == len(set(given)), key
     for each in known:
         assert min(len(text) for text in (each.label, each.description, each.unit, each.absent)) > 0
-        assert (each.weight is None) == (not each.weight_unit)
 
 
 def test_the_values_are_those_of_the_outputs():
@@ -84,9 +80,7 @@ def test_the_values_are_those_of_the_outputs():
         sizes = np.linalg.norm(run.outputs[output].reshape(-1, len(scene.grasps), 3), axis=2)
         for k, grasp in enumerate(scene.grasps):
             assert found[f"{name} {grasp.name}"] == pytest.approx(sizes[:, k].max(), rel=1e-9, abs=2e-6)
-    owners = find_quantity("joint_torque_peak").components(
-        type("C", (), {"scene": scene, "signals": kept.measures.signals})()
-    )
+    owners = find_quantity("joint_torque_peak").components(Context(scene, loop, kept.measures.signals))
     torque = np.abs(run.outputs["joint_torque"]).max(axis=0)
     for name in dict.fromkeys(owners.labels):
         own = torque[[label == name for label in owners.labels]].max()

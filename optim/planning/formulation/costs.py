@@ -9,9 +9,9 @@ import numpy as np
 
 from optim.planning.formulation.instant_view import InstantView
 from optim.planning.formulation.stage import Stage
-from spacerobot.elements.plan_cost import PlanCost
 from spacerobot.elements.plan_instant import BoundedRow, zero
 from spacerobot.scenario.plan import PlanSection
+from spacerobot.scenario.plan_cost import PlanCost
 
 
 def cost_terms(
@@ -28,25 +28,30 @@ def cost_terms(
     forces
         Forces whose magnitudes are integrands, by name, as :func:`magnitudes` finds them.
     """
-    found: dict[str, dict[str, ca.SX]] = {"motion": {}, "end": {}}
+    terms, ends = dict[str, ca.SX](), dict[str, ca.SX]()
     parts = dict(zip(forces, split_parts(stage, forces), strict=True))
     for name, cost in plan.costs.items():
         if name in parts:
-            found["motion"][name] = ca.sum1(ca.vertcat(*parts[name]))
-        elif cost.weight and cost.of != "duration":
-            value = ca.SX(cost.expression(InstantView(stage, f"plan.costs.{name}", plan.goals)))
+            terms[name] = ca.sum1(ca.vertcat(*parts[name]))
+        elif cost.weight and name != "time":
+            value = cost.expression(InstantView(stage, f"plan.costs.{name}", plan.goals))
             if ca.depends_on(value, stage.z):
-                found[cost.of][name] = value
-    return found["motion"], found["end"]
+                (ends if cost.weighs.reducer == "final_length" else terms)[name] = value
+    return terms, ends
 
 
 def magnitudes(stage: Stage, plan: PlanSection) -> dict[str, ca.SX]:
-    """Forces (n x 1) [N] whose magnitudes are integrands of weighted terms, by name, where there are any."""
-    found = {
-        name: ca.SX(cost.magnitudes(InstantView(stage, f"plan.costs.{name}", plan.goals)))
-        for name, cost in plan.costs.items()
-        if cost.weight
-    }
+    """Forces (n x 1) [N] whose magnitudes are integrands of weighted terms, by name, where there are any.
+
+    They are linear in what drives the robots. The search splits each into two parts, f = f+ - f- with
+    f+ >= 0 and f- >= 0, whose sum is the magnitude where it is least.
+    """
+    found = dict[str, ca.SX]()
+    for name, cost in plan.costs.items():
+        if cost.weight and cost.weighs.reducer == "magnitude":
+            columns = cost.columns(InstantView(stage, f"plan.costs.{name}", plan.goals))
+            forces = ca.vertcat(ca.SX(0, 1), *columns.values())
+            found[name] = forces[forces.sparsity().row()]
     return {name: forces for name, forces in found.items() if forces.numel()}
 
 
@@ -64,17 +69,9 @@ def split_rows(stage: Stage, forces: Mapping[str, ca.SX]) -> Iterator[BoundedRow
             yield zero(f"{name}: parts of force {k + 1}", "N", off)
 
 
-def reported(cost: PlanCost, integral: float, duration: float) -> float:
-    """Value that is reported of a term, from its integral without the weight, and the duration [s]."""
-    if cost.reported == "integral":
-        return integral
-    return float(np.sqrt(integral / (duration if cost.reported == "rms" else 1.0)))
-
-
 def headings(costs: Mapping[str, PlanCost]) -> dict[str, str]:
-    """Words for what is reported of each term, by name."""
-    found = {}
-    for name, cost in costs.items():
-        words = "duration" if cost.of == "duration" else name.replace("_", " ")
-        found[name] = f"{words}, rms" if cost.reported == "rms" else words
-    return found
+    """Label of the quantity of each term, by name."""
+    return {
+        name: cost.weighs.label if name == cost.kind else f"{name}: {cost.weighs.label}"
+        for name, cost in costs.items()
+    }

@@ -195,10 +195,10 @@ def check_weights(whole: PlanSection, phases: Sequence[PhaseProblem]) -> None:
     found = {name for phase in phases for name in (*phase.problem.terms, *phase.problem.ends)}
     for phase in phases:
         for name, cost in phase.plan.costs.items():
-            if cost.weight and cost.of != "duration" and name not in found:
+            if cost.weight and name != "time" and name not in found:
                 with located_in_phase(whole, phase.name):
                     raise phase.problem.stage.scene.error(
-                        f"found a weight of {cost.weight:g}, but there are no {cost.weighs}; or leave the "
+                        f"found a weight of {cost.weight:g}, but {cost.weighs.absent}; or leave the "
                         "weight out",
                         f"plan.costs.{name}",
                     )

@@ -80,7 +80,9 @@ def initial_conditions(
         raise stage.scene.error(
             f"grasp {stage.grips[0].name!r} begins closed, so the start is given by it", "plan.start"
         )
-    counted = [f"costs.{name}" for name, one in plan.costs.items() if one.weight and one.relative_to_start]
+    counted = [
+        f"costs.{name}" for name, one in plan.costs.items() if one.weight and one.weighs.relative_to_start
+    ]
     counted += [f"limits.{name}" for name, one in plan.limits.items() if one.relative_to_start]
     if counted and any(room.places for room in plan.start.values()):
         raise stage.scene.error(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -55,6 +55,14 @@ class InstantView:
     stage: Stage
     where: str
     goals: Mapping[str, Goal] = field(default_factory=dict)
+
+    def signal(self, name: str) -> dict[str, ca.SX]:
+        """Columns of a signal by label."""
+        if name not in SIGNALS:
+            raise self.fault(
+                f"no signal {name!r} at an instant of a plan; {near_names(name, SIGNALS)}", "kind"
+            )
+        return SIGNALS[name](self)
 
     @property
     def axes(self) -> Sequence[int]:
@@ -126,23 +134,6 @@ class InstantView:
         self._named({one.name: one for one in body.description.links}, f"link {link!r}", link, key)
         return self._frame(int(scene.model.getFrameId(label, pin.FrameType.BODY)))
 
-    def joint_states(self) -> dict[str, JointCoordinate]:
-        """Joints of all robots that are planned, by robot/joint."""
-        driven = self.stage.driven
-        named = zip(driven.names, driven.joints, strict=False)
-        return {name: self._joint(name.partition("/")[2], joint) for name, joint in named}
-
-    def by_joint(self, given: Mapping[str, T], key: str) -> dict[str, T]:
-        """Value given for each joint, by robot/joint; a full name wins over a pattern."""
-        driven, found = self.stage.driven, dict[str, T]()
-        names = driven.names[: len(driven.joints)]
-        for pattern in sorted(given, key=lambda pattern: "*" not in pattern):
-            matched = matching(names, pattern)
-            if not matched:
-                raise self.fault(f"no joint {pattern!r}; {near_names(pattern, names)}", key)
-            found |= dict.fromkeys(matched, given[pattern])
-        return found
-
     def flexible(self, body: str, key: str) -> dict[str, tuple[ca.SX, ca.SX]]:
         """Position and rate of each joint of a body's flexible links."""
         model, bodies = self.stage.scene.model, {one.name: one.passive for one in self.stage.scene.bodies}
@@ -150,17 +141,6 @@ class InstantView:
         own = self._named(flexible, f"flexible links of {body!r}", body, key)
         joints = {model.names[joint]: model.joints[joint] for joint in own}
         return {name: (self.stage.q[one.idx_q], self.stage.v[one.idx_v]) for name, one in joints.items()}
-
-    def vibration_energy(self) -> ca.SX:
-        """Energy of flexible links."""
-        stage, model = self.stage, self.stage.scene.model
-        rates, elastic = ca.SX(model.nv, 1), ca.SX(0)
-        springs = spring_forces(stage.scene, stage.q)
-        for joint in (model.joints[j] for body in stage.scene.bodies for j in body.passive):
-            rates[joint.idx_v] = stage.v[joint.idx_v]
-            elastic += springs[joint.idx_v] * stage.q[joint.idx_q] / 2
-        moving = forward_kinematics(model, stage.q, rates)
-        return elastic + kinetic_energy(model, moving, Inertias.from_model(model))
 
     def bases(self) -> dict[str, PlannedBase]:
         """Floating bases, by robot."""
@@ -171,18 +151,16 @@ class InstantView:
             root = body.root_joint
             if not root:
                 continue
-            wrench, limits, turn = ca.SX(6, 1), np.zeros(6), ca.SX(3, 1)
-            for name, value, limit in zip(
-                stage.driven.names, ca.vertsplit(stage.u), stage.driven.limits, strict=True
-            ):
+            wrench, turn = ca.SX(6, 1), ca.SX(3, 1)
+            for name, value in zip(stage.driven.names, ca.vertsplit(stage.u), strict=True):
                 base, _, axis = name.rpartition(".")
                 if base == f"{body.name}/base":
-                    wrench[AXES.index(axis)], limits[AXES.index(axis)] = value, limit
+                    wrench[AXES.index(axis)] = value
             began = exact_directions(np.array(ca.DM(still.rotation[root])))
             turn[list(self.turns)] = self.turned(began, moving.rotation[root])
             shift = moving.origin[root] - ca.SX(ca.DM(still.origin[root]))
             frame = self._frame(body.root_frame)
-            found[body.name] = PlannedBase(frame, turn, shift, wrench[:3], wrench[3:], limits[:3], limits[3:])
+            found[body.name] = PlannedBase(frame, turn, shift, wrench[:3], wrench[3:])
         return found
 
     def base_reactions(self) -> dict[str, tuple[ca.SX, ca.SX]]:
@@ -245,13 +223,6 @@ class InstantView:
             )
         return {name: PlannedWheels(one.momenta, one.speeds, one.motors) for name, one in found.items()}
 
-    def arrivals(self) -> Iterator[tuple[ca.SX, ca.SX]]:
-        """Velocity and spin of tips relative to the mating frames that goals lead them to."""
-        for name, goal in self.goals.items():
-            found = goal.arrival(InstantView(self.stage, f"plan.goals.{name}"))
-            if found is not None:
-                yield found
-
     def gaps(self, between: tuple[str, str], wrap: Wrap | None) -> Iterator[tuple[str, ca.SX, Implicit]]:
         """Distances of pairs of shapes."""
         for first, second in find_pairs(self.stage.scene, between, wrap, self.where):
@@ -265,14 +236,11 @@ class InstantView:
 
     def _joint(self, name: str, joint: int) -> JointCoordinate:
         own, stage = self.stage.scene.model.joints[joint], self.stage
-        torque = stage.u[stage.driven.joints.index(joint)]
         place = slice(own.idx_q, own.idx_q + own.nq)
         model, bounded = stage.scene.model, own.nq == own.nv
         lower = float(model.lowerPositionLimit[own.idx_q]) if bounded else -np.inf
         upper = float(model.upperPositionLimit[own.idx_q]) if bounded else np.inf
-        return JointCoordinate(
-            name, stage.q[place], stage.v[own.idx_v], stage.a[own.idx_v], torque, lower, upper
-        )
+        return JointCoordinate(name, stage.q[place], stage.v[own.idx_v], lower, upper)
 
     def _frame(self, frame: int) -> MovingFrame:
         return MovingFrame(*self.stage.placement(frame), *self.stage.velocity(frame))
@@ -319,3 +287,65 @@ def joints_named(
             raise scene.error(f"no joint {pattern!r}; {near_names(pattern, ids)}", where)
         for name in names:
             yield name, ids[name], each
+
+
+def _by_joint(stage: Stage, values: Sequence[ca.SX]) -> dict[str, ca.SX]:
+    """Values of driven coordinates, those of the joints alone, by robot/joint."""
+    return dict(zip(stage.driven.names[: len(stage.driven.joints)], values, strict=False))
+
+
+def _vectors(wrenches: Mapping[str, tuple[ca.SX, ca.SX]], part: int, axes: Sequence[int]) -> dict[str, ca.SX]:
+    """Forces (0) or torques (1) of wrenches as vectors (3x1), without those that have no entry."""
+    found = {label: ca.SX(3, 1) for label, wrench in wrenches.items() if wrench[part].numel()}
+    for label, vector in found.items():
+        vector[list(axes)] = wrenches[label][part]
+    return found
+
+
+def _arrivals(view: InstantView) -> dict[str, ca.SX]:
+    """Velocity and spin of tips relative to the mating frames that goals lead them to, by goal."""
+    found = dict[str, ca.SX]()
+    for name, goal in view.goals.items():
+        arrival = goal.arrival(InstantView(view.stage, f"plan.goals.{name}"))
+        if arrival is not None:
+            found |= {f"{name} velocity": arrival[0], f"{name} spin": arrival[1]}
+    return found
+
+
+def _vibration_energy(view: InstantView) -> dict[str, ca.SX]:
+    """Elastic energy of flexible links, and kinetic energy of their joints' motion alone [J]."""
+    stage, model = view.stage, view.stage.scene.model
+    rates, elastic = ca.SX(model.nv, 1), ca.SX(0)
+    springs = spring_forces(stage.scene, stage.q)
+    for joint in (model.joints[j] for body in stage.scene.bodies for j in body.passive):
+        rates[joint.idx_v] = stage.v[joint.idx_v]
+        elastic += springs[joint.idx_v] * stage.q[joint.idx_q] / 2
+    moving = forward_kinematics(model, stage.q, rates)
+    return {"total": elastic + kinetic_energy(model, moving, Inertias.from_model(model))}
+
+
+SIGNALS: Mapping[str, Callable[[InstantView], dict[str, ca.SX]]] = {
+    "joint_torque": lambda view: _by_joint(view.stage, ca.vertsplit(view.stage.u)),
+    "joint_rate": lambda view: _by_joint(view.stage, [view.stage.v[k] for k in view.stage.driven.columns]),
+    "joint_acceleration": lambda view: _by_joint(
+        view.stage, [view.stage.a[k] for k in view.stage.driven.columns]
+    ),
+    "tip_position": lambda view: {tip.label: view.tip(tip.label).origin for tip in view.stage.scene.tips},
+    "tip_velocity": lambda view: {tip.label: view.tip(tip.label).velocity for tip in view.stage.scene.tips},
+    "base_force": lambda view: {name: base.force for name, base in view.bases().items()},
+    "base_torque": lambda view: {name: base.torque for name, base in view.bases().items()},
+    "base_rotation": lambda view: {name: base.rotation for name, base in view.bases().items()},
+    "base_translation": lambda view: {name: base.translation for name, base in view.bases().items()},
+    "reaction_force": lambda view: _vectors(view.base_reactions(), 0, view.axes),
+    "reaction_torque": lambda view: _vectors(view.base_reactions(), 1, view.turns),
+    "grasp_force": lambda view: _vectors(view.grips(), 0, view.axes),
+    "grasp_torque": lambda view: _vectors(view.grips(), 1, view.turns),
+    "single_wheel_momentum": lambda view: {
+        f"{name} wheel {k}": momentum
+        for name, wheels in view.wheels().items()
+        for k, momentum in enumerate(ca.vertsplit(wheels.momenta))
+    },
+    "vibration_energy": _vibration_energy,
+    "arrival": _arrivals,
+}
+"""Signals of an instant by name, of which registered quantities are expressions."""

@@ -25,7 +25,7 @@ def to_data(front: ParetoFront) -> dict[str, Any]:
         "scenario": front.scene.scenario.name,
         "terms": list(front.names),
         "headings": headings(costs),
-        "units": {name: cost.unit for name, cost in costs.items()},
+        "units": {name: cost.weighs.unit_in(front.scene) for name, cost in costs.items()},
         "points": [
             {
                 "name": point.name,

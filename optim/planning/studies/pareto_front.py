@@ -16,7 +16,6 @@ from typing import Literal
 
 import numpy as np
 
-from optim.planning.formulation.costs import reported
 from optim.planning.formulation.formulate import plan_section
 from optim.planning.search.make_plan import (
     PlanSolution,
@@ -28,9 +27,10 @@ from optim.planning.search.make_plan import (
 )
 from optim.planning.search.plan_solver import PlanSolver, SolveRequest, SolveResult
 from optim.planning.search.solve_tasks import SolveTask, run_tasks
-from spacerobot.elements import PlanCost, create, kinds
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.files import StrPath
+from spacerobot.quantities import planned
+from spacerobot.scenario.plan_cost import PlanCost
 from spacerobot.scene import Scene
 
 DECADES = 3.0
@@ -92,8 +92,7 @@ class ParetoFront:
         """The two terms, by name; the duration is one though it may have no weight."""
         given = plan_section(self.scene).costs
         return {
-            name: given[name] if name in given else create("plan_cost", name, weight=0.0)
-            for name in self.names
+            name: given[name] if name in given else PlanCost(kind=name, weight=0.0) for name in self.names
         }
 
 
@@ -180,7 +179,7 @@ def _asks(solver: PlanSolver, wanted: FrontRequest) -> list[SolveRequest]:
     if len(solver.phases) > 1:
         raise solver.scene.error("a front takes a plan of one phase", "plan.phases")
     for name in wanted.names:
-        known = dict.fromkeys([*solver.plan.costs, *kinds("plan_cost")])
+        known = dict.fromkeys([*solver.plan.costs, *planned()])
         if name not in known:
             raise ScenarioError(f"no term {name!r}; {near_names(name, known)}", where="--pareto")
         if name != "time" and not weights.get(name):
@@ -235,7 +234,7 @@ def _point(
         for term, value in integrals(motion).items():
             sums[term] = sums.get(term, 0.0) + value
     values = {
-        term: reported(solver.plan.costs[term], value, duration)
+        term: float(solver.plan.costs[term].weighs.reduced(value, duration))
         for term, value in sums.items()
         if term != "time"
     }

@@ -26,12 +26,19 @@ def command(
     from spacerobot.elements import FAMILIES, PLANS, kinds
     from spacerobot.elements import kind_table as tables
     from spacerobot.errors import SpaceRobotError, near_names
+    from spacerobot.quantities import planned
+    from spacerobot.scenario.plan_cost import PlanCost
+    from spacerobot.section import Section
 
     if markdown:
         typer.echo(tables.markdown())
         return
-    every = [(family, name, found) for family in FAMILIES | PLANS for name, found in kinds(family).items()]
+    every: list[tuple[str, str, type[Section]]] = [
+        (family, name, found) for family in FAMILIES | PLANS for name, found in kinds(family).items()
+    ]
     rows = [(family.replace("_", " "), name, tables.summary_of(found)) for family, name, found in every]
+    rows += [("plan cost", name, weighed.description) for name, weighed in planned().items()]
+    every += [("plan_cost", name, PlanCost) for name in planned()]
     title = ("family", "kind", "description")
     if kind is not None:
         chosen = [found for _, name, found in every if name == kind]

@@ -7,7 +7,7 @@ import pytest
 import yaml
 from scipy.sparse import triu
 
-from optim.planning.formulation.costs import headings, reported
+from optim.planning.formulation.costs import headings
 from optim.planning.formulation.formulate import formulate
 from optim.planning.formulation.instant_view import InstantView
 from optim.planning.search.make_plan import make_plan
@@ -15,7 +15,8 @@ from optim.planning.studies.cost_sensitivities import cost_sensitivities
 from optim.planning.transcription.collocation_program import CollocationProgram
 from optim.planning.transcription.instant_functions import build_instants
 from optim.planning.transcription.lobatto import Lobatto
-from spacerobot.elements import kinds
+from spacerobot.quantities import planned
+from spacerobot.scenario.plan_cost import PlanCost
 from spacerobot.scene import load_scene
 from tests.optim.planning.test_independent_checks import LINK, TWO_LINKS, scene, to
 from tests.oracles.least_impulse import least_impulse, least_impulse_and_time
@@ -71,10 +72,10 @@ def test_least_impulse_is_a_push_a_drift_and_a_push(tmp_path):
     push = (4 - np.sqrt(4**2 - 4 * 2 * 1 / 3)) / 2
     assert least_impulse(2, 1, 3, 4) == pytest.approx(2 * 3 * push, rel=1e-3)
     assert found.terms["propellant"] == pytest.approx(2 * 3 * push, rel=1e-3)
-    known = {name: kind(weight=1) for name, kind in kinds("plan_cost").items()}
-    words = headings(known)
-    assert (reported(known["propellant"], 3.0, 2.0), words["propellant"]) == (3.0, "propellant")
-    assert (reported(known["torque"], 8.0, 2.0), words["base_wrench"]) == (2.0, "base wrench, rms")
+    known, costs = planned(), {name: PlanCost(kind=name, weight=1) for name in planned()}
+    words = headings(costs | {"wrist": costs["torque"]})
+    assert (known["propellant"].reduced(3.0, 2.0), words["propellant"]) == (3.0, "impulse on bases")
+    assert (known["torque"].reduced(8.0, 2.0), words["wrist"]) == (2.0, "wrist: RMS joint torque")
 
 
 THRUSTERS = {

@@ -35,10 +35,10 @@ def values(scene):
 
 def test_squares_have_factors_by_joint_and_by_axis(reach):
     costs = {
-        "torque": {"weight": 2, "joints": {"one/*": 3, "one/joint_2": 0}},
-        "elbow": {"kind": "joint_rate", "weight": 1, "joints": {"*": 0, "*joint_3": 1}},
+        "torque": {"weight": 2, "factors": {"one/*": 3, "one/joint_2": 0}},
+        "elbow": {"kind": "joint_rate", "weight": 1, "factors": {"*": 0, "*joint_3": 1}},
         "joint_acceleration": 1,
-        "base_force": {"weight": 1, "axes": [1, 5, 1]},
+        "base_force": {"weight": 1, "factors": {"* y": 5}},
         "base_torque": 4,
         "base_wrench": 1,
     }
@@ -63,7 +63,7 @@ def test_sections_are_as_short_in_results_as_users_write_them(reach):
     scene = reach(*((f"plan.{key}", one) for key, one in plan.items()), ("plan.limits.joint_speed", None))
     document = to_document(scene.scenario)["plan"]
     assert document["costs"]["torque"] == 0.5
-    assert document["costs"]["wrist"] == {"kind": "torque", "weight": 1.0, "joints": {}}
+    assert document["costs"]["wrist"] == {"kind": "torque", "weight": 1.0, "factors": {}}
     assert document["limits"] == plan["limits"]
     assert PlanSection.model_validate(document) == scene.scenario.plan
 
@@ -71,15 +71,15 @@ def test_sections_are_as_short_in_results_as_users_write_them(reach):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ([("plan.costs.torqe", 1)], "plan.costs.torqe.kind: found 'torqe', allowed: .* did you mean torque"),
+        ([("plan.costs.torqe", 1)], "plan.costs.torqe: found 'torqe', allowed: .* did you mean torque"),
         ([("plan.costs.torque", -1)], "plan.costs.torque: found -1, allowed: at least 0"),
         ([("plan.costs.torque", "much")], "plan.costs.torque: found 'much', allowed: a section"),
         ([("plan.costs.torque", {})], "plan.costs.torque.weight: missing"),
         ([("plan.limits.torque", {"lower": 1})], "plan.limits.torque: unknown key 'lower'"),
         ([("plan.limits.sight", 3)], "plan.limits.sight"),
         (
-            [("plan.costs.torque", {"weight": 1, "joints": {"joint_1": 2}})],
-            "no joint 'joint_1'; did you",
+            [("plan.costs.torque", {"weight": 1, "factors": {"joint_1": 2}})],
+            "plan.costs.torque.factors: no component 'joint_1'; did you",
         ),
         ([("plan.costs.time", {"kind": "torque", "weight": 1})], "plan.costs.time: found kind 'torque'"),
         (
@@ -88,7 +88,7 @@ def test_sections_are_as_short_in_results_as_users_write_them(reach):
         ),
         ([("plan.costs.propellant", 1)], "no forces on bases: give `limits.base_force`"),
         ([("plan.costs.base_torque", 1), ("plan.limits.base_force", 2)], "there are no torques on bases"),
-        ([("plan.costs.grip_force", 1)], "there are no grasps that hold"),
+        ([("plan.costs.grip_force", 1)], "this scene has no grasp that holds"),
         (
             [
                 ("plan.costs.impact_speed", 1),
@@ -110,10 +110,9 @@ def test_what_is_not_there_is_refused(reach, changes, message):
 def test_a_cost_and_a_limit_of_ones_own_come_from_one_file(tmp_path):
     """In a process of its own, so that kinds stay out of other tests."""
     file, plugin = tmp_path / "reach.yaml", ROOT / "examples" / "plugins" / "tip_speed.py"
-    own = {"tip": "one/tip"}
     plan = REACH["plan"] | {
-        "costs": {"torque": 0.01, "tip_speed": own | {"weight": 1.0}},
-        "limits": {"tip_speed": own | {"upper": 0.16}},
+        "costs": {"torque": 0.01, "tip_speed": 1.0},
+        "limits": {"tip_speed": {"tip": "one/tip", "upper": 0.16}},
         "tolerance": 1e-3,
         "order": 4,
     }

@@ -143,7 +143,7 @@ def test_the_command_plans_a_front(reach, tmp_path):
     asked = ["--backend", "interpreted", "--pareto", "torque,base_rotation", "--points", "2"]
     ran = CliRunner().invoke(app, ["plan", str(reach().source), *options, *asked, "--out", str(out)])
     assert ran.exit_code == 0, ran.output
-    assert "torque, rms [N m]" in ran.output
+    assert "RMS joint torque [N m]" in ran.output
     for name in ("front.json", "figures/front.png", "point_1/plan.nc", "point_2/followed.yaml"):
         assert (out / name).is_file()
 

@@ -14,6 +14,7 @@ from spacerobot.elements.controllers.base_position import BasePosition
 from tests.oracles.engine.base_control import BaseController
 from tests.oracles.engine.engine import Engine, Instant
 from tests.oracles.engine.kinematics import rotation_vector
+from tests.oracles.engine.outside import on_bases
 
 
 def outputs_at(engine: Engine, t: float, x: Array, within: float | None = None) -> dict[str, Array]:
@@ -35,7 +36,8 @@ def outputs_at(engine: Engine, t: float, x: Array, within: float | None = None) 
     works = z[-count:]
     if engine.impulse:
         found |= {"impulse_linear": z[-count - 6 : -count - 3], "impulse_angular": z[-count - 3 : -count]}
-    return found | {f"work_{name}": works[i : i + 1] for i, name in enumerate(engine.works)}
+    found |= {f"work_{name}": works[i : i + 1] for i, name in enumerate(engine.works)}
+    return found | _base_wrenches(engine, instant)
 
 
 def _tips(engine: Engine, instant: Instant) -> dict[str, Array]:
@@ -106,6 +108,25 @@ def _driven(engine: Engine, instant: Instant) -> dict[str, Array]:
         of_bodies = set(values) <= set(bodies)
         found[name] = _stack(values.get(label, none) for label in (bodies if of_bodies else values))
     return found
+
+
+def _base_wrenches(engine: Engine, instant: Instant) -> dict[str, Array]:
+    """What actuators put on floating bases from outside, by Pinocchio's wrenches; else not a number."""
+    given = [push for one in instant.solution.delivered for push in one.outside]
+    direct = on_bases(engine.scene, instant.kinematics, instant.solution.torque)
+    given += [push for push in direct if np.any(push.force) or np.any(push.torque)]
+    placed, wrenches = instant.kinematics.data.oMi, dict[int, pin.Force]()
+    for push in given:
+        at_origin = pin.SE3(np.eye(3), push.point).act(pin.Force(push.force, push.torque))
+        wrenches.setdefault(push.joint, pin.Force.Zero())
+        wrenches[push.joint] += placed[push.joint].actInv(at_origin)
+    own = {joint: one for joint, one in wrenches.items() if joint}
+    roots, none = [body.root_joint for body in engine.scene.bodies], pin.Force(np.full(6, np.nan))
+    parts = {"base_force": "linear", "base_torque": "angular"} if own else {}
+    return {
+        name: _stack(np.array(getattr(own.get(root, none), part)) for root in roots)
+        for name, part in parts.items()
+    }
 
 
 def _total_momentum(model: pin.Model, q: Array, v: Array) -> Array:

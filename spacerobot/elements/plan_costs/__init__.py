@@ -1,1 +1,0 @@
-"""Kinds of costs of plans that ship, one in each file."""

@@ -1,0 +1,59 @@
+"""Rates and accelerations of joints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from spacerobot.quantities.quantity import Quantity
+
+if TYPE_CHECKING:
+    from spacerobot.scene import Scene
+
+NO_JOINT = "no robot of this scene has a joint"
+
+
+def joint_unit(revolute: str, prismatic: str) -> Callable[[Scene], str]:
+    """Unit of the scene's joints: of one kind, or of both."""
+
+    def unit(scene: Scene) -> str:
+        kinds = {
+            scene.model.joints[joint].shortname().startswith("JointModelP")
+            for body in scene.bodies
+            for joint in body.arm_joints
+        }
+        return {(False,): revolute, (True,): prismatic}.get(tuple(kinds), f"{revolute} or {prismatic}")
+
+    return unit
+
+
+QUANTITIES = (
+    Quantity(
+        "joint_rate_rms",
+        "RMS joint rate",
+        "root mean square of the rate of a joint",
+        "rad/s or m/s",
+        "rms",
+        "joint_rate",
+        total="norm",
+        weight="joint_rate",
+        cost="joint_rate",
+        is_default=False,
+        absent=NO_JOINT,
+        scene_unit=joint_unit("rad/s", "m/s"),
+    ),
+    Quantity(
+        "joint_acceleration_rms",
+        "RMS joint acceleration",
+        "root mean square of the acceleration of a joint; a cost keeps arms of many links from whipping",
+        "rad/s^2 or m/s^2",
+        "rms",
+        "joint_acceleration",
+        total="norm",
+        cost="joint_acceleration",
+        is_metric=False,
+        is_default=False,
+        absent=NO_JOINT,
+        scene_unit=joint_unit("rad/s^2", "m/s^2"),
+    ),
+)
