@@ -305,7 +305,15 @@ class Scene:
         return html_table(f"Scene {self.scenario.name}", [*rows, *(("warning", w) for w in self.warnings)])
 
     def error(self, message: str, where: str | None = None) -> ScenarioError:
-        """Error of the scenario's file, at a dotted path."""
+        """Error of the scenario's file, to be raised.
+
+        Parameters
+        ----------
+        message
+            What was found, what is allowed, and how to mend it.
+        where
+            Dotted path in the scenario; None for the scenario as a whole.
+        """
         return ScenarioError(message, source=self.source, where=where)
 
     @property
