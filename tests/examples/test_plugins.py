@@ -21,7 +21,7 @@ from tests.optim.planning.conftest import REACH
 
 for file in sorted(Path("examples/plugins").glob("*.py")):
     sr.load_plugin(file)
-robot, tip, folder = "robots.one", {"tip": "one/tip"}, Path(sys.argv[1])
+robot, folder = "robots.one", Path(sys.argv[1])
 own = {
     "actuators": {"wheel": {"kind": "reaction_wheel", "gain": 0.5}},
     "sensors": {"joint_rate": {"kind": "thermal", "temperature": 45}},
@@ -34,8 +34,8 @@ own = {
     },
 }
 plan = REACH["plan"] | {
-    "costs": {"torque": 0.01, "tip_speed": tip | {"weight": 1.0}},
-    "limits": {"tip_speed": tip | {"upper": 0.2}},
+    "costs": {"torque": 0.01, "tip_speed": 1.0},
+    "limits": {"tip_speed": {"tip": "one/tip", "upper": 0.2}},
     "keep_out": {"apart": {"between": ["hand", "tank"], "distance": 0.01}},
     "tolerance": 1e-2,
     "order": 4,
@@ -83,6 +83,11 @@ for changes, paths in (({}, plain), (meets, ["pads.tank.semi_axes.1"])):
         assert ahead != behind
         assert abs((ahead - behind) / (2e-4 * value) - slope) < 1e-4 * abs(slope), path
 
+# the same quantity is a cost of plans and a metric of simulations
+metric = ["tip_speed_rms"]
+faster = {f"{robot}.tips.tip.reference.size": [0.1, 0.2]}
+slow, fast = sr.batch(scene, metric, faster, backend="interpreted").data[metric[0]].values.ravel()
+assert 0 < slow < fast
 found = make_plan(scene, backend="interpreted")
 assert found.terms["tip_speed"] > 0
 wide = sr.load_scene(folder / "scene.yaml", {"plan.limits.tip_speed.upper": 9})
