@@ -21,6 +21,7 @@ from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from tests.optim.planning.conftest import REACH
 from viz.figures.plan import plan_constraints, plan_joints
+from viz.figures.style import lay_out
 from viz.page.plan_overlay import beside_its_plan
 
 PLAN = REACH["plan"] | {
@@ -93,6 +94,26 @@ def test_limits_are_named_by_their_joints(folders):
     (curve,) = (c for c in torques.lines if c.get_label() == second)
     assert dashed[0.5] == curve.get_color() != dashed[1.0]
     assert first in others
+
+
+def test_panels_keep_their_widths_whatever_the_joints_and_constraints_are_called(folders):
+    plan, _ = read(folders[0])
+    long = [f"one/{letter * 20}" for letter in "abc"]
+    plan = plan.assign_coords(
+        joint=long, constraint_name=["a pair of links " * 5, *plan.constraint_name.values[1:]]
+    )
+    plan.joint_position_limit[:] = [[-2.0, 2.0], [-2.0, 2.0], [-1.0, 1.0]]
+    joints, constraints = plan_joints(plan), plan_constraints(plan)
+    for figure in (joints, constraints):
+        lay_out(figure)
+        for panel in figure.axes:
+            assert panel.get_position().width > 0.15
+            shown = panel._left_title.get_window_extent()
+            assert shown.x1 <= figure.bbox.x1
+    below = [
+        panel.xaxis.get_tick_params()["labelbottom"] for panel in constraints.axes if panel.get_visible()
+    ]
+    assert below[-2:] == [True, True]  # each column ends with numbers
 
 
 def test_figures_of_a_plan_fit_one_column(folders, tmp_path):

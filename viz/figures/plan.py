@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -179,10 +180,12 @@ def plan_constraints(plan: xr.Dataset) -> Drawing:
             panel.plot(time[holds], np.full(holds.sum(), limit), color="0.35", linewidth=0.9, linestyle="--")
         _held(panel, time[holds], values[holds], limits)
         shade(panel, _phases(plan))
-        panel.set_title(name, fontsize=7.5)
+        panel.set_title(textwrap.fill(name, 48), fontsize=7.5)
         panel.set(ylabel=f"[{unit}]", xlabel="time [s]")
     for panel in list(axes.flat)[len(names) :]:
         panel.set_visible(False)
+        for above in axes[-2:-1, 1]:  # it is the last of its column now
+            above.tick_params(labelbottom=True)
     return figure
 
 
@@ -198,7 +201,7 @@ def convergence(solves: list[Mapping[str, Any]]) -> Drawing:
     figure, axes = panels(1, 2, height_in=2.3)
     least = min(solve["cost"] for solve in solves)
     for k, solve in enumerate(solves):
-        label = f"start {solve['start'] + 1}, {solve['intervals']} intervals"
+        label = f"run {k + 1}: start {solve['start'] + 1}, {solve['intervals']} intervals"
         costs, violations = (np.array(solve[key], dtype=float) for key in ("costs", "violations"))
         for panel, values in zip(axes.flat, (costs - least, violations), strict=True):
             shown = np.where(values > 0, values, np.nan)
@@ -272,13 +275,15 @@ def _near_limits(panel: Axes, limits: Array, names: Sequence[str]) -> None:
         if not low - room <= limit <= high + room:
             continue
         own = np.flatnonzero((limits == limit).any(axis=1)).tolist()
-        text = "all" if len(own) == len(names) > 1 else ", ".join(names[k] for k in own)
+        text = f"{len(own)} joints" if len(own) > 2 else ", ".join(names[k] for k in own)
+        text = "all" if len(own) == len(names) > 1 else text
         colour = _look(own[0])["color"] if len(own) == 1 else "0.35"
         panel.axhline(limit, color=colour, linewidth=0.9, linestyle="--")
         inside: dict[str, Any] = {"xytext": (-1, 1), "textcoords": "offset points", "ha": "right"}
-        panel.annotate(
+        named = panel.annotate(
             text, (1.0, limit), xycoords=("axes fraction", "data"), fontsize=7, color=colour, **inside
         )
+        named.set_in_layout(False)  # panels keep their widths however long the names are
 
 
 def _look(k: int) -> dict[str, Any]:
