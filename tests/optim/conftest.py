@@ -30,6 +30,23 @@ TUNING = {
 }
 
 
+LOADED = ["distributed.nanny", "optim.campaign", "optim.robust.problem", "optim.tuning", "optim.workers.dask"]
+
+
+@pytest.fixture(scope="module")
+def forked_workers():
+    """Workers that Dask starts are forks of a process that has loaded its libraries already.
+
+    A fresh Python, as users have it, takes each worker 2 s to load them first. Every module that starts a
+    worker in this way compiles with the same flags, which a fork has from the first of them.
+    """
+    dask = pytest.importorskip("dask")
+    utils = pytest.importorskip("distributed.utils")
+    with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}):
+        utils.get_mp_context().set_forkserver_preload(LOADED)
+        yield
+
+
 @pytest.fixture(scope="session")
 def small_file(tmp_path_factory):
     return one_arm.write(

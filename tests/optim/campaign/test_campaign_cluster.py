@@ -24,11 +24,15 @@ def plain(small, tmp_path_factory):
 
 
 def test_a_worker_changes_no_bit(small, plain, tmp_path):
-    run_campaign(small(), tmp_path / "store", executor=DaskExecutor("local:1", size=9))
+    """By a worker that loads everything first, as users have it."""
+    from dask import config
+
+    with config.set({"distributed.worker.multiprocessing-method": "spawn"}):
+        run_campaign(small(), tmp_path / "store", executor=DaskExecutor("local:1", size=9))
     xr.testing.assert_identical(load_campaign(tmp_path / "store"), plain)
 
 
-def test_two_workers_and_a_killed_one_change_no_bit(small, plain, tmp_path):
+def test_two_workers_and_a_killed_one_change_no_bit(small, plain, forked_workers, tmp_path):
     """Kill -9 of a worker in the middle, seen through a cluster reached by its address."""
     options = {"threads_per_worker": 1, "dashboard_address": "127.0.0.1:0", "host": "127.0.0.1"}
     with distributed.LocalCluster(n_workers=2, **options) as cluster, distributed.Client(cluster) as client:

@@ -84,8 +84,7 @@ def test_the_worst_case_gets_better_on_the_samples_tuned_for(problems, method):
     assert problem.reduce(problem.objectives(u)) == pytest.approx(found.objective, rel=1e-6)
 
 
-def test_dask_changes_no_bit(small, problems):
-    pytest.importorskip("distributed")
+def test_dask_changes_no_bit(small, problems, forked_workers):
     from optim.workers.dask import open_workers
 
     effort = effort_of(small(tuning=TUNING).scenario.tuning, runs=2, starts=2)

@@ -132,7 +132,7 @@ LOCAL = {"threads_per_worker": 1, "dashboard_address": "127.0.0.1:0", "host": "1
 
 
 @pytest.fixture(scope="module")
-def cluster():
+def cluster(forked_workers):
     with distributed.LocalCluster(n_workers=2, **LOCAL) as made:
         yield made
 
@@ -159,12 +159,15 @@ def test_a_scheduler_file_leads_to_the_cluster(small, cluster, tmp_path):
 
 
 def test_a_terminals_ctrl_c_does_not_reach_the_workers():
+    from dask import config
+
     from optim.workers.cluster import connect
 
     def ignored():
         return signal.getsignal(signal.SIGINT) is signal.SIG_IGN
 
-    with connect("local:1") as client:
+    # as users have it: a fork would inherit the handler from where it was loaded
+    with config.set({"distributed.worker.multiprocessing-method": "spawn"}), connect("local:1") as client:
         assert all(client.run(ignored).values())
 
 
@@ -264,7 +267,7 @@ def test_a_users_own_objective_goes_along(small, dask):
     same(one, other)
 
 
-def test_a_lost_scheduler_is_one_line(small, monkeypatch):
+def test_a_lost_scheduler_is_one_line(small, forked_workers, monkeypatch):
     from optim.workers import cluster
     from optim.workers.dask import open_workers
 

@@ -83,8 +83,7 @@ def test_neither_chunks_nor_threads_change_a_bit(small, whole, tmp_path, size, t
     same(tmp_path / "store", whole.folder)
 
 
-def test_a_worker_of_dask_changes_no_bit(small, whole, tmp_path):
-    pytest.importorskip("distributed")
+def test_a_worker_of_dask_changes_no_bit(small, whole, forked_workers, tmp_path):
     from optim.campaign.cluster import DaskExecutor
 
     run_campaign(small(**SECTION), tmp_path / "store", executor=DaskExecutor("local:2", size=9))
