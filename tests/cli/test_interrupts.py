@@ -146,17 +146,33 @@ def test_an_interrupt_lost_while_simulating_still_ends_the_run(monkeypatch, caps
     assert not (tmp_path / "r").exists()
 
 
+REPORTING = """
+import sys
+import spacerobot.api.functions as job
+from spacerobot.cli.app import main
+
+def reporting(*arguments, own=job.simulate, **options):
+    print("simulating", flush=True)
+    return own(*arguments, **options)
+
+job.simulate = reporting
+sys.argv = ["spacerobot", *sys.argv[1:]]
+main()
+"""
+
+
 @pytest.mark.skipif(os.name == "nt", reason="no SIGINT for processes there")
 def test_a_process_that_is_interrupted_says_so_and_leaves_nothing(tmp_path):
-    code = "import sys; from spacerobot.cli.app import main; sys.argv = ['spacerobot', *sys.argv[1:]]; main()"
     long = ("--set", "simulation.engine=pinocchio", "--set", "simulation.duration=1000")
     process = subprocess.Popen(
-        [sys.executable, "-c", code, "run", "paper", *long, "--out", str(tmp_path / "r")],
+        [sys.executable, "-c", REPORTING, "run", "paper", *long, "--out", str(tmp_path / "r")],
         cwd=ROOT,
+        stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     )
-    time.sleep(3.0)
+    assert process.stdout.readline() == "simulating\n"
+    time.sleep(0.5)
     process.send_signal(signal.SIGINT)
     assert process.communicate(timeout=60)[1] == "error: interrupted\n"
     assert process.returncode == 130

@@ -83,7 +83,7 @@ def test_the_whole_motion_fills_the_view(browser, paper, tmp_path):
         assert np.ptp(rows) > 0.6 * gold.shape[0] or np.ptp(columns) > 0.4 * gold.shape[1]
 
 
-def test_it_says_time_and_the_tip_errors_of_the_result(browser, paper, tmp_path):
+def test_it_says_time_and_the_tip_errors_of_the_result(browser, paper, tmp_path, flat):
     page = _show(browser, tmp_path / "page.html", animation_page(paper), "#t=3")
     words = page.evaluate("document.getElementById('readout').innerText")
     assert "t = 3.00 s" in words
@@ -93,7 +93,7 @@ def test_it_says_time_and_the_tip_errors_of_the_result(browser, paper, tmp_path)
         assert said == pytest.approx(np.linalg.norm(row.sel(tip=tip)) * 1e3, abs=6e-3)
 
 
-def test_forces_turns_and_momenta_are_plotted_by_name_and_in_numbers(browser, paper, tmp_path):
+def test_forces_turns_and_momenta_are_plotted_by_name_and_in_numbers(browser, paper, tmp_path, flat):
     page = _show(browser, tmp_path / "page.html", animation_page(paper), "#t=3")
     row = paper.data.sel(time=3.0, method="nearest")
     force = float(np.linalg.norm(row.grasp_force.sel(grasp="left")))

@@ -17,11 +17,6 @@ from viz.page.limits import joint_limits
 from viz.page.page import animation_page
 
 SAVED = "HTMLAnchorElement.prototype.click = function () { window.saved = [this.download, this.href]; }"
-BLIND = """
-HTMLCanvasElement.prototype.getContext = ((own) => function (kind, ...more) {
-  return /webgl/.test(kind) ? null : own.call(this, kind, ...more);
-})(HTMLCanvasElement.prototype.getContext);
-"""
 TEXTS = """
 URL.createObjectURL = (blob) => {
   blob.text().then((text) => { window.lastText = text; });
@@ -51,7 +46,7 @@ def shown(browser, tmp_path, paper):
     return show
 
 
-def test_what_is_seen_of_the_curves_is_saved_as_a_table(shown, paper):
+def test_what_is_seen_of_the_curves_is_saved_as_a_table(shown, paper, flat):
     page = shown()
     page.evaluate(TEXTS)
     page.evaluate("document.getElementById('table').click()")
@@ -76,7 +71,7 @@ def test_what_is_seen_of_the_curves_is_saved_as_a_table(shown, paper):
     assert page.errors == []
 
 
-def test_curves_of_runs_with_other_times_are_drawn_in_one_plot(browser, paper, tmp_path):
+def test_curves_of_runs_with_other_times_are_drawn_in_one_plot(browser, paper, tmp_path, flat):
     """Between its own samples a run has no values where the other one has; its curve goes on."""
     data = paper.data.isel(time=slice(0, None, 7))
     coarse = Result(paper.scenario, data.assign(tip_error=0.5 * data.tip_error), paper.summary)
@@ -94,7 +89,7 @@ def test_curves_of_runs_with_other_times_are_drawn_in_one_plot(browser, paper, t
     assert browser.errors == []
 
 
-def test_the_wheel_zooms_about_the_pointer_and_clicks_still_lead_to_their_time(shown):
+def test_the_wheel_zooms_about_the_pointer_and_clicks_still_lead_to_their_time(shown, flat):
     page = shown()
     left, right, y = page.evaluate(SPAN)
     x = left + 0.3 * (right - left)
@@ -110,7 +105,7 @@ def test_the_wheel_zooms_about_the_pointer_and_clicks_still_lead_to_their_time(s
     assert float(page.evaluate("document.body.dataset.time")) == pytest.approx(3 + 5 / 1.25**4, abs=0.02)
 
 
-def test_one_signal_over_another_and_a_picture_of_the_curves(shown):
+def test_one_signal_over_another_and_a_picture_of_the_curves(shown, flat):
     page = shown("#t=5&play=0&phase=joint angle: rpr1/joint_1|joint rate: rpr1/joint_1")
     assert not page.evaluate("portrait.hidden")
     pen = "document.querySelector('#portrait canvas').getContext('2d')"
@@ -131,17 +126,14 @@ def test_limits_of_joints_are_those_of_the_urdf():
     assert limits["joint angle", "servicer/left_joint_2"] == pytest.approx((-120.0, 120.0), abs=1e-3)
 
 
-def test_without_webgl_all_but_the_scene_works(shown, browser):
-    script = browser.call("Page.addScriptToEvaluateOnNewDocument", source=BLIND)["identifier"]
-    try:
-        page = shown()
-        assert "cannot draw in three dimensions" in page.evaluate("pane.innerText")
-        assert "t = 5.00 s" in page.evaluate("readout.innerText")
-        page.evaluate("document.getElementById('play').click()")
-        page.wait_for("Number(document.body.dataset.time) > 5.1")
-        assert page.evaluate("document.querySelectorAll('.panel canvas').length") == 1
-    finally:
-        browser.call("Page.removeScriptToEvaluateOnNewDocument", identifier=script)
+def test_without_webgl_all_but_the_scene_works(shown, flat):
+    page = shown()
+    assert "cannot draw in three dimensions" in page.evaluate("pane.innerText")
+    assert "t = 5.00 s" in page.evaluate("readout.innerText")
+    page.evaluate("document.getElementById('play').click()")
+    page.wait_for("Number(document.body.dataset.time) > 5.1")
+    assert page.evaluate("document.querySelectorAll('.panel canvas').length") == 1
+    assert page.errors == []
 
 
 def test_many_curves_have_colours_of_their_own_that_can_be_read():
@@ -185,7 +177,7 @@ def _drag(page, dragged, onto):
     )
 
 
-def test_a_signal_is_dragged_into_a_panel_of_its_unit_or_gets_one_of_its_own(shown):
+def test_a_signal_is_dragged_into_a_panel_of_its_unit_or_gets_one_of_its_own(shown, flat):
     page = shown("#t=5&play=0&signals=tip error;gap of grips;joint torque:rpr1/joint_1")
     last = "[...document.querySelectorAll('.panel')].at({}).querySelectorAll('.curves [draggable]')[0]"
     _drag(page, last.format(0), "document.querySelectorAll('.panel')[1]")
@@ -204,7 +196,7 @@ def test_a_signal_is_dragged_into_a_panel_of_its_unit_or_gets_one_of_its_own(sho
     assert page.errors == []
 
 
-def test_a_panel_shows_the_range_of_what_is_seen_and_logarithms(shown, paper):
+def test_a_panel_shows_the_range_of_what_is_seen_and_logarithms(shown, paper, flat):
     page = shown("#t=5&play=0&signals=tip error;tip error by axis:rpr1/tip x")
     error = np.linalg.norm(paper.data.tip_error.values, axis=-1) * 1e3
     assert page.evaluate(SPANS)[0][0] == 0
@@ -224,7 +216,7 @@ def test_a_panel_shows_the_range_of_what_is_seen_and_logarithms(shown, paper):
     assert page.errors == []
 
 
-def test_panels_get_other_heights_by_hand_and_by_keys(shown):
+def test_panels_get_other_heights_by_hand_and_by_keys(shown, flat):
     page = shown("#t=5&play=0&signals=tip error;joint torque")
     heights = f"{PLOTS}.map((plot) => plot.height)"
     first = page.evaluate(heights)
@@ -246,7 +238,7 @@ def test_panels_get_other_heights_by_hand_and_by_keys(shown):
     assert page.errors == []
 
 
-def test_names_are_short_and_as_in_the_result_on_demand(shown):
+def test_names_are_short_and_as_in_the_result_on_demand(shown, flat):
     page = shown("#t=5&play=0")
     assert "rpr1 tip error" in page.evaluate("readout.innerText")
     page.evaluate("document.getElementById('fullnames').click()")
@@ -256,7 +248,7 @@ def test_names_are_short_and_as_in_the_result_on_demand(shown):
     assert "rpr1/tip" in shown(page.evaluate("location.hash")).evaluate(TITLES)[0]
 
 
-def test_events_limits_and_half_a_phone_for_the_scene(browser, docked, tmp_path):
+def test_events_limits_and_half_a_phone_for_the_scene(browser, docked, tmp_path, flat):
     (tmp_path / "page.html").write_text(animation_page(docked), encoding="utf-8")
     signals = "#t=1&play=0&signals=gap of grips~limits;tip velocity;linear momentum;angular momentum by axis"
     for size in ((390, 844), (1200, 800)):

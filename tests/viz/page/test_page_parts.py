@@ -69,7 +69,7 @@ def _value(page, name):
     return float(re.search(rf"{name} (-?[\d.e-]+) ", page.evaluate(CURVES))[1])
 
 
-def test_every_signal_of_a_result_can_be_chosen(shown, paper):
+def test_every_signal_of_a_result_can_be_chosen(shown, paper, flat):
     page = shown(paper, fragment="#t=4")
     page.evaluate("document.getElementById('signals').click()")
     found = page.evaluate("[...document.querySelectorAll('#picker summary')].map((e) => e.innerText)")
@@ -99,7 +99,7 @@ def test_every_signal_of_a_result_can_be_chosen(shown, paper):
     assert page.errors == []
 
 
-def test_values_under_the_pointer_are_those_of_its_time(shown, paper):
+def test_values_under_the_pointer_are_those_of_its_time(shown, paper, flat):
     page = shown(paper, fragment="#t=1")
     left, right, y = page.evaluate(AXIS)
     _mouse(page, "mouseMoved", left + 0.6 * (right - left), y)
@@ -113,7 +113,7 @@ def test_values_under_the_pointer_are_those_of_its_time(shown, paper):
     assert _value(page, "rpr1 tip") == pytest.approx(here, rel=6e-3)
 
 
-def test_the_seek_bar_and_the_chart_agree_on_where_a_time_is(shown, paper):
+def test_the_seek_bar_and_the_chart_agree_on_where_a_time_is(shown, paper, flat):
     sizes = (320, 640), (844, 390), (1400, 900)
     page = shown(paper, fragment="#t=0", size=sizes[0])
     for size in sizes:
@@ -318,7 +318,7 @@ def test_keys_do_everything_and_the_focus_is_seen(shown, paper):
     assert page.errors == []
 
 
-def test_phases_and_events_stand_above_the_seek_bar_and_lead_there(shown, docked):
+def test_phases_and_events_stand_above_the_seek_bar_and_lead_there(shown, docked, flat):
     page = shown(docked, fragment="#t=0&play=0")
     names = "[...document.querySelectorAll('#events .phase')].map((span) => span.textContent)"
     assert page.evaluate(names) == ["approach", "carry", "part"]
@@ -334,7 +334,7 @@ def test_phases_and_events_stand_above_the_seek_bar_and_lead_there(shown, docked
     assert page.errors == []
 
 
-def test_a_result_without_events_has_no_strip(shown, paper):
+def test_a_result_without_events_has_no_strip(shown, paper, flat):
     assert shown(paper).evaluate("document.getElementById('events').hidden")
 
 
@@ -349,7 +349,7 @@ def test_how_finely_the_scene_is_drawn_is_fixed_by_the_address(shown, paper):
     page.wait_for("location.hash.includes('scheme=') && location.hash.includes('quality=3')")
 
 
-def test_a_link_is_followed_although_the_address_was_written_anew_since(shown, paper):
+def test_a_link_is_followed_although_the_address_was_written_anew_since(shown, paper, flat):
     page = shown(paper, fragment="#t=1&play=0")
     page.evaluate("location.hash = '#t=4&play=0'; history.replaceState(null, '', '#t=1&play=0')")
     page.wait_for("document.body.dataset.time === '4.000'", timeout_s=5)

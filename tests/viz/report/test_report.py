@@ -45,9 +45,13 @@ def test_its_numbers_are_the_summarys(comparison, paper):
 def test_it_opens_without_a_network_and_plays(browser, comparison, tmp_path):
     path = tmp_path / "report.html"
     path.write_text(comparison, encoding="utf-8")
-    for size in ((1400, 900), (800, 600)):
-        browser.open(path.as_uri(), *size)
-        browser.wait_for("document.readyState === 'complete'")
+    sizes = (1400, 900), (800, 600)
+    browser.open(path.as_uri(), *sizes[0])
+    browser.wait_for("document.readyState === 'complete'")
+    for size in sizes:
+        browser.resize(*size)
+        browser.wait_for(f"window.innerWidth === {size[0]}")
+        browser.drawn()
         assert browser.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
         assert browser.evaluate(
             "[...document.images].every((image) => image.complete && image.naturalWidth > 0)"

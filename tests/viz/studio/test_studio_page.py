@@ -90,7 +90,7 @@ def test_a_slider_moves_picture_curves_and_metrics(opened, studio):
     assert [url for url in page.requests if not url.startswith(own)] == []
 
 
-def test_steps_are_undone_and_a_link_carries_all(opened):
+def test_steps_are_undone_and_a_link_carries_all(opened, flat):
     page = opened()
     first = page.evaluate(METRIC)
     _slide(page, 30)
@@ -134,7 +134,7 @@ def test_designs_are_kept_side_by_side_compared_and_deleted(opened):
     assert page.errors == []
 
 
-def test_a_search_is_started_and_stopped(opened):
+def test_a_search_is_started_and_stopped(opened, flat):
     page = opened()
     start = page.evaluate(METRIC)
     page.evaluate("document.querySelector('#jobs .method').value = 'ga'")
@@ -179,7 +179,7 @@ def test_a_campaign_draws_its_samples(opened):
     page.wait_for(f"{WORDS}.startsWith('done')", 60)
 
 
-def test_a_design_is_saved_and_runs_again_to_the_same_numbers(opened, studio):
+def test_a_design_is_saved_and_runs_again_to_the_same_numbers(opened, studio, flat):
     page = opened()
     _slide(page, 120)
     peak = page.evaluate(METRIC)
@@ -189,6 +189,7 @@ def test_a_design_is_saved_and_runs_again_to_the_same_numbers(opened, studio):
     file = next(studio.session.folder.rglob("mine*.yaml"))
     again = simulate(load_scene(file))
     assert np.abs(again.data.tip_error.values).max() * 1e3 <= peak * (1 + 1e-9)
+    page.wait_for("/[#&]set=/.test(location.hash)")
     changed = json.loads(page.evaluate("new URLSearchParams(location.hash.slice(1)).get('set')"))
     same = simulate(load_scene(studio.file, changed))
     assert np.array_equal(again.data.tip_error.values, same.data.tip_error.values)
@@ -232,7 +233,7 @@ def test_it_fits_every_size_and_is_readable_dark_and_light(opened, browser):
     assert browser.errors == []
 
 
-def test_numbers_are_found_and_pinned_by_keys(opened):
+def test_numbers_are_found_and_pinned_by_keys(opened, flat):
     page = opened()
     page.evaluate("document.getElementById('numbers').open = true")
     page.evaluate("document.querySelector('#numbers input[type=search]').focus()")
@@ -266,7 +267,7 @@ def test_another_structure_is_compiled_and_undone(opened):
     assert page.errors == []
 
 
-def test_an_address_that_holds_anything_does_no_harm(opened):
+def test_an_address_that_holds_anything_does_no_harm(opened, flat):
     named = "design=garbage&design=%7B%22name%22:%22%3Cb%3E%22%7D"
     page = opened(f"#t=0.5&play=0&pins=foo;bar:1:2:log&metric=none&set=7&{named}")
     assert page.evaluate("[...document.querySelectorAll('#designs thead th')].length") == 2
