@@ -159,7 +159,7 @@ LED = {
             "base": {"joint": "planar", "position": [-0.5, 0, 0]},
             "joints": {f"joint_{i}": {"angle_deg": 40 if i < 5 else -40} for i in range(1, 9)},
             "tips": {"tip": {"pid": PID, "amnesia": {"ge": 4, "ta": 3}}},
-            "joint_pd": {"kp": 0, "kd": 20},
+            "joint_pd": {"kp": 0, "kd": 4},
         }
     },
     "target": {
