@@ -304,7 +304,7 @@ def _least(
     slope = speed + robot.spin[k] * robot.radius[k] + target.spin[k] * target.radius[k]
 
     def sampled(t: float) -> tuple[float, float, tuple[str, str]]:
-        # distance [m] of the nearest shapes, and their links
+        """Distance [m] of the nearest shapes, the time [s] and their links."""
         robots = robot.placed(k, t)
         targets = target.placed(k, t)
         ones = [(one, robots[one.joint]) for one in robot.solids]

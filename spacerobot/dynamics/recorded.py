@@ -28,6 +28,8 @@ def recorded(*shapes: tuple[int, int]) -> Callable[[Callable[..., Result]], Call
     """
 
     def decorate(function: Callable[..., Result]) -> Callable[..., Result]:
+        """The function, recorded when it is called first."""
+
         @functools.cache
         def record(**fixed: object) -> ca.Function:
             symbols = [ca.SX.sym("x", *shape) for shape in shapes]
