@@ -85,9 +85,13 @@ for changes, paths in (({}, plain), (meets, ["pads.tank.semi_axes.1"])):
 
 # the same quantity is a cost of plans and a metric of simulations
 metric = ["tip_speed_rms"]
-faster = {f"{robot}.tips.tip.reference.size": [0.1, 0.2]}
-slow, fast = sr.batch(scene, metric, faster, backend="interpreted").data[metric[0]].values.ravel()
-assert 0 < slow < fast
+size = f"{robot}.tips.tip.reference.size"
+sizes = {size: [0.1, 0.1001, 0.0999]}
+speed, ahead, behind = sr.batch(scene, metric, sizes, backend="interpreted").data[metric[0]].values.ravel()
+assert 0 < behind < speed < ahead
+at = sr.load_scene(folder / "scene.yaml", {size: 0.1})
+slope = float(sr.gradient(at, metric, [size], backend="interpreted").data.gradient.values[0, 0])
+assert abs((ahead - behind) / 2e-4 - slope) < 1e-4 * slope
 found = make_plan(scene, backend="interpreted")
 assert found.terms["tip_speed"] > 0
 wide = sr.load_scene(folder / "scene.yaml", {"plan.limits.tip_speed.upper": 9})
