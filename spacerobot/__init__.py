@@ -14,6 +14,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from spacerobot.lazy_names import lazy_names
+from spacerobot.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from optim.evaluation import BatchResult as BatchResult
@@ -64,8 +65,6 @@ if TYPE_CHECKING:
     from spacerobot.scene import Scene as Scene
     from spacerobot.scene import load_scene as load_scene
     from viz.studio.server import studio as studio
-
-__version__ = "0.1.0"
 
 _HOME = {
     "BatchResult": "optim.evaluation",

@@ -111,7 +111,7 @@ def write_recording(
         form = ["-f", "image2pipe", "-c:v", "mjpeg"]
     content = _mp4(program, encoded, form, per_s, path) if kind == ".mp4" else _gif(pictures, per_s)
     write_bytes(path, content)
-    note_derived([result], [path])
+    note_derived([result.folder], [path])
 
 
 def write_poster(
@@ -145,7 +145,7 @@ def write_poster(
         drawn.picture(int(np.abs(drawn.motion.time - time).argmin())).save(buffer, "PNG")
         content = buffer.getvalue()
     write_bytes(path, content)
-    note_derived([result], [Path(path)])
+    note_derived([result.folder], [Path(path)])
 
 
 def _counted(pictures: Iterable[T], count: int, progress: Progress | None) -> Iterator[T]:

@@ -16,10 +16,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import spacerobot
 from optim.workers.workers import Recipe
 from spacerobot.compiled.cache import cache_folder
 from spacerobot.errors import SpaceRobotError
+from spacerobot.version import __version__
 
 ATTEMPTS = 3  # workers that a piece of work may cost before it is given up
 KEPT = 8  # problems that a worker keeps
@@ -115,9 +115,7 @@ def threads_of(client: Any) -> int:
 
 def submit(client: Any, work: Any, recipe: Recipe, *arguments: Any) -> Any:
     """Future of ``work(what the recipe builds, *arguments)``, done again elsewhere if its worker dies."""
-    return client.submit(
-        _work, spacerobot.__version__, work, recipe, *arguments, pure=False, retries=ATTEMPTS
-    )
+    return client.submit(_work, __version__, work, recipe, *arguments, pure=False, retries=ATTEMPTS)
 
 
 @contextlib.contextmanager
@@ -144,10 +142,8 @@ def faults_of(what: str) -> Iterator[None]:
 
 def _work(version: str, work: Any, recipe: Recipe, *arguments: Any) -> Any:
     """Run a work on a recipe's object, in a worker."""
-    if version != spacerobot.__version__:
-        message = (
-            f"a worker has spacerobot {spacerobot.__version__}, this process {version}: install the same"
-        )
+    if version != __version__:
+        message = f"a worker has spacerobot {__version__}, this process {version}: install the same"
         raise SpaceRobotError(message, where="--dask")
     key = recipe.key
     with _lock:  # built once in this process

@@ -298,7 +298,7 @@ def _write_page(text: str, results: Sequence[Result], path: Path) -> None:
     from spacerobot.result import note_derived
 
     write_text(path, text)
-    note_derived(results, [path])
+    note_derived([result.folder for result in results], [path])
 
 
 def _several(results: Results) -> list[Result]:

@@ -28,9 +28,9 @@ EXAMPLE_INDENT = 4
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        import spacerobot
+        from spacerobot.version import __version__
 
-        typer.echo(spacerobot.__version__)
+        typer.echo(__version__)
         raise typer.Exit
 
 

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from spacerobot.quantities.quantity import AddedStates, Columns, Context, Quantity
-
-if TYPE_CHECKING:
-    from spacerobot.scene import Scene
+from spacerobot.quantities.quantity import AddedStates, Columns, Context, MeasuredScene, Quantity
 
 PREFIX = "jitter."
 NO_TIP = "no robot of this scene has a tip"
 
 
-def low_passes(scene: Scene, frequency_hz: float) -> AddedStates:
+def low_passes(scene: MeasuredScene, frequency_hz: float) -> AddedStates:
     """Low passes of first order of the tips' errors, which begin at zero.
 
     With s' = 2 pi f (e - s) the error less its low pass, e - s, is e behind a high pass with the corner

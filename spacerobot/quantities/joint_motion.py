@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
-from spacerobot.quantities.quantity import Quantity
-
-if TYPE_CHECKING:
-    from spacerobot.scene import Scene
+from spacerobot.quantities.quantity import MeasuredScene, Quantity
 
 NO_JOINT = "no robot of this scene has a joint"
 
 
-def joint_unit(revolute: str, prismatic: str) -> Callable[[Scene], str]:
+def joint_unit(revolute: str, prismatic: str) -> Callable[[MeasuredScene], str]:
     """Unit of the scene's joints: of one kind, or of both."""
 
-    def unit(scene: Scene) -> str:
+    def unit(scene: MeasuredScene) -> str:
         kinds = {
             scene.model.joints[joint].shortname().startswith("JointModelP")
             for body in scene.bodies

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -23,7 +23,6 @@ from spacerobot.errors import SpaceRobotError, near_names
 if TYPE_CHECKING:
     from spacerobot.rollout.closed_loop_protocol import ClosedLoopFunctions
     from spacerobot.rollout.measures import Signals
-    from spacerobot.scene import Scene
 
 Reducer = Literal["integral", "peak", "lowest", "final", "rms", "magnitude", "final_length"]
 Total = Literal["largest", "sum", "norm"]
@@ -37,6 +36,48 @@ BODIES = {
     "target_rotation": ("body_rotation", True),
 }
 """Signals that are an output's entries of bodies, and whether of the target or of the others."""
+
+
+class MeasuredScene(Protocol):
+    """The part of a :class:`spacerobot.scene.Scene` that quantities read.
+
+    Scenes are built from scenarios, whose sections name quantities: a protocol keeps the imports one-way.
+    """
+
+    @property
+    def model(self) -> Any:
+        """Pinocchio model of every body."""
+
+    @property
+    def scenario(self) -> Any:
+        """Scenario that the scene was built from."""
+
+    @property
+    def bodies(self) -> Sequence[Any]:
+        """Robots and target."""
+
+    @property
+    def robots(self) -> Sequence[Any]:
+        """Robots."""
+
+    @property
+    def target(self) -> Any:
+        """Target, or None."""
+
+    @property
+    def tips(self) -> Sequence[Any]:
+        """Tips of all robots."""
+
+    @property
+    def grasps(self) -> Sequence[Any]:
+        """Grasps."""
+
+    @property
+    def translation_axes(self) -> Any:
+        """World axes along which bodies can move."""
+
+    def error(self, message: str, where: str | None = None) -> SpaceRobotError:
+        """Error of the scenario's file, to be raised."""
 
 
 class SignalSource(Protocol):
@@ -60,7 +101,7 @@ class Context:
         Symbols of its time, state and outputs.
     """
 
-    scene: Scene
+    scene: MeasuredScene
     loop: ClosedLoopFunctions
     signals: Signals
 
@@ -206,8 +247,8 @@ class Quantity:
     is_default: bool = True
     absent: str = "this scene has nothing that it describes"
     symbol: str = ""
-    states: Callable[[Scene, float], AddedStates] | None = None
-    scene_unit: Callable[[Scene], str] | None = None
+    states: Callable[[MeasuredScene, float], AddedStates] | None = None
+    scene_unit: Callable[[MeasuredScene], str] | None = None
 
     @property
     def is_root(self) -> bool:
@@ -227,7 +268,7 @@ class Quantity:
         unit = self.weighed_unit
         return of if unit == "1" else f"{of}/({unit})" if set(unit) & set(" /") else f"{of}/{unit}"
 
-    def unit_in(self, scene: Scene) -> str:
+    def unit_in(self, scene: MeasuredScene) -> str:
         """Unit in a scene."""
         return self.unit if self.scene_unit is None else self.scene_unit(scene)
 

@@ -7,24 +7,20 @@ import hashlib
 import json
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from spacerobot.files import StrPath, locked, write_text
-
-if TYPE_CHECKING:
-    from spacerobot.result.result import Result
 
 DERIVED = "derived.json"
 """File that lists what was made from a result and lies in its folder, by path, with the sha256 of each."""
 
 
-def note_derived(results: Iterable[Result], paths: Iterable[StrPath]) -> None:
+def note_derived(folders: Iterable[StrPath | None], paths: Iterable[StrPath]) -> None:
     """Record which files were made from results.
 
     Parameters
     ----------
-    results
-        Results; those without a folder are passed over.
+    folders
+        Folders of the results; None for a result that was not saved, which has nothing to record.
     paths
         Files; those outside of a result's folder are not recorded for it.
 
@@ -34,10 +30,7 @@ def note_derived(results: Iterable[Result], paths: Iterable[StrPath]) -> None:
         If the list cannot be written.
     """
     resolved = [Path(path).resolve() for path in paths]
-    for result in results:
-        if result.folder is None:
-            continue
-        folder = result.folder.resolve()
+    for folder in (Path(folder).resolve() for folder in folders if folder is not None):
         inside = [path for path in resolved if path.is_relative_to(folder)]
         if inside:
             with locked(folder):

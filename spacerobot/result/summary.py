@@ -10,7 +10,6 @@ from typing import Any
 
 import xarray as xr
 
-import spacerobot
 from spacerobot.elements.registry import plugin_records
 from spacerobot.result.events import outcome_of
 from spacerobot.result.ledger import build_ledger
@@ -30,6 +29,7 @@ from spacerobot.result.missed_captures import missed_captures
 from spacerobot.result.trust import advise, deep_contacts, judge
 from spacerobot.rollout import Trajectory
 from spacerobot.scene import Scene
+from spacerobot.version import __version__
 
 FORMAT = 2
 """Version of the result's layout; a result of another one is refused."""
@@ -111,7 +111,7 @@ def unled_tips(scene: Scene) -> list[str]:
 
 @functools.cache
 def _versions() -> Mapping[str, str]:
-    found = {"spacerobot": spacerobot.__version__, "python": platform.python_version()}
+    found = {"spacerobot": __version__, "python": platform.python_version()}
     for package in ("pin", "casadi", "numpy", "yourdfpy"):
         try:
             found[package] = version(package)

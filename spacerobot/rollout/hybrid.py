@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import Protocol
 
+import casadi as ca
 import numpy as np
 
 from spacerobot.numeric_function import NumericFunction
 from spacerobot.rollout.closed_loop_protocol import Array
 from spacerobot.rollout.event_location import RootBracket, TrialStep
 from spacerobot.rollout.interpreted_event import InterpretedEvent
+from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.methods.tableau import INNER
 from spacerobot.rollout.rollout_arrays import (
     AT_END,
@@ -27,8 +29,18 @@ from spacerobot.rollout.segments import HERE, Segment, StepPlan, graded, segment
 from spacerobot.rollout.tables import Integers, fill
 from spacerobot.rollout.time_grid import ROUNDING, TimeGrid
 
-if TYPE_CHECKING:
-    from spacerobot.rollout.interpreted import InterpretedEngine
+
+class StepFunctions(Protocol):
+    """A kernel and the function that does its steps."""
+
+    @property
+    def kernel(self) -> Kernel:
+        """Kernel of the rollout."""
+
+    def steps(self, n: int, estimate: bool) -> ca.Function:
+        """Function that does a number of steps, with an estimate of their errors or without."""
+
+
 TOLERANCE = 1e-12
 """Of an event's time [s]."""
 
@@ -78,7 +90,7 @@ class HybridRun:
         Random numbers (n,).
     """
 
-    engine: InterpretedEngine
+    engine: StepFunctions
     grid: TimeGrid
     x: Array
     c: Array

@@ -13,11 +13,12 @@ from tests.oracles.syntax_trees import parsed
 
 ROOT = Path(__file__).parents[2]
 
-EVERYWHERE = {"arrays", "errors", "notebook"}
+EVERYWHERE = {"arrays", "errors", "notebook", "version"}
 """What every room of the library may import."""
 
 KNOWS = {
     "spacerobot.arrays": set(),
+    "spacerobot.version": set(),
     "spacerobot.errors": set(),
     "spacerobot.notebook": set(),
     "spacerobot.interrupts": set(),
@@ -38,7 +39,7 @@ KNOWS = {
         "shapes",
         "symbolic",
     },
-    "spacerobot.quantities": set(),
+    "spacerobot.quantities": {"rollout"},
     "spacerobot.scenario": {"registry", "samplers", "section", "elements", "quantities"},
     "spacerobot.description": {"files"},
     "spacerobot.scene": {"files", "section", "elements", "scenario", "description", "shapes"},
@@ -165,7 +166,7 @@ BUILT_ON = {
         "optim.robust",
     },
     "viz.drawing": set(),
-    "viz.figures": {"viz.drawing"},
+    "viz.figures": {"viz.drawing", "optim.campaign"},
     "viz.page": {"viz.drawing", "viz.figures"},
     "viz.browser": set(),
     "viz.film": {"viz.browser", "viz.page"},
@@ -183,26 +184,21 @@ BUILT_ON = {
         "optim.planning.output",
         "optim.planning.search",
     },
-    "viz.report": {"viz.page", "viz.figures", "optim.comparison"},
+    "viz.report": {"viz.page", "viz.figures", "optim.campaign", "optim.comparison"},
 }
 """What each room of tuning and of pictures may import beside the library."""
 
 
 def nodes(path):
-    """Every node of a file but those for type checkers alone, which load nothing."""
-    waiting = [parsed(path)]
-    while waiting:
-        node = waiting.pop()
-        yield node
-        for child in ast.iter_child_nodes(node):
-            if (
-                isinstance(child, ast.If)
-                and isinstance(child.test, ast.Name)
-                and child.test.id == "TYPE_CHECKING"
-            ):
-                waiting += child.orelse
-            else:
-                waiting.append(child)
+    """Every node of a file, those for type checkers included: a reader follows them as well.
+
+    The public namespaces list their names for type checkers and load them when they are used.
+    """
+    tree = parsed(path)
+    lazy = path in [ROOT / top / "__init__.py" for top in ("spacerobot", "optim", "viz")]
+    skipped = [n for n in tree.body if isinstance(n, ast.If) and lazy]
+    inside = {id(child) for branch in skipped for child in ast.walk(branch)}
+    return [node for node in ast.walk(tree) if id(node) not in inside]
 
 
 def imports(path):

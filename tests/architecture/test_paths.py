@@ -106,7 +106,7 @@ def test_results_are_kept_and_shown_by_any_kind_of_path(result, kind, tmp_path, 
     viz.write_report(again, kind(home / "b.html"))
     viz.write_recording(again, kind(home / "c.gif"), frames_per_s=1, size_px=(160, 100))
     (figure,) = viz.save_figures(again, kind(home / "d"), formats=["png"], names=["tip_errors"])
-    note_derived([again], [kind(figure)])
+    note_derived([again.folder], [kind(figure)])
     assert {path.name for path in home.iterdir()} >= {"a.html", "b.html", "c.gif", "d"}
     assert spacerobot.load_scene(kind(home / "scenario.yaml")).source == home / "scenario.yaml"
 

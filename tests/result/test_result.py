@@ -329,8 +329,8 @@ def test_what_was_made_from_a_result_goes_with_it_and_what_is_the_users_stays(re
     outside, mine = tmp_path / "page.html", folder / "figures" / "mine.png"
     for path in (*made, outside, mine):
         path.write_text(path.name)
-    note_derived([saved], [*made[:2], outside])
-    note_derived([saved, result], made[2:])
+    note_derived([saved.folder], [*made[:2], outside])
+    note_derived([saved.folder, result.folder], made[2:])
     made[2].write_text("edited")
     result.save(folder)
     kept = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file()}
@@ -338,7 +338,7 @@ def test_what_was_made_from_a_result_goes_with_it_and_what_is_the_users_stays(re
     assert kept == own | {"r/edited.html", "r/figures/mine.png", "page.html"}
     mine.unlink()
     made[1].write_text("made once more")
-    note_derived([saved], made[1:2])
+    note_derived([saved.folder], made[1:2])
     result.save(folder)
     assert not (folder / "figures").exists()
 

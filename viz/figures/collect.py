@@ -96,5 +96,5 @@ def save_figures(
     with drawn_for(width):
         drawings = ((name, drawing) for name, _, drawing in draw_all(result, *others, names=names))
         written = write_drawings(drawings, Path(folder), formats)
-    note_derived([result, *others], written)
+    note_derived([each.folder for each in (result, *others)], written)
     return written

@@ -50,7 +50,7 @@ def write_animation(result: Result, path: StrPath, *others: Result, title: str |
         If the file cannot be written or the results cannot be compared.
     """
     write_text(path, animation_page(result, *others, title=title))
-    note_derived([result, *others], [path])
+    note_derived([each.folder for each in (result, *others)], [path])
 
 
 def page(payload: Mapping[str, Any], *, connect: str = "'none'") -> str:

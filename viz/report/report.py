@@ -115,7 +115,7 @@ def write_report(result: Result, path: StrPath, *others: Result, title: str | No
         If the file cannot be written or the results cannot be compared.
     """
     write_text(path, report(result, *others, title=title))
-    note_derived([result, *others], [path])
+    note_derived([each.folder for each in (result, *others)], [path])
 
 
 def find_results(folders: Sequence[StrPath]) -> list[Result]:

@@ -27,7 +27,6 @@ import numpy as np
 import pinocchio as pin
 import xarray as xr
 
-import spacerobot
 from optim.json_values import plain
 from optim.planning.formulation.base_actuation import limiting_actuators
 from optim.planning.formulation.formulate import plan_section
@@ -44,6 +43,7 @@ from spacerobot.files import StrPath, staged, write_text
 from spacerobot.interrupts import uninterrupted
 from spacerobot.scenario.load import to_yaml
 from spacerobot.scene import Scene
+from spacerobot.version import __version__
 
 SUMMARY, FOLLOWED, SCENARIO = "plan.json", "followed.yaml", "scenario.yaml"
 AXES = ["x", "y", "z"]
@@ -103,7 +103,7 @@ def dataset(planned: PlanSolution) -> xr.Dataset:
     text = to_yaml(planned.scene.scenario)
     attributes = {
         "scenario": hashlib.sha256(text.encode()).hexdigest(),
-        "spacerobot": spacerobot.__version__,
+        "spacerobot": __version__,
         "status": "saddle point" if verification.saddle else "solved",
         "interpolation": "lobatto",
         "points": motion.lobatto.points,

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-import spacerobot
 from optim.json_values import plain
 from optim.planning.formulation.link_pairs import Collision
 from optim.planning.search.plan_solver import SolveRequest, SolveResult, SolverRun
@@ -24,6 +23,7 @@ from optim.planning.solver.ipopt import TIME_LIMIT, Solution
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.verification.verify import VerificationResult, Violation
 from spacerobot.files import write_bytes
+from spacerobot.version import __version__
 
 ARRAYS = ("w", "multipliers", "bound_multipliers")
 
@@ -103,5 +103,5 @@ class ResultStore:
 
     def _file(self, request: SolveRequest) -> Path:
         assert self.folder is not None
-        text = f"{spacerobot.__version__} {self.fingerprint} {request.key}"
+        text = f"{__version__} {self.fingerprint} {request.key}"
         return self.folder / f"plan-{hashlib.sha256(text.encode()).hexdigest()[:32]}.npz"

@@ -88,7 +88,7 @@ def command(
     if html is not None:
         with progress("writing the page"):
             write_text(html, page(shown.data))
-            note_derived(shown.results, [html])
+            note_derived([result.folder for result in shown.results], [html])
         console().print(f"page in {html}", markup=False, soft_wrap=True)
     if record is not None:
         from viz.record import write_poster, write_recording
