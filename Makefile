@@ -39,6 +39,8 @@ check-js: node_modules/installed  ## Lint and type-check the JavaScript of the p
 	cmp node_modules/uplot/dist/uPlot.iife.min.js viz/web/vendor/uPlot.iife.min.js
 	cmp node_modules/uplot/dist/uPlot.min.css viz/web/vendor/uPlot.min.css
 	cmp node_modules/gifenc/dist/gifenc.esm.js viz/web/vendor/gifenc.esm.js
+	cd node_modules/katex/dist && for file in katex.min.js katex.min.css fonts/*.woff2; do \
+		cmp $$file $(CURDIR)/docs/javascripts/katex/$$file || exit 1; done
 
 docs: $(VENV)/installed-all  ## The documentation's site, in build/site; a warning fails it
 	$(BIN)/python -m pip install --quiet --editable '.[docs]'

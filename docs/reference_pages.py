@@ -1,4 +1,4 @@
-"""Texts generated when the site is built: scenario, elements, quantities, command line, packages."""
+"""Texts generated when the site is built: scenario, elements, quantities, command line, packages, laws."""
 
 from __future__ import annotations
 
@@ -168,11 +168,41 @@ def _modules(folders: tuple[str, ...], levels: int) -> Iterator[str]:
                 yield from (f"    {line}" for line in _modules((name,), levels - 1))
 
 
+def laws() -> str:
+    """Docstrings of the modules that derive a law, by family of elements."""
+    root = Path(__file__).parents[1]
+    parts = []
+    for folder, title in LAWS.items():
+        derivations = [
+            text
+            for file in sorted((root / folder).glob("*.py"))
+            if "$$" in (text := ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or "")
+        ]
+        parts += [f"{'#' * SECTIONS} {title}"] * bool(derivations)
+        for text in derivations:
+            heading, _, body = text.partition("\n")
+            parts.append(f"{'#' * (SECTIONS + 1)} {heading.rstrip('.')}\n{body}")
+    return "\n\n".join(parts)
+
+
+LAWS = {
+    "spacerobot/elements/controllers": "Controllers",
+    "spacerobot/elements": "Parts that several kinds share",
+    "spacerobot/elements/actuators": "Actuators",
+    "spacerobot/elements/contacts": "Contacts",
+    "spacerobot/elements/estimators": "Estimators",
+    "spacerobot/elements/flexible_links": "Flexible links",
+    "spacerobot/closedloop": "Closed loop",
+    "spacerobot/dynamics": "Dynamics",
+}
+"""Packages whose modules derive laws, with the headings of their sections."""
+
 PAGES: dict[str, Callable[[], str]] = {
     "scenario": scenario,
     "elements": elements,
     "quantities": quantities,
     "command line": command_line,
     "packages": packages,
+    "laws": laws,
 }
 """What a line ``<!-- generated: NAME -->`` is replaced by."""

@@ -1,19 +1,21 @@
-"""Mass, centre of mass and inertia of a held object from the momentum of the motion after its capture.
+r"""Mass, centre of mass and inertia of a held object from the momentum of the motion after its capture.
 
-Nothing acts from outside, or its impulse is known, so the momentum of everything about the world's origin is
-constant. That of the object is linear in its ten inertial parameters pi:
+No external force acts, or its impulse is known, so that the momentum of all bodies about the world's origin
+is constant. That of the object is linear in its ten inertial parameters $\pi$. For every sample
 
-    Y(pose, twist) pi - h_0 = -(momentum of the robots and their wheels) + impulse from outside
+$$ Y(\text{pose}, \text{twist})\,\pi - h_0 = -(\text{momentum of the robots and their wheels})
+   + \text{external impulse} $$
 
-for every sample, with the unknown total h_0 (6 x 1). No acceleration is needed (Murotsu and others, J.
-Guidance 17(3), 1994; Ma, Dang and Pham, IEEE TRO 24(5), 2008). The object's pose and twist are those of the
-tip that holds it. Y is measured with noise too, so plain least squares is biased. Estimated is the maximum of
-the likelihood by the effective variance: each residual weighs by the covariance J(pi) S J(pi)^T that the
-sensors' noise S gives it, as the parameters vary. An estimate that no body can have is replaced by the
-nearest one that a body can, in the log-Cholesky parameters of Rucker and Wensing (IEEE RA-L 7(2), 2022).
+with the unknown total $h_0$ ($6 \times 1$). No acceleration is needed (Murotsu and others, J. Guidance
+17(3), 1994; Ma, Dang and Pham, IEEE TRO 24(5), 2008). The object's pose and twist are those of the tip that
+holds it. $Y$ is measured with noise too, so that plain least squares is biased. The estimate is therefore
+the maximum of the likelihood by the effective variance: each residual is weighted by the covariance $J(\pi)
+S J(\pi)^\top$ that the sensors' noise $S$ causes, as the parameters vary. An estimate that is not
+physically consistent is replaced by the nearest consistent one, in the log-Cholesky parameters of Rucker
+and Wensing (IEEE RA-L 7(2), 2022).
 
-Of an object that moves in a plane, mass, two coordinates of the centre of mass and the moment of inertia
-about the plane's normal are all that its momentum depends on: four columns and three rows of Y are left.
+The momentum of an object that moves in a plane depends only on mass, two coordinates of the centre of mass
+and the moment of inertia about the plane's normal: four columns and three rows of $Y$ remain.
 """
 
 from __future__ import annotations

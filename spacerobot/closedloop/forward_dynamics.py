@@ -1,25 +1,26 @@
-"""Accelerations of the closed loop: ideal derivatives and rigid grasps solved exactly, together.
+r"""Accelerations of the closed loop: ideal derivatives and rigid grasps solved exactly, together.
 
-The unknowns are the channel outputs u that depend on the acceleration (ideal derivative) and the wrenches
-w of the rigid grasps on their tips. The acceleration is linear in both,
+The unknowns are the channel outputs $u$ that depend on the acceleration (ideal derivative) and the wrenches
+$w$ of the rigid grasps on their tips. The acceleration is linear in both,
 
-    v' = a_0 + M^-1 (J_u^T u + G^T w),
+$$ \dot v = a_0 + M^{-1} (J_u^\top u + G^\top w), $$
 
-J_u being the manipulator Jacobians and G v' + drift = 0 the constraints: rigid grasps, and joints that mimic
-others, of which w is then a torque. With ``u = command - K_d (C v' +
-...)`` a small system remains,
+with the manipulator Jacobians $J_u$ and the constraints $G \dot v + d_G = 0$: rigid grasps, and joints that
+mimic others, of which $w$ is then a torque. With $u = c - K_d\,(C \dot v + d)$ a small system remains,
 
-    [1 + K_d C M^-1 J_u^T      K_d C M^-1 G^T] [u]   [command - K_d C a_0]
-    [G M^-1 J_u^T                  G M^-1 G^T] [w] = [-drift - G a_0     ].
+$$ \begin{bmatrix} 1 + K_d C M^{-1} J_u^\top & K_d C M^{-1} G^\top \\
+                   G M^{-1} J_u^\top & G M^{-1} G^\top \end{bmatrix}
+   \begin{bmatrix} u \\ w \end{bmatrix} =
+   \begin{bmatrix} c - K_d\,(C a_0 + d) \\ -d_G - G a_0 \end{bmatrix} $$
 
-All loads are reduced first (:mod:`spacerobot.dynamics.articulated`), which makes each entry a product of
-few numbers, those of the joints that both loads pass through.
+All loads are reduced first (:mod:`spacerobot.dynamics.articulated`), which makes each entry a product of few
+numbers, those of the joints that both loads pass through.
 
-A constraint that is not active now keeps its place: its loads are masked, and its rows say ``w = 0``.
+A constraint that is not active keeps its place: its loads are masked, and its rows state $w = 0$.
 
-Where actuators take over what u acts on, u is the controllers' command as if they delivered what they are
-asked for; what they deliver then acts, and the wrenches are solved for once more. Others deliver first: those
-of a base, or of joints that are no arm's.
+Where actuators take over what $u$ acts on, $u$ is the controllers' command as if the actuators delivered
+every request. Their delivered forces then act, and the wrenches are solved for once more. Other actuators
+deliver first: those of a base, or of joints that belong to no arm.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""Kinematics of one free-floating robot: its base reacts to its joints by conservation of momentum.
+r"""Kinematics of one free-floating robot: its base reacts to its joints by conservation of momentum.
 
-With base velocity ``v_b`` and joint rates ``r``, momentum is ``p = H_b v_b + H_bm r``. Momentum is conserved
-while no external load acts, so the base velocity, and with it the tip velocity, follows from the joint rates:
+With the base velocity $v_b$ and joint rates $r$, the momentum is $h = H_b v_b + H_{bm} r$. It is conserved
+while no external load acts, so that the joint rates determine the velocities of base and tip:
 
-    tip velocity = J* r + B h,    J* = J_m - J_b H_b^-1 H_bm   (Umetani and Yoshida's generalised Jacobian)
+$$ v_\text{tip} = J^* r + B h, \qquad J^* = J_m - J_b H_b^{-1} H_{bm}, \qquad B = J_b H_b^{-1} $$
 
-where ``h`` is the momentum the system happens to have. Joint rates with ``H_bm r = 0`` leave the base alone
+$J^*$ is Umetani and Yoshida's generalized Jacobian. Joint rates with $H_{bm} r = 0$ leave the base at rest
 (the reaction null space of Nenchev and Yoshida).
 """
 

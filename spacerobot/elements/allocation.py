@@ -1,21 +1,24 @@
-"""Thruster allocation with minimum propellant: an exact optimum, by a path of fixed length.
+r"""Thruster allocation with minimum propellant: an exact optimum, by a path of fixed length.
 
-    min |A a - w|^2 / (2 e) + sum_i c_i (a_i + d a_i^2 / 2),    0 <= a <= 1
+$$ \min_a \ \frac{|A a - w|^2}{2 \varepsilon} + \sum_i c_i \Bigl( a_i + \frac{d\,a_i^2}{2} \Bigr), \qquad
+   0 \le a \le 1 $$
 
-e is so small that the nearest wrench comes first and the least propellant second; d shares the work evenly
-among thrusters of which several would do. With B_i = A_i / c_i, the optimum has
+$\varepsilon$ is so small that the nearest wrench has priority over the minimum propellant; $d$ distributes
+the load evenly among equivalent thrusters. With $B_i = A_i / c_i$ the optimum has
 
-    a_i = s_i cut to 0 and 1,    s_i = (B_i . y - 1) / d,    e y = w - A a,
+$$ a_i = \min(\max(s_i, 0), 1), \qquad s_i = \frac{B_i \cdot y - 1}{d}, \qquad \varepsilon y = w - A a, $$
 
-so y is the propellant that a unit of wrench is worth, and a thruster opens where its wrench is worth more
-than it spends. All of it is piecewise linear in w. It is followed along a straight line that ends at w, from
-a y whose wrench is known: at each kink one thruster changes between shut, throttled and open, and between
-kinks
+so that $y$ is the propellant that a unit of wrench is worth, and a thruster opens if its wrench is worth
+more than the propellant it uses. All of this is piecewise linear in $w$. It is followed along a straight
+line that ends at $w$, from a $y$ whose wrench is known. At each kink one thruster changes between shut,
+throttled and open, and between kinks
 
-    s' = B^T y' / d,    (e 1 + sum over the throttled of A_i B_i^T / d) y' = w'.
+$$ s' = B^\top y' / d, \qquad \Bigl( \varepsilon I + \frac1d \sum_\text{throttled} A_i B_i^\top \Bigr) y'
+   = w', $$
 
-Only which thrusters are throttled and which are open is taken from that path; their parts are then those of
-one linear system. So derivatives go through that system alone, and are exact where no thruster is at a kink.
+where a prime is the derivative along the path. Only the sets of throttled and of open thrusters are taken
+from that path; their throttles are then those of one linear system. Derivatives therefore go through that
+system alone, and are exact where no thruster is at a kink.
 """
 
 from __future__ import annotations

@@ -1,16 +1,18 @@
-"""Functions that controllers of a floating base share.
+r"""Control law that controllers of a floating base share.
 
-    u = K_p e + K_i int(e) - K_d w + k (h' - J w')
+$$ u = K_p e + K_i \int e\,\mathrm{d}t - K_d\,\omega + k\,(\dot h - J \dot\omega) $$
 
-e is the base's error, w its velocity, and h the robot's momentum: the linear one with the mass for J, or the
-angular one about the centre of mass, with J the inertia of the robot as it begins. So h' - J w' is what the
-motion of the arm, and the turning of the base itself, take beside the base's own acceleration. With k = 1
+$e$ is the base's error and $\omega$ its velocity. $h$ is the robot's momentum: the linear momentum, with
+the mass for $J$, or the angular momentum about the centre of mass, with the robot's initial inertia for
+$J$. The difference $\dot h - J \dot\omega$ is therefore the reaction of the arm, and of the base's own
+turning, beyond the acceleration of the base. With $k = 1$ the base obeys
 
-    J w' = K_p e + K_i int(e) - K_d w + (what grasps and contacts do)
+$$ J \dot\omega = K_p e + K_i \int e\,\mathrm{d}t - K_d\,\omega + (\text{grasps and contacts}) $$
 
-whatever the arm does. By the model, h' = H v' + H' v: u depends on the acceleration that it causes. That
-loop is closed exactly, like that of an ideal derivative, as if everything asked for were delivered. Or
-h - J w, which depends on velocities alone, goes through a lag of first order, whose rate is taken.
+for any motion of the arm. By the model, $\dot h = H \dot v + \dot H v$: the command $u$ depends on the
+acceleration that it causes. This loop is solved exactly, like that of an ideal derivative, as if every
+request were delivered. With a filtered derivative $h - J \omega$, which depends on velocities alone, passes
+a first-order lag instead, and the rate of the lag is used.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Following a planned motion of the joints.
+r"""Tracking of a planned motion of the joints.
 
-    tau = f tau_p + K_p (theta_p - theta) + K_d (theta_p' - theta')
+$$ \tau = f\,\tau_p + K_p\,(\theta_p - \theta) + K_d\,(\dot\theta_p - \dot\theta) $$
 
-with the plan's torque, positions and rates (index p); the base gives way as it does. Behind its end the plan
-rests at its last positions, without torque.
+with the torque, positions and rates of the plan (index $p$). The base moves freely. After its end the plan
+rests at its final positions, without torque.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""Kalman filters whose measurements are taken one component after the other.
+r"""Kalman filters whose measurements are processed one component after the other.
 
-Covariances are kept as their upper triangles, so that they stay symmetric. A scalar measurement z = h x + n
-with the variance r has the gain k = g / s with g = P h^T and s = h g + r, and Joseph's form
+Covariances are stored as their upper triangles, so that they stay symmetric. A scalar measurement $z = h x
++ n$ with the variance $r$ has the gain $k = g / s$ with $g = P h^\top$ and $s = h g + r$. Joseph's form
 
-    (1 - k h) P (1 - k h)^T + k r k^T = P - k g^T - g k^T + s k k^T
+$$ (I - k h) P (I - k h)^\top + k r k^\top = P - k g^\top - g k^\top + s k k^\top $$
 
-stays symmetric and positive whatever the gain (Bucy and Joseph 1968; Markley and Crassidis 2014, 5.5).
-Components with independent errors that are taken one by one give what all at once give, without a matrix to
-be inverted, and the normalised innovations squared (NIS) add up: sum nu^2 / s.
+stays symmetric and positive for any gain (Bucy and Joseph 1968; Markley and Crassidis 2014, 5.5).
+Components with independent errors, processed one by one, give the same estimate as all at once, without the
+inverse of a matrix. Their normalised innovations squared add up to the NIS, $\sum \nu^2 / s$.
 """
 
 from __future__ import annotations

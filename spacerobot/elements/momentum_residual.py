@@ -1,23 +1,25 @@
-"""Residual of momenta: the part of their rate that commanded torques do not explain, and its test.
+r"""Residual of momenta: the part of their rate that commanded torques do not explain, and its test.
 
-A momentum m (n x 1) whose rate is known but for what is missing, m' = tau_commanded + b + (missing), has the
+A momentum $m$ ($n \times 1$) has the rate $\dot m = \tau_\text{commanded} + b + (\text{missing})$. Its
 residual
 
-    r' = K (m' - tau_commanded - b - r),
+$$ \dot r = K\,(\dot m - \tau_\text{commanded} - b - r) $$
 
-what is missing behind a first-order lag (De Luca and Mattone 2003). At instants a period T apart, from
-samples of the velocities and a = exp(-K T),
+is the missing torque behind a first-order lag (De Luca and Mattone 2003). At instants a period $T$ apart,
+from samples of the velocities and with $a = e^{-K T}$,
 
-    r_k = a r_k-1 + (1 - a) ((m_k - m_k-1) / T - mean(tau_commanded + b)),
+$$ r_k = a\,r_{k-1} + (1 - a) \Bigl( \frac{m_k - m_{k-1}}{T}
+   - \text{mean}(\tau_\text{commanded} + b) \Bigr). $$
 
-whose variance follows from the variances s_k^2 of m_k, which are white noise times the rows of the momentum,
+The variance of $r_k$ follows from the variances $s_k^2$ of $m_k$, which are white noise times the rows of
+the momentum. Since $r_{k-1}$ and $m_{k-1}$ have the covariance $(1 - a)\,s_{k-1}^2 / T$ for $k > 1$,
 
-    V_k = a^2 V_k-1 + ((1 - a) / T)^2 (s_k^2 + (1 - 2 a) s_k-1^2),
+$$ V_k = a^2 V_{k-1} + \Bigl( \frac{1 - a}{T} \Bigr)^2 \bigl( s_k^2 + (1 - 2 a)\,s_{k-1}^2 \bigr). $$
 
-since r_k-1 and m_k-1 have the covariance (1 - a) s_k-1^2 / T for k > 1. Something has failed where |r_k|
-exceeds z times the root of V_k, and the allowance for errors of the model. With a rate F of false alarms in
-all n residuals, a sample may pass by p = F T / n, so z = Phi^-1(1 - p / 2). By Boole's inequality F is an
-upper bound: samples that follow each other are correlated, and several that exceed are one alarm.
+A failure is detected if $|r_k|$ exceeds $z \sqrt{V_k}$ plus the allowance for errors of the model. With a
+rate $F$ of false alarms in all $n$ residuals, a sample may exceed the threshold with the probability $p = F
+T / n$, so that $z = \Phi^{-1}(1 - p / 2)$. By Boole's inequality $F$ is an upper bound: successive samples
+are correlated, and several that exceed the threshold are one alarm.
 """
 
 from __future__ import annotations

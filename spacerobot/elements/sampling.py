@@ -1,23 +1,25 @@
-"""Periodic controllers: a law is evaluated at instants, and its command is held between them.
+r"""Periodic controllers: the law is evaluated at instants, and its torques are held between them.
 
-A controller of any kind is built as it would act continuously, and then made discrete. At each instant t_k
-= k T its law is evaluated once, with the states z_k of the controller:
+A controller of any kind is built as a continuous one and then made discrete. At each instant $t_k = k T$ its
+law is evaluated once, with the states $z_k$ of the controller:
 
-    u_k = u(t_k, x_k, z_k),    z_k+1 = z_k + T phi(T A) f(t_k, x_k, z_k)    where z' = f,
+$$ u_k = u(t_k, x_k, z_k), \qquad z_{k+1} = z_k + T\,\varphi(T A)\,f(t_k, x_k, z_k), \qquad
+   \varphi(a) = \frac{e^a - 1}{a}, $$
 
-A being the part of each component's rate that is proportional to itself where that part does not depend on
-it, else zero, and phi(a) = (e^a - 1) / a. With inputs held over the period this is exact for integrals,
-leaks and lags (the step-invariant transform); the rest is Euler's rule.
+where $\dot z = f$, and $A$ is the coefficient of each state in its own rate, or zero if that coefficient
+depends on the state. With inputs held over the period this is exact for integrals, leaks and lags (the
+step-invariant transform); for other states it is Euler's rule.
 
-An ideal derivative stays ideal: at the instant, u_k is solved for together with the acceleration that it
+An ideal derivative stays ideal: at the instant $u_k$ is solved together with the acceleration that it
 causes, by the model, as in continuous time. (A backward difference would feed the acceleration back a
-period late: on a mass m, v_k+1 - v_k = -(K_d / m) (v_k - v_k-1), which diverges, whatever the period, where
-the gain exceeds the mass.) A controller without a model takes ``derivative: filtered``.
+period late: on a mass $m$, $v_{k+1} - v_k = -(K_d / m)(v_k - v_{k-1})$, which diverges for any period if
+$K_d > m$.) A controller without a model uses ``derivative: filtered``.
 
-The generalized forces u_k then pass in turn the limit, the rate limit and the quantisation, wait for the
-delay, and are held until the next ones: a shift register takes each sample at its instant, and a second
-clock, later by the delay, hands them on. Torques in the null space of tips are held as they are asked for;
-their projection follows the posture.
+What is held are generalized forces: a tip's controller computes $u_k$ at its tip, maps it to joint torques
+by the Jacobian of the instant, $\tau_k = J(q_k)^\top u_k$, and holds $\tau_k$ although the posture changes.
+The torques pass the limit, the rate limit, the quantisation and the delay, in this order: a shift register
+takes each sample at its instant, and a second clock, later by the delay, puts it into effect. Torques in
+the null space of tips are held before their projection, which follows the posture.
 """
 
 from __future__ import annotations

@@ -1,19 +1,21 @@
-"""Detection of failed thrusters from the momentum of their robot, and which of them has failed, and how.
+r"""Detection of failed thrusters from the momentum of their robot: which one has failed, and how.
 
-Linear momentum P and angular momentum L about the root link's origin o, of all the robot's bodies and wheels,
-in the root link's axes (spin w, velocity v of o), change by the thrusters' force f and torque t alone,
+Linear momentum $P$ and angular momentum $L$ about the root link's origin o, of all the robot's bodies and
+wheels, in the root link's axes (spin $\omega$, velocity $v$ of o), change by the thrusters' force $f$ and
+torque $t$ alone,
 
-    P' = f - w x P,    L' = t - w x L - v x P,
+$$ \dot P = f - \omega \times P, \qquad \dot L = t - \omega \times L - v \times P, $$
 
-so that the residual of (P, L) is the missing wrench (:mod:`spacerobot.elements.momentum_residual`). Thruster
-j, with the wrench A_j at full thrust and commanded to the part a_j of it, misses
+so that the residual of $(P, L)$ is the missing wrench (:mod:`spacerobot.elements.momentum_residual`).
+Thruster $j$, with the wrench $A_j$ at full thrust and the commanded throttle $a_j$, misses
 
-    -a_j A_j  if its valve is shut,    (1 - a_j) A_j  if it is open,
+$$ -a_j A_j \ \text{ if its valve is shut}, \qquad (1 - a_j) A_j \ \text{ if it is open}, $$
 
-behind the same lag. A failure is detected where a component of the residual exceeds its threshold. It is that
-of one thruster where the difference from what this one would miss is below all thresholds, and that of every
-other explanation is not, once the residual has exceeded a threshold for 4 / K: the lag then shows what is
-missing to 2 %. Thrusters with the same wrench cannot be told apart, and leaking valves are not named.
+behind the same lag. A failure is detected if a component of the residual exceeds its threshold. It is
+attributed to one thruster if, once the residual has exceeded a threshold for $4 / K$, the difference from
+what this thruster would miss is below all thresholds, and the difference from every other explanation is
+not. The lag then shows what is missing to 2 %. Thrusters with the same wrench cannot be distinguished, and
+leaking valves are not named.
 """
 
 from __future__ import annotations

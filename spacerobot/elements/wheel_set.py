@@ -1,22 +1,27 @@
-"""Reaction wheels: response of a set to the torque commanded at its robot's base.
+r"""Reaction wheels: response of a set to the torque commanded at its robot's base.
 
-With the axes a_i of the wheels as columns of A, root link's axes, the motors give ``-A^+ T`` for a torque T
-on the base, the least ones that do, each up to its limit. Of a wheel at the speed s relative to the base,
+With the axes $a_i$ of the wheels as columns of $A$, root link's axes, the motors deliver $-A^+ T$ for a
+torque $T$ on the base, which are the smallest torques that do, each up to its limit. A wheel with the speed
+$s$ relative to the base has the angular momentum $h$ about its axis:
 
+$$ \dot h = u - f(s), \qquad h = J\,(s + a \cdot \omega) $$
 
-    h' = (motor's torque) - (friction at s),    h = J (s + a . omega),
+with the motor's torque $u$ and the friction $f$. The base receives $-A \dot h - \omega \times A h$. At its
+speed limit a motor balances friction and nothing else, so that $h$ stays constant, until the command reduces
+the speed. The others of a redundant set take over its share: the pseudo-inverse is then that of their axes.
 
-h being its angular momentum about its axis. The base takes ``-A h' - omega x A h``. At its speed limit a
-motor balances friction and nothing else, so that h stays as it is, until what is asked of it leads back.
-The others of a redundant set take over its share: the pseudo-inverse is then that of their axes alone.
+Which wheels of a redundant set are held is a linear complementarity problem. The motors' torques $u$
+minimise
 
-Which wheels of a redundant set are held is a linear complementarity problem. The motors' torques u minimise
-``|u|^2 + |A u + T|^2 / SINGULAR`` subject to ``(u_i - f_i) sign(s_i) <= 0`` for each wheel at its limit, with
-f the friction: a held wheel has ``u_i = f_i``, and is free again where u_i, found with it free and the others
-as they are, leads back. That has the sign of its multiplier. The problem is strictly convex, so one set of
-held wheels solves it, and torques are continuous where a wheel becomes free. Exchanging one wheel at a time,
-the first one that contradicts its switch, ends at that set (Murty's least-index method). These exchanges are
-the events below, in their order, at one instant. A hysteresis keeps rounding from repeating them for ever.
+$$ |u|^2 + |A u + T|^2 / \varepsilon \quad \text{subject to} \quad
+   (u_i - f_i) \operatorname{sign}(s_i) \le 0 \ \text{ for each wheel at its limit} $$
+
+with $\varepsilon$ = ``SINGULAR``. A held wheel has $u_i = f_i$. It is released when $u_i$, computed with it
+free and the others unchanged, reduces its speed; this has the sign of its multiplier. The problem is
+strictly convex, so one set of held wheels solves it, and torques are continuous when a wheel is released.
+Exchanging one wheel at a time, the first one that contradicts its switch, ends at that set (Murty's
+least-index method). These exchanges are the events below, in their order, at one instant. A hysteresis
+keeps rounding from repeating them.
 """
 
 from __future__ import annotations

@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -29,17 +30,50 @@ def test_nothing_is_loaded_from_another_host(site):
     assert not any(re.search(r"url\([\"']?(?:https?:)?//", text) for text in styles)
 
 
-def test_pages_opened_from_the_disk_have_a_search(site):
+@pytest.fixture
+def rendered(site):
+    """Function from a page's place in the site, and a query, to its document after its scripts ran."""
     program = shutil.which("chromium") or shutil.which("google-chrome")
     if program is None:
         pytest.skip("no chromium on this computer")
+    options = ("--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=8000", "--dump-dom")
+
+    def document(page, query=""):
+        address = f"{(site / page).resolve().as_uri()}{query}"
+        return subprocess.run([program, *options, address], capture_output=True, text=True, check=True).stdout
+
+    return document
+
+
+def test_pages_opened_from_the_disk_have_a_search(rendered):
     for page in ("index.html", "reference/api/index.html"):
-        address = f"{(site / page).resolve().as_uri()}?q=thrusters"
-        options = ("--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=8000", "--dump-dom")
-        found = subprocess.run([program, *options, address], capture_output=True, text=True, check=True)
-        assert re.search(r'md-search-result__item"><a href="file:[^"]*/base_actuation.html', found.stdout), (
-            page
-        )
+        document = rendered(page, "?q=thrusters")
+        assert re.search(r'md-search-result__item"><a href="file:[^"]*/base_actuation.html', document), page
+
+
+def test_formulas_are_typeset(site, rendered):
+    """Every formula of the site is one that KaTeX accepts; Chromium typesets those of the theory."""
+    pages = {
+        page.relative_to(site).as_posix(): page.read_text().count('class="arithmatex"')
+        for page in site.rglob("*.html")
+        if 'class="arithmatex"' in page.read_text()
+    }
+    assert pages["explanation/theory.html"] > 30
+    for page, count in pages.items():
+        document = rendered(page)
+        assert document.count('class="katex-html"') == count, page
+        assert "katex-error" not in document, page
+        assert "<mfrac>" in document or page != "explanation/theory.html"
+
+
+def test_diagrams_are_drawn_for_both_schemes(site):
+    diagrams = sorted((site / "diagrams").glob("*.svg"))
+    assert {path.stem for path in diagrams} == {"control_loop", "frames", "phases", "transmission"}
+    for path in diagrams:
+        drawing = ElementTree.fromstring(path.read_text())
+        assert drawing.find("{*}title").text
+        assert "prefers-color-scheme: dark" in path.read_text()
+        assert any(f"/diagrams/{path.name}" in page.read_text() for page in site.rglob("*.html")), path.name
 
 
 def test_links_of_the_repository_are_links_of_the_site(site):

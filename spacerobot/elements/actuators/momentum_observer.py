@@ -1,21 +1,23 @@
-"""Detection of failed joints by the residual of a momentum observer, and their brakes.
+r"""Detection of failed joints by the residual of a momentum observer, and their brakes.
 
-The momentum that a joint sees of the n bodies on one side of it, with the joint's axis a at the point o,
+For a joint with its axis through the point o, and the bodies on one side of it,
 
-    m = s (a_v . P + a_w . L_o) + J v_j,    m' = tau - R v_j + s b,
-    b = (w x a_v) . P + (w x a_w) . L_o - a_w . (v_o x P),
+$$ m = s\,(a_v \cdot P + a_w \cdot L_o) + J v_j, \qquad \dot m = \tau - R v_j + s\,b, $$
 
-has a rate that the joint's torque tau explains: P and L_o are linear and angular momentum (about o) of these
-bodies, a_v and a_w the joint's directions of velocity, w and v_o spin and velocity of the joint, J the
-inertia of its rotor and s = 1 for the bodies beyond the joint, -1 for those from the base on. The residual
+$$ b = (\omega \times a_v) \cdot P + (\omega \times a_w) \cdot L_o - a_w \cdot (v_o \times P), $$
 
-    r' = K (m' - tau_commanded + R v_j - s b - r)
+where $P$ and $L_o$ are linear and angular momentum (about o) of these bodies, $a_v$ and $a_w$ the joint's
+directions of velocity, $\omega$ and $v_o$ spin and velocity of the joint, $J$ the inertia of its rotor, $R$
+its viscous resistance, and $s = 1$ for the bodies beyond the joint, $-1$ for those from the base on. The
+joint's torque $\tau$ explains the rate of $m$. The residual
 
-is the torque that is missing, behind a first-order lag (De Luca and Mattone 2003; Haddadin, De Luca and
-Albu-Schaeffer 2017), here with the momentum of a free-floating base in m: forces on the other side of the
-joint act on m through the joint alone. The bodies of the base side so need no measurement of what the tip
-holds; those beyond the joint none of what acts on the base. Its test is that of
-:mod:`spacerobot.elements.momentum_residual`.
+$$ \dot r = K\,(\dot m - \tau_\text{commanded} + R v_j - s\,b - r) $$
+
+is the missing torque behind a first-order lag (De Luca and Mattone 2003; Haddadin, De Luca and
+Albu-Schaeffer 2017), here with the momentum of a free-floating base in $m$. Forces on the other side of the
+joint act on $m$ through the joint alone. The base side therefore needs no measurement of what the tip
+holds, and the tip side none of what acts on the base. :mod:`spacerobot.elements.momentum_residual`
+describes the test.
 """
 
 from __future__ import annotations

@@ -1,37 +1,41 @@
-"""Motors that drive joints through an elastic gear.
+r"""Motors that drive joints through an elastic gear.
 
-The rotor of a joint's motor turns about an axis parallel to the joint's axis a, at the speed s relative to
-the link that carries it (the joint's parent), whose angular velocity is w. With the gear ratio N, the
-deflection p of the transmission, seen at the joint, and its torque t there are
+The rotor of a motor turns about an axis parallel to the joint's axis $a$, with the speed $s$ relative to the
+link that carries it (the joint's parent), whose angular velocity is $\omega$. With the gear ratio $N$, the
+deflection $p$ of the transmission, seen at the joint, and its torque $t$,
 
-    p' = s / N - q',    t = K p + D p'.
+$$ \dot p = \frac{s}{N} - \dot q, \qquad t = K p + D \dot p. $$
 
-The rotor's angular momentum about its axis is ``h = J (s + a . w)``, and
+The rotor's angular momentum about its axis is $h = J\,(s + a \cdot \omega)$, and
 
-    h' = m - t / N - f(s),
+$$ \dot h = m - \frac{t}{N} - f(s), \qquad
+   f(s) = \Bigl( C + S\,e^{-(s / s_S)^2} \Bigr) \frac{s}{\sqrt{s^2 + s_C^2}} + V s, $$
 
-m being the motor's torque, up to its limit, for m = command / N, and f its friction
+where $m$ is the torque of the motor, the command divided by $N$ up to its limits, and $f$ its Coulomb,
+Stribeck and viscous friction.
 
-    f(s) = (C + S exp(-(s / s_S)^2)) s / sqrt(s^2 + s_C^2) + V s        (Coulomb, Stribeck, viscous).
+The joint receives $t$. The parent link receives $-a \dot h - \omega \times a h$, so that angular momentum
+is conserved. The rotor's energy is $J (s + a \cdot \omega)^2 / 2$, not only that of its own spin (M. W.
+Spong, Modeling and control of elastic joint robots, ASME J. Dyn. Sys. Meas. Control 109, 1987, neglects the
+rest). A stiff joint therefore reflects the inertia $N^2 J$ on a fixed base, and a different one on a
+floating base. The rate of the energy, that of the spring $K p^2 / 2$ included, is $m s - f s - D \dot p^2$.
+The rotor's mass, and its inertia across its axis, are part of the parent link. For a prismatic joint $N$ is
+in rad/m, as of a screw.
 
-The joint receives t. The parent link takes ``-a h' - w x a h``, so that momentum is conserved whatever the
-gear. The rotor's energy is ``J (s + a . w)^2 / 2``, not only that of its own spin (M. W. Spong, Modeling and
-control of elastic joint robots, ASME J. Dyn. Sys. Meas. Control 109, 1987, neglects the rest): the inertia
-that a stiff joint reflects is N^2 J on a fixed base, and another one on a floating base.
-The energy's rate is ``m s - f s - D p'^2``, with the spring's K p^2 / 2. The rotor's mass, and its inertia
-across its axis, are part of the parent link. For a sliding joint N is in rad/m, as of a screw.
+With the backlash $2 b$ the teeth touch at $p = b$ on one flank, and at $p = -b$ on the other. They press and
+never pull:
 
-With the backlash 2 b the teeth touch at p = b, or on their other flanks at p = -b. They press and never pull:
+$$ t = \max\bigl(K (p - b) + D \dot p,\ 0\bigr) \text{ if } p > b, \qquad t = 0 \text{ if } |p| \le b, $$
 
-    t = max(K (p - b) + D p', 0)  if p > b,    t = 0  if -b <= p <= b,    and likewise below,
+and correspondingly below. The damper of this dead zone cannot hold the flanks together (M. Nordin, P.-O.
+Gutman, Controlling mechanical systems with backlash - a survey, Automatica 38, 2002). Each flank has a
+switch, which events set: the torque begins at $p = b$ and ends at $t = 0$. The energy that is left in the
+spring then is dissipated by the damper.
 
-a dead zone whose damper cannot hold the flanks together (M. Nordin, P.-O. Gutman, Controlling mechanical
-systems with backlash - a survey, Automatica 38, 2002). Each flank has a switch, turned by events where its
-torque begins, at p = b, and where it ends, at t = 0. What the spring still holds then, its damper takes.
+The torque-speed line of a direct-current motor at its maximum voltage limits the motor's torque by the stall
+torque $M$ and the no-load speed $W$, and its current limits it further:
 
-The motor's torque can be limited by a line through the torque M at stall and the speed W without load, that
-of a direct-current motor at its greatest voltage: ``-M (1 + s / W) <= m <= M (1 - s / W)``, and then by its
-current, ``|m| <= torque_limit``.
+$$ -M \Bigl(1 + \frac{s}{W}\Bigr) \le m \le M \Bigl(1 - \frac{s}{W}\Bigr), \qquad |m| \le m_\text{max} $$
 """
 
 from __future__ import annotations

@@ -1,4 +1,13 @@
-"""Normal force by Hunt and Crossley, Coulomb friction."""
+r"""Normal force by Hunt and Crossley, Coulomb friction.
+
+For the indentation $d$ and the sliding velocity $v_t$,
+
+$$ N = \max\bigl( k\,d^n (1 + a \dot d),\ 0 \bigr), \qquad
+   F_t = -\frac{\mu N\,v_t}{\sqrt{|v_t|^2 + v_s^2}} $$
+
+with the stiffness $k$, the exponent $n$, the dissipation $a$, the coefficient of friction $\mu$ and the slip
+velocity $v_s$ that regularises it.
+"""
 
 from __future__ import annotations
 

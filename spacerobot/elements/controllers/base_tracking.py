@@ -1,9 +1,9 @@
-"""Following a planned motion of a floating base.
+r"""Tracking of a planned motion of a floating base.
 
-    w = f w_p + K_d (v_p - v)
+$$ w = f\,w_p + K_d\,(v_p - v) $$
 
-with the plan's wrench and velocity (index p), axis by axis of the root link; place and attitude are not fed
-back. Behind its end the plan is at rest, and asks for no wrench.
+with the wrench $w_p$ and velocity $v_p$ of the plan, for each axis of the root link. Position and attitude
+are not fed back. After its end the plan is at rest and commands no wrench.
 """
 
 from __future__ import annotations

@@ -1,11 +1,12 @@
-"""Joint PD towards the inverse kinematics of the references (Eq. 34, Fig. 1).
+r"""Joint PD towards the inverse kinematics of the references (Eq. 34, Fig. 1).
 
-    tau_i = K_p2 (theta_d,i - theta_i) - K_d2 theta_i'
+$$ \tau_i = K_{p2}\,(\theta_{d,i} - \theta_i) - K_{d2}\,\dot\theta_i $$
 
-The desired joint positions theta_d are states of the controller: it solves the inverse kinematics of its
-references by closed-loop resolved rates, as a robot would that believes its base to be where it began,
+The desired joint positions $\theta_d$ are states of the controller. It solves the inverse kinematics of its
+references by closed-loop resolved rates, as a robot does that takes its base to be at its initial pose:
 
-    theta_d' = J^+ (x_ref' + k (x_ref - x(theta_d))),   J^+ = J^T (J J^T + lambda^2 1)^-1.
+$$ \dot\theta_d = J^+ \bigl( \dot x_\text{ref} + k\,(x_\text{ref} - x(\theta_d)) \bigr), \qquad
+   J^+ = J^\top (J J^\top + \lambda^2 I)^{-1} $$
 """
 
 from __future__ import annotations

@@ -1,9 +1,12 @@
-"""Feed-forward of what the object at a tip takes to follow the tip's reference.
+r"""Feed-forward of the wrench that the object at a tip needs to follow the tip's reference.
 
-    tau = k J^T [f, n],   f = m a + alpha x m c + w x (w x m c),   n = I alpha + w x I w + m c x a
+$$ \tau = k\,J^\top \begin{bmatrix} f \\ n \end{bmatrix}, \qquad
+   f = m a + \alpha \times m c + \omega \times (\omega \times m c), \qquad
+   n = I \alpha + \omega \times I \omega + m c \times a $$
 
-with the velocity and acceleration that the reference has, and the object's ten inertial parameters about the
-tip: given, or those that an estimator has identified so far, zero while nothing is held.
+The spin $\omega$ and the accelerations $a$, $\alpha$ are those of the reference. The ten inertial parameters
+(mass $m$, centre of mass $c$, inertia $I$ about the tip) are numbers of the section, or the present estimate
+of an estimator. The torque is zero while nothing is held.
 """
 
 from __future__ import annotations

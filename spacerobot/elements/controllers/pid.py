@@ -1,11 +1,14 @@
-"""PID on the velocity error of a tip, its translation or its rotation (Eq. 26-30, 35-38).
+r"""PID on the velocity error of a tip, its translation or its rotation (Eq. 26-30, 35-38).
 
-    e_v   = x_ref' + G_e X_ta - v_feedback           X_ta: amnesia controller, Eq. 37, 38
-    u     = K_p e_v + K_i int(e_v) + K_d d(e_v)/dt   Eq. 35
-    tau   = J^T u                                    J: manipulator Jacobian, arm joints only
+$$ e = \dot x_\text{ref} + G_e X - \dot x_\text{fb}, \qquad
+   u = K_p e + K_i \int e\,\mathrm{d}t + K_d \dot e, \qquad \tau = J^\top u $$
 
-The ideal derivative makes u depend on the acceleration, which depends on u. It is left open here as
-``u = command - gain (C a + drift)`` and closed exactly in :mod:`spacerobot.closedloop.forward_dynamics`.
+with the velocity $\dot x_\text{fb}$ that is fed back, the state $X$ of the amnesia controller (Eq. 37, 38),
+and the manipulator Jacobian $J$ of the arm's joints alone.
+
+The ideal derivative makes $u$ depend on the acceleration, which depends on $u$. The loop is left open here,
+as $u = c - K_d\,(C \dot v + d)$ with the command $c$ without the derivative, and is solved exactly in
+:mod:`spacerobot.closedloop.forward_dynamics`.
 """
 
 from __future__ import annotations

@@ -1,18 +1,19 @@
-"""Resolved rates by the generalized Jacobian, with or without the base kept still.
+r"""Resolved rates by the generalized Jacobian, with or without the base kept at rest.
 
-A free base reacts to the joints. At zero wrench on it, the velocities of base and tip that joint rates r
-entail are
+A free base reacts to the joints. Without a wrench on the base, joint rates $r$ entail the velocities
 
-    v_base = v_0 + W r,   W = -H_b^-1 H_bm;      v_tip = v_1 + J* r,   J* = J_m + J_b W,
+$$ v_\text{base} = v_0 + W r, \qquad v_\text{tip} = v_1 + J^* r, \qquad
+   W = -H_b^{-1} H_{bm}, \qquad J^* = J_m + J_b W, $$
 
-with J* the generalized Jacobian (Umetani and Yoshida 1989) and v_0, v_1 what momentum and other bodies bring.
-The rates wanted lead the tips; before that, if asked for, they keep the base (W r = -v_0): then the tips move
-in the reaction null space (Nenchev, Yoshida and Uchiyama 1992). Joints that are known to be
-held leave out their columns: the tasks are those of the other joints. Joints then accelerate by
+where $J^*$ is the generalized Jacobian (Umetani and Yoshida 1989), and momentum and other bodies cause $v_0$
+and $v_1$. The desired rates move the tips along their references. With `keeps` they first keep the base at
+rest, $W r = -v_0$; the tips then move in the reaction null space (Nenchev, Yoshida and Uchiyama 1992). The
+columns of joints that are known to be held are left out, so that the other joints do the tasks. The joints
+then accelerate by
 
-    a = a_ref + g (r_wanted - r),
+$$ \dot r_\text{des} = a_\text{ref} + g\,(r_\text{des} - r), $$
 
-a_ref being the accelerations that the same tasks want, and torques follow from the inverse dynamics.
+where $a_\text{ref}$ are the accelerations of the same tasks. The torques follow by inverse dynamics.
 """
 
 from __future__ import annotations

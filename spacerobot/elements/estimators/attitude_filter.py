@@ -1,25 +1,33 @@
-"""Multiplicative extended Kalman filter of a base's attitude and its gyro's bias.
+r"""Multiplicative extended Kalman filter (MEKF) of a base's attitude and its gyro's bias.
 
-The attitude is propagated by the gyro, R+ = R exp(T (w_m - b)), with the mean of two samples w_m in the
-base's axes; the bias b is a random walk (Lefferts, Markley and Shuster 1982). The errors are a small rotation
-d about world axes, R_true = exp(d) R, and b_true - b:
+The attitude is propagated by the gyro, $R^+ = R \exp(T (\omega_m - b))$, with the mean $\omega_m$ of two
+samples in the base's axes; the bias $b$ is a random walk (Lefferts, Markley and Shuster 1982). The errors
+are a small rotation $\delta$ about world axes, $R_\text{true} = \exp(\delta) R$, and $b_\text{true} - b$:
 
-    d' = -R (b_true - b) - R n_v,    (b_true - b)' = n_u
+$$ \dot\delta = -R\,(b_\text{true} - b) - R\,n_v, \qquad \dot b_\text{true} = n_u $$
 
-About world axes the transition of d is the identity: with A = R exp(T w / 2) T, the midpoint rule for the
-integral of R, the error n of the gyro's last sample, and the densities s_v of its noise and s_u of its walk,
-over a period
+About world axes the transition of $\delta$ is the identity. With $A = R \exp(T \omega / 2)\,T$, the midpoint
+rule for the integral of $R$, the error $n$ of the gyro's last sample, and the densities $\sigma_v$ of its
+noise and $\sigma_u$ of its walk, over a period
 
-    d+ = d - A (b_true - b) - A (n + n+) / 2,    var(n) = s_v^2 / T,
+$$ \delta^+ = \delta - A\,(b_\text{true} - b) - \tfrac12 A\,(n + n^+), \qquad
+   \operatorname{var}(n) = \sigma_v^2 / T, $$
 
-and by the walk cov(d) = s_u^2 T^3 / 3, cov(d, b) = -s_u^2 T A / 2, cov(b) = s_u^2 T (Farrenkopf 1978; Markley
-and Crassidis 2014, Eq. 6.93, there about the base's axes). Two turns share each sample, so n is a part of the
-state. White noise s_v^2 T of each turn instead, as if gyros gave means over a period, counts s_v^2 T / 2 too
-much where a star tracker is compared: with a slow, noisy gyro the filter is too cautious. A star tracker has
-R_m = exp(m) R_true: its innovation is log(R_m R^T) = d + m. One that is late gives that of its own instant,
-at which the attitude and its error are copied: the copy's error is a further part of the state, which stays
-as it is, correlated with the others (stochastic cloning, Roumeliotis and Burdick 2002). After an update d is
-moved into R, and reset to zero.
+and by the walk
+
+$$ \operatorname{cov}(\delta) = \tfrac13 \sigma_u^2 T^3, \qquad
+   \operatorname{cov}(\delta, b) = -\tfrac12 \sigma_u^2 T A, \qquad \operatorname{cov}(b) = \sigma_u^2 T $$
+
+(Farrenkopf 1978; Markley and Crassidis 2014, Eq. 6.93, there about the base's axes). Two turns share each
+sample, so $n$ is a part of the state. White noise $\sigma_v^2 T$ of each turn, as if gyros returned means
+over a period, would count $\sigma_v^2 T / 2$ too much where a star tracker is compared: with a slow, noisy
+gyro the filter is then too cautious.
+
+A star tracker measures $R_m = \exp(m) R_\text{true}$: its innovation is $\log(R_m R^\top) = \delta + m$.
+The innovation of a late one belongs to its own instant, at which the attitude and its error are copied. The
+error of the copy is a further part of the state, which stays constant and is correlated with the others
+(stochastic cloning, Roumeliotis and Burdick 2002). After an update $\delta$ is moved into $R$, and reset to
+zero.
 """
 
 from __future__ import annotations

@@ -1,29 +1,36 @@
-"""Recursive least squares for the inertial parameters of the object that a tip holds, from momentum.
+r"""Recursive least squares for the inertial parameters of the object that a tip holds, from momentum.
 
-Nothing but the actuators of its base acts on the robot and the object that it holds: their momentum about
-the world's origin (wheels' counted) is h + I, with h constant and the impulse I of these actuators, which is
-known as it is delivered, as accelerometers measure it. In the coordinates of the base's velocity, with the
-base's rows H of the robot's mass matrix, the tip's Jacobian J (axes of the tip, J_b its columns of the base)
-and the regressor Y of a body's momentum,
+Only the actuators of its base act on the robot and the object that it holds. Their momentum about the
+world's origin (that of the wheels included) is therefore $h + I$, with $h$ constant and the impulse $I$ of
+these actuators, which is known as it is delivered, as by accelerometers. In the coordinates of the base's
+velocity, with the base's rows $H$ of the robot's mass matrix, the tip's Jacobian $J$ (axes of the tip,
+$J_b$ its columns of the base) and the regressor $Y$ of a body's momentum,
 
-    J_b^T Y(J v) pi - X h = X I - (H v + wheels)
+$$ J_b^\top\,Y(J v)\,\pi - X h = X I - (H v + \text{wheels}) $$
 
-is linear in the object's ten parameters pi (axes of the tip) and in h, which is unknown too (Murotsu and
-others, J. Guidance 17(3), 1994; Ma, Dang and Pham, IEEE TRO 24(5), 2008). No acceleration is needed, and not
-where in the tip the object is. The residual is known as well as v is: with its variances S (of the base's
-velocity and spin and of the joints' rates) its covariance is W^-1 = G S G^T, G = H + J_b^T M J with the
-spatial inertia M of the estimate so far. Errors of attitude, position and angles weigh less by the time that
-the motion takes, and are neglected. The rows A = [J_b^T Y, -X] are measured with the same noise, so that
-A^T W z, z the right side, has the expectation A^T W A (pi, h) less the sum of S_j (dA/dv_j)^T W G_j. That is
-added; without, slow motions would shrink the mass (bias-compensated least squares).
+is linear in the object's ten parameters $\pi$ (axes of the tip) and in $h$, which is unknown too (Murotsu
+and others, J. Guidance 17(3), 1994; Ma, Dang and Pham, IEEE TRO 24(5), 2008). It needs no acceleration, and
+not the place of the object in the tip. The residual has the errors of $v$: with their variances $S$ (of the
+base's velocity and spin and of the joints' rates) its covariance is
 
-The information matrix A^T W A and vector of (pi less the assumed, h) add up over the instants, from the prior
-of pi and none of h; their solution, h eliminated first, is the minimum of the weighted squares so far.
-(Covariances instead of information lose digits: h begins unknown and ends known to 1e-5 of itself.)
+$$ W^{-1} = G S G^\top, \qquad G = H + J_b^\top M J $$
 
-``held_deviation`` is the root of the greatest eigenvalue of the relative covariance (mass
-over the assumed mass, centre over the radius of gyration, inertia over the mean moment), smoothly from above:
-``tr(C^8)^(1/8)`` exceeds the greatest eigenvalue by at most 10^(1/8), a third.
+with the spatial inertia $M$ of the estimate so far. Errors of attitude, position and angles are smaller by
+the duration of the motion, and are neglected. The rows $A = [J_b^\top Y, -X]$ contain the same noise, so
+that $A^\top W z$, with the right side $z$, has the expectation
+
+$$ A^\top W A\,(\pi, h) - \sum_j S_j \Bigl( \frac{\partial A}{\partial v_j} \Bigr)^\top W G_j. $$
+
+The sum is added; without it slow motions would shrink the mass (bias-compensated least squares).
+
+The information matrix $A^\top W A$ and the vector of ($\pi$ minus the assumed one, $h$) are summed over the
+instants, from the prior of $\pi$ and none of $h$. Their solution, $h$ eliminated first, is the minimum of
+the weighted squares so far. (Covariances instead of information lose digits: $h$ begins unknown and ends
+known to 1e-5 of itself.)
+
+``held_deviation`` is the root of the largest eigenvalue of the relative covariance $C$ (mass over the
+assumed mass, centre over the radius of gyration, inertia over the mean moment), from a smooth upper bound:
+$\operatorname{tr}(C^8)^{1/8}$ exceeds the largest eigenvalue by at most $10^{1/8}$, a third.
 """
 
 from __future__ import annotations

@@ -1,22 +1,23 @@
-"""Extended Kalman filter of the target's motion and inertia ratios from camera poses alone.
+r"""Extended Kalman filter of the target's motion and inertia ratios from camera poses alone.
 
-The target drifts freely as one body: with its centre of mass r, velocity v, attitude R and spin w in its
-principal axes, whose moments are in the ratios e^k1 : e^k2 : 1,
+The target drifts freely as one body, with its centre of mass $r$, velocity $v$, attitude $R$, and spin
+$\omega$ in its principal axes, whose moments of inertia have the ratios $e^{k_1} : e^{k_2} : 1$:
 
-    r'' = g,    R' = R [w x],    w' = -I^-1 (w x I w),    k' = 0
+$$ \ddot r = g, \qquad \dot R = R\,[\omega]_\times, \qquad
+   \dot\omega = -I^{-1} (\omega \times I \omega), \qquad \dot k = 0 $$
 
-plus white accelerations of given densities (Aghili and Parsa 2009; the logarithms keep ratios positive). A
-pose alone shows the moments up to a factor. The errors are those of r and v, a small rotation d about world
-axes, R_true = exp(d) R, and those of w and k:
+plus white accelerations of given densities (Aghili and Parsa 2009; the logarithms keep ratios positive).
+Poses alone determine the moments up to a common factor. The errors are those of $r$ and $v$, a small
+rotation $\delta$ about world axes, $R_\text{true} = \exp(\delta) R$, and those of $\omega$ and $k$:
 
-    d' = R dw,    dw' = F_w dw + F_k dk
+$$ \dot\delta = R\,\delta\omega, \qquad \delta\dot\omega = F_\omega\,\delta\omega + F_k\,\delta k $$
 
-with the derivatives F of w'. Their transition is integrated with the mean by Runge and Kutta's rule of order
-4. In a plane the spin is constant, and there are no ratios.
+with the derivatives $F$ of $\dot\omega$. Their transition is integrated with the mean by the Runge-Kutta
+method of order 4. In a plane the spin is constant, and there are no ratios.
 
-A camera shows place and attitude of a frame of the target at t_k and is late by tau. The filter is an
-ordinary one at the instants t_k, evaluated at t_k + tau; what it knows at t_k is then propagated by tau, and
-from there on with the closed loop. Controllers read that.
+A camera shows position and attitude of a frame of the target at $t_k$ and is late by $T_d$. The filter is an
+ordinary one at the instants $t_k$, evaluated at $t_k + T_d$. Its estimate at $t_k$ is then propagated by
+$T_d$, and from there on with the closed loop. Controllers read the propagated estimate.
 """
 
 from __future__ import annotations

@@ -1,13 +1,21 @@
-"""A beam as a chain of rigid segments with springs between them.
+r"""A beam as a chain of rigid segments with springs between them.
 
-A beam of length l, bending stiffness E I and uniform mass is cut into n parts of length dx. The compliance
-of each is concentrated in a hinge at its middle, with the stiffness E I / dx; the rigid pieces reach from
-hinge to hinge (rigid finite elements; E. Wittbrodt, I. Adamiec-Wojcik, S. Wojciech, Dynamics of flexible
-multibody systems, Springer 2006). It is the midpoint rule for the integral of the curvature, so that
-deflections and frequencies converge to those of Euler and Bernoulli by second order in dx: the end deflects
-by ``F l^3 / (3 E I) (1 - 1 / (4 n^2))`` under a force there, and turns by ``M l / (E I)`` under a couple.
-Material damping is that of Kelvin and Voigt: stress follows strain and its rate, E (e + T e'). Torsion
-about the beam's axis is another joint of each hinge, of the stiffness G J / dx.
+A beam of length $l$, bending stiffness $E I$ and uniform mass is cut into $n$ segments of length $\Delta
+x$. The compliance of each is concentrated in a hinge at its middle, with the stiffness $E I / \Delta x$;
+the rigid pieces reach from hinge to hinge (rigid finite elements; E. Wittbrodt, I. Adamiec-Wojcik, S.
+Wojciech, Dynamics of flexible multibody systems, Springer 2006). This is the midpoint rule for the integral
+of the curvature, so that deflections and frequencies converge to those of the Euler-Bernoulli beam at
+second order in $\Delta x$. Under a force $F$, or a couple $M$, at the end it deflects, or turns, by
+
+$$ \frac{F l^3}{3 E I} \Bigl( 1 - \frac{1}{4 n^2} \Bigr), \qquad \frac{M l}{E I}. $$
+
+Material damping is that of Kelvin and Voigt: the stress follows the strain and its rate,
+$E (\varepsilon + T \dot\varepsilon)$. Torsion about the beam's axis is another joint of each hinge, with the
+stiffness $G J / \Delta x$.
+
+Axes of the joints of a hinge, axes of the link: `a` turns about ``normal`` if that is given. Otherwise `a`
+turns about $e \times u$, where $e$ points along the beam and $u$ is the coordinate axis with the smallest
+component of $e$, and `b` about $e \times a$. `t`, the torsion, turns about $e$.
 """
 
 from __future__ import annotations

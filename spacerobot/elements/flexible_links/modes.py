@@ -1,29 +1,34 @@
-"""Assumed modes of an appendage, from frequencies, damping and modal participation factors.
+r"""Assumed modes of an appendage, from frequencies, damping and modal participation factors.
 
-A structural model, clamped at the point P where the appendage is attached, gives for each mode the angular
-frequency w, the damping ratio z and the participation factor L (6) of the mass-normalised coordinate h:
+A structural model, clamped at the point P where the appendage is attached, states for each mode the angular
+frequency $\omega$, the damping ratio $\zeta$ and the participation factor $L$ (6) of the mass-normalised
+coordinate $\eta$:
 
-    h'' + 2 z w h' + w^2 h = -L A,    wrench on the carrier = -(D A + sum L^T h''),
+$$ \ddot\eta + 2 \zeta \omega \dot\eta + \omega^2 \eta = -L A, \qquad
+   W = -\Bigl( D A + \sum L^\top \ddot\eta \Bigr), $$
 
-with the acceleration A (linear, then angular) of P and the spatial inertia D of the rigid appendage about
-it (hybrid cantilevered model; D. Alazard, C. Cumer, K. Tantawi, Linear dynamic modeling of spacecraft with
-various flexible appendages and on-board angular momentums, ESA GNC 2008). Each mode becomes a joint with a
-body of mass m, whose motion exerts the same wrench. With L = (s a, l), a of unit length,
+with the wrench $W$ on the carrier, the acceleration $A$ (linear, then angular) of P and the spatial inertia
+$D$ of the rigid appendage about P (hybrid cantilevered model; D. Alazard, C. Cumer, K. Tantawi, Linear
+dynamic modeling of spacecraft with various flexible appendages and on-board angular momentums, ESA GNC
+2008). Each mode becomes a joint with a body of mass $m$, whose motion exerts the same wrench. With $L = (s
+a, l)$, $a$ of unit length,
 
-    r = a x l / s,    p = a . l / s,    so that    L = s (a, r x a + p a):
+$$ r = \frac{a \times l}{s}, \qquad p = \frac{a \cdot l}{s}, \qquad L = s\,(a,\ r \times a + p\,a): $$
 
-a mass that moves along a at the distance r, with a pitch p. For p = 0 it is m = s^2 on an arm r that turns
-about P, or on a slider if r is short. A pitch takes a product of inertia: with the arm d, the axis e normal
-to a, and
+a mass that moves along $a$ at the distance $r$, with a pitch $p$. For $p = 0$ it is the mass $m = s^2$ on an
+arm $r$ that turns about P, or on a slider if $r$ is short. A pitch requires a product of inertia: with the
+arm $d$, the axis $e$ normal to $a$, and
 
-    m = s^2 (1 + 2 |p| / d),    j = 2 |p| m d,    J = j (1 + sign(p) (a e^T + e a^T) / 2),
+$$ m = s^2 \Bigl(1 + \frac{2 |p|}{d}\Bigr), \qquad j = 2 |p| m d, \qquad
+   J = j \Bigl(1 + \frac{\operatorname{sign}(p)}{2} (a e^\top + e a^\top) \Bigr), $$
 
-the momentum of the turning body is m d (a, r x a + p a) if its centre is at r - 2 |p| a x e, and its inertia
-about the axis M = m d^2 + j = (m d / s)^2; the joint coordinate is q = h / sqrt(M). A mode without force,
-s = 0, is a ball of inertia |l|^2 that turns about l.
+the momentum of the turning body is $m d\,(a,\ r \times a + p\,a)$ if its centre is at $r - 2 |p|\,a \times
+e$. Its inertia about the axis is $M = m d^2 + j = (m d / s)^2$; the joint coordinate is $q = \eta / \sqrt
+M$. A mode without force, $s = 0$, is a ball of inertia $|l|^2$ that turns about $l$.
 
-These bodies are borrowed from the appendage: what stays rigid is D - sum L^T L about P, as in the structural
-model. Beyond first order in the deflection the arms are an assumption; stiffening by rotation is left out.
+These bodies are taken out of the appendage: the rigid remainder is $D - \sum L^\top L$ about P, as in the
+structural model. Beyond first order in the deflection the arms are an assumption; stiffening by rotation is
+left out.
 """
 
 from __future__ import annotations
