@@ -7,7 +7,6 @@ both engines (ten minutes), and prints by how much their states differ.
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 
@@ -16,6 +15,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 import spacerobot as sr
+from optim.campaign.analysis.statistics import sobol_indices
 from spacerobot.quantities import quantities
 from viz.figures.campaign import SampleSpread, distributions
 from viz.figures.style import COLOURS, legend_above, panels, styled, write_drawings
@@ -23,7 +23,7 @@ from viz.figures.style import COLOURS, legend_above, panels, styled, write_drawi
 FACTORS = {"m/s": ("mm/s", 1e3), "m": ("mm", 1e3)}
 DOCKING = ("capture_time", "touchdown_speed", "lateral_miss", "grip_force_peak")
 CAPTURE = ("touchdown_speed", "lateral_miss", "impulse")
-UNTOUCHED = 1e-8  # m/s; the touchdown speed of a grasp that was missed
+CONFIDENCE = 0.95
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 
 
@@ -31,7 +31,7 @@ def spreads(folder: Path, metrics: tuple[str, ...]) -> list[SampleSpread]:
     """Samples of metrics of a campaign that were captured, those of each grasp apart."""
     found = []
     with xr.open_dataset(folder / "campaign.nc") as data:
-        captured = data["touchdown_speed"].isel(gains=0).values > UNTOUCHED
+        captured = data["captured"].isel(gains=0).values > 0
         for metric in metrics:
             known = quantities()[metric]
             unit, factor = FACTORS.get(known.unit, (known.unit, 1.0))
@@ -46,19 +46,20 @@ def spreads(folder: Path, metrics: tuple[str, ...]) -> list[SampleSpread]:
 
 @styled
 def shares(folder: Path, metrics: tuple[str, ...]) -> Figure:
-    """Total Sobol' indices of metrics, a group of bars for each parameter."""
-    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    matters = summary["gains"]["scenario"]["matters"]
-    names = list(matters[metrics[0]]["total"])
+    """Total Sobol' indices of metrics, a group of bars for each parameter; missing values count as zero."""
+    with xr.open_dataset(folder / "campaign.nc") as data:
+        names = [str(name) for name in data.parameter.values]
+        values = {
+            metric: data[metric].isel(gains=0).max(f"{metric}_of").fillna(0).values for metric in metrics
+        }
     figure, axes = panels(1, 1, height_in=2.6)
     panel, width = axes[0, 0], 0.8 / len(metrics)
     for k, metric in enumerate(metrics):
-        entry = matters[metric]
-        values = [entry["total"][name] or 0.0 for name in names]
-        errors = [entry["total_width"][name] or 0.0 for name in names]
+        indices = sobol_indices(values[metric], names, CONFIDENCE)
+        assert indices is not None, f"{metric} does not vary"
         place = np.arange(len(names)) + (k - (len(metrics) - 1) / 2) * width
-        bars = {"color": COLOURS[k], "yerr": errors, "error_kw": {"linewidth": 0.7}}
-        panel.bar(place, values, width=width, label=quantities()[metric].label, **bars)
+        bars = {"color": COLOURS[k], "yerr": indices.total_width, "error_kw": {"linewidth": 0.7}}
+        panel.bar(place, indices.total, width=width, label=quantities()[metric].label, **bars)
     panel.set_xticks(np.arange(len(names)), [name.replace("_", "\n") for name in names])
     panel.set_ylabel("total Sobol' index")
     panel.set_ylim(bottom=0)

@@ -213,9 +213,9 @@ def capture_cell(found: Any, side: str) -> str:
         return f"lost at {float(found.diverged_at):.0f} s"
     turned, torque = float(found.base_rotation_peak[0]), float(found.joint_torque_peak.max())
     rest = f"{turned:.0f} / {torque:.0f}"
-    if float(found.capture_time.sel(capture_time_of=side)) >= 60:
+    if np.isnan(found.capture_time.sel(capture_time_of=side)):
         return f"missed by {1e3 * float(found.miss_distance.sel(miss_distance_of=side)):.0f} / {rest}"
-    other = "" if bool((found.capture_time < 60).all()) else " *"
+    other = "" if bool(np.isfinite(found.capture_time).all()) else " *"
     return f"{1e3 * float(found.lateral_miss.sel(lateral_miss_of=side)):.1f} / {rest}{other}"
 
 

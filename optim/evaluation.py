@@ -14,13 +14,18 @@ import xarray as xr
 
 from optim.planning.mpc.batch import MpcRollout
 from optim.planning.mpc.flown_scene import FlownScene, mpc_controllers
-from optim.problem.quantity_measures import context_of, measure, with_added_states
+from optim.problem.quantity_measures import (
+    context_of,
+    measures_of,
+    table_values,
+    with_added_states,
+)
 from spacerobot.errors import ResultError, ScenarioError
 from spacerobot.files import StrPath, staged
 from spacerobot.loop_cache import cached_closed_loop
 from spacerobot.notebook import html_table
 from spacerobot.quantities import Quantity, find_quantity
-from spacerobot.rollout import Measures, build_rollout
+from spacerobot.rollout import Measure, Measures, build_rollout
 from spacerobot.rollout.build import Backend, Options
 from spacerobot.scene import Scene
 
@@ -229,7 +234,7 @@ def batch(
     Returns
     -------
     BatchResult
-        N samples; NaN where a simulation diverged.
+        N samples; NaN where a simulation diverged, and where it has no such value (a missed capture's time).
 
     Raises
     ------
@@ -253,7 +258,7 @@ def batch(
     }
     coordinates: dict[str, object] = {"parameter": list(columns)}
     for each in chosen:
-        reduced = np.asarray(each.reduced(np.array(done.measures[each.name]), duration))
+        reduced = table_values(each, done.measures, duration)
         owners = np.array(labels[each.name])
         unique = list(dict.fromkeys(labels[each.name]))
         of = f"{each.name}_of"
@@ -299,9 +304,11 @@ def build_quantity_rollout(
     loop = cached_closed_loop(scene if flown is None else flown.scene, vary=vary)
     extended = with_added_states(loop, scene, chosen, JITTER_FREQUENCY_HZ)
     context = context_of(scene, extended)
-    simulation, named, labels = scene.scenario.simulation, {}, {}
+    simulation, labels = scene.scenario.simulation, {}
+    named = dict[str, Measure]()
     for each in chosen:
-        found, named[each.name] = measure(each, context)
+        found, own = measures_of(each, context)
+        named |= own
         labels[each.name] = found.labels
         if not found.labels:
             raise scene.error(f"{each.name}: {each.absent}")

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+
+import casadi as ca
+import numpy as np
 
 from optim.problem.derived_loop import extend
+from spacerobot.arrays import Array
 from spacerobot.quantities import Components, Context, Quantity
 from spacerobot.rollout import ClosedLoopFunctions, Measure, Signals, final, integral, peak
 from spacerobot.scene import Scene
@@ -49,6 +53,37 @@ def measure(quantity: Quantity, context: Context) -> tuple[Components, Measure]:
     found = quantity.components(context)
     values = -found.values if quantity.reducer == "lowest" else found.values
     return found, _REDUCERS.get(quantity.reducer, peak)(values)
+
+
+def measures_of(quantity: Quantity, context: Context) -> tuple[Components, dict[str, Measure]]:
+    """Components of a quantity, and the measures by name that :func:`table_values` needs."""
+    found, own = measure(quantity, context)
+    named = {quantity.name: own}
+    if quantity.exists is not None and found.labels:
+        named[_existence(quantity)] = final(ca.vertcat(*quantity.exists(context).values()))
+    return found, named
+
+
+def table_values(quantity: Quantity, measured: Mapping[str, Array], duration_s: float) -> Array:
+    """Values (N, n) of a quantity's components; NaN where a rollout diverged or has no such value.
+
+    Parameters
+    ----------
+    quantity
+        The quantity.
+    measured
+        Values of the measures of :func:`measures_of` by name, each (N, n).
+    duration_s
+        Duration of the rollouts.
+    """
+    values = np.asarray(quantity.reduced(np.array(measured[quantity.name]), duration_s))
+    if quantity.exists is None:
+        return values
+    return np.where(np.asarray(measured[_existence(quantity)]) < 0, np.nan, values)
+
+
+def _existence(quantity: Quantity) -> str:
+    return f"{quantity.name}_exists"
 
 
 def squared_output(quantity: Quantity, context: Context) -> tuple[str, list[int]] | None:

@@ -7,7 +7,12 @@ from typing import Any
 
 from spacerobot.cli.output import console, prose, table, warn
 
-MARKS = {"": ("+", "success"), "unclosed": ("O", "open at the start"), "diverged": ("D", "diverged")}
+MARKS = {
+    "": ("+", "success"),
+    "unclosed": ("O", "open at the start"),
+    "diverged": ("D", "diverged"),
+    "missed": ("N", "not captured"),
+}
 """Letter and meaning of each outcome in the map of a campaign, limits of quantities aside."""
 
 
@@ -23,6 +28,7 @@ def show(summary: Mapping[str, Any]) -> None:
     from viz.report.campaign_text import (
         depends,
         drawn,
+        failing,
         mixed,
         quantity_of,
         stepping,
@@ -30,6 +36,8 @@ def show(summary: Mapping[str, Any]) -> None:
         why_worst,
     )
 
+    for name, told in summary["gains"].items():
+        prose(failing(name, told, summary))
     level = f"{100 * summary['confidence']:g} %"
     for warning in (unfinished(summary), *summary["doubts"]):
         if warning:
@@ -140,7 +148,7 @@ def _estimate(told: Mapping[str, Any], unit: str, factor: float | None = None) -
     return f"{text} ({low}..{high})"
 
 
-def _number(value: float | None, factor: float, nothing: str = "not completed") -> str:
+def _number(value: float | None, factor: float, nothing: str = "no value") -> str:
     return nothing if value is None else f"{factor * value:.3g}"
 
 

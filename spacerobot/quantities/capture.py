@@ -16,11 +16,15 @@ def of_open_grasps(context: Context, signal: str) -> Columns:
     return {label: column for label, column in context.signal(signal).items() if label in begins_open}
 
 
+def captures(context: Context) -> Columns:
+    """Time of the last capture of each grasp [s]; negative if it was missed."""
+    return of_open_grasps(context, "grasp_captured_at")
+
+
 def times(context: Context) -> Columns:
     """Time of the last capture of each grasp [s]; the simulation's duration if it was missed."""
     duration = context.scene.scenario.simulation.duration
-    captured = of_open_grasps(context, "grasp_captured_at")
-    return {label: ca.if_else(time < 0, duration, time) for label, time in captured.items()}
+    return {label: ca.if_else(time < 0, duration, time) for label, time in captures(context).items()}
 
 
 def distances(context: Context) -> Columns:
@@ -50,7 +54,8 @@ QUANTITIES = (
     Quantity(
         "capture_time",
         "capture time",
-        "time of the last capture of a grasp that begins open; the simulation's duration if it was missed",
+        "time of the last capture of a grasp that begins open; if it was missed, missing in tables and the "
+        "simulation's duration in objectives",
         "s",
         "final",
         times,
@@ -58,6 +63,7 @@ QUANTITIES = (
         weight="capture_time",
         absent=NO_CAPTURE,
         symbol="C",
+        exists=captures,
     ),
     Quantity(
         "miss_distance",
@@ -71,13 +77,15 @@ QUANTITIES = (
     Quantity(
         "touchdown_speed",
         "touchdown speed",
-        "speed of a tip relative to the target at the capture; zero if it was missed",
+        "speed of a tip relative to the target at the capture; if it was missed, missing in tables and zero "
+        "in objectives",
         "m/s",
         "final",
         touchdown_speeds,
         weight="touchdown_speed",
         is_default=False,
         absent=NO_CAPTURE,
+        exists=captures,
     ),
     Quantity(
         "lateral_miss",

@@ -230,6 +230,9 @@ class Quantity:
         Function of (scene, corner frequency [Hz]) that returns the states it needs; none if None.
     scene_unit
         Unit where it depends on the scene.
+    exists
+        Columns by label whose final values are negative where a rollout has no value, as the time of a
+        capture that was missed. Tables hold NaN there; objectives need a number and take the expression's.
     """
 
     name: str
@@ -249,6 +252,7 @@ class Quantity:
     symbol: str = ""
     states: Callable[[MeasuredScene, float], AddedStates] | None = None
     scene_unit: Callable[[MeasuredScene], str] | None = None
+    exists: Callable[[Any], Columns] | None = None
 
     @property
     def is_root(self) -> bool:

@@ -133,6 +133,10 @@ class Campaign(Section):
         gt=0,
     )
     limits: Limits = Limits()
+    require_captures: bool = Field(
+        default=True,
+        description="whether a sample fails that never captures one of the grasps which begin open",
+    )
     percentiles: tuple[float, ...] = Field(
         default=(5.0, 50.0, 95.0, 99.0), min_length=1, description="percentiles that are reported"
     )

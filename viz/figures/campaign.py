@@ -27,18 +27,21 @@ class SampleSpread:
     Attributes
     ----------
     samples
-        By name of the design: values (n,); NaN or infinite where a rollout diverged, which counts as worse
-        than any value.
+        By name of the design: values (n,); NaN or infinite where a rollout diverged or has no such value, as
+        the time of a missed capture, which counts as worse than any value.
     quantity, unit
         What the values are.
     limit
         A value to stay below, if there is one.
+    missing
+        Reason for missing values, in a word or two.
     """
 
     samples: Mapping[str, ArrayLike]
     quantity: str
     unit: str
     limit: float | None = None
+    missing: str = "diverged"
 
 
 @styled
@@ -95,7 +98,7 @@ def _draw(panel: Axes, spread: SampleSpread, *, numbers: bool) -> None:
         label, texts = name, _apart(marks)
         if numbers:
             parts = [f"{100 * level:g} % below {text} {spread.unit}" for level, text in texts.items()]
-            gone = [f"{runs - len(finite)} diverged"] if len(finite) < runs else []
+            gone = [f"{runs - len(finite)} {spread.missing}"] if len(finite) < runs else []
             label = f"{name}: {', '.join([f'{runs} runs', *parts, *gone])}"
         panel.plot(finite, share, drawstyle="steps-post", **line(k), label=label)
         for level, text in texts.items():
@@ -105,20 +108,20 @@ def _draw(panel: Axes, spread: SampleSpread, *, numbers: bool) -> None:
                 told = f"  {100 * level:g} % below {text}"
                 panel.annotate(told, (value, level), fontsize=7, va="top", color="0.25")
         if 0 < len(finite) < len(values) and not numbers:
-            # Say at the right edge where a curve ends short of all runs because some diverged.
+            # Say at the right edge where a curve ends short of all runs because some have no value.
             end = len(finite) / len(values)
             lost = len(values) - len(finite)
             colour = BAD if alone else COLOURS[k % len(COLOURS)]
             panel.axhline(end, color=colour, linewidth=0.8, linestyle=":")
             edge: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "bottom"}
-            panel.annotate(f"{lost} diverged", (1, end), fontsize=7, color=colour, **edge)
+            panel.annotate(f"{lost} {spread.missing}", (1, end), fontsize=7, color=colour, **edge)
     every = np.concatenate(drawn) if drawn else np.empty(0)
     if np.isfinite(every).any():
         _scale(panel, every[np.isfinite(every)], spread)
     elif len(every):
         panel.set_xticks([])
         centre: dict[str, Any] = {"xycoords": "axes fraction", "ha": "center", "va": "center"}
-        panel.annotate(f"all of {len(every)} diverged", (0.5, 0.5), **centre, color=BAD)
+        panel.annotate(f"all of {len(every)} {spread.missing}", (0.5, 0.5), **centre, color=BAD)
     panel.set_ylim(0, 1.04)
     panel.yaxis.set_major_formatter(PercentFormatter(1.0))
     panel.set(

@@ -28,6 +28,7 @@ from viz.report.campaign_text import (
     depends,
     drawn,
     failing,
+    failure_criteria,
     mixed,
     place_of,
     quantity_of,
@@ -117,18 +118,15 @@ def _in_short(summary: Mapping[str, Any]) -> str:
     warnings = [unfinished(summary), *summary["doubts"]]
     items = "".join(f"<li>{escape(warning)}</li>" for warning in warnings if warning)
     if items:
-        text = f"<ul class='warnings'>{items}</ul>{text}"
+        text += f"<ul class='warnings'>{items}</ul>"
     sets = ", ".join(summary["gains"])
     about = (
         f"{summary['samples']} of {summary['of']} samples (design {summary['design']}, seed "
         f"{summary['seed']}) of {', '.join(summary['parameters'])}; each was rolled out with the gains: "
         f"{sets}."
     )
-    limits = ", ".join(f"{name} {value:g}" for name, value in summary["limits"].items())
-    passes = f", or passes a limit ({limits}; SI units or deg)" if limits else ""
-    fails = f"A sample fails if it diverges{passes}."
     step = stepping(summary)
-    fails = f"{fails} {step}" if step else fails
+    fails = failure_criteria(summary) + (f" {step}" if step else "")
     text += f"<p>{escape(about)} {escape(fails)}</p>"
     causes = list(next(iter(summary["gains"].values()))["failure"])
     rows = [
@@ -173,9 +171,9 @@ def _spread(shown: CampaignReport) -> str:
         largest = factor * shown.data[metric].max(f"{metric}_of", skipna=False)
         samples = {str(name): largest.sel(gains=name).values for name in shown.data.gains.values}
         most = shown.summary["limits"].get(quantity.limit)
-        spreads.append(
-            SampleSpread(samples, quantity_of(metric), unit, None if most is None else factor * most)
-        )
+        limit = None if most is None else factor * most
+        missing = "diverged" if quantity.exists is None else "without a value"
+        spreads.append(SampleSpread(samples, quantity_of(metric), unit, limit, missing))
     # Percentiles of every number that is kept, folded away.
     text = ""
     for name, told in shown.summary["gains"].items():
@@ -183,7 +181,7 @@ def _spread(shown: CampaignReport) -> str:
         for row in told["metrics"]:
             factor, unit = unit_scale(row["unit"])
             values = [q["value"] for q in row["percentiles"]] + [row["largest"]]
-            numbers = ["diverged" if v is None else f"{factor * v:.4g}" for v in values]
+            numbers = ["no value" if v is None else f"{factor * v:.4g}" for v in values]
             rows.append([place_of(row["metric"], row["of"]), unit, *numbers])
         percents = [f"{q['percent']:g} %" for q in told["metrics"][0]["percentiles"]]
         inside = table(["", "unit", *percents, "largest"], rows)

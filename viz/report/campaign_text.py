@@ -36,7 +36,7 @@ def with_gains(name: str) -> str:
 
 
 def failing(name: str, told: Mapping[str, Any], summary: Mapping[str, Any]) -> str:
-    """How often a set of gains fails, and of what."""
+    """How often a set of gains fails, and of what; what counts as a failure where none is seen."""
     any_, causes = told["failure"]["any"], told["failure"]
     head = f"{with_gains(name)}, {any_['count']} of {summary['samples']} samples fail"
     if any_["low"] is not None:
@@ -46,12 +46,26 @@ def failing(name: str, told: Mapping[str, Any], summary: Mapping[str, Any]) -> s
     words = {
         "unclosed": "by a grasp that does not close at the start",
         "diverged": "diverged",
+        "missed": "by a capture that was missed",
         "target_rotation_deg": "by the target's rotation",
         "base_rotation_deg": "by a base's rotation",
     }
     counts = {cause: own["count"] for cause, own in causes.items() if cause != "any" and own["count"]}
     parts = [f"{n} {words.get(cause, 'by ' + cause.replace('_', ' '))}" for cause, n in counts.items()]
-    return f"{head}. Of them: {', '.join(parts)}." if parts else f"{head}."
+    if parts:
+        return f"{head}. Of them: {', '.join(parts)}."
+    return f"{head}." if summary["limits"] else f"{head}. {failure_criteria(summary)}"
+
+
+def failure_criteria(summary: Mapping[str, Any]) -> str:
+    """Sentence on what counts as a failure in a campaign."""
+    causes = next(iter(summary["gains"].values()))["failure"]
+    limits = ", ".join(f"{name} {value:g}" for name, value in summary["limits"].items())
+    parts = ["diverges"]
+    parts += ["misses a capture"] if "missed" in causes else []
+    parts += [f"passes a limit ({limits}; SI units or deg)"] if limits else []
+    text = f"A sample fails if it {' or '.join(parts)}"
+    return f"{text}." if limits else f"{text}; `campaign.limits` is empty."
 
 
 def capturing(name: str, told: Mapping[str, Any], summary: Mapping[str, Any]) -> str | None:

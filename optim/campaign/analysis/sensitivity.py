@@ -26,7 +26,7 @@ def what_matters(draws: Array, values: Array, campaign: Campaign, *, complete: b
     draws
         Values of k parameters (n, k).
     values
-        The metric (n,), infinite where a rollout was not completed.
+        The metric (n,), infinite where a rollout was not completed or has no such value.
     campaign
         Its section.
     complete
@@ -49,11 +49,11 @@ def what_matters(draws: Array, values: Array, campaign: Campaign, *, complete: b
             found.append({"parameter": name, "how": rising if value > 0 else falling, "value": value})
     entry["strongest"] = sorted(found, key=lambda row: -abs(row["value"]))
     if np.ptp(np.nan_to_num(values, posinf=np.finfo(float).max)) == 0:
-        entry["note"] = "no rollout was completed" if np.isinf(values).all() else "it does not vary"
+        entry["note"] = "no rollout has a value" if np.isinf(values).all() else "it does not vary"
     elif campaign.sampler.gives_sobol_indices:
         lost = int((~np.isfinite(values)).sum())
         if lost or not complete:
-            why = f"{lost} rollouts were not completed" if lost else "not every sample is there yet"
+            why = f"{lost} rollouts have no value" if lost else "not every sample is there yet"
             entry["note"] = f"{why}: Sobol' indices need them all"
         elif (indices := sobol_indices(values, names, campaign.confidence)) is not None:
             keys = ("first", "first_width", "total", "total_width")

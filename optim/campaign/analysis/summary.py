@@ -16,7 +16,7 @@ from optim.campaign.analysis.samples import command_of
 from optim.campaign.analysis.sensitivity import correlated, noise_of, what_matters
 from optim.campaign.analysis.statistics import Estimate, percentile, share
 from optim.campaign.rollouts.evaluator import CampaignEvaluator
-from optim.campaign.rollouts.metrics import PLANS, SOLVE_TIMES
+from optim.campaign.rollouts.metrics import CAPTURED, PLANS, SOLVE_TIMES
 from optim.campaign.rollouts.trust import doubts, untrusted
 from optim.campaign.sampling.parameter_space import sensor_offsets, units_of
 from optim.campaign.store.folder import load_head
@@ -30,6 +30,8 @@ from spacerobot.rollout import unclosed
 from spacerobot.scenario import Campaign
 
 SUMMARY = "summary.json"
+MISSED = "missed"
+"""Cause of failure of a sample that never captures a grasp which begins open."""
 WORST = 5  # samples that are told of each set of gains
 
 
@@ -40,7 +42,8 @@ class SampleStatistics:
     Attributes
     ----------
     metrics
-        By name, (n, places); infinite where the rollout was not completed.
+        By name, (n, places); infinite where a rollout was not completed or has no such value, as the time of
+        a capture that was missed.
     places, units
         What each column of a metric is of, and a metric's unit.
     failed
@@ -49,7 +52,7 @@ class SampleStatistics:
         Which grasp of each sample did not close at the start, in words (n of them); empty where all did.
     missed
         Whether each sample left a grasp that begins open uncaptured, or was not completed (n,); None where
-        times of capture are not kept.
+        no grasp begins open.
     """
 
     metrics: Mapping[str, Array]
@@ -90,17 +93,23 @@ def sample_statistics(data: xr.Dataset, evaluator: CampaignEvaluator) -> dict[st
             told = tuple(unclosed(gap, allowed) for gap in gaps)
         open_ = np.array([bool(words) for words in told], dtype=np.bool_)
         kept = [str(metric) for metric in campaign.metrics if metric in chosen]
-        metrics = {m: np.where(lost[:, None], np.inf, chosen[m].values) for m in kept}
+        values = {m: chosen[m].values for m in kept}
+        metrics = {m: np.where(lost[:, None] | np.isnan(v), np.inf, v) for m, v in values.items()}
         failed = {"unclosed": open_} if "gap" in chosen else {}
         failed["diverged"] = lost & ~open_
+        missed = None
+        if CAPTURED in chosen:
+            missed = np.asarray(~(chosen[CAPTURED].values > 0).all(axis=1), dtype=np.bool_)
+            if campaign.require_captures:
+                failed[MISSED] = missed & ~lost
         for metric, most in campaign.limits.given.items():
             if metric in metrics:
-                failed[str(find_quantity(metric).limit)] = (metrics[metric].max(axis=1) > most) & ~lost
+                over = (metrics[metric].max(axis=1) > most) & ~lost
+                if MISSED in failed and find_quantity(metric).exists is not None:
+                    over &= ~failed[MISSED]  # a missed capture exceeds every limit of its time
+                failed[str(find_quantity(metric).limit)] = over
         places = {m: tuple(map(str, chosen[f"{m}_of"].values)) for m in kept}
         units = {m: str(chosen[m].attrs["units"]) for m in kept}
-        duration = evaluator.member(name).scene.scenario.simulation.duration
-        times = metrics.get("capture_time")  # as late as the simulation where a grasp was missed
-        missed = None if times is None else np.asarray(times.max(axis=1) >= duration)
         found[name] = SampleStatistics(metrics, places, units, failed, told, missed)
     return found
 
@@ -180,7 +189,7 @@ def summary_data(
     for name, sampled in found.items():
         values = {metric: sampled.largest(metric) for metric in sampled.metrics}
         if sampled.missed is not None:
-            values["missed"] = sampled.missed.astype(float)
+            values[MISSED] = sampled.missed.astype(float)
         complete = len(draws) == campaign.count
         matters[name] = {
             key: what_matters(draws, own, campaign, complete=complete) for key, own in values.items()
@@ -194,6 +203,7 @@ def summary_data(
         "confidence": campaign.confidence,
         "intervals": campaign.sampler.has_intervals,
         "limits": campaign.limits.model_dump(exclude_none=True),
+        "require_captures": campaign.require_captures,
         "parameters": list(campaign.parameters),
         "units": units_of(evaluator.members[0].scene, campaign, evaluator.members[0].space),
         "sensor_offsets": sensor_offsets(campaign),
@@ -285,13 +295,18 @@ def _worst(
 ) -> list[dict[str, Any]]:
     """Worst samples: those that diverged, the earliest first, then by what comes nearest to its limit or
     passes it furthest, those that missed a capture first; by the first metric kept where there is no limit;
-    last those that did not begin.
+    last those that did not begin. Of equal ones, as without a time of capture, the largest miss distance
+    is first.
     """
     name, times = str(data.gains.values[index]), data.diverged_at.values[:, index]
     metrics, badness = sampled.badness(evaluator.campaign)
     open_ = np.array([bool(words) for words in sampled.unclosed])
     missed = np.zeros(len(open_), dtype=np.bool_) if sampled.missed is None else sampled.missed
-    order = np.lexsort((np.where(np.isnan(times), np.inf, times), -badness, ~missed, open_))[:WORST]
+    distance = (
+        sampled.largest("miss_distance") if "miss_distance" in sampled.metrics else np.zeros(len(open_))
+    )
+    late = np.where(np.isnan(times), np.inf, times)
+    order = np.lexsort((late, -distance, -badness, ~missed, open_))[:WORST]
     rows = []
     for i in order:
         draw, metric = data.draw.values[i], metrics[i]

@@ -44,7 +44,7 @@ Gains = Mapping[str, Mapping[str, Any]]
 NOMINAL = "scenario"
 """Name of the scenario's own gains where no set is given."""
 
-ASKED_AFTERWARDS = ("limits", "percentiles", "confidence", "gains")
+ASKED_AFTERWARDS = ("limits", "require_captures", "percentiles", "confidence", "gains")
 """Fields of the section that change no rollout (``gains`` are kept beside it)."""
 
 
@@ -57,7 +57,7 @@ class SampleTable:
     draws
         Values of the uncertain parameters (n, k).
     metrics
-        Values of the columns (n, G, M); NaN where a rollout diverged.
+        Values of the columns (n, G, M); NaN where a rollout diverged or has no such value.
     diverged_at_s
         Time of the last good state (n, G); NaN where a rollout completed.
     gaps

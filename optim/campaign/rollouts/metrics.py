@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 
 from optim.campaign.rollouts.trust import (
@@ -18,19 +19,24 @@ from optim.campaign.rollouts.trust import (
     residual_measure,
     residual_of,
 )
-from optim.problem.quantity_measures import context_of, measure
+from optim.problem.quantity_measures import context_of, measures_of, table_values
 from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.quantities import quantities
-from spacerobot.rollout import ClosedLoopFunctions, Measure, Measures
+from spacerobot.quantities.capture import captures
+from spacerobot.rollout import ClosedLoopFunctions, Measure, Measures, final
 from spacerobot.scene import Scene
 
+CAPTURED = "captured"
+"""Name of the columns that say whether each grasp that begins open was captured: 1 or 0."""
+
 LEDGER: Mapping[str, Callable[[Array], Array]] = {
+    CAPTURED: np.asarray,
     DRIFT: drift_of,
     RESIDUAL: residual_of,
     DEPTH: np.asarray,
 }
-"""What is made of the measures that say whether a rollout can be trusted."""
+"""What is made of the measures that say whether a rollout captured and can be trusted."""
 
 PLANS = {"mpc_plans": "1", "mpc_missed": "1", "mpc_unfinished": "1", "mpc_iterations": "1"}
 SOLVE_TIMES = {"mpc_median_solve_s": "s", "mpc_longest_solve_s": "s"}
@@ -88,17 +94,16 @@ class CampaignMetrics:
     labels: Mapping[str, tuple[str, ...]]
 
     def table(self, measured: Mapping[str, Array]) -> Array:
-        """Values (N, M) of a batch's measures; NaN where a rollout diverged."""
+        """Values (N, M) of a batch's measures; NaN where a rollout diverged or has no such value."""
         known, parts = quantities(), []
         for name in dict.fromkeys(column.metric for column in self.columns):
-            values = np.asarray(measured[name])
             if name in LEDGER:
-                parts.append(LEDGER[name](values))
+                parts.append(LEDGER[name](np.asarray(measured[name])))
                 continue
             if name in PLANS | SOLVE_TIMES:
-                parts.append(values)
+                parts.append(np.asarray(measured[name]))
                 continue
-            values = known[name].reduced(values, self.duration_s)
+            values = table_values(known[name], measured, self.duration_s)
             labels = np.array(self.labels[name])
             own = [values[:, labels == label].max(axis=1) for label in dict.fromkeys(self.labels[name])]
             parts.append(np.column_stack(own))
@@ -110,8 +115,8 @@ def build_campaign_metrics(
 ) -> CampaignMetrics:
     """Metrics of a closed loop's rollouts; a metric that does not apply to the scene is left out.
 
-    The residual of the energy is kept besides, the drift of the momenta where they are constant, and the
-    indentation of contacts: they say which rollouts to trust.
+    Columns are added that say which grasps were captured, and which rollouts to trust: the residual of the
+    energy, the drift of the momenta where they are constant, and the indentation of contacts.
 
     Parameters
     ----------
@@ -129,13 +134,17 @@ def build_campaign_metrics(
     for name, quantity in quantities().items():
         if name not in wanted:
             continue
-        found, own = measure(quantity, context)
+        found, own = measures_of(quantity, context)
         if found.labels:
-            named[name], labels[name] = own, found.labels
+            named |= own
+            labels[name] = found.labels
             columns += [
                 MetricColumn(name, label, quantity.unit_in(scene)) for label in dict.fromkeys(found.labels)
             ]
     signals = context.signals
+    if columns and (instants := captures(context)):
+        named[CAPTURED] = final(ca.vertcat(*instants.values()) >= 0)
+        columns += [MetricColumn(CAPTURED, label, "1") for label in instants]
     if columns:
         named[RESIDUAL] = residual_measure(loop, signals)
         columns.append(MetricColumn(RESIDUAL, "total", "1"))

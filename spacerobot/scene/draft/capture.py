@@ -248,5 +248,6 @@ def _text(found: DraftText, reference: Document, goal: Document, until: float, h
         ),
         "  samples: 64",
         "  metrics: [capture_time, miss_distance]",
+        f"  limits: {{capture_time: {latest:g}}}   # a capture that is missed or later is a failure",
     ]
     return "\n".join(lines) + "\n"

@@ -38,7 +38,7 @@ export class Spread {
     if (!metric || !this.plot.clientWidth) return; // the panel is closed
     const values = [...floats(metric.values)], lost = values.filter((value) => !Number.isFinite(value)).length;
     plotHistogram(this.plot, values, undefined, metric);
-    const words = `${metric.label} of ${values.length} samples${lost ? `, ${lost} of them diverged` : ""}`;
+    const words = `${metric.label} of ${values.length} samples${lost ? `, ${lost} of them without a value` : ""}`;
     this.plot.setAttribute("aria-label", `distribution: ${words}`);
     this.words.textContent = `${words}.${spread.drawn ? ` Bands of curves and paths of tips: ${spread.drawn} samples.` : ""}`;
   }

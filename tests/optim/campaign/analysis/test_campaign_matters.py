@@ -60,7 +60,7 @@ def test_nothing_is_made_of_chance():
 
 def test_what_does_not_vary_or_always_diverges():
     assert matters(lambda x: np.ones_like(x[0]))["note"] == "it does not vary"
-    assert matters(lambda x: np.full_like(x[0], np.inf))["note"] == "no rollout was completed"
+    assert matters(lambda x: np.full_like(x[0], np.inf))["note"] == "no rollout has a value"
     some = matters(lambda x: np.where(x[0] > 2, np.inf, 1.0))
     assert strongest(some) == [("a", "rises")]
     assert "note" not in some
@@ -74,7 +74,7 @@ def test_sobol_indices_that_cannot_be_had_say_why():
     assert "% of the variance" in depends("tip_error_peak", entry)
     lost = matters(lambda x: np.where(x[0] > 2.9, np.inf, x[0]), **saltelli)
     assert (lost["kind"], strongest(lost)[0]) == ("rank_correlation", ("a", "rises"))
-    assert "rollouts were not completed: Sobol' indices need them all" in depends("tip_error_peak", lost)
+    assert "rollouts have no value: Sobol' indices need them all" in depends("tip_error_peak", lost)
 
 
 def test_parameters_drawn_together_are_told():

@@ -229,9 +229,9 @@ def test_every_sample_diverged(small, tmp_path, undrawn, interpreted):
     found = run_campaign(scene, tmp_path / "store", gains=wild)
     summary = summarise(tmp_path / "store", found.evaluator)
     assert summary["gains"]["wild"]["failure"]["diverged"]["count"] == 9
-    assert summary["gains"]["wild"]["matters"]["tip_error_peak"]["note"] == "no rollout was completed"
+    assert summary["gains"]["wild"]["matters"]["tip_error_peak"]["note"] == "no rollout has a value"
     text = campaign_page(tmp_path / "store", quiet)
-    assert "no rollout was completed" in text
+    assert "no rollout has a value" in text
     assert "diverged after" in text
 
 
