@@ -102,7 +102,7 @@ def scenario() -> str:
 
 def elements() -> str:
     """Every kind of element by family."""
-    from spacerobot.elements.kind_table import markdown
+    from spacerobot.elements.core.kind_table import markdown
 
     return re.sub(r"^### ", "#" * SECTIONS + " ", markdown(), flags=re.MULTILINE)
 
@@ -191,7 +191,7 @@ LAWS = {
     "spacerobot/elements/actuators": "Actuators",
     "spacerobot/elements/contacts": "Contacts",
     "spacerobot/elements/estimators": "Estimators",
-    "spacerobot/elements/flexible_links": "Flexible links",
+    "spacerobot/elements/flexible": "Flexible links",
     "spacerobot/closedloop": "Closed loop",
     "spacerobot/dynamics": "Dynamics",
 }

@@ -24,7 +24,7 @@ import pinocchio as pin
 
 from spacerobot.closedloop import ClosedLoop, build_closed_loop
 from spacerobot.compiled import cache
-from spacerobot.elements.registry import only_shipped
+from spacerobot.elements.core.registry import only_shipped
 from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene
 

@@ -87,7 +87,7 @@ def bounce():
 @pytest.fixture(autouse=True)
 def _own_plugins():
     """Commands that later tests print do not load what a test has loaded as a plugin."""
-    from spacerobot.elements import registry
+    from spacerobot.elements.core import registry
 
     before = dict(registry._PLUGINS)
     yield

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from spacerobot import loop_cache as kept
-from spacerobot.elements import registry
+from spacerobot.elements.core import registry
 from spacerobot.errors import ScenarioError, SpaceRobotWarning
 from spacerobot.loop_cache import SUFFIX, cached_closed_loop
 from spacerobot.rollout import build_rollout

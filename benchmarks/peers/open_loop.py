@@ -7,9 +7,9 @@ from typing import ClassVar, Literal
 import casadi as ca
 
 from spacerobot.elements import Contribution, RobotContext, register
-from spacerobot.elements.contribution import ControlChannel
-from spacerobot.elements.controller import RobotController
-from spacerobot.elements.robot_element import Part
+from spacerobot.elements.controllers.controller import RobotController
+from spacerobot.elements.core.contribution import ControlChannel
+from spacerobot.elements.core.robot_element import Part
 from spacerobot.section import Vector, quantity
 
 

@@ -32,7 +32,7 @@ def load_plugins_of(folders: Iterable[Path]) -> None:
         If one is not found as it was, or not allowed; says how to allow it.
     """
     from spacerobot.elements import load_plugin
-    from spacerobot.elements.registry import plugin_records
+    from spacerobot.elements.core.registry import plugin_records
 
     for folder, record in _kept(folders):
         loaded = plugin_records()

@@ -23,7 +23,7 @@ from spacerobot.closedloop.initial_state import initial_state
 from spacerobot.closedloop.plant import build_plant
 from spacerobot.dynamics import configuration_derivative
 from spacerobot.elements import CommandedTorque, Contribution
-from spacerobot.elements.contribution import concatenate
+from spacerobot.elements.core.contribution import concatenate
 from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene
 from spacerobot.section import numbers

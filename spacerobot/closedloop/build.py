@@ -22,7 +22,7 @@ from spacerobot.closedloop.phases import phased
 from spacerobot.closedloop.plant import build_plant
 from spacerobot.dynamics import configuration_derivative, normalise
 from spacerobot.elements import Contribution, Event, SectionContext, State
-from spacerobot.elements.contribution import SampledLaw, concatenate
+from spacerobot.elements.core.contribution import SampledLaw, concatenate
 from spacerobot.errors import SpaceRobotError
 from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene

@@ -31,15 +31,15 @@ from spacerobot.elements import (
     memory,
     negated,
 )
-from spacerobot.elements.capture_release import living
-from spacerobot.elements.context import Affine, ContactSurface, Held, unbroken
-from spacerobot.elements.contribution import concatenate, gated
-from spacerobot.elements.estimator import HELD_INERTIA, EstimatorContext
-from spacerobot.elements.joint_lock import known_lock
-from spacerobot.elements.measurement import Measurement, Observation, changing, filled
-from spacerobot.elements.reference import DEGREE
-from spacerobot.elements.sampling import periodic
-from spacerobot.elements.sensor import ideal, measured
+from spacerobot.elements.actuators.joint_lock import known_lock
+from spacerobot.elements.core.context import Affine, ContactSurface, Held, unbroken
+from spacerobot.elements.core.contribution import concatenate, gated
+from spacerobot.elements.core.sampling import periodic
+from spacerobot.elements.estimators.estimator import HELD_INERTIA, EstimatorContext
+from spacerobot.elements.grasps.capture_release import living
+from spacerobot.elements.references.reference import DEGREE
+from spacerobot.elements.sensors.measurement import Measurement, Observation, changing, filled
+from spacerobot.elements.sensors.sensor import ideal, measured
 from spacerobot.scenario import Robot
 from spacerobot.scenario.sensors import Sensors
 from spacerobot.scene import Scene, SceneBody, SceneGrasp, SceneTip

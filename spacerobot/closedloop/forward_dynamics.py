@@ -40,7 +40,7 @@ from spacerobot.elements import (
     ControlChannel,
     both,
 )
-from spacerobot.elements.contribution import SampledLaw, concatenate, jointly
+from spacerobot.elements.core.contribution import SampledLaw, concatenate, jointly
 from spacerobot.symbolic import Plant
 
 

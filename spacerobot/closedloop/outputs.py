@@ -11,7 +11,7 @@ from spacerobot.closedloop.built_elements import LoopBuilder
 from spacerobot.closedloop.closed_loop import OutputVariable
 from spacerobot.dynamics import momentum
 from spacerobot.elements import Output, StoredMomentum
-from spacerobot.elements.grasp import OBSERVED
+from spacerobot.elements.grasps.grasp import OBSERVED
 from spacerobot.scene import Scene
 
 VECTORS: dict[str, tuple[str, str, str]] = {

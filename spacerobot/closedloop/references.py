@@ -22,8 +22,8 @@ from spacerobot.elements import (
     either,
     memory,
 )
-from spacerobot.elements.context import ReferenceContext
-from spacerobot.elements.measurement import Measurement, Observation, changing, filled
+from spacerobot.elements.core.context import ReferenceContext
+from spacerobot.elements.sensors.measurement import Measurement, Observation, changing, filled
 from spacerobot.scene import SceneBody, SceneReference, SceneTip
 from spacerobot.symbolic import InitialState, Plant
 

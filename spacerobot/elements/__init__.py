@@ -1,9 +1,9 @@
 """Elements: references, grasps, actuators, environments, ...; a kind is one file, section and law."""
 
-from spacerobot.elements.actuator import Actuator
-from spacerobot.elements.collision_shape import CollisionShape
-from spacerobot.elements.contact import Contact
-from spacerobot.elements.context import (
+from spacerobot.elements.actuators.actuator import Actuator
+from spacerobot.elements.contacts.contact import Contact
+from spacerobot.elements.controllers.controller import RobotController, TipController
+from spacerobot.elements.core.context import (
     ActuatorContext,
     Affine,
     ContactContext,
@@ -11,7 +11,7 @@ from spacerobot.elements.context import (
     RobotContext,
     TipContext,
 )
-from spacerobot.elements.contribution import (
+from spacerobot.elements.core.contribution import (
     AccelerationConstraint,
     ActuatorDrive,
     CommandedTorque,
@@ -23,22 +23,22 @@ from spacerobot.elements.contribution import (
     StoredMomentum,
     memory,
 )
-from spacerobot.elements.controller import RobotController, TipController
-from spacerobot.elements.desired_motion import DesiredMotion, InitialMotion, TimeProfile, cubic_blend
-from spacerobot.elements.element import Element
-from spacerobot.elements.environment import Environment, EnvironmentContext
-from spacerobot.elements.estimator import Estimator, EstimatorContext
-from spacerobot.elements.event import Event, both, either, negated
-from spacerobot.elements.flexible_link import FlexibleContext, FlexibleLink
-from spacerobot.elements.goal import Goal, TipGoal
-from spacerobot.elements.grasp import Grasp
-from spacerobot.elements.plan_instant import BoundedRow, PlanInstant, within, zero
-from spacerobot.elements.plan_limit import PlanLimit, PlannedJoint
-from spacerobot.elements.reference import Reference
-from spacerobot.elements.registry import FAMILIES, PLANS, Family, create, kinds, load_plugin, register
-from spacerobot.elements.robot_element import RobotElement, RobotProperties
-from spacerobot.elements.section_context import SectionContext, StartInstant
-from spacerobot.elements.sensor import Sensor
+from spacerobot.elements.core.desired_motion import DesiredMotion, InitialMotion, TimeProfile, cubic_blend
+from spacerobot.elements.core.element import Element
+from spacerobot.elements.core.event import Event, both, either, negated
+from spacerobot.elements.core.registry import FAMILIES, PLANS, Family, create, kinds, load_plugin, register
+from spacerobot.elements.core.robot_element import RobotElement, RobotProperties
+from spacerobot.elements.core.section_context import SectionContext, StartInstant
+from spacerobot.elements.environments.environment import Environment, EnvironmentContext
+from spacerobot.elements.estimators.estimator import Estimator, EstimatorContext
+from spacerobot.elements.flexible.flexible_link import FlexibleContext, FlexibleLink
+from spacerobot.elements.goals.goal import Goal, TipGoal
+from spacerobot.elements.goals.plan_instant import BoundedRow, PlanInstant, within, zero
+from spacerobot.elements.grasps.grasp import Grasp
+from spacerobot.elements.limits.plan_limit import PlanLimit, PlannedJoint
+from spacerobot.elements.references.reference import Reference
+from spacerobot.elements.sensors.sensor import Sensor
+from spacerobot.elements.shapes.collision_shape import CollisionShape
 from spacerobot.section import SIGNALS_UNIT, Vector, quantity
 from spacerobot.shapes import CrownedTerm, SmoothTerm, Support
 

@@ -20,7 +20,7 @@ import scipy.linalg
 from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.closedloop.break_points import PerturbedLoop
-from spacerobot.elements.clock import EARLY
+from spacerobot.elements.core.clock import EARLY
 from spacerobot.errors import ScenarioError
 from spacerobot.linear.complex_step import evaluate
 from spacerobot.linear.instants import Instant

@@ -23,7 +23,7 @@ from spacerobot.arrays import Array
 from spacerobot.closedloop.forward_dynamics import ForwardDynamicsResult, deliver, in_turn, known_locks
 from spacerobot.closedloop.impulse import PlasticImpact, idleness, imposed, masked
 from spacerobot.elements import Contribution, ControlChannel
-from spacerobot.elements.contribution import SampledLaw, concatenate, jointly
+from spacerobot.elements.core.contribution import SampledLaw, concatenate, jointly
 from spacerobot.pinocchio_engine.mechanical_state import MechanicalState
 from spacerobot.symbolic import Plant
 

@@ -30,7 +30,7 @@ from spacerobot.dynamics.kinematics import (
     point_jacobian,
 )
 from spacerobot.dynamics.local_motion import UNIVERSE, LocalMotion
-from spacerobot.elements.context import ContactContext, ContactSurface
+from spacerobot.elements.core.context import ContactContext, ContactSurface
 from spacerobot.pinocchio_engine.mechanical_state import MechanicalState
 from spacerobot.scene import Scene
 from spacerobot.scene.scene import SceneContact

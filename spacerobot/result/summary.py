@@ -10,7 +10,7 @@ from typing import Any
 
 import xarray as xr
 
-from spacerobot.elements.registry import plugin_records
+from spacerobot.elements.core.registry import plugin_records
 from spacerobot.result.events import outcome_of
 from spacerobot.result.ledger import build_ledger
 from spacerobot.result.limits import beyond_limits, limit_warnings

@@ -16,8 +16,8 @@ from pydantic import (
 )
 
 from spacerobot.elements import Family, kinds
-from spacerobot.elements.goal import Goal
-from spacerobot.elements.plan_limit import PlanLimit
+from spacerobot.elements.goals.goal import Goal
+from spacerobot.elements.limits.plan_limit import PlanLimit
 from spacerobot.quantities import planned
 from spacerobot.scenario.merge import overlay, pick, without_null
 from spacerobot.scenario.plan_cost import PlanCost

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 import casadi as ca
 from pydantic import Field
 
-from spacerobot.elements.plan_instant import PlanInstant
+from spacerobot.elements.goals.plan_instant import PlanInstant
 from spacerobot.errors import near_names
 from spacerobot.quantities import Columns, Quantity, planned
 from spacerobot.section import OneOf, Section, matching, quantity

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from spacerobot.elements import CollisionShape, Contact, Environment, Family, Grasp
-from spacerobot.elements.registry import on_change
+from spacerobot.elements.core.registry import on_change
 from spacerobot.errors import near_names
 from spacerobot.scenario.bodies import Base, Robot, Target, Tip
 from spacerobot.scenario.campaign import Campaign

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from spacerobot.elements.controller import TipController
+from spacerobot.elements.controllers.controller import TipController
 from spacerobot.scenario.scenario import Scenario
 from spacerobot.section import SIGNALS_UNIT, Section
 

@@ -10,7 +10,7 @@ import numpy as np
 from spacerobot.arrays import Array
 from spacerobot.description.parts import Geometry
 from spacerobot.elements import CollisionShape, kinds
-from spacerobot.elements.collision_shape import Wrap
+from spacerobot.elements.shapes.collision_shape import Wrap
 
 AROUND = 8
 """Points on each rim of a cylinder: those of a capsule along its axis, or of a sphere, are all alike."""

@@ -17,7 +17,7 @@ from spacerobot.description.flexible import find_link
 from spacerobot.description.parts import UrdfLink
 from spacerobot.description.read import Description
 from spacerobot.elements import Actuator, RobotElement, RobotProperties, kinds
-from spacerobot.elements.estimator import HELD_INERTIA
+from spacerobot.elements.estimators.estimator import HELD_INERTIA
 from spacerobot.errors import DescriptionError, ScenarioError, near_names
 from spacerobot.scenario import Robot, Scenario, Target
 from spacerobot.scene.configure import relative_jacobian

@@ -12,7 +12,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.elements.collision_shape import Wrap, wrapping_shapes
+from spacerobot.elements.shapes.collision_shape import Wrap, wrapping_shapes
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario import Scenario
 from spacerobot.scene.bounding_primitives import shape_of, wrapped, wraps_around

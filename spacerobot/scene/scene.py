@@ -13,7 +13,7 @@ import numpy as np
 from spacerobot.arrays import Array
 from spacerobot.description.read import Description
 from spacerobot.elements import CollisionShape, Contact, Grasp, Reference
-from spacerobot.elements.flexible_link import Number
+from spacerobot.elements.flexible.flexible_link import Number
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.notebook import html_table
 from spacerobot.scenario import Base, Robot, Scenario, Target, Tip

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.elements.estimator import TargetModel
+from spacerobot.elements.estimators.estimator import TargetModel
 from spacerobot.scene.scene import Scene
 
 

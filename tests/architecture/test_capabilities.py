@@ -4,7 +4,7 @@ import ast
 
 import pytest
 
-from spacerobot.elements.registry import FAMILIES, PLANS, kinds
+from spacerobot.elements.core.registry import FAMILIES, PLANS, kinds
 from tests.oracles.syntax_trees import parsed_modules
 
 KINDS = {

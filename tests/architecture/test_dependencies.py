@@ -69,6 +69,23 @@ KNOWS = {
 }
 """What each room of the library may import, the command line aside."""
 
+ELEMENTS = {
+    "core": set(),
+    "shapes": {"core"},
+    "sensors": {"core"},
+    "flexible": {"core"},
+    "grasps": {"core"},
+    "contacts": {"core", "shapes"},
+    "estimators": {"core", "sensors"},
+    "references": {"core", "grasps"},
+    "environments": {"core", "references"},
+    "actuators": {"core", "references"},
+    "controllers": {"core", "references", "sensors"},
+    "goals": {"core", "references", "shapes"},
+    "limits": {"core", "goals", "shapes"},
+}
+"""Packages of elements that each of them may import."""
+
 BUILT_ON = {
     "optim.json_values": set(),
     "optim.json_result": {"optim.json_values"},
@@ -258,6 +275,22 @@ def test_a_room_knows_only_the_rooms_behind_it(room):
             assert top not in ("optim", "viz", "tests", "benchmarks"), f"{path}: {module}"
             if top == "spacerobot" and rest:
                 assert rest.split(".")[0] in KNOWS[room] | EVERYWHERE | {own}, f"{path}: {module}"
+
+
+@pytest.mark.parametrize("family", ELEMENTS)
+def test_families_of_elements_import_only_those_below_them(family):
+    home = f"spacerobot.elements.{family}"
+    for path in files(home):
+        for module in imports(path):
+            package = re.match(r"spacerobot\.elements\.(\w+)", module)
+            assert package is None or package[1] in ELEMENTS[family] | {family}, f"{path}: {module}"
+    tuple(TopologicalSorter(ELEMENTS).static_order())
+
+
+def test_every_family_of_elements_is_listed():
+    assert {path.parent.name for path in (ROOT / "spacerobot/elements").glob("*/__init__.py")} == set(
+        ELEMENTS
+    )
 
 
 def room_of(module):

@@ -90,7 +90,7 @@ from optim.campaign.sampling.samplers import draw
 from optim.methods.run_method import run_method
 from optim.methods.settings import Effort
 from spacerobot.cli import app
-from spacerobot.elements.kind_table import markdown
+from spacerobot.elements.core.kind_table import markdown
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario import Campaign, Tuning
 from spacerobot.scenario.load import json_schema

@@ -61,6 +61,7 @@ INTERNAL = {
     "spacerobot.files",
     "spacerobot.interrupts",
     "spacerobot.lazy_names",
+    "spacerobot.version",
     "spacerobot.loop_cache",
     "spacerobot.notebook",
     "spacerobot.numeric_function",

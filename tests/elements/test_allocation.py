@@ -11,7 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, lsq_linear
 
-from spacerobot.elements.allocation import EVEN, ThrusterLayout, allocate, steps_needed
+from spacerobot.elements.actuators.allocation import EVEN, ThrusterLayout, allocate, steps_needed
 from tests.oracles.engine.thrusters import _shared
 
 DETUMBLE = 2 * np.array(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from spacerobot.elements import FAMILIES, kinds
-from spacerobot.elements.kind_table import fields_of, markdown
+from spacerobot.elements.core.kind_table import fields_of, markdown
 
 
 def test_the_table_lists_every_kind():

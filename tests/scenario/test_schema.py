@@ -7,7 +7,7 @@ import re
 import pytest
 import yaml
 
-from spacerobot.elements.goal import FLAT
+from spacerobot.elements.goals.goal import FLAT
 from spacerobot.elements.grasps.compliant import Compliant
 from spacerobot.elements.grasps.weld import Weld
 from spacerobot.elements.references.circle import Circle

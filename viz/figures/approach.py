@@ -10,7 +10,7 @@ import pinocchio as pin
 from matplotlib.patches import Ellipse, Rectangle
 
 from spacerobot.arrays import Array
-from spacerobot.elements.capture import Capture
+from spacerobot.elements.grasps.capture import Capture
 from spacerobot.result import Result
 from spacerobot.result.events import relative_velocity
 from spacerobot.scene import Scene, SceneGrasp

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from spacerobot.elements.registry import plugin_options
+from spacerobot.elements.core.registry import plugin_options
 from spacerobot.errors import ResultError, ScenarioError, SpaceRobotError
 from spacerobot.files import write_text
 from spacerobot.result import Result

@@ -11,8 +11,8 @@ from typing import Any, Literal, get_args
 import annotated_types
 from pydantic.fields import FieldInfo
 
-from spacerobot.elements.element import Element
-from spacerobot.elements.registry import kinds
+from spacerobot.elements.core.element import Element
+from spacerobot.elements.core.registry import kinds
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario import Scenario
 from spacerobot.scenario.load import to_document

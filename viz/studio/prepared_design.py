@@ -14,7 +14,7 @@ import numpy as np
 
 from optim.problem.varied_parameters import PLACES
 from spacerobot.closedloop import ClosedLoop
-from spacerobot.elements.registry import FAMILIES, kinds
+from spacerobot.elements.core.registry import FAMILIES, kinds
 from spacerobot.errors import ScenarioError
 from spacerobot.loop_cache import cached_closed_loop
 from spacerobot.result import Result

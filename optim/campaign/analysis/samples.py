@@ -14,7 +14,7 @@ from optim.campaign.rollouts.evaluator import CampaignEvaluator
 from optim.campaign.store.run_settings import Changes
 from optim.planning.mpc.simulation import simulate_mpc
 from spacerobot.arrays import Array
-from spacerobot.elements.registry import plugin_options
+from spacerobot.elements.core.registry import plugin_options
 from spacerobot.result import Result
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import expand, get

@@ -21,7 +21,7 @@ import numpy as np
 
 from optim.campaign.rollouts.evaluator import CampaignEvaluator, SampleTable
 from optim.campaign.store.netcdf import DATA, FORMAT, is_complete, write_tables
-from spacerobot.elements.registry import plugin_records
+from spacerobot.elements.core.registry import plugin_records
 from spacerobot.errors import ResultError
 from spacerobot.files import write_bytes, write_text
 from spacerobot.interrupts import uninterrupted

@@ -13,7 +13,7 @@ import numpy as np
 
 from optim.planning.formulation.reaction_wheels import only_wheels
 from spacerobot.arrays import Array
-from spacerobot.elements.plan_limit import PlanLimit, WrenchPart
+from spacerobot.elements.limits.plan_limit import PlanLimit, WrenchPart
 from spacerobot.scenario.bodies import Robot
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scene import Scene

@@ -9,7 +9,7 @@ import numpy as np
 
 from optim.planning.formulation.instant_view import InstantView
 from optim.planning.formulation.stage import Stage
-from spacerobot.elements.plan_instant import BoundedRow, zero
+from spacerobot.elements.goals.plan_instant import BoundedRow, zero
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scenario.plan_cost import PlanCost
 

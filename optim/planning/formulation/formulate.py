@@ -21,8 +21,8 @@ from optim.planning.formulation.path_constraints import (
     path_rows,
 )
 from optim.planning.formulation.stage import PlanningProblem, Stage
-from spacerobot.elements.goal import Goal, TipGoal
-from spacerobot.elements.grasp import Grasp
+from spacerobot.elements.goals.goal import Goal, TipGoal
+from spacerobot.elements.grasps.grasp import Grasp
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scene import Scene, build_scene

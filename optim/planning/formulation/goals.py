@@ -17,8 +17,8 @@ from scipy.linalg import qr
 from optim.planning.formulation.instant_view import InstantView
 from optim.planning.formulation.stage import Stage
 from spacerobot.dynamics.algebra import SymmetricFactors
-from spacerobot.elements.goal import Goal
-from spacerobot.elements.plan_instant import BoundedRow, zero
+from spacerobot.elements.goals.goal import Goal
+from spacerobot.elements.goals.plan_instant import BoundedRow, zero
 
 
 def goal_rows(stage: Stage, goals: Mapping[str, Goal]) -> Iterator[BoundedRow]:

@@ -16,7 +16,7 @@ import pinocchio as pin
 from spacerobot.dynamics import Kinematics, frame_placement, frame_velocity, rotation_log
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.joints import exact_directions
-from spacerobot.elements.grasp import Displacement
+from spacerobot.elements.grasps.grasp import Displacement
 from spacerobot.scene import Scene
 from spacerobot.scene.grasp_closing import begun, is_rigid
 from spacerobot.scene.scene import SceneGrasp

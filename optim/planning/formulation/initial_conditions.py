@@ -9,7 +9,7 @@ from optim.planning.formulation.instant_view import find_robot, joints_named
 from optim.planning.formulation.path_constraints import urdf_joint
 from optim.planning.formulation.stage import Stage
 from spacerobot.arrays import Array
-from spacerobot.elements.plan_instant import BoundedRow
+from spacerobot.elements.goals.plan_instant import BoundedRow
 from spacerobot.scenario.plan import PlanSection
 
 Sides = tuple[Array, Array]

@@ -23,9 +23,9 @@ from spacerobot.dynamics import (
 )
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.joints import exact_directions, sparse
-from spacerobot.elements.collision_shape import Wrap
-from spacerobot.elements.goal import Goal
-from spacerobot.elements.plan_instant import JointCoordinate, MovingFrame, PlannedBase, PlannedWheels
+from spacerobot.elements.goals.goal import Goal
+from spacerobot.elements.goals.plan_instant import JointCoordinate, MovingFrame, PlannedBase, PlannedWheels
+from spacerobot.elements.shapes.collision_shape import Wrap
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scene import Scene
 from spacerobot.scene.contacts import find_pairs
@@ -40,7 +40,7 @@ AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 
 @dataclass(frozen=True, eq=False)
 class InstantView:
-    """View of an instant for one section: a :class:`spacerobot.elements.plan_instant.PlanInstant`.
+    """View of an instant for one section: a :class:`spacerobot.elements.goals.plan_instant.PlanInstant`.
 
     Attributes
     ----------

@@ -27,8 +27,8 @@ from optim.planning.formulation.formulate import plan_section
 from optim.planning.formulation.path_constraints import PREFIX
 from spacerobot.arrays import Array
 from spacerobot.elements import create
-from spacerobot.elements.collision_shape import wrapping_shapes
-from spacerobot.elements.goal import TipGoal
+from spacerobot.elements.goals.goal import TipGoal
+from spacerobot.elements.shapes.collision_shape import wrapping_shapes
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import Scene
 from spacerobot.scene.contacts import coal_distance, find_pairs

@@ -15,8 +15,8 @@ from optim.planning.formulation.reaction_wheels import wheel_rows
 from optim.planning.formulation.stage import DrivenCoordinates, Stage
 from spacerobot.arrays import Array
 from spacerobot.description.parts import UrdfJoint as UrdfJoint
-from spacerobot.elements.plan_instant import BoundedRow
-from spacerobot.elements.plan_limit import JointQuantity, PlanLimit, PlannedJoint
+from spacerobot.elements.goals.plan_instant import BoundedRow
+from spacerobot.elements.limits.plan_limit import JointQuantity, PlanLimit, PlannedJoint
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scene import Scene
 from spacerobot.scene.scene import SceneBody

@@ -23,8 +23,8 @@ from optim.planning.formulation.stage import Stage
 from spacerobot.dynamics import Inertias, Kinematics, centre_of_mass, forward_kinematics, momentum
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.joints import sparse
-from spacerobot.elements.actuator import MomentumStorage
-from spacerobot.elements.plan_instant import BoundedRow, zero
+from spacerobot.elements.actuators.actuator import MomentumStorage
+from spacerobot.elements.goals.plan_instant import BoundedRow, zero
 from spacerobot.scenario.bodies import Robot
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scene import Scene

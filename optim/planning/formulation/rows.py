@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from spacerobot.arrays import Array
-from spacerobot.elements.plan_instant import BoundedRow
+from spacerobot.elements.goals.plan_instant import BoundedRow
 from spacerobot.shapes import Implicit
 
 Call = Callable[..., Array]

@@ -33,8 +33,8 @@ from spacerobot.dynamics import (
 )
 from spacerobot.dynamics.inertial_parameters import SIZE
 from spacerobot.dynamics.joints import sparse
-from spacerobot.elements.estimator import HELD_INERTIA
-from spacerobot.elements.plan_instant import BoundedRow
+from spacerobot.elements.estimators.estimator import HELD_INERTIA
+from spacerobot.elements.goals.plan_instant import BoundedRow
 from spacerobot.scene import Scene
 from spacerobot.scene.grasp_closing import is_rigid
 from spacerobot.scene.scene import SceneGrasp

@@ -20,7 +20,7 @@ from optim.planning.mpc.simulation import statistics
 from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.compiled import usable_cores
-from spacerobot.elements.controller import MEASURED
+from spacerobot.elements.controllers.controller import MEASURED
 from spacerobot.rollout import Batch, Measures, build_rollout, final, time_grid
 from spacerobot.rollout.batch import Controls
 from spacerobot.rollout.resumable_loop import SWITCHES, resumed

@@ -16,8 +16,8 @@ from optim.planning.mpc.measured_state import sensors_of
 from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.verification.replay import joint_angle
 from spacerobot.arrays import Array
-from spacerobot.elements.controller import Replanning
-from spacerobot.elements.goal import TipGoal
+from spacerobot.elements.controllers.controller import Replanning
+from spacerobot.elements.goals.goal import TipGoal
 from spacerobot.scenario.bodies import Robot
 from spacerobot.scenario.phases import reached_from, successors
 from spacerobot.scenario.plan import PlanSection

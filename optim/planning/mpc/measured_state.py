@@ -10,8 +10,8 @@ import pinocchio as pin
 
 from spacerobot.arrays import Array
 from spacerobot.closedloop import OutputVariable
-from spacerobot.elements.controller import MEASURED
-from spacerobot.elements.goal import TipGoal
+from spacerobot.elements.controllers.controller import MEASURED
+from spacerobot.elements.goals.goal import TipGoal
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scenario.sensors import Sensors
 from spacerobot.scene import Scene

@@ -17,7 +17,7 @@ from optim.planning.mpc.measured_state import readings_of
 from optim.planning.mpc.planners import Planners
 from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
-from spacerobot.elements.controller import Replanning
+from spacerobot.elements.controllers.controller import Replanning
 from spacerobot.errors import NoPlanError
 from spacerobot.loop_cache import cached_closed_loop
 from spacerobot.pinocchio_engine import PinocchioLoop, PinocchioRun

@@ -15,7 +15,7 @@ from optim.planning.search.make_plan import PlanSolution
 from optim.planning.transcription.collocation_program import first_constrained
 from optim.planning.transcription.motion import PhasedMotion
 from spacerobot.arrays import Array
-from spacerobot.elements.plan_instant import BoundedRow
+from spacerobot.elements.goals.plan_instant import BoundedRow
 from spacerobot.scene import Scene
 
 SIDES = ["lower", "upper"]

@@ -17,7 +17,7 @@ from optim.planning.formulation.formulate import mated, plan_section
 from optim.planning.search.make_plan import PlanSolution
 from optim.planning.verification.replay import joint_angle
 from optim.planning.verification.tracking_gains import base_gains, tracking_gains
-from spacerobot.elements.goal import TipGoal
+from spacerobot.elements.goals.goal import TipGoal
 from spacerobot.scenario import Scenario
 from spacerobot.scenario.load import to_document, validate
 from spacerobot.scenario.merge import CONTROLLERS, overlay

@@ -37,7 +37,7 @@ from optim.planning.output.following_scenario import PLAN, following_scenario, h
 from optim.planning.search.make_plan import PlanSolution
 from optim.planning.transcription.motion import Motion
 from spacerobot.arrays import Array
-from spacerobot.elements.registry import plugin_records
+from spacerobot.elements.core.registry import plugin_records
 from spacerobot.errors import ResultError
 from spacerobot.files import StrPath, staged, write_text
 from spacerobot.interrupts import uninterrupted

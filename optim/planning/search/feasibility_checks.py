@@ -14,7 +14,7 @@ from optim.planning.formulation.stage import PlanningProblem
 from optim.planning.transcription.initial_guess import drift
 from optim.planning.transcription.lobatto import Lobatto
 from spacerobot.arrays import Array
-from spacerobot.elements.goal import TipGoal
+from spacerobot.elements.goals.goal import TipGoal
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scene import Scene
 from spacerobot.scene.reference_checks import com_from_base, reach

@@ -37,7 +37,7 @@ from optim.planning.transcription.motion import Motion, PhasedMotion
 from optim.planning.transcription.phase_chain import Linkage, PhaseChain
 from optim.planning.verification.verify import VerificationResult
 from optim.problem.scene_recipe import BuildRecipe, SceneRecipe
-from spacerobot.elements.plan_instant import BoundedRow
+from spacerobot.elements.goals.plan_instant import BoundedRow
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scene import Scene
 

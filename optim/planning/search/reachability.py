@@ -25,7 +25,7 @@ from optim.planning.formulation.stage import PlanningProblem
 from optim.planning.transcription.initial_guess import drift
 from optim.planning.transcription.lobatto import Lobatto
 from spacerobot.arrays import Array
-from spacerobot.elements.plan_instant import BoundedRow
+from spacerobot.elements.goals.plan_instant import BoundedRow
 
 POSTURES = 20
 """From which inverse kinematics begins."""

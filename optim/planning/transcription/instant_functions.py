@@ -14,7 +14,7 @@ from optim.planning.formulation.rows import implicit_in, implicit_values, symbol
 from optim.planning.formulation.stage import PlanningProblem
 from spacerobot.arrays import Array
 from spacerobot.compiled import compile_functions, find_toolchain
-from spacerobot.elements.plan_instant import BoundedRow
+from spacerobot.elements.goals.plan_instant import BoundedRow
 from spacerobot.errors import CompileError
 from spacerobot.shapes import Implicit
 

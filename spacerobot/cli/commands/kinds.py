@@ -24,7 +24,7 @@ def command(
         spacerobot kinds circle
     """
     from spacerobot.elements import FAMILIES, PLANS, kinds
-    from spacerobot.elements import kind_table as tables
+    from spacerobot.elements.core import kind_table as tables
     from spacerobot.errors import SpaceRobotError, near_names
     from spacerobot.quantities import planned
     from spacerobot.scenario.plan_cost import PlanCost

@@ -1,1 +1,1 @@
-"""Kinds of actuators that ship, one file each."""
+"""Actuators: base class, shared allocation and detection laws, and one file for each kind that ships."""

@@ -9,12 +9,12 @@ import casadi as ca
 import numpy as np
 
 from spacerobot.arrays import Array
-from spacerobot.elements.actuator import Actuator
-from spacerobot.elements.context import ActuatorContext
-from spacerobot.elements.contribution import ActuatorDrive, Contribution
-from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import Part
-from spacerobot.elements.saturation import saturation_events
+from spacerobot.elements.actuators.actuator import Actuator
+from spacerobot.elements.actuators.saturation import saturation_events
+from spacerobot.elements.core.context import ActuatorContext
+from spacerobot.elements.core.contribution import ActuatorDrive, Contribution
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.core.robot_element import Part
 from spacerobot.section import quantity
 
 

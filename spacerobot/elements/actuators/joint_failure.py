@@ -9,13 +9,13 @@ from typing import ClassVar, Literal
 import casadi as ca
 from pydantic import Field, model_validator
 
-from spacerobot.elements.actuator import Actuator
-from spacerobot.elements.context import ActuatorContext
-from spacerobot.elements.contribution import ActuatorDrive, Contribution
-from spacerobot.elements.failure import failing
-from spacerobot.elements.joint_lock import held_joints
-from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import RobotProperties
+from spacerobot.elements.actuators.actuator import Actuator
+from spacerobot.elements.actuators.joint_lock import held_joints
+from spacerobot.elements.core.context import ActuatorContext
+from spacerobot.elements.core.contribution import ActuatorDrive, Contribution
+from spacerobot.elements.core.failure import failing
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.core.robot_element import RobotProperties
 from spacerobot.errors import near_names
 from spacerobot.section import matching, quantity
 

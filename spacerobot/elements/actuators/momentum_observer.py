@@ -16,7 +16,7 @@ $$ \dot r = K\,(\dot m - \tau_\text{commanded} + R v_j - s\,b - r) $$
 is the missing torque behind a first-order lag (De Luca and Mattone 2003; Haddadin, De Luca and
 Albu-Schaeffer 2017), here with the momentum of a free-floating base in $m$. Forces on the other side of the
 joint act on $m$ through the joint alone. The base side therefore needs no measurement of what the tip
-holds, and the tip side none of what acts on the base. :mod:`spacerobot.elements.momentum_residual`
+holds, and the tip side none of what acts on the base. :mod:`spacerobot.elements.actuators.momentum_residual`
 describes the test.
 """
 
@@ -32,26 +32,26 @@ from pydantic import Field, model_validator
 from spacerobot.dynamics import Inertias, forward_kinematics, momentum
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.momentum import subtree
-from spacerobot.elements.actuator import Actuator
-from spacerobot.elements.clock import Clock
-from spacerobot.elements.context import ActuatorContext
-from spacerobot.elements.contribution import (
-    ActuatorDrive,
-    Contribution,
-    Output,
-    concatenate,
-)
-from spacerobot.elements.event import Event, negated
-from spacerobot.elements.joint_lock import held_joints
-from spacerobot.elements.momentum_residual import (
+from spacerobot.elements.actuators.actuator import Actuator
+from spacerobot.elements.actuators.joint_lock import held_joints
+from spacerobot.elements.actuators.momentum_residual import (
     Momenta,
     Residual,
     continuous_residual,
     sample_noise,
     sampled_residual,
 )
-from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import RobotProperties
+from spacerobot.elements.core.clock import Clock
+from spacerobot.elements.core.context import ActuatorContext
+from spacerobot.elements.core.contribution import (
+    ActuatorDrive,
+    Contribution,
+    Output,
+    concatenate,
+)
+from spacerobot.elements.core.event import Event, negated
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.core.robot_element import RobotProperties
 from spacerobot.errors import near_names
 from spacerobot.section import matching, quantity
 

@@ -1,4 +1,4 @@
-"""Reaction wheels of a base; see :mod:`spacerobot.elements.wheel_set`."""
+"""Reaction wheels of a base; see :mod:`spacerobot.elements.actuators.wheel_set`."""
 
 from __future__ import annotations
 
@@ -12,9 +12,17 @@ from pydantic import Field, model_validator
 
 from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import cross
-from spacerobot.elements.actuator import MomentumStorage
-from spacerobot.elements.context import ActuatorContext, unit_load
-from spacerobot.elements.contribution import (
+from spacerobot.elements.actuators.actuator import MomentumStorage
+from spacerobot.elements.actuators.wheel_set import (
+    WheelMotors,
+    WheelSet,
+    are_independent,
+    names_of,
+    shares,
+    turning,
+)
+from spacerobot.elements.core.context import ActuatorContext, unit_load
+from spacerobot.elements.core.contribution import (
     AccelerationConstraint,
     ActuatorDrive,
     Contribution,
@@ -24,17 +32,9 @@ from spacerobot.elements.contribution import (
     concatenate,
     memory,
 )
-from spacerobot.elements.reference import DEGREE
-from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import Part, RobotProperties
-from spacerobot.elements.wheel_set import (
-    WheelMotors,
-    WheelSet,
-    are_independent,
-    names_of,
-    shares,
-    turning,
-)
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.core.robot_element import Part, RobotProperties
+from spacerobot.elements.references.reference import DEGREE
 from spacerobot.section import Section, Vector, quantity
 
 ACROSS = 1e-6

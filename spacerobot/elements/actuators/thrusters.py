@@ -1,9 +1,9 @@
 """Thrusters of a floating base: throttled, or in pulses.
 
 The wrench that the base is asked for is shared among them so that the least propellant is spent
-(:mod:`spacerobot.elements.allocation`). In pulses, that is done once in each period: the part of the thrust
-becomes a time for which a thruster is on, from the beginning of the period. The end of that time is an event,
-so steps end there and derivatives go through it.
+(:mod:`spacerobot.elements.actuators.allocation`). In pulses, that is done once in each period: the part of
+the thrust becomes a time for which a thruster is on, from the beginning of the period. The end of that time
+is an event, so steps end there and derivatives go through it.
 """
 
 from __future__ import annotations
@@ -20,17 +20,24 @@ from pydantic import AfterValidator, Field, model_validator
 
 from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import cross
-from spacerobot.elements.actuator import Actuator
-from spacerobot.elements.allocation import ThrusterLayout, allocate, largest_box, steps_needed
-from spacerobot.elements.clock import Clock
-from spacerobot.elements.context import ActuatorContext
-from spacerobot.elements.contribution import ActuatorDrive, Contribution, Output, PowerTerm, State, memory
-from spacerobot.elements.event import Event, either
-from spacerobot.elements.failure import AllocatedFailure, failing
-from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import Part, RobotProperties
-from spacerobot.elements.saturation import saturation_events
-from spacerobot.elements.thruster_detection import MODES, ThrusterDetection, ThrusterTest
+from spacerobot.elements.actuators.actuator import Actuator
+from spacerobot.elements.actuators.allocation import ThrusterLayout, allocate, largest_box, steps_needed
+from spacerobot.elements.actuators.saturation import saturation_events
+from spacerobot.elements.actuators.thruster_detection import MODES, ThrusterDetection, ThrusterTest
+from spacerobot.elements.core.clock import Clock
+from spacerobot.elements.core.context import ActuatorContext
+from spacerobot.elements.core.contribution import (
+    ActuatorDrive,
+    Contribution,
+    Output,
+    PowerTerm,
+    State,
+    memory,
+)
+from spacerobot.elements.core.event import Event, either
+from spacerobot.elements.core.failure import AllocatedFailure, failing
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.core.robot_element import Part, RobotProperties
 from spacerobot.section import Name, Section, Vector, quantity
 
 GRAVITY = 9.80665

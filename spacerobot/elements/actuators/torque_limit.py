@@ -8,12 +8,12 @@ from typing import Literal
 import casadi as ca
 from pydantic import Field
 
-from spacerobot.elements.actuator import Actuator
-from spacerobot.elements.context import ActuatorContext
-from spacerobot.elements.contribution import ActuatorDrive, Contribution
-from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import RobotProperties
-from spacerobot.elements.saturation import saturation_events
+from spacerobot.elements.actuators.actuator import Actuator
+from spacerobot.elements.actuators.saturation import saturation_events
+from spacerobot.elements.core.context import ActuatorContext
+from spacerobot.elements.core.contribution import ActuatorDrive, Contribution
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.core.robot_element import RobotProperties
 from spacerobot.errors import near_names
 from spacerobot.section import matching, quantity
 

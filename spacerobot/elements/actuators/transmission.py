@@ -48,9 +48,10 @@ from pydantic import Field, model_validator
 
 from spacerobot.dynamics import Wrench
 from spacerobot.dynamics.algebra import cross
-from spacerobot.elements.actuator import Actuator
-from spacerobot.elements.context import ActuatorContext
-from spacerobot.elements.contribution import (
+from spacerobot.elements.actuators.actuator import Actuator
+from spacerobot.elements.actuators.saturation import saturation_events
+from spacerobot.elements.core.context import ActuatorContext
+from spacerobot.elements.core.contribution import (
     ActuatorDrive,
     Contribution,
     MotorSide,
@@ -59,10 +60,9 @@ from spacerobot.elements.contribution import (
     State,
     StoredMomentum,
 )
-from spacerobot.elements.event import Event, negated
-from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import RobotProperties
-from spacerobot.elements.saturation import saturation_events
+from spacerobot.elements.core.event import Event, negated
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.core.robot_element import RobotProperties
 from spacerobot.errors import near_names
 from spacerobot.section import matching, quantity
 

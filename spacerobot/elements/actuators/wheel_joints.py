@@ -1,4 +1,4 @@
-"""Joints of the URDF as reaction wheels; see :mod:`spacerobot.elements.wheel_set`."""
+"""Joints of the URDF as reaction wheels; see :mod:`spacerobot.elements.actuators.wheel_set`."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Literal
 import casadi as ca
 from pydantic import Field
 
-from spacerobot.elements.context import ActuatorContext
-from spacerobot.elements.contribution import ActuatorDrive, Contribution, PowerTerm, concatenate
-from spacerobot.elements.joint_lock import held_joints
-from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import RobotProperties
-from spacerobot.elements.wheel_set import WheelMotors, WheelSet, are_independent, shares, turning
+from spacerobot.elements.actuators.joint_lock import held_joints
+from spacerobot.elements.actuators.wheel_set import WheelMotors, WheelSet, are_independent, shares, turning
+from spacerobot.elements.core.context import ActuatorContext
+from spacerobot.elements.core.contribution import ActuatorDrive, Contribution, PowerTerm, concatenate
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.core.robot_element import RobotProperties
 from spacerobot.errors import near_names
 from spacerobot.section import matching
 

@@ -1,1 +1,1 @@
-"""Kinds of contacts that ship, one file each."""
+"""Contact laws: base class, and one file for each kind that ships."""

@@ -17,10 +17,10 @@ from typing import Literal
 import casadi as ca
 from pydantic import model_validator
 
-from spacerobot.elements.contact import Contact, ContactForce, booked, touches, watch
-from spacerobot.elements.context import ContactContext
-from spacerobot.elements.contribution import Contribution
-from spacerobot.elements.registry import register
+from spacerobot.elements.contacts.contact import Contact, ContactForce, booked, touches, watch
+from spacerobot.elements.core.context import ContactContext
+from spacerobot.elements.core.contribution import Contribution
+from spacerobot.elements.core.registry import register
 from spacerobot.section import quantity
 
 _SHALLOWEST = 1e-30

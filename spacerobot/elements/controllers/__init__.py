@@ -1,1 +1,1 @@
-"""Kinds of controllers that ship, one file each."""
+"""Controllers of tips and robots: base classes, and one file for each kind that ships."""

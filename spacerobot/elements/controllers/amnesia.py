@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import casadi as ca
 
-from spacerobot.elements.context import TipContext
-from spacerobot.elements.contribution import State
-from spacerobot.elements.desired_motion import TimeProfile
+from spacerobot.elements.core.context import TipContext
+from spacerobot.elements.core.contribution import State
+from spacerobot.elements.core.desired_motion import TimeProfile
 from spacerobot.section import Section, quantity
 
 

@@ -1,4 +1,4 @@
-"""Attitude control of a floating base; see :mod:`spacerobot.elements.base_control`."""
+"""Attitude control of a floating base; see :mod:`spacerobot.elements.controllers.base_control`."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from pydantic import Field
 from spacerobot.dynamics import FreeFloating, centre_of_mass, momentum, subtree, total_mass
 from spacerobot.dynamics.algebra import cross, cross_columns
 from spacerobot.dynamics.rotations import rotation_from_rpy
-from spacerobot.elements.base_control import ArmReaction, held, resistance
-from spacerobot.elements.context import RobotContext
-from spacerobot.elements.contribution import Contribution
-from spacerobot.elements.controller import RobotController
-from spacerobot.elements.reference import DEGREE
-from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import Part
+from spacerobot.elements.controllers.base_control import ArmReaction, held, resistance
+from spacerobot.elements.controllers.controller import RobotController
+from spacerobot.elements.core.context import RobotContext
+from spacerobot.elements.core.contribution import Contribution
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.core.robot_element import Part
+from spacerobot.elements.references.reference import DEGREE
 from spacerobot.section import Vector, quantity
 
 

@@ -1,4 +1,4 @@
-"""Position control of a floating base; see :mod:`spacerobot.elements.base_control`."""
+"""Position control of a floating base; see :mod:`spacerobot.elements.controllers.base_control`."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from pydantic import Field
 
 from spacerobot.dynamics import centre_of_mass, momentum, subtree, total_mass
 from spacerobot.dynamics.algebra import cross_columns
-from spacerobot.elements.base_control import ArmReaction, held, resistance
-from spacerobot.elements.context import RobotContext
-from spacerobot.elements.contribution import Contribution
-from spacerobot.elements.controller import RobotController
-from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import Part
+from spacerobot.elements.controllers.base_control import ArmReaction, held, resistance
+from spacerobot.elements.controllers.controller import RobotController
+from spacerobot.elements.core.context import RobotContext
+from spacerobot.elements.core.contribution import Contribution
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.core.robot_element import Part
 from spacerobot.section import Vector, quantity
 
 

@@ -16,13 +16,20 @@ import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
 
-from spacerobot.elements.context import RobotContext
-from spacerobot.elements.contribution import CommandedTorque, Contribution
-from spacerobot.elements.controller import RobotController
-from spacerobot.elements.knot_motion import Knots
-from spacerobot.elements.plan_following import BaseMotion, check_given, known, plan_file, plan_phase, table
-from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import Part, RobotProperties
+from spacerobot.elements.controllers.controller import RobotController
+from spacerobot.elements.core.context import RobotContext
+from spacerobot.elements.core.contribution import CommandedTorque, Contribution
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.core.robot_element import Part, RobotProperties
+from spacerobot.elements.references.knot_motion import Knots
+from spacerobot.elements.references.plan_following import (
+    BaseMotion,
+    check_given,
+    known,
+    plan_file,
+    plan_phase,
+    table,
+)
 from spacerobot.section import Name, quantity
 
 PLANAR, SPATIAL = ("fx", "fy", "tz"), ("fx", "fy", "fz", "tx", "ty", "tz")
@@ -53,7 +60,7 @@ class BaseTracking(RobotController):
     @classmethod
     def read(cls, file: Path, where: str, phase: str | None = None) -> Mapping[str, Any]:
         """Motion of the robot's base."""
-        from spacerobot.elements.plan_file import read_base
+        from spacerobot.elements.references.plan_file import read_base
 
         return read_base(file, where, phase)
 

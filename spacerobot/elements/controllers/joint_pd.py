@@ -19,12 +19,12 @@ from pydantic import Field
 
 from spacerobot.dynamics import forward_kinematics, frame_jacobian, frame_placement
 from spacerobot.dynamics.algebra import SymmetricFactors
-from spacerobot.elements.context import RobotContext
-from spacerobot.elements.contribution import Contribution, State
-from spacerobot.elements.controller import RobotController
-from spacerobot.elements.joint_position import joint_position, read_positions
-from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import RobotProperties
+from spacerobot.elements.controllers.controller import RobotController
+from spacerobot.elements.core.context import RobotContext
+from spacerobot.elements.core.contribution import Contribution, State
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.core.robot_element import RobotProperties
+from spacerobot.elements.sensors.joint_position import joint_position, read_positions
 from spacerobot.section import quantity
 
 

@@ -1,11 +1,11 @@
-"""Following a planned motion of the joints; see :mod:`spacerobot.elements.joint_plan`."""
+"""Following a planned motion of the joints; see :mod:`spacerobot.elements.controllers.joint_plan`."""
 
 from __future__ import annotations
 
 from typing import Literal
 
-from spacerobot.elements.joint_plan import JointPlanController
-from spacerobot.elements.registry import register
+from spacerobot.elements.controllers.joint_plan import JointPlanController
+from spacerobot.elements.core.registry import register
 
 
 @register

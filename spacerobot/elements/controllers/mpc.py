@@ -11,14 +11,14 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
-from spacerobot.elements.context import RobotContext
-from spacerobot.elements.contribution import Contribution, Output
-from spacerobot.elements.controller import MEASURED, Replanning
-from spacerobot.elements.joint_plan import JointPlanController
-from spacerobot.elements.joint_position import joint_position
-from spacerobot.elements.knot_motion import Knots
-from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import RobotProperties
+from spacerobot.elements.controllers.controller import MEASURED, Replanning
+from spacerobot.elements.controllers.joint_plan import JointPlanController
+from spacerobot.elements.core.context import RobotContext
+from spacerobot.elements.core.contribution import Contribution, Output
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.core.robot_element import RobotProperties
+from spacerobot.elements.references.knot_motion import Knots
+from spacerobot.elements.sensors.joint_position import joint_position
 from spacerobot.errors import ScenarioError
 from spacerobot.section import quantity
 

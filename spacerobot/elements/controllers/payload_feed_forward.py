@@ -17,10 +17,10 @@ import casadi as ca
 from pydantic import model_validator
 
 from spacerobot.dynamics.inertial_parameters import inertial_parameters, inertial_wrench
-from spacerobot.elements.context import TipContext
-from spacerobot.elements.contribution import Contribution
-from spacerobot.elements.controller import TipController
-from spacerobot.elements.registry import register
+from spacerobot.elements.controllers.controller import TipController
+from spacerobot.elements.core.context import TipContext
+from spacerobot.elements.core.contribution import Contribution
+from spacerobot.elements.core.registry import register
 from spacerobot.errors import ScenarioError
 from spacerobot.section import Vector, quantity
 

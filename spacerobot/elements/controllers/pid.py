@@ -20,11 +20,11 @@ from typing import ClassVar, Literal
 import casadi as ca
 from pydantic import Field
 
-from spacerobot.elements.context import TipContext
-from spacerobot.elements.contribution import Contribution, ControlChannel, State
-from spacerobot.elements.controller import TipController
 from spacerobot.elements.controllers.amnesia import correct
-from spacerobot.elements.registry import register
+from spacerobot.elements.controllers.controller import TipController
+from spacerobot.elements.core.context import TipContext
+from spacerobot.elements.core.contribution import Contribution, ControlChannel, State
+from spacerobot.elements.core.registry import register
 from spacerobot.section import Section, quantity
 
 

@@ -26,11 +26,11 @@ import casadi as ca
 from pydantic import Field
 
 from spacerobot.dynamics.algebra import SymmetricFactors
-from spacerobot.elements.context import RobotContext, TipContext
-from spacerobot.elements.contribution import Contribution
-from spacerobot.elements.controller import RobotController
-from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import RobotProperties
+from spacerobot.elements.controllers.controller import RobotController
+from spacerobot.elements.core.context import RobotContext, TipContext
+from spacerobot.elements.core.contribution import Contribution
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.core.robot_element import RobotProperties
 from spacerobot.section import quantity
 
 

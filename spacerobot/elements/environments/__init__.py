@@ -1,1 +1,1 @@
-"""Kinds of environments that ship, one file each."""
+"""Environments: base class, and one file for each kind that ships."""

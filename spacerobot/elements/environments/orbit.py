@@ -11,10 +11,10 @@ import casadi as ca
 from pydantic import Field, model_validator
 
 from spacerobot.dynamics.algebra import cross
-from spacerobot.elements.contribution import Contribution, Output
-from spacerobot.elements.environment import Environment, EnvironmentContext
-from spacerobot.elements.reference import DEGREE
-from spacerobot.elements.registry import register
+from spacerobot.elements.core.contribution import Contribution, Output
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.environments.environment import Environment, EnvironmentContext
+from spacerobot.elements.references.reference import DEGREE
 from spacerobot.section import quantity
 
 _ITERATIONS = 7  # exact to rounding up to an eccentricity of 0.999

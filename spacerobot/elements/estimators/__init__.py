@@ -1,1 +1,1 @@
-"""Kinds of estimators that ship, one file each."""
+"""Estimators: base class, Kalman update, and one file for each kind that ships."""

@@ -53,13 +53,13 @@ from spacerobot.dynamics.inertial_parameters import (
     spatial_inertia,
 )
 from spacerobot.dynamics.rotations import rotation_exp
-from spacerobot.elements.clock import Clock
-from spacerobot.elements.contribution import Contribution, Output, State, memory
-from spacerobot.elements.estimator import HELD_INERTIA, Estimator, EstimatorContext
-from spacerobot.elements.joint_position import joint_position
-from spacerobot.elements.kalman import symmetric, triangle
-from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import RobotProperties
+from spacerobot.elements.core.clock import Clock
+from spacerobot.elements.core.contribution import Contribution, Output, State, memory
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.core.robot_element import RobotProperties
+from spacerobot.elements.estimators.estimator import HELD_INERTIA, Estimator, EstimatorContext
+from spacerobot.elements.estimators.kalman import symmetric, triangle
+from spacerobot.elements.sensors.joint_position import joint_position
 from spacerobot.errors import ScenarioError
 from spacerobot.section import Name, Vector, quantity
 

@@ -21,12 +21,12 @@ from typing import Literal
 import casadi as ca
 from pydantic import Field
 
-from spacerobot.elements.clock import Clock
-from spacerobot.elements.contribution import Contribution, Output, memory
-from spacerobot.elements.estimator import Estimator, EstimatorContext
-from spacerobot.elements.event import Event, negated
-from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import RobotProperties
+from spacerobot.elements.core.clock import Clock
+from spacerobot.elements.core.contribution import Contribution, Output, memory
+from spacerobot.elements.core.event import Event, negated
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.core.robot_element import RobotProperties
+from spacerobot.elements.estimators.estimator import Estimator, EstimatorContext
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.section import Name, quantity
 

@@ -33,14 +33,14 @@ from spacerobot.dynamics import subtree
 from spacerobot.dynamics.algebra import SymmetricFactors, cross, skew
 from spacerobot.dynamics.inertias import shifted_inertia
 from spacerobot.dynamics.rotations import rotation_exp, rotation_log
-from spacerobot.elements.clock import Clock
-from spacerobot.elements.contribution import Contribution, Innovation, Output, State, memory
-from spacerobot.elements.estimator import Estimator, EstimatorContext
-from spacerobot.elements.event import Event, both, negated
-from spacerobot.elements.kalman import symmetric, triangle, updated
-from spacerobot.elements.measurement import attitude_numbers, attitude_of, turned_by
-from spacerobot.elements.registry import register
-from spacerobot.elements.robot_element import RobotProperties
+from spacerobot.elements.core.clock import Clock
+from spacerobot.elements.core.contribution import Contribution, Innovation, Output, State, memory
+from spacerobot.elements.core.event import Event, both, negated
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.core.robot_element import RobotProperties
+from spacerobot.elements.estimators.estimator import Estimator, EstimatorContext
+from spacerobot.elements.estimators.kalman import symmetric, triangle, updated
+from spacerobot.elements.sensors.measurement import attitude_numbers, attitude_of, turned_by
 from spacerobot.section import Name, quantity
 
 PLACE, ATTITUDE = "target_position", "target_orientation"

@@ -1,1 +1,1 @@
-"""Kinds of goals that ship, one in each file."""
+"""Goals of plans: base class, instant of a plan, and one file for each kind that ships."""

@@ -10,9 +10,9 @@ import pinocchio as pin
 from pydantic import Field
 
 from spacerobot.dynamics.joints import exact_directions
-from spacerobot.elements.goal import Goal
-from spacerobot.elements.plan_instant import BoundedRow, PlanInstant, within, zero
-from spacerobot.elements.registry import register
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.goals.goal import Goal
+from spacerobot.elements.goals.plan_instant import BoundedRow, PlanInstant, within, zero
 from spacerobot.section import Name, Vector, quantity
 
 

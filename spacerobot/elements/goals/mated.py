@@ -11,10 +11,10 @@ import pinocchio as pin
 from pydantic import Field, model_validator
 
 from spacerobot.dynamics.joints import exact_directions
-from spacerobot.elements.goal import TipGoal
-from spacerobot.elements.plan_instant import BoundedRow, PlanInstant, matched, unit, within, zero
-from spacerobot.elements.reference import Reference
-from spacerobot.elements.registry import register
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.goals.goal import TipGoal
+from spacerobot.elements.goals.plan_instant import BoundedRow, PlanInstant, matched, unit, within, zero
+from spacerobot.elements.references.reference import Reference
 from spacerobot.section import Vector, quantity
 
 SETTLING = 1.0

@@ -10,9 +10,9 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.dynamics.joints import exact_directions, sparse
-from spacerobot.elements.goal import TipGoal
-from spacerobot.elements.plan_instant import BoundedRow, PlanInstant, matched, within, zero
-from spacerobot.elements.registry import register
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.goals.goal import TipGoal
+from spacerobot.elements.goals.plan_instant import BoundedRow, PlanInstant, matched, within, zero
 from spacerobot.section import Vector, quantity
 
 

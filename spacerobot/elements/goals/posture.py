@@ -8,9 +8,9 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from spacerobot.elements.goal import Goal
-from spacerobot.elements.plan_instant import BoundedRow, PlanInstant
-from spacerobot.elements.registry import register
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.goals.goal import Goal
+from spacerobot.elements.goals.plan_instant import BoundedRow, PlanInstant
 from spacerobot.section import Name, Section, quantity
 
 ROUNDING = 1e-9

@@ -7,9 +7,9 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from spacerobot.elements.goal import Goal
-from spacerobot.elements.plan_instant import BoundedRow, PlanInstant, zero
-from spacerobot.elements.registry import register
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.goals.goal import Goal
+from spacerobot.elements.goals.plan_instant import BoundedRow, PlanInstant, zero
 from spacerobot.section import Name
 
 

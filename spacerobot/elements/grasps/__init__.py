@@ -1,1 +1,1 @@
-"""Kinds of grasps that ship, one file each."""
+"""Grasps: base classes, capture and release, and one file for each kind that ships."""

@@ -7,10 +7,10 @@ from typing import ClassVar, Literal
 
 import casadi as ca
 
-from spacerobot.elements.context import GraspContext
-from spacerobot.elements.contribution import Contribution, PowerTerm
-from spacerobot.elements.grasp import Displacement, Grasp, observed, only, relative_motion
-from spacerobot.elements.registry import register
+from spacerobot.elements.core.context import GraspContext
+from spacerobot.elements.core.contribution import Contribution, PowerTerm
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.grasps.grasp import Displacement, Grasp, observed, only, relative_motion
 from spacerobot.section import quantity
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from spacerobot.elements.registry import register
-from spacerobot.elements.rigid_grasp import RigidGrasp
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.grasps.rigid_grasp import RigidGrasp
 
 
 @register

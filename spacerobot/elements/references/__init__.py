@@ -1,1 +1,1 @@
-"""Kinds of references that ship, one file each."""
+"""References: base class, motions between knots, plan files, and one file for each kind that ships."""

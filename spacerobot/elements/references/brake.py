@@ -9,10 +9,10 @@ import numpy as np
 
 from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import cross
-from spacerobot.elements.context import ReferenceContext
-from spacerobot.elements.desired_motion import DesiredMotion, InitialMotion, TimeProfile
-from spacerobot.elements.reference import DEGREE, Reference, carried
-from spacerobot.elements.registry import register
+from spacerobot.elements.core.context import ReferenceContext
+from spacerobot.elements.core.desired_motion import DesiredMotion, InitialMotion, TimeProfile
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.references.reference import DEGREE, Reference, carried
 from spacerobot.section import quantity
 
 _LONGEST = 1.5

@@ -10,10 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.dynamics.rotations import rotation_from_rpy
-from spacerobot.elements.desired_motion import TimeProfile
-from spacerobot.elements.reference import DEGREE, PLANE_TOLERANCE, TimedReference
-from spacerobot.elements.registry import register
-from spacerobot.elements.section_context import SectionContext
+from spacerobot.elements.core.desired_motion import TimeProfile
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.core.section_context import SectionContext
+from spacerobot.elements.references.reference import DEGREE, PLANE_TOLERANCE, TimedReference
 from spacerobot.section import Vector, quantity
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Literal
 
-from spacerobot.elements.desired_motion import STILL, TimeProfile
-from spacerobot.elements.reference import Reference
-from spacerobot.elements.registry import register
-from spacerobot.elements.section_context import SectionContext
+from spacerobot.elements.core.desired_motion import STILL, TimeProfile
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.core.section_context import SectionContext
+from spacerobot.elements.references.reference import Reference
 
 
 @register

@@ -15,12 +15,12 @@ from pydantic import Field, model_validator
 from spacerobot.arrays import Array
 from spacerobot.dynamics.joints import sparse
 from spacerobot.dynamics.rotations import rotation_exp
-from spacerobot.elements.context import ReferenceContext
-from spacerobot.elements.desired_motion import DesiredMotion, InitialMotion, TimeProfile
-from spacerobot.elements.knot_motion import Knots, ends_of, slices_of
-from spacerobot.elements.plan_following import TipMotion, check_given, known, plan_file
-from spacerobot.elements.reference import PLANE_TOLERANCE, Reference
-from spacerobot.elements.registry import register
+from spacerobot.elements.core.context import ReferenceContext
+from spacerobot.elements.core.desired_motion import DesiredMotion, InitialMotion, TimeProfile
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.references.knot_motion import Knots, ends_of, slices_of
+from spacerobot.elements.references.plan_following import TipMotion, check_given, known, plan_file
+from spacerobot.elements.references.reference import PLANE_TOLERANCE, Reference
 
 
 @register
@@ -43,7 +43,7 @@ class PlanReference(Reference):
     def read(cls, file: Path, where: str, phase: str | None = None) -> Mapping[str, Any]:
         """Motion of the tip, in the phase that the path is in."""
         del phase
-        from spacerobot.elements.plan_file import read_tip
+        from spacerobot.elements.references.plan_file import read_tip
 
         return read_tip(file, where)
 

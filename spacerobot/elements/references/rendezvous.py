@@ -13,11 +13,11 @@ from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import SymmetricFactors, cross
 from spacerobot.dynamics.inertias import shifted_inertia
 from spacerobot.dynamics.rotations import rotation_exp, rotation_from_rpy
-from spacerobot.elements.context import ReferenceContext
-from spacerobot.elements.desired_motion import DesiredMotion, InitialMotion, TimeProfile, smooth_blend
-from spacerobot.elements.grasp import only
-from spacerobot.elements.reference import DEGREE, Reference
-from spacerobot.elements.registry import register
+from spacerobot.elements.core.context import ReferenceContext
+from spacerobot.elements.core.desired_motion import DesiredMotion, InitialMotion, TimeProfile, smooth_blend
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.grasps.grasp import only
+from spacerobot.elements.references.reference import DEGREE, Reference
 from spacerobot.section import Vector, quantity
 
 PEAK = 1.875

@@ -10,10 +10,10 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from spacerobot.arrays import Array
-from spacerobot.elements.desired_motion import TimeProfile
-from spacerobot.elements.reference import Reference
-from spacerobot.elements.registry import register
-from spacerobot.elements.section_context import SectionContext
+from spacerobot.elements.core.desired_motion import TimeProfile
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.core.section_context import SectionContext
+from spacerobot.elements.references.reference import Reference
 from spacerobot.section import Vector
 
 OVERSHOOT = 0.25

@@ -1,1 +1,1 @@
-"""Kinds of sensors that ship, one file each."""
+"""Sensors: base classes, sampled measurements with errors, and one file for each kind that ships."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from spacerobot.elements.linear_sensor import LinearSensor
-from spacerobot.elements.measurement import SensorErrors
-from spacerobot.elements.registry import register
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.sensors.linear_sensor import LinearSensor
+from spacerobot.elements.sensors.measurement import SensorErrors
 from spacerobot.section import quantity
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from spacerobot.elements.context import Affine
-from spacerobot.elements.registry import register
-from spacerobot.elements.section_context import SectionContext
-from spacerobot.elements.sensor import Sensor
+from spacerobot.elements.core.context import Affine
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.core.section_context import SectionContext
+from spacerobot.elements.sensors.sensor import Sensor
 from spacerobot.section import SIGNALS_UNIT, quantity
 
 

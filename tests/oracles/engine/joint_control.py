@@ -17,7 +17,7 @@ from scipy.interpolate import KroghInterpolator
 
 from spacerobot.arrays import Array
 from spacerobot.elements.controllers.joint_pd import JointPd
-from spacerobot.elements.joint_plan import JointPlanController
+from spacerobot.elements.controllers.joint_plan import JointPlanController
 from spacerobot.scene import Scene, SceneBody
 from tests.oracles.engine.kinematics import Kinematics, rotation_vector
 from tests.oracles.engine.planned import Pieces, hermite, plan_time, window_ends

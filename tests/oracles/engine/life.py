@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.arrays import Array
-from spacerobot.elements.capture import Capture
+from spacerobot.elements.grasps.capture import Capture
 from spacerobot.scene import Scene, SceneGrasp
 from tests.oracles.engine.grasps import Relative, Rest, mask
 from tests.oracles.engine.references import Jet, cubic_blend

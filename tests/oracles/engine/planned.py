@@ -12,9 +12,9 @@ import pinocchio as pin
 from scipy.interpolate import KroghInterpolator
 
 from spacerobot.arrays import Array
-from spacerobot.elements.knot_motion import ends_of, slices_of
-from spacerobot.elements.plan_following import PhasedPlan, TipMotion
+from spacerobot.elements.references.knot_motion import ends_of, slices_of
 from spacerobot.elements.references.plan import PlanReference
+from spacerobot.elements.references.plan_following import PhasedPlan, TipMotion
 from tests.oracles.engine.kinematics import Kinematics, cross
 from tests.oracles.engine.references import Begins, Leads, Motion, leading
 from tests.oracles.engine.robot_law import Asking

@@ -18,11 +18,11 @@ from scipy.interpolate import CubicSpline
 
 from spacerobot.arrays import Array
 from spacerobot.elements import Reference
-from spacerobot.elements.reference import TimedReference
 from spacerobot.elements.references.brake import Brake
 from spacerobot.elements.references.circle import Circle
 from spacerobot.elements.references.hold import Hold
 from spacerobot.elements.references.line import Line
+from spacerobot.elements.references.reference import TimedReference
 from spacerobot.elements.references.spline import Spline
 from spacerobot.scene import Scene, SceneTip
 from tests.oracles.engine.kinematics import Kinematics, cross

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 
 from spacerobot.elements import Sensor
-from spacerobot.elements.linear_sensor import LinearSensor
+from spacerobot.elements.sensors.linear_sensor import LinearSensor
 from spacerobot.elements.sensors.sampled import Sampled
 from spacerobot.scenario import Robot
 from spacerobot.scenario.sensors import Sensors

@@ -10,9 +10,9 @@ from scipy.linalg import null_space
 from scipy.optimize import lsq_linear, nnls
 
 from spacerobot.arrays import Array
+from spacerobot.elements.actuators.allocation import EVEN, NEAREST
 from spacerobot.elements.actuators.thrusters import GRAVITY, WHOLE, Nozzle, Thrusters
-from spacerobot.elements.allocation import EVEN, NEAREST
-from spacerobot.elements.clock import EARLY
+from spacerobot.elements.core.clock import EARLY
 from spacerobot.scene import Scene, SceneBody
 from tests.oracles.engine.actuation import Delivered, Now, Push, Turn, base_columns, delivery_of
 from tests.oracles.engine.kinematics import Kinematics

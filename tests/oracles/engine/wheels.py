@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from spacerobot.arrays import Array
 from spacerobot.elements.actuators.reaction_wheels import ReactionWheels
 from spacerobot.elements.actuators.wheel_joints import WheelJoints
-from spacerobot.elements.wheel_set import PULL, SLACK, WheelSet
+from spacerobot.elements.actuators.wheel_set import PULL, SLACK, WheelSet
 from spacerobot.scene import Scene, SceneBody
 from tests.oracles.engine.actuation import (
     Delivered,

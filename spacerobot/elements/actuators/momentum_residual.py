@@ -1,0 +1,168 @@
+r"""Residual of momenta: the part of their rate that commanded torques do not explain, and its test.
+
+A momentum $m$ ($n \times 1$) has the rate $\dot m = \tau_\text{commanded} + b + (\text{missing})$. Its
+residual
+
+$$ \dot r = K\,(\dot m - \tau_\text{commanded} - b - r) $$
+
+is the missing torque behind a first-order lag (De Luca and Mattone 2003). At instants a period $T$ apart,
+from samples of the velocities and with $a = e^{-K T}$,
+
+$$ r_k = a\,r_{k-1} + (1 - a) \Bigl( \frac{m_k - m_{k-1}}{T}
+   - \text{mean}(\tau_\text{commanded} + b) \Bigr). $$
+
+The variance of $r_k$ follows from the variances $s_k^2$ of $m_k$, which are white noise times the rows of
+the momentum. Since $r_{k-1}$ and $m_{k-1}$ have the covariance $(1 - a)\,s_{k-1}^2 / T$ for $k > 1$,
+
+$$ V_k = a^2 V_{k-1} + \Bigl( \frac{1 - a}{T} \Bigr)^2 \bigl( s_k^2 + (1 - 2 a)\,s_{k-1}^2 \bigr). $$
+
+A failure is detected if $|r_k|$ exceeds $z \sqrt{V_k}$ plus the allowance for errors of the model. With a
+rate $F$ of false alarms in all $n$ residuals, a sample may exceed the threshold with the probability $p = F
+T / n$, so that $z = \Phi^{-1}(1 - p / 2)$. By Boole's inequality $F$ is an upper bound: successive samples
+are correlated, and several that exceed the threshold are one alarm.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import Protocol
+
+import casadi as ca
+
+from spacerobot.elements.core.clock import Clock
+from spacerobot.elements.core.contribution import State, memory
+from spacerobot.elements.core.event import Event
+from spacerobot.elements.core.section_context import SectionContext
+
+TINY = 1e-30
+"""Keeps the root of a variance differentiable where nothing was measured yet."""
+
+Momenta = tuple[ca.SX, ca.SX, ca.SX]
+"""Momenta and the known part b of their rates (n x 1 each), and the normal numbers of their noise."""
+
+
+class ResidualSection(Protocol):
+    """Section with the numbers of a residual's test: these, `bandwidth` and `allowance`."""
+
+    @property
+    def period(self) -> float | None:
+        """Time between two samples [s]; continuous if None."""
+
+    @property
+    def false_alarms(self) -> float:
+        """Greatest rate of false alarms [1/h]."""
+
+
+@dataclass(frozen=True)
+class Residual:
+    """Residuals and what they may be without an alarm (n x 1 each), with their states and instants."""
+
+    values: ca.SX
+    threshold: ca.SX
+    states: tuple[State, ...]
+    events: tuple[Event, ...] = ()
+
+
+def continuous_residual(context: SectionContext, name: str, asked: ca.SX, momenta: Momenta) -> Residual:
+    """Residuals at any time, without noise.
+
+    Parameters
+    ----------
+    context
+        Of the section with `bandwidth` and `allowance`.
+    name
+        Of the observer, unique in the closed loop.
+    asked
+        Commanded torques (n x 1).
+    momenta
+        Momenta and their known rates.
+    """
+    found, rate, _ = momenta
+    size = found.size1()
+    explained = ca.SX.sym(f"{name}.explained", size)
+    residual = context.number("bandwidth") * (found - explained)
+    state = State(f"{name}.explained", explained, found, asked + rate + residual)
+    return Residual(residual, ca.repmat(context.number("allowance"), size, 1), (state,))
+
+
+def sampled_residual(
+    config: ResidualSection,
+    context: SectionContext,
+    name: str,
+    asked: ca.SX,
+    momenta: Callable[[Clock], Momenta],
+    allowance: ca.SX | None = None,
+) -> Residual:
+    """Residuals held since the last sample; parameters as of :func:`continuous_residual`.
+
+    Parameters
+    ----------
+    config, context
+        The section, and its context.
+    name, asked
+        As above.
+    momenta
+        From the clock of the samples to momenta with their noise.
+    allowance
+        On top of noise, of the first residuals (m x 1), which alone are tested; that of the section, of all,
+        if not given.
+    """
+    size, period = asked.size1(), context.steady("period")
+    clock = Clock.of(f"{name}.samples", context.time, period)
+    found, rate, numbers = momenta(clock)
+    effort, zeros = ca.SX.sym(f"{name}.effort", size), ca.SX.zeros(size)
+    last, before, residual = (memory(f"{name}.{key}", zeros) for key in ("momentum", "rate", "residual"))
+    a = ca.exp(-context.number("bandwidth") * period)
+    a = context.once("decay", context.constants.expanded(a))
+    missed = (found - last.symbol - effort) / period - (rate + before.symbol) / 2
+    first = clock.count.symbol < 0.5
+    after = ca.if_else(first, 0, a * residual.symbol + (1 - a) * missed)
+    states = [clock.count, State(f"{name}.effort", effort, zeros, asked), last, before, residual]
+    updates = {f"{name}.effort": zeros, last.name: found, before.name: rate, residual.name: after}
+    threshold = ca.repmat(context.number("allowance"), size, 1) if allowance is None else allowance
+    tests = threshold.size1()
+    if numbers.numel():
+        rows = ca.jacobian(found, numbers)
+        own = ca.densify(ca.sum2(rows * rows))
+        white, variance = (memory(f"{name}.{key}", zeros) for key in ("white", "variance"))
+        scale = ((1 - a) / period) ** 2
+        correlated = 2 * a * (clock.count.symbol > 1.5)  # the first residual is zero
+        grown = a**2 * variance.symbol + scale * (own + (1 - correlated) * white.symbol)
+        states += [white, variance]
+        updates |= {white.name: own, variance.name: ca.if_else(first, 0, grown)}
+        assert config.period is not None
+        passes = config.false_alarms * config.period / 3600 / tests
+        exceeded = NormalDist().inv_cdf(1 - min(passes, 1.0) / 2)
+        threshold = threshold + exceeded * ca.sqrt(variance.symbol[:tests] + TINY)
+    event = clock.event(f"{name}.sampled", "measured", name, updates, silent=True)
+    return Residual(residual.symbol, threshold, tuple(states), (event,))
+
+
+def sample_noise(
+    context: SectionContext, name: str, period_s: float, clock: Clock, deviations: list[ca.SX]
+) -> tuple[ca.SX, ca.SX]:
+    """Errors of one sample (n x 1), and the normal numbers that they are made of.
+
+    Parameters
+    ----------
+    context, name
+        Of the observer.
+    period_s
+        Between two samples, by the scenario's numbers.
+    clock
+        Of the samples.
+    deviations
+        Standard deviations (n of 1x1); structural zeros have no number.
+    """
+    noisy = [i for i, deviation in enumerate(deviations) if deviation.nnz()]
+    found = ca.SX(len(deviations), 1)
+    if not noisy:
+        return found, ca.SX(0, 1)
+    rows = math.ceil(context.parameters.value("simulation.duration") / period_s) + 2
+    numbers = context.random(name, rows, len(noisy), clock.count.symbol)
+    for number, i in zip(ca.vertsplit(numbers), noisy, strict=True):
+        found[i] = deviations[i] * number
+    return found, numbers

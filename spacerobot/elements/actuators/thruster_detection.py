@@ -1,0 +1,178 @@
+r"""Detection of failed thrusters from the momentum of their robot: which one has failed, and how.
+
+Linear momentum $P$ and angular momentum $L$ about the root link's origin o, of all the robot's bodies and
+wheels, in the root link's axes (spin $\omega$, velocity $v$ of o), change by the thrusters' force $f$ and
+torque $t$ alone,
+
+$$ \dot P = f - \omega \times P, \qquad \dot L = t - \omega \times L - v \times P, $$
+
+so that the residual of $(P, L)$ is the missing wrench
+(:mod:`spacerobot.elements.actuators.momentum_residual`).
+Thruster $j$, with the wrench $A_j$ at full thrust and the commanded throttle $a_j$, misses
+
+$$ -a_j A_j \ \text{ if its valve is shut}, \qquad (1 - a_j) A_j \ \text{ if it is open}, $$
+
+behind the same lag. A failure is detected if a component of the residual exceeds its threshold. It is
+attributed to one thruster if, once the residual has exceeded a threshold for $4 / K$, the difference from
+what this thruster would miss is below all thresholds, and the difference from every other explanation is
+not. The lag then shows what is missing to 2 %. Thrusters with the same wrench cannot be distinguished, and
+leaking valves are not named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+from pydantic import model_validator
+
+from spacerobot.dynamics import Inertias, forward_kinematics, momentum
+from spacerobot.dynamics.algebra import cross
+from spacerobot.dynamics.momentum import subtree
+from spacerobot.elements.actuators.momentum_residual import Momenta, sample_noise, sampled_residual
+from spacerobot.elements.core.clock import Clock
+from spacerobot.elements.core.context import ActuatorContext
+from spacerobot.elements.core.contribution import Contribution, Output, memory
+from spacerobot.elements.core.event import Event, both, negated
+from spacerobot.elements.core.failure import ResidualTest
+from spacerobot.section import quantity
+
+SETTLED = 4.0
+"""Time over that of the lag after which a residual is compared with what failures would cause."""
+MODES = {"shut": 0.0, "open": 1.0}
+"""Failures that are told apart, with the part of the thrust that is given."""
+
+
+class ThrusterDetection(ResidualTest):
+    """Detection of failed thrusters, which the allocation then leaves out; the robot may hold nothing."""
+
+    velocity_noise: float = quantity(
+        "m/s", "standard deviation of a sample of the base's velocity", default=0.0, ge=0
+    )
+    joint_noise: float = quantity(
+        "rad/s or m/s", "standard deviation of a sample of a joint's rate", default=0.0, ge=0
+    )
+    force_allowance: float = quantity(
+        "N", "residual force that errors of the model may cause, on top of noise", default=0.0, ge=0
+    )
+    torque_allowance: float = quantity(
+        "N m", "residual torque that errors of the model may cause, on top of noise", default=0.0, ge=0
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> ThrusterDetection:
+        for noise, allowance in (("velocity_noise", "force_allowance"), ("spin_noise", "torque_allowance")):
+            if not getattr(self, noise) and not getattr(self, allowance):
+                raise ValueError(f"{allowance}: found 0, allowed: above 0 without {noise}")
+        return self
+
+
+@dataclass(frozen=True)
+class ThrusterTest:
+    """Test of n thrusters of a base.
+
+    Attributes
+    ----------
+    config, actuator
+        The section, and the thrusters' context.
+    names
+        Of the thrusters in the results.
+    full
+        Wrenches at full thrust (k x n), of the components that move the base, root link's axes.
+    rows
+        Which of a wrench's six components these are.
+    """
+
+    config: ThrusterDetection
+    actuator: ActuatorContext
+    names: Sequence[str]
+    full: ca.SX
+    rows: Sequence[int]
+
+    def switches(self, mode: str) -> list[ca.SX]:
+        """Switches (1x1) of thrusters that were found shut or open."""
+        return [self.actuator.context.switch(f"{mode}.{i}") for i in range(len(self.names))]
+
+    def contribution(self, parts: ca.SX) -> Contribution:
+        """Residuals and events of detection, of parts of the thrust (n x 1) that valves should give."""
+        actuator, count, size = self.actuator, len(self.names), len(self.rows)
+        context = actuator.context.at(f"{actuator.context.path}.detection")
+        name = f"{actuator.robot}/{actuator.context.path.rpartition('.')[2]}"
+        # The parts behind the same lag are the residual of momenta that are zero.
+        asked = ca.densify(ca.vertcat(ca.mtimes(self.full, parts), -parts))
+        kinds = ["force_allowance" if row < 3 else "torque_allowance" for row in self.rows]
+        allowance = ca.vertcat(*(context.number(kind) for kind in kinds))
+        test = sampled_residual(self.config, context, f"{name}.detection", asked, self._momenta, allowance)
+        residual, lagged, limit = test.values[:size], test.values[size:], test.threshold
+
+        def excess(left: ca.SX) -> ca.SX:
+            return ca.mmax(ca.fabs(left) / limit) - 1
+
+        found, events = context.switch("found"), list[Event]()
+        beyond, over = excess(residual), memory(f"{name}.detection.over", ca.SX.zeros(1))
+        (sampled,) = test.events
+        counted = ca.if_else(beyond > 0, over.symbol + 1, 0)
+        sampled = replace(sampled, updates={**sampled.updates, over.name: counted})
+        settled = over.symbol * context.steady("period") * context.number("bandwidth") / SETTLED - 1
+        events.append(
+            Event(f"{name}.detected", "detected", name, beyond, negated(found), {found.name(): True})
+        )
+        missed = {
+            (mode, i): (part - lagged[i]) * self.full[:, i]
+            for mode, part in MODES.items()
+            for i in range(count)
+        }
+        left = {key: excess(residual - wrench) for key, wrench in missed.items()}
+        for (mode, i), wrench in missed.items():
+            switches = [self.switches(each)[i] for each in MODES]
+            others = [value for key, value in left.items() if key != (mode, i)]
+            guard = ca.fmin(settled, -left[mode, i])
+            for other in [beyond, *others]:
+                guard = ca.fmin(guard, other)
+            sets = {self.switches(mode)[i].name(): True, found.name(): True}
+            rest = ca.densify(ca.vertcat(residual - wrench, lagged))
+            updates = {f"{name}.detection.residual": rest, over.name: ca.SX.zeros(1)}
+            who, armed = self.names[i], both(*(negated(switch) for switch in switches))
+            events.append(Event(f"{who}.{mode}", "detected", who, guard, armed, sets, updates))
+        whole = ca.SX(6, 1)
+        whole[self.rows] = residual
+        text = "missing in the rate of the robot's momentum, root link's axes"
+        switches = [switch for mode in MODES for switch in self.switches(mode)]
+        total = ca.fmax(found, sum(switches[1:], switches[0]))
+        outputs = (
+            Output("thruster_residual_force", whole[:3], "N", f"force {text}", "body", actuator.robot),
+            Output("thruster_residual_torque", whole[3:], "N m", f"torque {text}", "body", actuator.robot),
+            Output("failures_detected", total, "1", "failures that were detected", "body", actuator.robot),
+        )
+        return Contribution(states=(*test.states, over), events=(sampled, *events), outputs=outputs)
+
+    def _momenta(self, clock: Clock) -> Momenta:
+        """Momenta and their known rates; the model is the scenario's nominal one."""
+        actuator, plant = self.actuator, self.actuator.plant
+        context = actuator.context.at(f"{actuator.context.path}.detection")
+        base = actuator.base_columns
+        turning = base[2:] if len(base) == 3 else base[3:]
+        sources = {"velocity_noise": base[: len(base) - len(turning)], "spin_noise": turning}
+        sources["joint_noise"] = tuple(actuator.columns.values())
+        places = [(column, key) for key, own in sources.items() for column in own if not context.is_zero(key)]
+        name = f"{actuator.robot}/{actuator.context.path.rpartition('.')[2]}.detection"
+        deviations = [context.number(key) for _, key in places]
+        errors, numbers = sample_noise(context, name, self.config.period, clock, deviations)
+        velocity = ca.SX(plant.v)
+        for (column, _), error in zip(places, ca.vertsplit(errors), strict=True):
+            velocity[column] += error
+        model, joint = plant.model, actuator.base_joint
+        moving = forward_kinematics(model, plant.q, velocity)
+        turn = plant.placement(actuator.base_frame)[0].T
+        push, spun = momentum(
+            model, moving, Inertias.from_model(model), subtree(model, joint), moving.origin[joint]
+        )
+        spin, point = moving.angular_velocity[joint], moving.linear_velocity[joint]
+        push, spun = ca.mtimes(turn, push), ca.mtimes(turn, spun + actuator.stored)
+        spin, point = ca.mtimes(turn, spin), ca.mtimes(turn, point)
+        rate = ca.vertcat(-cross(spin, push), -cross(spin, spun) - cross(point, push))
+        none = ca.SX.zeros(len(self.names))
+        rows = list(self.rows)
+        seen = ca.densify(ca.vertcat(ca.vertcat(push, spun)[rows], none))
+        return seen, ca.densify(ca.vertcat(rate[rows], none)), numbers

@@ -1,0 +1,348 @@
+r"""Reaction wheels: response of a set to the torque commanded at its robot's base.
+
+With the axes $a_i$ of the wheels as columns of $A$, root link's axes, the motors deliver $-A^+ T$ for a
+torque $T$ on the base, which are the smallest torques that do, each up to its limit. A wheel with the speed
+$s$ relative to the base has the angular momentum $h$ about its axis:
+
+$$ \dot h = u - f(s), \qquad h = J\,(s + a \cdot \omega) $$
+
+with the motor's torque $u$ and the friction $f$. The base receives $-A \dot h - \omega \times A h$. At its
+speed limit a motor balances friction and nothing else, so that $h$ stays constant, until the command reduces
+the speed. The others of a redundant set take over its share: the pseudo-inverse is then that of their axes.
+
+Which wheels of a redundant set are held is a linear complementarity problem. The motors' torques $u$
+minimise
+
+$$ |u|^2 + |A u + T|^2 / \varepsilon \quad \text{subject to} \quad
+   (u_i - f_i) \operatorname{sign}(s_i) \le 0 \ \text{ for each wheel at its limit} $$
+
+with $\varepsilon$ = ``SINGULAR``. A held wheel has $u_i = f_i$. It is released when $u_i$, computed with it
+free and the others unchanged, reduces its speed; this has the sign of its multiplier. The problem is
+strictly convex, so one set of held wheels solves it, and torques are continuous when a wheel is released.
+Exchanging one wheel at a time, the first one that contradicts its switch, ends at that set (Murty's
+least-index method). These exchanges are the events below, in their order, at one instant. A hysteresis
+keeps rounding from repeating them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import Field, model_validator
+
+from spacerobot.arrays import Array
+from spacerobot.dynamics.algebra import SymmetricFactors
+from spacerobot.elements.actuators.actuator import Actuator
+from spacerobot.elements.actuators.momentum_residual import Momenta, sample_noise, sampled_residual
+from spacerobot.elements.actuators.saturation import saturation_events
+from spacerobot.elements.core.clock import Clock
+from spacerobot.elements.core.context import ActuatorContext
+from spacerobot.elements.core.contribution import Contribution, Output
+from spacerobot.elements.core.event import Event, either, negated
+from spacerobot.elements.core.failure import AllocatedFailure, ResidualTest, failing
+from spacerobot.elements.core.robot_element import Part
+from spacerobot.section import quantity
+
+SLACK = 1e-3
+"""Part of its speed limit that a wheel held there may lose, as its base turns, until it is free."""
+
+
+SINGULAR = 1e-8
+"""Stands for what the axes of free wheels lack to give any torque."""
+
+PULL = 1e-6
+"""Part of the set's torques by which a held wheel's must lead back to free it: well above rounding, which is
+1e-16 / SINGULAR where the free wheels lack a direction. Only where wheels depend on each other."""
+
+
+class WheelFailure(AllocatedFailure):
+    """Failure of a wheel."""
+
+    wheel: int = Field(ge=0, description="number of the wheel, from 0")
+    mode: Literal["seized", "off"] = Field(
+        default="seized",
+        description="seized: it stops at once and turns with the base; off: its motor gives no torque, and "
+        "it coasts against its friction",
+    )
+
+
+class WheelDetection(ResidualTest):
+    """Detection of failed wheels, which the allocation then leaves out."""
+
+    speed_noise: float = quantity(
+        "rad/s", "standard deviation of a sample of a wheel's speed", default=0.0, ge=0
+    )
+    allowance: float = quantity(
+        "N m", "residual that errors of the model may cause, on top of noise", default=0.0, ge=0
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> WheelDetection:
+        if not (self.spin_noise or self.speed_noise or self.allowance):
+            raise ValueError("allowance: found 0, allowed: above 0 where samples have no noise")
+        return self
+
+
+class WheelSet(Actuator):
+    """A set of equal wheels that take over the torque commanded at their robot's base."""
+
+    base_wrench: ClassVar[frozenset[Part]] = frozenset({"torque"})
+    has_wheels: ClassVar[bool] = True
+
+    torque_limit: float | None = quantity("N m", "greatest torque of each motor", default=None, gt=0)
+    speed_limit: float | None = quantity(
+        "rad/s", "greatest speed relative to the base, 628 rad/s for 6000 rpm", default=None, gt=0
+    )
+    coulomb: float = quantity("N m", "friction that does not depend on speed", default=0.0, ge=0)
+    coulomb_speed: float = quantity(
+        "rad/s", "speed at which that friction has reached 1/sqrt(2) of its value", default=1.0, gt=0
+    )
+
+    failures: tuple[WheelFailure, ...] = Field(
+        default=(), max_length=64, description="wheels that fail, each with `wheel`, `at` and `mode`"
+    )
+    detection: WheelDetection | None = Field(
+        default=None, description="detect failed wheels from their momentum, and allocate without them"
+    )
+
+    @property
+    def seized(self) -> Mapping[int, int]:
+        """Wheels that seize, with the number of the failure."""
+        return {one.wheel: i for i, one in enumerate(self.failures) if one.mode == "seized"}
+
+    def seizing(self, actuator: ActuatorContext, wheel: int) -> tuple[dict[str, bool], dict[str, ca.SX]]:
+        """Switches that the event sets at which a wheel seizes, and states that it updates."""
+        raise NotImplementedError
+
+    def failed(self, actuator: ActuatorContext, count: int) -> tuple[ca.SX, tuple[Event, ...]]:
+        """Part of its torque that each motor gives (n x 1), and the events of failures."""
+        works, events, names = ca.SX.ones(count), list[Event](), names_of(actuator, count)
+        for i, one in enumerate(self.failures):
+            context = actuator.context.at(f"{actuator.context.path}.failures.{i}")
+            stops = one.mode == "seized"
+            sets, updates = self.seizing(actuator, one.wheel) if stops else ({}, {})
+            failed, event = failing(context, names[one.wheel], sets=sets, updates=updates, impact=stops)
+            works[one.wheel] *= 1 - failed
+            events.append(event)
+        return works, tuple(events)
+
+    def left_out(self, actuator: ActuatorContext, count: int) -> ca.SX:
+        """Which wheels the allocation leaves out (n x 1): those known to have failed, and those detected."""
+        found, context = ca.SX(count, 1), actuator.context
+        for i, one in enumerate(self.failures):
+            if one.known:
+                failed = context.at(f"{context.path}.failures.{i}").switch("failed")
+                found[one.wheel] = either(found[one.wheel], failed)
+        if self.detection is not None:
+            for i in range(count):
+                found[i] = either(found[i], context.switch(f"detected.{i}"))
+        return found
+
+    def detected(
+        self, actuator: ActuatorContext, motors: WheelMotors, speed: ca.SX, axes: ca.SX, inertia: ca.SX
+    ) -> Contribution:
+        """Residuals of the wheels' momenta ``J (s + a . omega)``, and events of detection.
+
+        Their rates are the commanded torques less friction at these speeds (n x 1), with axes (3 x n) and
+        inertias (n x 1 or 1x1).
+        """
+        section, count, names = self.detection, speed.size1(), names_of(actuator, speed.size1())
+        if section is None:
+            return Contribution()
+        columns, about = turning(actuator)
+        context = actuator.context.at(f"{actuator.context.path}.detection")
+        spin = ca.SX(3, 1)
+        spin[about] = actuator.plant.v[list(columns)]
+
+        def momenta(clock: Clock) -> Momenta:
+            kinds = ["speed_noise"] * count + ["spin_noise"] * len(about)
+            deviations = [ca.SX(1, 1) if context.is_zero(key) else context.number(key) for key in kinds]
+            errors, numbers = sample_noise(context, name, section.period, clock, deviations)
+            turned = ca.SX(3, 1)
+            turned[about] = errors[count:]
+            seen = inertia * (speed + errors[:count] + ca.mtimes(axes.T, spin + turned))
+            return ca.densify(seen), ca.densify(-motors.friction), numbers
+
+        name = f"{actuator.robot}/{actuator.context.path.rpartition('.')[2]}.detection"
+        found = sampled_residual(section, context, name, ca.densify(motors.command), momenta)
+        switches = [actuator.context.switch(f"detected.{i}") for i in range(count)]
+        events, outputs = list[Event](), list[Output]()
+        for i, (who, switch) in enumerate(zip(names, switches, strict=True)):
+            value, limit = found.values[i], found.threshold[i]
+            guard, sets = ca.fabs(value) / limit - 1, {switch.name(): True}
+            events.append(Event(f"{who}.detected", "detected", who, guard, negated(switch), sets))
+            outputs.append(Output("wheel_residual", value, "N m", "torque that wheels miss", "wheel", who))
+        text = "failures that were detected"
+        total = Output("failures_detected", ca.sum1(ca.vertcat(*switches)), "1", text, "body", actuator.robot)
+        return Contribution(states=found.states, events=(*found.events, *events), outputs=(*outputs, total))
+
+    def wrong_wheels(self, count: int) -> Iterable[tuple[str, str]]:
+        """Failures of wheels that there are not, or that have seized, as of ``faults``."""
+        for i, one in enumerate(self.failures):
+            if one.wheel >= count:
+                yield f"failures.{i}.wheel", f"found {one.wheel}, allowed: 0 to {count - 1}"
+            elif one.mode == "seized" and self.seized[one.wheel] != i:
+                yield f"failures.{i}.wheel", f"found {one.wheel}, which seizes twice"
+
+    def within(self) -> str:
+        """The limits in words."""
+        limits = [] if self.torque_limit is None else [f"{self.torque_limit:g} N m"]
+        if self.speed_limit is not None:
+            limits.append(f"{self.speed_limit:g} rad/s ({self.speed_limit * 30 / np.pi:.0f} rpm)")
+        return f"each up to {' and '.join(limits)}" if limits else "torque and speed not limited"
+
+    def rub(self, actuator: ActuatorContext, speed: ca.SX) -> ca.SX:
+        """Coulomb friction against motion at these speeds (n x 1) [N m], smooth through zero."""
+        path = f"{actuator.context.path}.coulomb"
+        most = actuator.context.once("coulomb", actuator.context.parameters.sparse(path))
+        if not most.nnz():
+            return ca.SX(speed.size1(), 1)
+        return most * speed / ca.sqrt(speed**2 + actuator.context.number("coulomb_speed") ** 2)
+
+    def motors(
+        self, actuator: ActuatorContext, asked: ca.SX, axes: ca.SX, speed: ca.SX, friction: ca.SX
+    ) -> WheelMotors:
+        """Motor torques from the torques commanded of free wheels, at these speeds (n x 1 each).
+
+        Their axes (k x n) have the parts that can turn the base.
+        """
+        command, count, switches = asked, speed.size1(), list[ca.SX]()
+        pull, out = ca.SX(0), self.left_out(actuator, count)
+        if self.speed_limit is not None:
+            switches = [actuator.context.switch(f"held.{i}") for i in range(count)]
+        if (switches or out.nnz()) and (
+            sum(axes[i, :].nnz() > 0 for i in range(axes.size1())) < axes.size2()
+        ):
+            # A held wheel's motor gives its friction, so what others take over is what it would give beyond;
+            # one that is left out gives nothing.
+            least = friction * (1 - out)
+            held = ca.vertcat(*(either(out[i], *switches[i : i + 1]) for i in range(count)))
+            command = least + _taken_over(asked - least, axes, held)
+            if switches:
+                pull = PULL * ca.sum1(ca.fabs(asked - friction))
+        command = command * (1 - out)
+        events = list[Event]()
+        if self.torque_limit is not None:
+            limit = actuator.context.number("torque_limit")
+            beyond, names = ca.fabs(command) / limit - 1, names_of(actuator, count)
+            events += saturation_events(actuator, names, beyond, free=[negated(held) for held in switches])
+            command = ca.fmin(ca.fmax(command, -limit), limit)
+        command = actuator.break_point("wheel", names_of(actuator, count), command)
+        works, failures = self.failed(actuator, count)
+        given = works * command if self.failures else command
+        events += failures
+        if self.speed_limit is None:
+            return WheelMotors(command, given - friction, friction, tuple(events))
+        most, free = actuator.context.number("speed_limit"), list[ca.SX]()
+        for i, (name, held) in enumerate(zip(names_of(actuator, count), switches, strict=True)):
+            over = ca.fabs(speed[i]) / most - 1
+            faster = (given[i] - friction[i]) * speed[i] / most
+            back = ca.fmax(-faster - pull, -SLACK - over)
+            turned = held.name()
+            events += [
+                Event(
+                    f"{name}.saturated",
+                    "saturated",
+                    name,
+                    ca.fmin(over, faster),
+                    negated(held),
+                    {turned: True},
+                ),
+                Event(f"{name}.freed", "freed", name, back, held, {turned: False}),
+            ]
+            free.append(1 - held)
+        ready = ca.vertcat(*free)
+        command = (command - friction) * ready + friction
+        return WheelMotors(command, (given - friction) * ready, friction, tuple(events))
+
+    def observed(
+        self, actuator: ActuatorContext, motors: WheelMotors, speed: ca.SX, momentum: ca.SX
+    ) -> tuple[Output, ...]:
+        """Speed, torque and margin of each wheel (n x 1 each), and the momentum of all (3x1), world axes."""
+        names, found = names_of(actuator, speed.size1()), list[Output]()
+        values = {
+            "wheel_speed": (speed, "rad/s", "speed of wheels relative to their bases"),
+            "wheel_torque": (motors.net + motors.friction, "N m", "torque of wheels' motors"),
+        }
+        if self.speed_limit is not None:
+            margin = 1 - ca.fabs(speed) / actuator.context.number("speed_limit")
+            values["wheel_margin"] = (margin, "1", "part of wheels' speed limits that is left")
+        for name, (value, unit, text) in values.items():
+            found += [Output(name, value[i], unit, text, "wheel", names[i]) for i in range(len(names))]
+        text = "angular momentum of wheels about their axes, by the bodies that carry them"
+        return (*found, Output("wheel_momentum", momentum, "N m s", text, "body", actuator.robot))
+
+
+@dataclass(frozen=True)
+class WheelMotors:
+    """Torques of the motors of n wheels at one instant.
+
+    Attributes
+    ----------
+    command
+        Torques of the motors if none has failed: friction where a wheel is held at its speed limit (n x 1)
+        [N m].
+    net
+        Torques on the wheels, friction included (n x 1) [N m].
+    friction
+        Against the wheels' motion (n x 1) [N m].
+    events
+        At which wheels come to their speed limit, and are free of it.
+    """
+
+    command: ca.SX
+    net: ca.SX
+    friction: ca.SX
+    events: tuple[Event, ...]
+
+
+def names_of(actuator: ActuatorContext, count: int) -> list[str]:
+    """Names of the wheels of a set."""
+    return [f"{actuator.robot}/{actuator.context.path.rpartition('.')[2]}.{i}" for i in range(count)]
+
+
+def turning(actuator: ActuatorContext) -> tuple[tuple[int, ...], list[int]]:
+    """Places in v of the base's angular velocity, and which of the root link's axes they are about."""
+    columns = actuator.base_columns
+    return (columns[2:], [2]) if len(columns) == 3 else (columns[3:], [0, 1, 2])
+
+
+def shares(axes: ca.SX) -> ca.SX:
+    """Pseudo-inverse (n x k) of independent rows, or else columns, of n wheels' axes (k x n).
+
+    Rows that are structurally zero have no part in it.
+    """
+    rows = [i for i in range(axes.size1()) if axes[i, :].nnz()]
+    own = axes[rows, :]
+    found = ca.SX(axes.size2(), axes.size1())
+    if len(rows) <= axes.size2():
+        found[:, rows] = SymmetricFactors(ca.mtimes(own, own.T)).solve(own).T
+    else:
+        found[:, rows] = SymmetricFactors(ca.mtimes(own.T, own)).solve(own.T)
+    return found
+
+
+def _taken_over(asked: ca.SX, axes: ca.SX, held: ca.SX) -> ca.SX:
+    """Torque of each wheel (n x 1) if it is free and the other wheels at their limit are left out.
+
+    With the torque m that held wheels do not give, those that are free add ``a_i . y``, ``A W A^T y = m``,
+    which together is the pseudo-inverse of their axes. A held wheel would be one more of them.
+    """
+    rows = [i for i in range(axes.size1()) if axes[i, :].nnz()]
+    own, free = axes[rows, :], 1 - held
+    matrix = SINGULAR * ca.SX.eye(len(rows)) + ca.mtimes(own, free * own.T)
+    found = SymmetricFactors(matrix).solve(ca.horzcat(ca.mtimes(own, held * asked), own))
+    more, sizes = ca.mtimes(own.T, found[:, 0]), ca.sum1(own * found[:, 1:]).T
+    return (asked + more) / (1 + held * sizes)
+
+
+def are_independent(axes: Sequence[ArrayLike]) -> bool:
+    """Whether :func:`shares` is a pseudo-inverse, of the axes of n wheels (n, 3)."""
+    found: Array = np.array(axes, dtype=float)
+    found = found[:, found.any(axis=0)]
+    return bool(np.linalg.matrix_rank(found, tol=1e-6) == min(found.shape))

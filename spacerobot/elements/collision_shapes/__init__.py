@@ -1,1 +1,0 @@
-"""Collision shapes: one file for each kind."""

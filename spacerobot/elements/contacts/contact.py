@@ -1,0 +1,244 @@
+"""Contacts: what shapes of two bodies do to each other where they touch.
+
+Every pair of shapes acts as *one* pair of opposite forces at one point, halfway between the two points that
+are deepest in each other. The gap's rate is then exactly the relative velocity there along the normal, and
+momentum and energy are accounted for to rounding.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import casadi as ca
+from pydantic import Field
+
+from spacerobot.elements.core.context import ContactContext
+from spacerobot.elements.core.contribution import Contribution, Output, PowerTerm, State
+from spacerobot.elements.core.element import Element
+from spacerobot.elements.core.event import Event, both, negated
+from spacerobot.elements.shapes.collision_shape import Wrap
+from spacerobot.section import quantity
+from spacerobot.shapes import CROWN
+
+OBSERVED = {
+    "contact_force": ("N", "force of contacts on the second of the two that touch"),
+    "contact_normal_force": ("N", "size of contacts' forces along their normals"),
+    "contact_gap": ("m", "least distance between the shapes of contacts, negative while they touch"),
+    "contact_point": ("m", "where contacts act, or would first"),
+    "contact_velocity": ("m/s", "velocity there of the second of the two relative to the first"),
+    "contact_impulse": ("N s", "impulse of contacts on the second of the two since the start"),
+    "contact_loss": ("J", "energy that contacts took since the start"),
+}
+"""What every contact declares: unit and text."""
+
+
+class Contact(Element):
+    """Contact between the shapes of two bodies."""
+
+    family: ClassVar[str] = "contact"
+
+    between: tuple[str, str] = Field(
+        description="the pair in contact, each the name of a pad, or robot/link or target/link for all "
+        "collision shapes of a link; `*` in a link's name matches any letters"
+    )
+    wrap: Wrap | None = Field(
+        default=None,
+        description="shape around meshes and cylinders that replaces them; meshes are refused if not given",
+    )
+    may_overlap: bool = Field(
+        default=False, description="whether the shapes may overlap at the start; refused if not"
+    )
+
+    crown: float = quantity(
+        "1",
+        "height of the dome on flat faces and straight edges, of half their length; where flat lies on flat "
+        "the force then moves smoothly as the shapes tilt by about so many rad; without effect on spheres",
+        default=CROWN,
+        ge=1e-4,
+        le=0.1,
+    )
+    longest_step: float | None = quantity(
+        "s",
+        "longest step of the fixed-step engine while the shapes touch; as elsewhere if not given",
+        default=None,
+        gt=0,
+    )
+
+    def build(self, contact: ContactContext) -> Contribution:
+        """Contribution to the closed loop."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class ContactPair:
+    """One pair of shapes of a contact, and its force; world axes.
+
+    Attributes
+    ----------
+    gap
+        Signed distance (1x1) [m].
+    normal
+        From the first to the second (3x1).
+    point
+        Where it acts (3x1) [m].
+    velocity
+        Of the second relative to the first there (3x1) [m/s].
+    speed
+        Upper bound of the gap's rate (1x1) [m/s], wherever the shapes are nearest.
+    lead
+        Of one way out over another (1x1) [m] or None; see :class:`spacerobot.shapes.Proximity`.
+    """
+
+    gap: ca.SX
+    normal: ca.SX
+    point: ca.SX
+    velocity: ca.SX
+    speed: ca.SX
+    lead: ca.SX | None = None
+
+    @property
+    def opening(self) -> ca.SX:
+        """Rate of the gap (1x1) [m/s]."""
+        return ca.dot(self.normal, self.velocity)
+
+    @property
+    def sliding(self) -> ca.SX:
+        """Relative velocity across the normal (3x1) [m/s]."""
+        return self.velocity - self.opening * self.normal
+
+
+def touches(contact: ContactContext) -> list[ContactPair]:
+    """Every pair of shapes of a contact."""
+    found = []
+    for first, second in contact.pairs:
+        near = contact.proximity(first, second)
+        velocity = contact.velocity(second, near.point) - contact.velocity(first, near.point)
+        speed = contact.approach_speed(first, second)
+        found.append(ContactPair(near.gap, near.normal, near.point, velocity, speed, near.lead))
+    return found
+
+
+_WINDOW = 8
+"""Over how many longest steps they grow behind a touch and shrink before a part where the force is rough."""
+
+
+@dataclass(frozen=True)
+class ContactEvents:
+    """Events of a contact, at which its force has a kink, and its finer steps.
+
+    The force itself depends on no switch: events only have steps end where it is not smooth.
+    """
+
+    events: tuple[Event, ...]
+    fine: tuple[tuple[ca.SX, float, float], ...]
+
+
+def watch(
+    contact: ContactContext,
+    touching: Sequence[ContactPair],
+    config: Contact,
+    pull: Sequence[ca.SX],
+    *,
+    rough: bool,
+) -> ContactEvents:
+    """Where each pair of shapes touches and parts, and where its force ends because it would pull.
+
+    It would where ``pull`` (1x1 each) is above zero; empty if none ever would. Where the force is ``rough``,
+    because it begins as a fractional power of the indentation, steps are graded towards touch and part.
+    """
+    events: list[Event] = []
+    fine = []
+    longest = math.inf if config.longest_step is None else config.longest_step
+    window = _WINDOW if rough else 0
+    for i, touch in enumerate(touching):
+        mark = f".{i + 1}" if len(touching) > 1 else ""
+        touches, loose = (contact.context.switch(f"{name}{mark}") for name in ("touching", "loose"))
+
+        def event(kind: str, guard: ca.SX, armed: ca.SX, sets: dict[str, bool], mark: str = mark) -> Event:
+            return Event(f"{contact.name}{mark}.{kind}", kind, contact.name, guard, armed, sets, kink=True)
+
+        touched = event("touched", -touch.gap, negated(touches), {touches.name(): True})
+        events += [
+            dataclasses.replace(touched, speed=touch.speed),
+            event("parted", touch.gap, touches, {touches.name(): False, loose.name(): False}),
+        ]
+        if touch.lead is not None:
+            flipped = contact.context.switch(f"flipped{mark}")
+            events += [
+                event("flipped", touch.lead, both(touches, negated(flipped)), {flipped.name(): True}),
+                event("flipped", -touch.lead, both(touches, flipped), {flipped.name(): False}),
+            ]
+        if pull:
+            events += [
+                event("loosened", pull[i], both(touches, negated(loose)), {loose.name(): True}),
+                event("pressed", -pull[i], both(touches, loose), {loose.name(): False}),
+            ]
+        if rough or longest < math.inf:
+            fine.append((touches, longest, window))
+    return ContactEvents(tuple(events), tuple(fine))
+
+
+@dataclass(frozen=True)
+class ContactForce:
+    """Contact force between a pair of shapes.
+
+    Attributes
+    ----------
+    force
+        On the second (3x1) [N].
+    normal
+        Its size along the normal (1x1) [N].
+    taken
+        Power that it takes (1x1) [W].
+    """
+
+    force: ca.SX
+    normal: ca.SX
+    taken: ca.SX
+
+
+def booked(
+    contact: ContactContext, touching: Sequence[ContactPair], presses: Sequence[ContactForce]
+) -> Contribution:
+    """Wrenches of all pairs, the power they take, and what is observed: sums, and the nearest pair."""
+    nearest = touching[0]
+    for touch in touching[1:]:
+        nearer, parts = touch.gap < nearest.gap, ("gap", "normal", "point", "velocity", "speed")
+        nearest = ContactPair(*(ca.if_else(nearer, getattr(touch, k), getattr(nearest, k)) for k in parts))
+    force = sum((press.force for press in presses), ca.SX(3, 1))
+    taken = sum((press.taken for press in presses), ca.SX(1, 1))
+    impulse, loss = (
+        State(
+            f"contacts.{contact.name}.{name}",
+            ca.SX.sym(name, rate.size1()),
+            ca.SX.zeros(rate.size1()),
+            ca.densify(rate),
+        )
+        for name, rate in (("impulse", force), ("loss", taken))
+    )
+    values = {
+        "contact_force": force,
+        "contact_normal_force": sum((press.normal for press in presses), ca.SX(1, 1)),
+        "contact_gap": nearest.gap,
+        "contact_point": nearest.point,
+        "contact_velocity": nearest.velocity,
+        "contact_impulse": impulse.symbol,
+        "contact_loss": loss.symbol,
+    }
+    wrenches = (
+        wrench
+        for pair, touch, press in zip(contact.pairs, touching, presses, strict=True)
+        for wrench in contact.opposite(pair, press.force, touch.point)
+    )
+    return Contribution(
+        states=(impulse, loss),
+        wrenches=tuple(wrenches),
+        powers=(PowerTerm("contact", taken),),
+        outputs=tuple(
+            Output(name, values[name], *told, "contact", contact.name) for name, told in OBSERVED.items()
+        ),
+    )

@@ -1,0 +1,96 @@
+"""Controllers: the signals that they read of a robot or a tip, and the torques that they command."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from spacerobot.elements.core.context import RobotContext, TipContext
+from spacerobot.elements.core.contribution import Contribution
+from spacerobot.elements.core.element import Element
+from spacerobot.elements.core.robot_element import RobotElement
+from spacerobot.elements.core.sampling import SAMPLED, Sampling
+from spacerobot.section import Section
+
+MEASURED = "measured_"
+"""Beginning of the names of outputs that are measurements from which plans in flight begin."""
+
+
+class TipController(Element):
+    """A controller of one tip."""
+
+    family: ClassVar[str] = "tip_controller"
+    by_phase: ClassVar[tuple[str, ...]] = ()
+    """Keys of words that may differ by phase, beside numbers; the law reads them by ``context.chosen``."""
+
+    sampled: Sampling | None = SAMPLED
+
+    def build(self, tip: TipContext) -> Contribution:
+        """Contribution to the closed loop."""
+        raise NotImplementedError
+
+    def reads(self, key: str, siblings: Mapping[str, Section]) -> set[str]:
+        """Names of the signals that it reads from sensors; none by default.
+
+        Parameters
+        ----------
+        key, siblings
+            Key of the controller in the tip's section, and the other sections there, as in
+            :class:`TipContext`.
+        """
+        del key, siblings
+        return set()
+
+    @property
+    def feeds_back_joint_acceleration(self) -> bool:
+        """Whether its law has the ideal derivative of joint rates."""
+        return False
+
+    def controls(self, key: str) -> Literal["translation", "rotation"] | None:
+        """Which motion of the tip it takes away from the null space of the robot's joints, if any."""
+        del key
+        return None
+
+
+@dataclass(frozen=True)
+class Replanning:
+    """How the plan that a controller tracks is made again in flight.
+
+    Attributes
+    ----------
+    period
+        Time between two plans [s].
+    min_horizon
+        Time that a plan looks ahead at least [s].
+    delay
+        Time from what is sensed to the plan that is made from it being flown [s].
+    iterations
+        Of the solver, at most, for one plan.
+    """
+
+    period: float
+    min_horizon: float
+    delay: float
+    iterations: int
+
+
+class RobotController(RobotElement):
+    """A controller of all joints of a robot."""
+
+    family: ClassVar[str] = "robot_controller"
+
+    sampled: Sampling | None = SAMPLED
+
+    @property
+    def replanning(self) -> Replanning | None:
+        """How its plan is made again in flight (model predictive control); None for one without."""
+        return None
+
+    def build(self, robot: RobotContext) -> Contribution:
+        """Contribution to the closed loop."""
+        raise NotImplementedError
+
+    def reads(self) -> set[str]:
+        """Signals that it reads from sensors."""
+        return set()

@@ -1,0 +1,1 @@
+"""Common parts of all families: sections, contexts, contributions, events, clocks, registry."""

@@ -1,0 +1,610 @@
+"""Context of a law while it is built."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import casadi as ca
+
+from spacerobot.dynamics import Wrench
+from spacerobot.dynamics.algebra import cross
+from spacerobot.elements.core.contribution import CommandedTorque
+from spacerobot.elements.core.desired_motion import DesiredMotion
+from spacerobot.elements.core.grasp_state import GraspState
+from spacerobot.elements.core.section_context import SectionContext
+from spacerobot.section import Section
+from spacerobot.shapes import MovingShape, Proximity, Shape, approach_speed, proximity
+from spacerobot.symbolic import InitialState, Plant
+
+Affine = tuple[ca.SX | None, ca.SX]
+"""Offset, none where it is zero by construction, and scale (1x1 each) of a measured signal."""
+
+
+def unbroken(place: str, names: Sequence[str], signal: ca.SX) -> ca.SX:
+    """Signal of a loop that is not broken.
+
+    Parameters
+    ----------
+    place, names
+        Where the loop would be broken, and names of the components.
+    signal
+        Its values (n x 1).
+    """
+    del place, names
+    return signal
+
+
+class Held(Protocol):
+    """Reader of signals that are measured at instants."""
+
+    def __call__(
+        self, signal: str, value: ca.SX, world: ca.SX | None = None, point: ca.SX | None = None, /
+    ) -> ca.SX | None:
+        """Last measurement of a signal, as for :meth:`TipContext.read`; None if it is continuous."""
+
+
+@dataclass(frozen=True)
+class RobotContext:
+    """A robot as its controllers see it.
+
+    Attributes
+    ----------
+    context
+        Time and the numbers of the element's section.
+    plant, start
+        Mechanics now, and where everything begins.
+    name
+        Of the robot.
+    joints, columns
+        Ids of its free joints, and their places in v; the floating base and joints that mimic are left out.
+    joint_names
+        Of its free joints, in the URDF.
+    positions
+        From positions of its free joints (n x 1) to those of all its joints, by id.
+    passed
+        Gives the time (1x1) [s] since the present phase began, since the start where there are no phases.
+    sensors
+        From a signal's name to its sensor's offset and scale.
+    held
+        From a signal's name and its value (n x 1) to what was measured of it last; None if it is continuous.
+    base_frame
+        Of its root link in the model.
+    arm
+        Places in v of all its joints that no actuator owns, those that mimic others included.
+    tips
+        Its tips.
+    locked
+        Whether each of its free joints is known to be held (n x 1), structurally zero where none can be.
+    """
+
+    context: SectionContext
+    plant: Plant
+    start: InitialState
+    name: str
+    joints: tuple[int, ...]
+    columns: tuple[int, ...]
+    joint_names: tuple[str, ...]
+    positions: Callable[[ca.SX], Mapping[int, ca.SX]]
+    passed: Callable[[], ca.SX]
+    sensors: Callable[[str], Affine]
+    held: Held
+    base_frame: int
+    arm: tuple[int, ...]
+    tips: tuple[TipContext, ...] = ()
+    locked: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+
+    def read(self, signal: str, value: ca.SX) -> ca.SX:
+        """Signal as its sensor gives it.
+
+        Parameters
+        ----------
+        signal
+            Name of the signal.
+        value
+            Its true value (n x 1).
+
+        Returns
+        -------
+        casadi.SX
+            Last sample of a sampled sensor, otherwise the value with the sensor's offset and scale (n x 1).
+        """
+        return known(self, signal, value)
+
+    @property
+    def key(self) -> str:
+        """Last part of the section's path, which identifies the element among those of its kind."""
+        return self.context.path.rpartition(".")[2]
+
+    @property
+    def base_joint(self) -> int:
+        """Id of the floating base's joint; 0 for a fixed base."""
+        return joint_of(self.plant, self.base_frame)
+
+    def torque(self, values: ca.SX, *, null_space: bool = False) -> CommandedTorque:
+        """Commanded torques of the robot's free joints.
+
+        Parameters
+        ----------
+        values
+            One for each free joint, in the robot's order (n x 1) [N m or N].
+        null_space
+            Whether only the part that does not accelerate the robot's controlled tips acts.
+        """
+        torque = ca.SX(self.plant.v.size1(), 1)
+        for i, column in enumerate(self.columns):
+            torque[column] = values[i]
+        return CommandedTorque(self.name, torque, null_space)
+
+
+@dataclass(frozen=True)
+class TipContext:
+    """A tip as its controllers see it; everything in world axes.
+
+    Attributes
+    ----------
+    context
+        Time and the numbers of the element's section.
+    plant
+        Mechanics now.
+    label, path, key
+        The tip's, ``rpr1/tip``, its dotted path, and the element's key in its section, ``pid``.
+    robot, columns
+        The robot's name, and its joints' places in v.
+    frame, base_frame
+        Of the tip and of the robot's root link in the model.
+    motion
+        What the tip's reference asks for.
+    sensors
+        From a signal's name to its sensor's offset and scale.
+    held
+        As of a robot; joint rates are those of ``columns``.
+    siblings
+        What else stands in the tip's section, by key.
+    held_inertia
+        Estimated inertial parameters of what the tip holds (10x1), axes of the tip; zero while it holds
+        nothing, None where nobody estimates them.
+    """
+
+    context: SectionContext
+    plant: Plant
+    label: str
+    path: str
+    key: str
+    robot: str
+    columns: tuple[int, ...]
+    frame: int
+    base_frame: int
+    motion: DesiredMotion
+    sensors: Callable[[str], Affine]
+    held: Held
+    siblings: Mapping[str, Section]
+    held_inertia: ca.SX | None = None
+
+    def read(
+        self, signal: str, value: ca.SX, world: ca.SX | None = None, point: ca.SX | None = None
+    ) -> ca.SX:
+        """Signal as its sensor gives it.
+
+        Parameters
+        ----------
+        signal
+            Name of the signal.
+        value
+            Its true value (n x 1).
+        world
+            What is known with it in world axes (n x 1), which is then given with the error of the sensor.
+        point
+            Of ``target_velocity``: where on the target it is (3x1) [m]; the root link's origin if not given.
+
+        Returns
+        -------
+        casadi.SX
+            Last sample of a sampled sensor, otherwise the value with the sensor's offset and scale (n x 1).
+        """
+        return known(self, signal, value, world, point)
+
+    @property
+    def joint(self) -> int:
+        """Id of the joint that carries the tip."""
+        return joint_of(self.plant, self.frame)
+
+    @property
+    def base_joint(self) -> int:
+        """Id of the floating base's joint; 0 for a fixed base."""
+        return joint_of(self.plant, self.base_frame)
+
+    @property
+    def rotation(self) -> ca.SX:
+        """Tip axes to world axes (3x3)."""
+        return self.plant.placement(self.frame)[0]
+
+    @property
+    def position(self) -> ca.SX:
+        """Of the tip (3x1) [m]."""
+        return self.plant.placement(self.frame)[1]
+
+    @property
+    def velocity(self) -> ca.SX:
+        """Of the tip (3x1) [m/s]."""
+        return self.plant.velocity(self.frame)[0]
+
+    @property
+    def angular_velocity(self) -> ca.SX:
+        """Of the tip (3x1) [rad/s]."""
+        return self.plant.velocity(self.frame)[1]
+
+    @property
+    def orientation_error(self) -> ca.SX:
+        """Rotation vector (3x1) from the tip's orientation to its reference [rad]."""
+        return self.plant.orientation_error(self.motion.rotation, self.rotation)
+
+    @functools.cached_property
+    def arm_jacobian(self) -> ca.SX:
+        """Manipulator Jacobian (6 x nv), linear rows first: the arm's free joints alone (Eq. 13)."""
+        jacobian, columns = self.plant.jacobian(self.frame), list(self.columns)
+        part = ca.SX(*jacobian.shape)
+        part[:, columns] = jacobian[:, columns]
+        return self.plant.gathered(part.T).T
+
+    def torque(self, force: ca.SX | None = None, couple: ca.SX | None = None) -> CommandedTorque:
+        """Commanded joint torques ``J^T u`` of a wrench on the tip, with the manipulator Jacobian.
+
+        Parameters
+        ----------
+        force
+            Force on the tip at its origin, world axes (3x1) [N]; zero if None.
+        couple
+            Couple on the tip, world axes (3x1) [N m]; zero if None.
+        """
+        none = ca.SX(3, 1)
+        wrench = ca.vertcat(none if force is None else force, none if couple is None else couple)
+        axes = [*self.plant.translation_axes, *(axis + 3 for axis in self.plant.rotation_axes)]
+        return CommandedTorque(self.robot, ca.mtimes(self.arm_jacobian[axes, :].T, wrench[axes]))
+
+    @property
+    def bends(self) -> bool:
+        """Whether flexible links carry the tip: joints that the arm does not drive."""
+        model = self.plant.model
+        carrying = set(model.supports[self.joint]) - {0, self.base_joint}
+        return any(int(model.idx_vs[joint]) not in self.columns for joint in carrying)
+
+    def reduced_loads(self, axes: list[int], *, rotation: bool) -> tuple[ca.SX, ca.SX]:
+        """Unit loads on the tip, reduced: as produced by the arm's joints, and as external wrenches.
+
+        An arm that pushes at its tip pushes back on its own base: ``J^T u`` with the manipulator Jacobian
+        is the wrench u on the tip and -u, at the same point, on the base, unless flexible links give way.
+
+        Parameters
+        ----------
+        axes
+            World axes of the n loads.
+        rotation
+            Whether the loads are couples rather than forces.
+
+        Returns
+        -------
+        tuple
+            Reduced generalized forces by the joints, and those by wrenches (nv x n each).
+        """
+        force, torque = unit_loads(axes, rotation=rotation)
+        on_tip = Wrench(self.joint, force, torque, self.position)
+        by_wrench = self.plant.reduced(wrenches=[on_tip])
+        if self.bends:
+            rows = [axis + 3 * rotation for axis in axes]
+            return self.plant.reduced(self.arm_jacobian[rows, :].T), by_wrench
+        back = Wrench(self.base_joint, -force, -torque, self.position)
+        return self.plant.reduced(wrenches=[on_tip, back]), by_wrench
+
+    def relative_drift(self, *, rotation: bool) -> ca.SX:
+        """Rate (3x1), at zero joint acceleration, of the tip's velocity as seen from the base.
+
+        Where flexible links carry the tip, that by the motion of the arm's joints alone.
+        """
+        if self.bends:
+            rows = [axis + 3 * rotation for axis in range(3)]
+            return self.plant.rate(ca.mtimes(self.arm_jacobian[rows, :], self.plant.v))
+        tip_drift = self.plant.drift(self.frame)
+        if not self.base_joint:
+            return tip_drift[rotation]
+        base_drift = self.plant.drift(self.base_frame)
+        if rotation:
+            return tip_drift[1] - base_drift[1]
+        lever = self.position - self.plant.placement(self.base_frame)[1]
+        base_velocity, base_spin = self.plant.velocity(self.base_frame)
+        # d/dt of v_tip - v_base - omega_base x lever
+        return (
+            tip_drift[0]
+            - base_drift[0]
+            - cross(base_drift[1], lever)
+            - cross(base_spin, self.velocity - base_velocity)
+        )
+
+
+@dataclass(frozen=True)
+class ActuatorContext:
+    """A robot as its actuators see it; everything in world axes.
+
+    Attributes
+    ----------
+    context
+        Time and the numbers of the actuator's section.
+    plant, start
+        Mechanics now, and where everything begins.
+    robot, path
+        The robot's name and its dotted path.
+    columns
+        Places in v of its free joints, by the joint's name; none that another actuator owns.
+    base_frame
+        Of the robot's root link in the model.
+    base_columns
+        Places in v of the floating base, of its linear and then its angular velocity in the root link's axes.
+    wheels, stored
+        Angular momentum (3x1) of the robot's wheels about their axes, and what it has in addition to that of
+        its links, world axes.
+    break_point
+        From the place, the names and the values (n x 1) of signals to what acts of them: the same, unless the
+        loop is linearised with an input there.
+    """
+
+    context: SectionContext
+    plant: Plant
+    start: InitialState
+    robot: str
+    path: str
+    columns: Mapping[str, int]
+    base_frame: int
+    base_columns: tuple[int, ...]
+    wheels: ca.SX = field(default_factory=lambda: ca.SX(3, 1))
+    stored: ca.SX = field(default_factory=lambda: ca.SX(3, 1))
+    break_point: Callable[[str, Sequence[str], ca.SX], ca.SX] = unbroken
+
+    @property
+    def base_joint(self) -> int:
+        """Id of the floating base's joint; 0 for a fixed base."""
+        return joint_of(self.plant, self.base_frame)
+
+    def joint_number(self, joint: str, key: str) -> ca.SX:
+        """Number of a joint's own section, such as ``torque_limit`` (1x1), in the section's unit.
+
+        Parameters
+        ----------
+        joint
+            Name of the joint in the URDF.
+        key
+            Key of the number.
+        """
+        return self.context.at(f"{self.path}.joints.{joint}").number(key)
+
+    def on_base(self, force: ca.SX | None = None, torque: ca.SX | None = None) -> Wrench:
+        """Wrench on the base at the root link's origin, world axes.
+
+        Parameters
+        ----------
+        force
+            Force (3x1) [N]; zero if None.
+        torque
+            Torque (3x1) [N m]; zero if None.
+        """
+        none = ca.SX(3, 1)
+        point = self.plant.placement(self.base_frame)[1]
+        return Wrench(
+            self.base_joint, none if force is None else force, none if torque is None else torque, point
+        )
+
+
+@dataclass(frozen=True)
+class GraspContext:
+    """A tip and the mating frame that it holds; everything in world axes.
+
+    Attributes
+    ----------
+    context
+        Time and the numbers of the grasp's section.
+    plant, start
+        Mechanics now, and where everything begins.
+    name
+        Of the grasp.
+    tip_frame, mate_frame
+        Frames of tip and mating frame in the model.
+    may_close, lets_go
+        Whether the phase lets it close, and has it let go (1x1 each).
+    hold
+        How it holds; None if it is always closed.
+    """
+
+    context: SectionContext
+    plant: Plant
+    start: InitialState
+    name: str
+    tip_frame: int
+    mate_frame: int
+    may_close: ca.SX = field(default_factory=lambda: ca.SX(1))
+    lets_go: ca.SX = field(default_factory=lambda: ca.SX(0))
+    hold: GraspState | None = None
+
+    @property
+    def tip_joint(self) -> int:
+        """Id of the joint that carries the tip."""
+        return joint_of(self.plant, self.tip_frame)
+
+    @property
+    def mate_joint(self) -> int:
+        """Id of the joint that carries the mating frame."""
+        return joint_of(self.plant, self.mate_frame)
+
+    def opposite(self, force: ca.SX, torque: ca.SX) -> tuple[Wrench, Wrench]:
+        """Pair of opposite wrenches at the tip's origin.
+
+        Parameters
+        ----------
+        force, torque
+            Force [N] and torque [N m] on the target, world axes (3x1 each).
+
+        Returns
+        -------
+        tuple
+            Wrench on the target's joint as given, and the opposite one on the robot's joint.
+        """
+        point = self.plant.placement(self.tip_frame)[1]
+        return (
+            Wrench(self.mate_joint, force, torque, point),
+            Wrench(self.tip_joint, -force, -torque, point),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReferenceContext(SectionContext):
+    """A tip and the target as the tip's references see them; everything in world axes.
+
+    Attributes
+    ----------
+    plant
+        Mechanics now.
+    tip
+        Frame of the tip.
+    links
+        Frames of the target's links, by name.
+    target
+        Joints of the target, its root first; none where its base is fixed.
+    shown
+        From a signal's name and its value (3x1) to what the robot's sensor shows of it; None without sensors.
+    held
+        From a signal's name and what its sensor shows of something now (n x 1) to what is known of it: the
+        same, or what was shown when the sensor measured last.
+    estimates
+        What filters of the robot estimate, by signal, as of a contribution.
+    """
+
+    plant: Plant
+    tip: int
+    links: Mapping[str, int]
+    target: tuple[int, ...]
+    shown: Callable[[str, ca.SX], ca.SX | None]
+    held: Callable[[str, ca.SX], ca.SX]
+    estimates: Mapping[str, Callable[[ca.SX], ca.SX]]
+
+
+@dataclass(frozen=True)
+class ContactSurface:
+    """A shape of a body, and the frame and joint in the model that carry it."""
+
+    shape: Shape
+    frame: int
+    joint: int
+
+
+@dataclass(frozen=True)
+class ContactContext:
+    """Shapes of two bodies that may touch; everything in world axes.
+
+    Attributes
+    ----------
+    context
+        Time and the numbers of the contact's section.
+    plant
+        Mechanics now.
+    name
+        Of the contact.
+    pairs
+        Every first shape with every second one.
+    """
+
+    context: SectionContext
+    plant: Plant
+    name: str
+    pairs: tuple[tuple[ContactSurface, ContactSurface], ...]
+
+    def proximity(self, first: ContactSurface, second: ContactSurface) -> Proximity:
+        """Proximity of two shapes, with the contact's ``crown``.
+
+        Parameters
+        ----------
+        first, second
+            Surfaces of the two bodies.
+        """
+        crown = self.context.number("crown")
+        return proximity(first.shape, second.shape, crown)
+
+    def approach_speed(self, first: ContactSurface, second: ContactSurface) -> ca.SX:
+        """Upper bound of the rate of the gap of two shapes (1x1) [m/s], wherever they are nearest.
+
+        Parameters
+        ----------
+        first, second
+            Surfaces of the two bodies.
+        """
+        moving = [
+            MovingShape(one.shape, self.velocity(one, one.shape.position), self.plant.velocity(one.frame)[1])
+            for one in (first, second)
+        ]
+        return approach_speed(moving, self.context.number("crown"))
+
+    def velocity(self, surface: ContactSurface, point: ca.SX) -> ca.SX:
+        """Velocity of a body's material point, world axes (3x1) [m/s].
+
+        Parameters
+        ----------
+        surface
+            Surface of the body.
+        point
+            Current position of the point in the world (3x1) [m].
+        """
+        linear, angular = self.plant.velocity(surface.frame)
+        return linear + cross(angular, point - self.plant.placement(surface.frame)[1])
+
+    def opposite(
+        self, pair: tuple[ContactSurface, ContactSurface], force: ca.SX, point: ca.SX
+    ) -> tuple[Wrench, Wrench]:
+        """Pair of opposite forces at a point.
+
+        Parameters
+        ----------
+        pair
+            The two surfaces.
+        force
+            Force on the second one, world axes (3x1) [N].
+        point
+            Point of application in the world (3x1) [m].
+
+        Returns
+        -------
+        tuple
+            Wrench on the second one's joint as given, and the opposite one on the first one's joint.
+        """
+        none = ca.SX(3, 1)
+        return Wrench(pair[1].joint, force, none, point), Wrench(pair[0].joint, -force, none, point)
+
+
+def known(
+    context: RobotContext | TipContext,
+    signal: str,
+    value: ca.SX,
+    world: ca.SX | None = None,
+    point: ca.SX | None = None,
+) -> ca.SX:
+    """A signal (n x 1) as its sensor gives it, as of :meth:`TipContext.read`."""
+    last = context.held(signal, value, world, point)
+    if last is not None:
+        return last
+    offset, scale = context.sensors(signal)
+    shown = scale * value if offset is None else offset + scale * value
+    return shown if world is None else world + shown - value
+
+
+def joint_of(plant: Plant, frame: int) -> int:
+    """Id of the joint that carries a frame; 0 for a fixed frame."""
+    return int(plant.model.frames[frame].parentJoint)
+
+
+def unit_load(axis: int, *, rotation: bool) -> tuple[ca.SX, ca.SX]:
+    """Unit force along a world axis and no couple, or no force and a unit couple about it (3x1 each)."""
+    return unit_loads([axis], rotation=rotation)
+
+
+def unit_loads(axes: Sequence[int], *, rotation: bool) -> tuple[ca.SX, ca.SX]:
+    """The same for each of n axes (3xn each)."""
+    units, none = ca.SX.eye(3)[:, list(axes)], ca.SX(3, len(axes))
+    return (none, units) if rotation else (units, none)

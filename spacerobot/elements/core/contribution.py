@@ -1,0 +1,485 @@
+"""Contributions of elements to the closed loop."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, TypeVar
+
+import casadi as ca
+
+from spacerobot.dynamics import Wrench
+from spacerobot.elements.core.event import Event, both
+
+Item = TypeVar("Item", "State", "CommandedTorque", "PowerTerm", "Output", Wrench)
+
+
+@dataclass(frozen=True)
+class State:
+    """A state with where it begins and how it changes.
+
+    Attributes
+    ----------
+    name
+        Where it belongs, ``rpr1/tip/pid.integral``.
+    symbol
+        Its symbols (n x 1).
+    initial
+        Its value at the start, an expression of (t, q, v, c); other states in it count as zero (n x 1).
+    derivative
+        Its time derivative, an expression of (t, x, c) (n x 1).
+    remembers
+        Whether events alone change it; other states may then count on it where they begin.
+    """
+
+    name: str
+    symbol: ca.SX
+    initial: ca.SX
+    derivative: ca.SX
+    remembers: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """A name for each component."""
+        return tuple(f"{self.name}[{i}]" for i in range(self.symbol.size1()))
+
+
+def memory(name: str, initial: ca.SX) -> State:
+    """State that keeps its value until an event changes it.
+
+    Parameters
+    ----------
+    name
+        Name of the state and of its symbol.
+    initial
+        Initial value (n x 1).
+    """
+    size = initial.size1()
+    return State(name, ca.SX.sym(name, size), ca.densify(initial), ca.SX.zeros(size), remembers=True)
+
+
+@dataclass(frozen=True)
+class CommandedTorque:
+    """Generalized forces commanded of a robot's actuators.
+
+    Attributes
+    ----------
+    robot
+        Whose they are.
+    value
+        Generalized forces (nv x 1).
+    null_space
+        Whether only the part that does not accelerate the robot's controlled tips shall act.
+    """
+
+    robot: str
+    value: ca.SX
+    null_space: bool = False
+
+
+@dataclass(frozen=True)
+class ActuatorDrive:
+    """Response of an actuator to commanded generalized forces.
+
+    Attributes
+    ----------
+    columns
+        Places in v that it takes over: those of joints, or of a base. What is delivered to a base comes from
+        outside the scene; a wheel delivers nothing there, its wrench stands in ``answer``.
+    deliver
+        From what is asked for at these places (n x 1) to what is delivered there (n x 1) [N m or N].
+    answer
+        From what is asked for to what else it brings: states, wrenches, what it stores, powers, outputs.
+    passes_on
+        Those of its places at which what ``deliver`` gives is not delivered but left for the next actuator;
+        what the last of these leaves acts nowhere.
+    """
+
+    columns: tuple[int, ...]
+    deliver: Callable[[ca.SX], ca.SX]
+    answer: Callable[[ca.SX], Contribution] | None = None
+    passes_on: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class StoredMomentum:
+    """Momentum and kinetic energy of an element in addition to those of the links, such as a wheel's.
+
+    Attributes
+    ----------
+    body
+        Name of the body that it is mounted on, ``rpr1``.
+    angular
+        Angular momentum (3x1), world axes [N m s].
+    energy
+        Kinetic energy (1x1) [J].
+    """
+
+    body: str
+    angular: ca.SX
+    energy: ca.SX
+
+
+@dataclass(frozen=True)
+class MotorSide:
+    """Motion of a joint's motor as an encoder there shows it, divided by the gear ratio.
+
+    Attributes
+    ----------
+    column
+        Place of the joint in v.
+    ahead
+        By how much the motor's position is ahead of the joint's (1x1) [rad or m].
+    rate
+        Of the motor (1x1) [rad/s or m/s].
+    """
+
+    column: int
+    ahead: ca.SX
+    rate: ca.SX
+
+
+@dataclass(frozen=True)
+class ControlChannel:
+    """A law that may depend on the acceleration it causes: ``u = command - derivative_gain (C v' + drift)``.
+
+    Attributes
+    ----------
+    robot
+        Whose actuators bring it about.
+    actuation
+        u to generalized forces (nv x n): transposed rows of the manipulator Jacobian.
+    drive
+        ``actuation``, reduced (nv x n).
+    sense
+        Loads along which v' is C v', reduced (nv x n).
+    command
+        u without the part that depends on v' (n x 1).
+    derivative_gain
+        K_d; none where u does not depend on v' (n x 1 or None).
+    moves_tip
+        Whether it moves a tip, whose motion the null space of the robot's joints leaves alone.
+    """
+
+    robot: str
+    actuation: ca.SX
+    drive: ca.SX
+    sense: ca.SX
+    command: ca.SX
+    derivative_gain: ca.SX | None
+    moves_tip: bool = True
+
+    @property
+    def size(self) -> int:
+        """Number of components of u."""
+        return self.command.size1()
+
+
+@dataclass(frozen=True)
+class SampledLaw:
+    """Channels with a derivative that are evaluated at instants, and held between them.
+
+    At an instant their outputs are solved for as those of a continuous law are, with all other torques as
+    they are asked for then.
+
+    Attributes
+    ----------
+    event
+        Name of the event that evaluates them.
+    channels
+        As they would act continuously.
+    output
+        Symbols (n x 1) that stand for their outputs in the event's updates, one after the other.
+    held
+        Generalized forces (nv x 1) that their controller holds, which the new ones replace.
+    group
+        Laws of one group are evaluated at the same instants.
+    first
+        Place of the first of its outputs among those of all channels.
+    """
+
+    event: str
+    channels: tuple[ControlChannel, ...]
+    output: ca.SX
+    held: ca.SX
+    group: str = ""
+    first: int = 0
+
+    def of(self, outputs: Any) -> Any:
+        """Its own among the outputs of all channels (n x 1)."""
+        return outputs[self.first : self.first + self.output.size1()]
+
+    def others(self, drives: Iterable[ActuatorDrive]) -> list[ActuatorDrive]:
+        """Actuators of other places: what the channels ask for counts as delivered, as in continuous time."""
+        rows = {row for channel in self.channels for row in channel.actuation.sparsity().row()}
+        return [drive for drive in drives if rows.isdisjoint(drive.columns)]
+
+
+def jointly(laws: Sequence[SampledLaw]) -> tuple[SampledLaw, ...]:
+    """Laws of which those of one group are solved for together, each for its own outputs.
+
+    One after the other they would each take the others' last outputs for constant: an iteration by one block
+    a period, which hardly contracts where two laws act on the same light joints (position and orientation of
+    one tip: by 0.9 a period).
+    """
+    found = []
+    for law in laws:
+        peers = [other for other in laws if other.group == law.group]
+        before = peers[: [peer.event for peer in peers].index(law.event)]
+        found.append(
+            dataclasses.replace(
+                law,
+                channels=tuple(channel for peer in peers for channel in peer.channels),
+                held=sum((peer.held for peer in peers[1:]), peers[0].held),
+                first=sum(peer.output.size1() for peer in before),
+            )
+        )
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class PowerTerm:
+    """A power of the energy balance.
+
+    Attributes
+    ----------
+    name
+        What it is booked under; powers of one name are added up.
+    value
+        Power (1x1) [W].
+    sign
+        ``in`` for what is put in, ``out`` for what is taken.
+    """
+
+    name: str
+    value: ca.SX
+    sign: Literal["in", "out"] = "out"
+
+
+@dataclass(frozen=True)
+class Output:
+    """Something that can be observed, declared by the element that makes it.
+
+    Attributes
+    ----------
+    name
+        Variable of the result; outputs of one name are put together over their labels, those of one name and
+        label added up.
+    value
+        Vector in world axes (3x1), or number (1x1).
+    unit
+        SI unit, ``1`` for a pure number.
+    text
+        What it is, for axes, tables and the documentation.
+    dimension, label
+        What it is of: ``tip``, ``body``, ``grasp`` or ``contact``, and which one; ``joint`` for a number of
+        each joint (n x 1); none for the whole scene. Any other word is a dimension of its own, along which
+        the labels stand in the order of their outputs.
+    """
+
+    name: str
+    value: ca.SX
+    unit: str
+    text: str
+    dimension: str | None = None
+    label: str = ""
+
+
+@dataclass(frozen=True)
+class AccelerationConstraint:
+    """Accelerations that vanish, ``G v' + drift = 0``, and the wrenches that see to it.
+
+    Attributes
+    ----------
+    directions
+        Unit force and torque on the tip, opposite on the target at the same point (pairs of 3x1), of exact
+        rank: two or three, and one or three more for a weld.
+    sense
+        The same loads, reduced, along which v' is the relative acceleration, drift left out (nv x n).
+    drift
+        Remaining acceleration and stabilisation (n x 1).
+    slip
+        The relative velocity itself (n x 1).
+    answer
+        From the reaction's force and torque on the target (3x1 each) to what is booked and observed of it.
+    active
+        Switch (1x1) that is 1 while it holds; None if it always does.
+    struck
+        From an impulse's force and torque on the target (3x1 each) [N s, N m s] to new values of states by
+        name; None if nothing remembers it.
+    compliance
+        C (n x 1) where the reactions w also move what has no place in v, ``G v' + drift + C w = 0``: inverse
+        inertia of that; None if there is nothing.
+    imposed
+        Relative velocity (n x 1) that it drives, ``G v = imposed`` where it does not slip; None for none.
+    known
+        Of a joint that is held: switch (1x1) that is 1 while controllers know that it is; None for others.
+    """
+
+    directions: tuple[tuple[ca.SX, ca.SX], ...]
+    sense: ca.SX
+    drift: ca.SX
+    slip: ca.SX
+    answer: Callable[[ca.SX, ca.SX], Contribution]
+    active: ca.SX | None = None
+    struck: Callable[[ca.SX, ca.SX], Mapping[str, ca.SX]] | None = None
+    compliance: ca.SX | None = None
+    imposed: ca.SX | None = None
+    known: ca.SX | None = None
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return len(self.directions)
+
+    def on_target(self, along: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Force and torque on the target (3x1 each), of what acts on the tip along the directions (n x 1)."""
+        force, torque = ca.SX(3, 1), ca.SX(3, 1)
+        for k, (line, axis) in enumerate(self.directions):
+            force, torque = force - line * along[k], torque - axis * along[k]
+        return force, torque
+
+
+@dataclass(frozen=True)
+class Innovation:
+    """Innovations of a filter by the samples of one signal, for tests of whether its sensor has failed.
+
+    Attributes
+    ----------
+    filter, signal
+        Label of the filter, ``servicer/attitude``, and name of the signal.
+    square
+        Last normalised innovation squared (1x1).
+    size
+        Number of components.
+    used
+        Time of the last sample that was used (1x1) [s], below zero for none.
+    period, delay
+        Between instants at which the filter takes samples, and the first of them (1x1) [s].
+    period_s
+        Of the samples, by the scenario's numbers.
+    """
+
+    filter: str
+    signal: str
+    square: ca.SX
+    size: int
+    used: ca.SX
+    period: ca.SX
+    delay: ca.SX
+    period_s: float
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """Contribution of one element to the closed loop; the loop concatenates.
+
+    Attributes
+    ----------
+    states
+        Its own states.
+    torques
+        That actuators are asked for.
+    wrenches
+        On bodies, in opposite pairs or against what is stored: they change no momentum of the whole.
+    outside
+        Wrenches from outside the scene; momentum is then not conserved.
+    channels
+        Laws that may depend on the acceleration.
+    sampled
+        Such laws that are evaluated at instants.
+    drives
+        Of actuators, in the order in which they act.
+    stored
+        Momenta and kinetic energies beside those of the links.
+    wheels
+        Angular momenta (3x1) of sets of wheels about their axes, world axes, for what unloads them.
+    motors
+        Of joints with a transmission, for encoders on the motors.
+    constraints
+        Of rigid connections.
+    energy
+        Stored in springs (1x1) [J], none if it stores nothing.
+    powers, outputs
+        Booked in the ledger, and observed.
+    events
+        At which it changes.
+    estimates
+        Signals that the controllers of its robot read of it instead of a sensor, each with a function from
+        the true value to the estimated one; of ``target_position`` and ``target_velocity`` from the true
+        place of a point of the target (3x1), world axes.
+    innovations
+        Of a filter, for each signal whose samples it uses.
+    fine
+        Switches (1x1), each with the longest step [s] while it is 1, infinite for that of the rollout, and
+        over how many of these steps grow at the beginning of that time and shrink at its end.
+    """
+
+    states: tuple[State, ...] = ()
+    torques: tuple[CommandedTorque, ...] = ()
+    wrenches: tuple[Wrench, ...] = ()
+    outside: tuple[Wrench, ...] = ()
+    channels: tuple[ControlChannel, ...] = ()
+    sampled: tuple[SampledLaw, ...] = ()
+    drives: tuple[ActuatorDrive, ...] = ()
+    stored: tuple[StoredMomentum, ...] = ()
+    wheels: tuple[ca.SX, ...] = ()
+    motors: tuple[MotorSide, ...] = ()
+    constraints: tuple[AccelerationConstraint, ...] = ()
+    energy: ca.SX | None = None
+    powers: tuple[PowerTerm, ...] = ()
+    outputs: tuple[Output, ...] = ()
+    events: tuple[Event, ...] = ()
+    estimates: tuple[tuple[str, Callable[[ca.SX], ca.SX]], ...] = ()
+    innovations: tuple[Innovation, ...] = ()
+    fine: tuple[tuple[ca.SX, float, float], ...] = ()
+
+
+def concatenate(parts: Iterable[Contribution]) -> Contribution:
+    """All contributions as one, in their order."""
+    found = list(parts)
+    energies = [part.energy for part in found if part.energy is not None]
+    lists = {
+        field.name: tuple(item for part in found for item in getattr(part, field.name))
+        for field in dataclasses.fields(Contribution)
+        if field.name != "energy"
+    }
+    return Contribution(**lists, energy=sum(energies[1:], energies[0]) if energies else None)
+
+
+def gated(contribution: Contribution, switch: ca.SX, outputs: Collection[str] = ()) -> Contribution:
+    """Contribution that acts while a switch is 1; else its states are constant and it stores nothing.
+
+    ``outputs`` are the names of those that are then zero.
+    """
+
+    def commanded(channel: ControlChannel) -> ControlChannel:
+        gain = None if channel.derivative_gain is None else channel.derivative_gain * switch
+        return dataclasses.replace(channel, command=channel.command * switch, derivative_gain=gain)
+
+    def scaled(item: Item, **values: Any) -> Item:
+        return dataclasses.replace(item, **{name: value * switch for name, value in values.items()})
+
+    return dataclasses.replace(
+        contribution,
+        states=tuple(scaled(state, derivative=state.derivative) for state in contribution.states),
+        torques=tuple(scaled(torque, value=torque.value) for torque in contribution.torques),
+        wrenches=tuple(
+            scaled(wrench, force=wrench.force, torque=wrench.torque) for wrench in contribution.wrenches
+        ),
+        outside=tuple(
+            scaled(wrench, force=wrench.force, torque=wrench.torque) for wrench in contribution.outside
+        ),
+        channels=tuple(commanded(channel) for channel in contribution.channels),
+        constraints=tuple(dataclasses.replace(held, active=switch) for held in contribution.constraints),
+        energy=None if contribution.energy is None else contribution.energy * switch,
+        powers=tuple(scaled(power, value=power.value) for power in contribution.powers),
+        outputs=tuple(
+            scaled(output, value=output.value) if output.name in outputs else output
+            for output in contribution.outputs
+        ),
+        events=tuple(
+            dataclasses.replace(event, armed=both(event.armed, switch)) for event in contribution.events
+        ),
+    )

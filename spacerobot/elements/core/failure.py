@@ -1,0 +1,75 @@
+"""Failures: an event at which a switch turns, and stays so."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import casadi as ca
+from pydantic import Field
+
+from spacerobot.elements.core.event import Event, negated
+from spacerobot.elements.core.section_context import SectionContext
+from spacerobot.section import Section, quantity
+
+
+class Failure(Section):
+    """Failure at a time."""
+
+    at: float = quantity("s", "time of the failure", ge=0)
+
+
+class AllocatedFailure(Failure):
+    """Failure of one of several that share a command."""
+
+    known: bool = Field(
+        default=False, description="whether the allocation leaves it out from then on; it does upon detection"
+    )
+
+
+class ResidualTest(Section):
+    """Test of residuals of momentum; see :mod:`spacerobot.elements.actuators.momentum_residual`."""
+
+    period: float = quantity("s", "time between two samples", gt=0)
+    bandwidth: float = quantity("1/s", "K, rate of the residual's lag", default=10.0, gt=0)
+    spin_noise: float = quantity(
+        "rad/s", "standard deviation of a sample of the base's spin", default=0.0, ge=0
+    )
+    false_alarms: float = quantity("1/h", "F, greatest rate of false alarms", default=0.01, gt=0)
+
+
+def failing(
+    context: SectionContext,
+    name: str,
+    *,
+    switch: str = "failed",
+    sets: Mapping[str, bool] | None = None,
+    updates: Mapping[str, ca.SX] | None = None,
+    impact: bool = False,
+) -> tuple[ca.SX, Event]:
+    """Switch that the failure of a part turns on, and the event that does so.
+
+    Parameters
+    ----------
+    context
+        Of the section with the time ``at`` of the failure [s].
+    name
+        What fails; the event is ``name.failed``.
+    switch
+        Name of the switch, unique in the section.
+    sets, updates, impact
+        What else the event does; see :class:`~spacerobot.elements.core.event.Event`.
+    """
+    failed = context.switch(switch)
+    turned = {failed.name(): True} | dict(sets or {})
+    guard = context.time - context.number("at")
+    return failed, Event(
+        f"{name}.failed",
+        "failed",
+        name,
+        guard,
+        negated(failed),
+        turned,
+        dict(updates or {}),
+        impact=impact,
+        clock=True,
+    )

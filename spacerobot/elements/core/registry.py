@@ -1,0 +1,274 @@
+"""Every kind of element by its family: shipped, installed, and added by a user."""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import hashlib
+import importlib
+import importlib.util
+import operator
+import pkgutil
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import MappingProxyType
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
+
+from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+from spacerobot.elements.core.element import Element
+from spacerobot.errors import FORMER_NAMES, SpaceRobotError, near_names
+from spacerobot.files import StrPath
+from spacerobot.registry import Registry, registered
+
+GROUP = "spacerobot.elements"
+"""Entry points by which installed packages add kinds: each names a module that registers them."""
+
+FAMILIES = {
+    "reference": "spacerobot.elements.references",
+    "grasp": "spacerobot.elements.grasps",
+    "contact": "spacerobot.elements.contacts",
+    "tip_controller": "spacerobot.elements.controllers",
+    "robot_controller": "spacerobot.elements.controllers",
+    "actuator": "spacerobot.elements.actuators",
+    "sensor": "spacerobot.elements.sensors",
+    "estimator": "spacerobot.elements.estimators",
+    "environment": "spacerobot.elements.environments",
+    "flexible_link": "spacerobot.elements.flexible",
+    "shape": "spacerobot.elements.shapes",
+}
+"""Families of a closed loop, and the package whose modules hold the kinds that ship."""
+
+PLANS = {
+    "goal": "spacerobot.elements.goals",
+    "plan_limit": "spacerobot.elements.limits",
+}
+"""The same of plans, which are no part of a closed loop."""
+
+_HOMES = FAMILIES | PLANS
+_KINDS: dict[str, dict[str, type[Element]]] = {family: {} for family in _HOMES}
+_LISTENERS: list[Callable[[], None]] = []
+_LOADED: set[str] = set()
+_PLUGINS: dict[Path, bytes] = {}
+
+Kind = TypeVar("Kind", bound=type[Any])
+
+
+def register(kind: Kind) -> Kind:
+    """Add a kind of element, sampler, tuning method, figure or command; use it as a decorator of the class.
+
+    Raises
+    ------
+    SpaceRobotError
+        If the class belongs to no family, has no ``kind`` or documentation, or its name is taken.
+    """
+    if isinstance(getattr(kind, "registry", None), Registry):
+        return registered(kind)
+    where = f"{kind.__module__}.{kind.__qualname__}"
+    family = getattr(kind, "family", None)
+    if family not in _HOMES or not issubclass(kind, Element):
+        raise SpaceRobotError(f"family {family!r}, {near_names(str(family), _HOMES)}", where=where)
+    name = kind_of(kind)
+    if not name:
+        raise SpaceRobotError('no kind; write `kind: Literal["name"] = "name"`', where=where)
+    if not kind.__doc__:
+        raise SpaceRobotError("no docstring; the documentation needs its first line", where=where)
+    if not kind.__module__.startswith(_HOMES[family]):
+        _load_shipped(_HOMES[family])  # whose names are taken
+    taken = _KINDS[family].get(name)
+    if taken is not None and (taken.__module__, taken.__qualname__) != (kind.__module__, kind.__qualname__):
+        held = f"{taken.__module__}.{taken.__qualname__}"
+        raise SpaceRobotError(f"the {family} kind {name!r} is taken by {held}", where=where)
+    _KINDS[family][name] = kind
+    for listener in _LISTENERS:
+        listener()
+    return kind
+
+
+def kind_of(element: type[Element]) -> str:
+    """Name of a kind in a scenario; empty if it has none."""
+    annotation = element.model_fields["kind"].annotation
+    values = get_args(annotation) if get_origin(annotation) is Literal else ()
+    return str(values[0]) if values else ""
+
+
+def kinds(family: str) -> Mapping[str, type[Element]]:
+    """Kinds of a family by name: those that ship in the order of their names, then the others."""
+    _load_shipped(_HOMES[family])
+    if GROUP not in _LOADED:
+        _LOADED.add(GROUP)
+        for point in entry_points(group=GROUP):
+            point.load()
+    shipped = _HOMES[family]
+    ordered = sorted(
+        _KINDS[family].items(), key=lambda kind: (not kind[1].__module__.startswith(shipped), kind[0])
+    )
+    return MappingProxyType(dict(ordered))
+
+
+def create(family: str, kind: str, **values: Any) -> Any:
+    """Create a section of a registered kind; keys that are not given have their defaults.
+
+    Parameters
+    ----------
+    family
+        Family of the kind, such as ``reference``.
+    kind
+        Name of the kind.
+    **values
+        Values of the section, by key.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If a value is not allowed by the kind.
+    KeyError
+        If there is no such family or kind.
+    """
+    return kinds(family)[kind].model_validate({"kind": kind} | values)
+
+
+def only_shipped() -> bool:
+    """Whether every kind of element there is ships with this package."""
+    return all(kind.__module__.startswith(home) for f, home in _HOMES.items() for kind in kinds(f).values())
+
+
+def on_change(listener: Callable[[], None]) -> None:
+    """Have a function called whenever a kind is added."""
+    _LISTENERS.append(listener)
+
+
+def load_plugin(path: StrPath) -> None:
+    """Run a Python file that registers kinds; one that has been run is run again only if it changed.
+
+    Raises
+    ------
+    SpaceRobotError
+        If there is no such file, or it fails; the line it fails in is named.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise SpaceRobotError("no such file", source=path)
+    text = path.read_bytes()
+    if _PLUGINS.get(path.resolve()) == text:
+        return
+    name = f"spacerobot_plugin_{path.stem}"
+    specification = importlib.util.spec_from_file_location(name, path)
+    if specification is None or specification.loader is None:
+        raise SpaceRobotError("not a Python file", source=path)
+    module = importlib.util.module_from_spec(specification)
+    sys.modules[name] = module
+    try:
+        specification.loader.exec_module(module)
+    except SpaceRobotError as fault:
+        raise SpaceRobotError(fault.message, source=path, where=fault.where) from None
+    except Exception as fault:
+        # line of a file in which an exception arose, if it did there
+        found, trace = None, fault.__traceback__
+        while trace is not None:
+            if trace.tb_frame.f_code.co_filename == str(path):
+                found = f"line {trace.tb_lineno}"
+            trace = trace.tb_next
+        raise SpaceRobotError(f"{type(fault).__name__}: {fault}", source=path, where=found) from None
+    _PLUGINS[path.resolve()] = text
+
+
+def plugins() -> tuple[Path, ...]:
+    """Files that :func:`load_plugin` ran, in their order; other processes need them for the same scenario."""
+    return tuple(_PLUGINS)
+
+
+def plugin_options() -> list[str]:
+    """Words of a command line that load the same plugins."""
+    return [word for path in _PLUGINS for word in ("--plugin", str(path))]
+
+
+def plugin_records() -> list[dict[str, str]]:
+    """The same as results keep them: ``file``, absolute, and ``sha256`` of what was run."""
+    return [
+        {"file": str(path), "sha256": hashlib.sha256(text).hexdigest()} for path, text in _PLUGINS.items()
+    ]
+
+
+def _load_shipped(package: str) -> None:
+    if package in _LOADED:
+        return
+    _LOADED.add(package)
+    for module in pkgutil.iter_modules(importlib.import_module(package).__path__):
+        importlib.import_module(f"{package}.{module.name}")
+
+
+@dataclass(frozen=True)
+class Family:
+    """Annotation of a field: a section of any registered kind of a family, told apart by ``kind``.
+
+    Attributes
+    ----------
+    name
+        Of the family.
+    default
+        Kind of a section that names none; it must name one if None.
+    only
+        The one kind that the field takes, where its key names it; any kind of the family if None.
+    """
+
+    name: str
+    default: str | None = None
+    only: str | None = None
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Schema of the union of all kinds there are now."""
+        found = kinds(self.name)
+        if self.only is not None:
+            return handler.generate_schema(found[self.only])
+        union = handler.generate_schema(
+            Annotated[functools.reduce(operator.or_, found.values()), Field(discriminator="kind")]
+        )
+
+        def known(value: Any) -> Any:
+            """The section with its kind, which it names, has by default, or tells by a key of its own."""
+            if not isinstance(value, dict | Element):
+                raise PydanticCustomError("dict_type", "a section is required")
+            if isinstance(value, dict) and self.default is not None:
+                value = {"kind": self.default} | value
+            if isinstance(value, dict) and "kind" not in value:
+                # a section with its kind, where the kinds of its family are told by a key that each has alone
+                keys = {kind.told_by: name for name, kind in found.items() if kind.told_by}
+                given = [key for key in keys if value.get(key)]
+                if keys and len(given) != 1:
+                    told = f"found {', '.join(given) or 'none'}, allowed: one of {', '.join(keys)}"
+                    raise PydanticCustomError("unknown_kind", "{told}", {"told": told})
+                value = {"kind": keys[given[0]]} | dict(value) if keys else value
+                former = [key for key in value if FORMER_NAMES.get(key) == "kind"]
+                if former and "kind" not in value:
+                    raise ValueError(f"unknown key {former[0]!r}; use 'kind'")
+            if isinstance(value, dict) and value.get("kind") not in tuple(found):
+                # the kind that was found, the registered kinds and those with similar names
+                allowed = f"allowed: {', '.join(found)}"
+                told = f"missing, {allowed}"
+                if "kind" in value:
+                    near = difflib.get_close_matches(str(value["kind"]), tuple(found), n=2)
+                    hint = f"did you mean {' or '.join(near)}? " if near else ""
+                    told = f"found {value['kind']!r}, {allowed}; {hint}your own come with --plugin FILE"
+                raise PydanticCustomError("unknown_kind", "{told}", {"told": told})
+            return value
+
+        return core_schema.no_info_before_validator_function(known, union)
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """Schema for editors, in which a section without ``kind`` is of the default kind alone."""
+        found = handler(schema)
+        if self.default is None or self.only is not None:
+            return found
+        default = found["discriminator"]["mapping"][self.default]
+        found["oneOf"] = [
+            each if each["$ref"] == default else each | {"required": ["kind"]} for each in found["oneOf"]
+        ]
+        return found

@@ -1,0 +1,216 @@
+"""Time and the numbers of a section, as a law sees them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import casadi as ca
+
+from spacerobot.elements.core.event import Event, both, either, negated
+from spacerobot.errors import ScenarioError
+from spacerobot.symbolic import Constants, Parameters
+from spacerobot.symbolic.noise import DRAW, SEED
+
+
+@dataclass(frozen=True)
+class StartInstant:
+    """An instant that events decide, from which a law counts its time.
+
+    Attributes
+    ----------
+    owner
+        Whose time it is, for people.
+    active
+        Whether the law is followed (1x1).
+    jumps
+        Events at which it jumps, by the name of the switch that each of them turns on.
+    knots
+        Events that turn no switch: between two pieces of it.
+    """
+
+    owner: str
+    active: ca.SX
+    jumps: dict[str, Event] = field(default_factory=dict)
+    knots: list[Event] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class SectionContext:
+    """Time and the numbers of one section.
+
+    Attributes
+    ----------
+    path
+        Dotted path of the section.
+    time
+        Time (1x1) [s], since the law began to be followed.
+    parameters, constants
+        The scenario's numbers, and what is computed of them once for each rollout.
+    phases
+        Switch (1x1) of each phase, by name; none if there is one phase only.
+    since
+        What time counts from; None for the start.
+    words
+        Words that differ from the scenario's in phases, by dotted path, ``phases.NAME.`` ahead of it.
+    """
+
+    path: str
+    time: ca.SX
+    parameters: Parameters
+    constants: Constants
+    phases: Mapping[str, ca.SX] = field(default_factory=dict)
+    since: StartInstant | None = None
+    words: Mapping[str, str] = field(default_factory=dict)
+
+    def at(self, path: str) -> SectionContext:
+        """The same for another section."""
+        return dataclasses.replace(self, path=path)
+
+    def number(self, key: str) -> ca.SX:
+        """A number of the section (1x1), in the section's unit; that of the phase where it differs."""
+        found = self.once(key, self.parameters(f"{self.path}.{key}"))
+        for name, active in self.phases.items():
+            own = f"phases.{name}.{self.path}.{key}"
+            if own in self.parameters:
+                found = ca.if_else(active, self.constants.hoist(own, self.parameters(own)), found)
+        return found
+
+    def random(self, sensor: str, rows: int, width: int, row: ca.SX) -> ca.SX:
+        """Standard normal numbers of a sensor's sample.
+
+        Parameters
+        ----------
+        sensor
+            Name of the sensor, which chooses the stream of numbers.
+        rows, width
+            Number of samples, and of numbers in each.
+        row
+            Index of the sample (1x1), which only events change; limited to the last one.
+
+        Returns
+        -------
+        casadi.SX
+            Numbers of the sample (width x 1).
+        """
+        _ = self.parameters(SEED), self.parameters(DRAW)  # a rollout draws by them
+        cursor = self.constants.cursor(f"{sensor}.sample", ca.fmin(row, rows - 1))
+        return self.constants.random(sensor, rows, width, cursor)
+
+    def steady(self, key: str) -> ca.SX:
+        """A number of the section (1x1) that no phase may change.
+
+        Raises
+        ------
+        ScenarioError
+            If one does.
+        """
+        for name in self.phases:
+            own = f"phases.{name}.{self.path}.{key}"
+            if own in self.parameters:
+                raise ScenarioError("found a number, allowed: none; phases do not change it", where=own)
+        return self.number(key)
+
+    def chosen(self, key: str, word: str) -> dict[str, ca.SX]:
+        """Words at a key of the section, each with whether it applies in the present phase (1x1).
+
+        Parameters
+        ----------
+        key
+            Key of the section.
+        word
+            Word of the scenario, the only one where no phase has another.
+        """
+        found: dict[str, list[ca.SX]] = {}
+        for name, active in self.phases.items():
+            here = self.words.get(f"phases.{name}.{self.path}.{key}", word)
+            found.setdefault(here, []).append(active)
+        return {here: either(*active) for here, active in found.items()} or {word: ca.SX(1)}
+
+    def is_zero(self, key: str) -> bool:
+        """Whether a number of the section is exactly zero, always: neither varied nor another in a phase."""
+        path, own = f"{self.path}.{key}", self.parameters
+        phases = (f"phases.{name}.{path}" in own for name in self.phases)
+        return own.value(path) == 0 and not own.varies(path) and not any(phases)
+
+    def vector(self, key: str, factor: float = 1.0) -> ca.SX:
+        """Three numbers of the section times a factor (3x1); exact zeros are structural.
+
+        Parameters
+        ----------
+        key
+            Key of the numbers.
+        factor
+            Factor, for example of a conversion of units.
+        """
+        found = self.parameters.sparse_vector(f"{self.path}.{key}")
+        return self.once(key, found * factor if factor != 1.0 else found)
+
+    def once(self, name: str, expression: ca.SX) -> ca.SX:
+        """Evaluate an expression once for each rollout.
+
+        Parameters
+        ----------
+        name
+            Name of the constant, unique in the section.
+        expression
+            Expression of the parameters only; any shape.
+
+        Returns
+        -------
+        casadi.SX
+            Symbol or constant of the same shape.
+        """
+        return self.constants.hoist(f"{self.path}.{name}", expression)
+
+    def begun(self, name: str, expression: ca.SX) -> ca.SX:
+        """Value of an expression at the instant at which the law becomes active.
+
+        Parameters
+        ----------
+        name
+            Name of the constant, unique in the section.
+        expression
+            Expression of the initial state of the law; any shape.
+        """
+        if self.since is not None:
+            return expression
+        return self.once(name, self.constants.expanded(expression))
+
+    def jump(self, key: str, time: float | ca.SX | None = None) -> ca.SX:
+        """Time (1x1) [s] at which the law jumps, to be compared with time and used for nothing else.
+
+        Steps end there.
+
+        Parameters
+        ----------
+        key
+            Key of the time in the section, or a name if ``time`` is given.
+        time
+            Time [s] where it is not a number of the section: an expression of the parameters and of the
+            initial state of the law.
+        """
+        name = f"{self.path}.{key}"
+        at = self.parameters(name) if time is None else ca.SX(time)
+        if self.since is None:
+            return self.constants.jump(name, self.constants.expanded(at))
+        passed = self.constants.switch(f"{self.since.owner}:{name}.passed")
+        if passed.name() not in self.since.jumps:
+            left = self.time - (at if isinstance(time, ca.SX) else self.constants.hoist(name, at))
+            armed = both(self.since.active, negated(passed))
+            jump = Event(passed.name(), "reference", self.since.owner, left, armed, {passed.name(): True})
+            self.since.jumps[passed.name()] = jump
+        return ca.if_else(passed, -ca.inf, ca.inf)
+
+    def switch(self, name: str, initial: bool = False) -> ca.SX:
+        """Switch of the section (1x1): 1 or 0, changed by events only.
+
+        Parameters
+        ----------
+        name
+            Name of the switch; its symbol is named ``path.name``.
+        initial
+            Whether it is on at the start.
+        """
+        return self.constants.switch(f"{self.path}.{name}", initial)

@@ -1,0 +1,120 @@
+"""Environments: what acts from outside on everything that moves, wherever the scene is."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import ClassVar
+
+import casadi as ca
+
+from spacerobot.dynamics import Wrench
+from spacerobot.dynamics.algebra import cross
+from spacerobot.elements.core.contribution import Contribution, PowerTerm
+from spacerobot.elements.core.element import Element
+from spacerobot.elements.core.section_context import SectionContext
+from spacerobot.symbolic import Plant
+
+
+@dataclass(frozen=True)
+class Load:
+    """Rigid load of one joint: the links welded to it; world axes.
+
+    Attributes
+    ----------
+    joint
+        Its id.
+    mass, com
+        [kg] (1x1), and where its centre of mass is [m] (3x1).
+    rotation
+        Its own axes to world axes (3x3).
+    inertia
+        About its centre of mass, its own axes (3x3) [kg m^2].
+    velocity, spin
+        Of its centre of mass [m/s], and angular [rad/s] (3x1 each).
+    """
+
+    joint: int
+    mass: ca.SX
+    com: ca.SX
+    rotation: ca.SX
+    inertia: ca.SX
+    velocity: ca.SX
+    spin: ca.SX
+
+
+@dataclass(frozen=True)
+class EnvironmentContext:
+    """A scene as its environments see it; everything in world axes.
+
+    Attributes
+    ----------
+    context
+        Time and the numbers of the environment's section.
+    plant
+        Mechanics now.
+    roots
+        Frames of the bodies' root links, by the bodies' names.
+    """
+
+    context: SectionContext
+    plant: Plant
+    roots: dict[str, int]
+
+    @functools.cached_property
+    def loads(self) -> tuple[Load, ...]:
+        """Everything that moves and has mass."""
+        inertias, kinematics = self.plant.inertias, self.plant.kinematics
+        found = []
+        for joint in (j for j in range(1, len(inertias.mass)) if inertias.mass[j].nnz()):
+            mass, moment = inertias.mass[joint], inertias.moment[joint]
+            own, about_origin = moment / mass, inertias.rotational[joint]
+            steiner = ca.dot(moment, own) * ca.SX.eye(3) - ca.mtimes(moment, own.T)
+            constants = self.context.constants
+            central = self.context.once(f"inertia.{joint}", constants.expanded(about_origin - steiner))
+            rotation, spin = kinematics.rotation[joint], kinematics.angular_velocity[joint]
+            lever = ca.mtimes(rotation, self.context.once(f"com.{joint}", constants.expanded(own)))
+            velocity = kinematics.linear_velocity[joint] + cross(spin, lever)
+            place = kinematics.origin[joint] + lever
+            found.append(Load(joint, mass, place, rotation, central, velocity, spin))
+        return tuple(found)
+
+    def acting(self, load: Load, force: ca.SX, torque: ca.SX) -> tuple[Wrench, PowerTerm]:
+        """Wrench on a load at its centre of mass, and the power that it puts in.
+
+        In a planar scene the components out of the plane are left out.
+
+        Parameters
+        ----------
+        load
+            Load of one joint.
+        force, torque
+            Force [N] and torque [N m], world axes (3x1 each).
+        """
+        force, torque = ca.SX(force), ca.SX(torque)
+        if self.plant.planar:
+            force[2], torque[:2] = 0, 0
+        force, torque = ca.sparsify(force), ca.sparsify(torque)
+        power = ca.dot(force, load.velocity) + ca.dot(torque, load.spin)
+        return Wrench(load.joint, force, torque, load.com), PowerTerm("environment", power, "in")
+
+
+class Environment(Element):
+    """Something that acts from outside on all bodies alike; it knows nothing of arms and bases.
+
+    Attributes
+    ----------
+    falls
+        Whether the world's origin falls freely with it: uniform gravity, or a second one, has then no place.
+    """
+
+    family: ClassVar[str] = "environment"
+    falls: ClassVar[bool] = False
+
+    def build(self, environment: EnvironmentContext) -> Contribution:
+        """Contribution to the closed loop: external wrenches, works, outputs."""
+        raise NotImplementedError
+
+    def mean_motion(self) -> float | None:
+        """Mean motion [rad/s] if it is a circular orbit; None where bodies do not drift by a closed form."""
+        return None

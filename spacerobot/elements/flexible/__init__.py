@@ -1,0 +1,1 @@
+"""Flexible links: base class, and one file for each kind that ships."""

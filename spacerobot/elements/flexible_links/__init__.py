@@ -1,1 +1,0 @@
-"""Kinds of flexible links that ship, one file each."""

@@ -1,0 +1,158 @@
+"""Goals: what holds at the end of a planned motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, ClassVar
+
+import casadi as ca
+from pydantic import Field, model_validator
+
+from spacerobot.elements.core.element import Element
+from spacerobot.elements.goals.plan_instant import BoundedRow, PlanInstant
+from spacerobot.elements.references.reference import Reference
+from spacerobot.section import quantity
+
+FLAT: dict[str, Any] = {
+    "tip": None,
+    "frame": None,
+    "standoff": 0.0,
+    "axis": [1.0, 0.0, 0.0],
+    "mated_deg": [0.0, 0.0, 0.0],
+    "closing_speed": 0.0,
+    "position": None,
+    "rotation_deg": None,
+    "orientation": True,
+    "robot": None,
+    "joints": {},
+    "still": None,
+}
+"""Keys that every goal had, with their defaults, before each kind had its own; older results hold them."""
+
+
+class Goal(Element):
+    """Something that holds at the end."""
+
+    family: ClassVar[str] = "goal"
+
+    rest: bool | None = Field(
+        default=None,
+        description="whether the robot's joints rest at the end; they do if not given, but for `mated`",
+    )
+
+    rate_within: float = quantity(
+        "rad/s or m/s", "tolerance of the joints' rates where they rest", default=0.0, ge=0
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _former_keys(cls, data: Any) -> Any:
+        """Leave out keys of other kinds that say nothing."""
+        if not isinstance(data, dict):
+            return data
+        said = {k: list(v) if isinstance(v, tuple) else v for k, v in data.items()}
+        return {
+            key: data[key]
+            for key, value in said.items()
+            if key in cls.model_fields or key not in FLAT or value != FLAT[key]
+        }
+
+    @property
+    def rests(self) -> bool:
+        """Whether the robot's joints are at rest at the end."""
+        return True if self.rest is None else self.rest
+
+    @property
+    def ends_in_motion(self) -> bool:
+        """Whether joints may have any rates and accelerations at the end."""
+        return not self.rests
+
+    @property
+    def body(self) -> str:
+        """Whose joints these are."""
+        raise NotImplementedError
+
+    @property
+    def stops(self) -> str | None:
+        """Name of the body whose root link is at rest in the world at the end, momentum and all; if any."""
+        return None
+
+    def settling(self, instant: PlanInstant) -> ca.SX | None:
+        """Motion that the joints produce at the end with minimum rates, and without acceleration.
+
+        Parameters
+        ----------
+        instant
+            The last instant.
+
+        Returns
+        -------
+        casadi.SX or None
+            Velocities [m/s] and spins [rad/s] of a tip (n x 1); None where joints may move as they like.
+        """
+        del instant
+        return None
+
+    def arrival(self, instant: PlanInstant) -> tuple[ca.SX, ca.SX] | None:
+        """Velocity [m/s] and spin [rad/s] of a tip relative to its mating frame, for a goal that has one."""
+        del instant
+        return None
+
+    def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
+        """Terminal constraints, without the joints' rest.
+
+        Raises
+        ------
+        ScenarioError
+            If it names what there is not.
+        """
+        raise NotImplementedError
+
+
+class TipGoal(Goal):
+    """Terminal condition of a tip."""
+
+    tip: str = Field(description="which tip, as robot/tip")
+
+    @property
+    def body(self) -> str:
+        """The tip's robot."""
+        return self.tip.partition("/")[0]
+
+    @property
+    def follows(self) -> str | None:
+        """Link of the target that it follows, if any."""
+        return None
+
+    @property
+    def end_distance(self) -> float:
+        """Distance from the followed frame at the end [m]."""
+        return 0.0
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether the tip's pose has no tolerance."""
+        return True
+
+    @property
+    def end_speed(self) -> float | None:
+        """Speed of the tip relative to the followed frame at the end [m/s], where it then moves with it.
+
+        None where its joints, or some of its motion relative to the frame, are free.
+        """
+        return None
+
+    def place(self, instant: PlanInstant) -> ca.SX:
+        """Where the tip shall be (3x1) [m], world axes.
+
+        Raises
+        ------
+        ScenarioError
+            If it names what there is not.
+        """
+        raise NotImplementedError
+
+    def kept(self, own: Reference | None) -> dict[str, Any]:
+        """Section of a reference that keeps it met, where ``own`` is what the tip follows afterwards."""
+        del own
+        return {"kind": "hold"}

@@ -1,0 +1,390 @@
+"""One instant of a planned trajectory, as goals, costs and limits evaluate it, and their rows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, Protocol, TypeVar
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from spacerobot.arrays import Array
+from spacerobot.dynamics.algebra import cross
+from spacerobot.dynamics.joints import sparse
+from spacerobot.elements.shapes.collision_shape import Wrap
+from spacerobot.errors import ScenarioError
+from spacerobot.shapes import Implicit
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class BoundedRow:
+    """Something that must stay between limits.
+
+    Attributes
+    ----------
+    name
+        What a user calls it.
+    unit
+        Of its values times its scale.
+    value
+        Expression (1x1) in an instant, and in the symbol of ``about``.
+    lower, upper
+        Limits.
+    final_fraction
+        Part of the duration, at its end, for which it must hold.
+    scale
+        What a violation of one means in that unit.
+    first
+        Whether it must hold at the first instant alone.
+    form
+        What the value is of what is named: the square over that of its limit, or an angle's cosine.
+    size
+        Of the limit, in that unit, where violations between the points count relative to it.
+    about
+        What an iteration finds for it, constant in the derivatives of ``value``.
+    """
+
+    name: str
+    unit: str
+    value: ca.SX
+    lower: float = -np.inf
+    upper: float = np.inf
+    final_fraction: float = 1.0
+    scale: float = 1.0
+    size: float | None = None
+    first: bool = False
+    about: Implicit | None = None
+    form: Literal["itself", "square", "cosine"] = "itself"
+
+    def held(self, share: Array, begins: float) -> npt.NDArray[np.bool_]:
+        """Points at which the constraint holds.
+
+        Parameters
+        ----------
+        share
+            Parts of the duration that have passed at the points, 0 to 1 (n,).
+        begins
+            Part of the duration from which it holds; of no effect if it holds at the first instant only.
+
+        Returns
+        -------
+        numpy.ndarray
+            Truth values (n,).
+        """
+        return np.asarray(share == 0 if self.first else share >= begins - 1e-12)
+
+
+def zero(name: str, unit: str, value: ca.SX) -> BoundedRow:
+    """Equality constraint on a value.
+
+    Parameters
+    ----------
+    name, unit
+        Name for messages, and unit of the value.
+    value
+        Expression that must be zero (1x1).
+    """
+    return BoundedRow(name, unit, value, 0.0, 0.0)
+
+
+def within(name: str, unit: str, value: ca.SX, limit: float) -> BoundedRow:
+    """Bound on a vector's length, as its square over that of the limit, which is smooth at zero.
+
+    Parameters
+    ----------
+    name, unit
+        Name for messages, and unit of the vector.
+    value
+        The vector (n x 1).
+    limit
+        Greatest length, in that unit.
+    """
+    square = ca.sumsqr(value) / limit**2
+    return BoundedRow(name, unit, square, upper=1.0, scale=limit / 2, form="square")
+
+
+def matched(
+    name: str, unit_name: str, value: ca.SX, axes: Sequence[int], tolerance: float | None
+) -> Iterator[BoundedRow]:
+    """Zero along each of some axes, or no longer than a tolerance.
+
+    Parameters
+    ----------
+    name, unit_name
+        What it is, and its unit.
+    value
+        Expression (3x1).
+    axes
+        Of its entries that count.
+    tolerance
+        Greatest length in that unit; None for zero.
+    """
+    if tolerance is None:
+        yield from (zero(f"{name} {'xyz'[i]}", unit_name, value[i]) for i in axes)
+    else:
+        yield within(name, unit_name, value[list(axes)], tolerance)
+
+
+def unit(axis: Sequence[float]) -> ca.SX:
+    """Unit vector along an axis (3x1), structurally zero where it is zero."""
+    return sparse(np.array(axis) / np.linalg.norm(axis))
+
+
+class MovingFrame(NamedTuple):
+    """A frame that moves, world axes.
+
+    Attributes
+    ----------
+    rotation, origin
+        Where it is (3x3), (3x1) [m].
+    velocity, spin
+        How it moves (3x1 each) [m/s, rad/s].
+    """
+
+    rotation: ca.SX
+    origin: ca.SX
+    velocity: ca.SX
+    spin: ca.SX
+
+    def seen_from(self, other: MovingFrame) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Position (3x1) [m], velocity (3x1) [m/s] and spin (3x1) [rad/s] in another frame."""
+        away = self.origin - other.origin
+        relative = self.velocity - other.velocity - cross(other.spin, away)
+        place, speed, spin = (
+            ca.mtimes(other.rotation.T, value) for value in (away, relative, self.spin - other.spin)
+        )
+        return place, speed, spin
+
+
+class JointCoordinate(NamedTuple):
+    """A joint of one degree of freedom.
+
+    Attributes
+    ----------
+    name
+        In the URDF.
+    position
+        Position (1x1) [rad or m]; of an unbounded joint cosine and sine of its angle (2x1).
+    rate
+        How it moves (1x1) [rad/s or m/s].
+    lower, upper
+        Its range in the URDF [rad or m]; infinite where it has none.
+    """
+
+    name: str
+    position: ca.SX
+    rate: ca.SX
+    lower: float
+    upper: float
+
+    def off(self, wanted: float) -> ca.SX:
+        """How far it is beyond a position (1x1) [rad or m], an unbounded one by less than half a turn."""
+        if self.position.numel() == 1:
+            return self.position - wanted
+        c, d, (q, s) = float(np.cos(wanted)), float(np.sin(wanted)), ca.vertsplit(self.position)
+        return ca.atan2(s * c - q * d, q * c + s * d)
+
+
+class PlannedBase(NamedTuple):
+    """The floating base of a robot.
+
+    Attributes
+    ----------
+    frame
+        Its root link's.
+    rotation
+        Rotation vector since the start (3x1) [rad], axes of the root link there.
+    translation
+        Displacement since the start (3x1) [m], world axes.
+    force, torque
+        What drives it (3x1 each) [N], [N m], axes of the root link; structurally zero where nothing does.
+    """
+
+    frame: MovingFrame
+    rotation: ca.SX
+    translation: ca.SX
+    force: ca.SX
+    torque: ca.SX
+
+
+class PlannedWheels(NamedTuple):
+    """Reaction wheels that alone turn a robot's base.
+
+    Attributes
+    ----------
+    momenta
+        Angular momentum of each about its axis (n x 1) [N m s].
+    speeds
+        Of each relative to the base (n x 1) [rad/s].
+    motors
+        Torques of the motors (n x 1) [N m].
+    """
+
+    momenta: ca.SX
+    speeds: ca.SX
+    motors: ca.SX
+
+
+class PlanInstant(Protocol):
+    """Instant of the trajectory as goals, costs and limits of a plan evaluate it.
+
+    A ``key`` is the key of the section that names what is looked for, for messages.
+
+    Each raises :class:`spacerobot.errors.ScenarioError` where there is nothing of that name.
+    """
+
+    def signal(self, name: str) -> Mapping[str, ca.SX]:
+        """Columns of a signal by label, of which quantities are expressions.
+
+        Parameters
+        ----------
+        name
+            ``joint_torque``, ``joint_rate``, ``joint_acceleration``, ``tip_position``, ``tip_velocity``,
+            ``base_force``, ``base_torque`` (root link's axes), ``base_rotation``, ``base_translation``,
+            ``reaction_force``, ``reaction_torque`` (of arms on their base about its origin, world axes; on a
+            fixed base with the opposite sign), ``grasp_force``, ``grasp_torque``, ``single_wheel_momentum``,
+            ``vibration_energy`` or ``arrival`` (velocity and spin of tips relative to the mating frames that
+            goals bring them to).
+        """
+
+    @property
+    def axes(self) -> Sequence[int]:
+        """Along which things move: x and y, or all."""
+
+    @property
+    def turns(self) -> Sequence[int]:
+        """About which things turn: z, or all."""
+
+    def tip(self, label: str, key: str = "tip") -> MovingFrame:
+        """Frame of a tip.
+
+        Parameters
+        ----------
+        label
+            The tip, as robot/tip.
+        key
+            Key of the section that names it.
+        """
+
+    def mating(self, link: str, key: str = "frame") -> MovingFrame:
+        """Frame of a link of the target.
+
+        Parameters
+        ----------
+        link
+            Name of the link.
+        key
+            Key of the section that names it.
+        """
+
+    def root(self, body: str, key: str) -> tuple[ca.SX, ca.SX]:
+        """Velocity [m/s] and spin [rad/s] of a floating root link, along its own axes in which it moves.
+
+        Parameters
+        ----------
+        body
+            Name of the body.
+        key
+            Key of the section that names it.
+        """
+
+    def base(self, robot: str, key: str) -> MovingFrame:
+        """Frame of a robot's floating root link.
+
+        Parameters
+        ----------
+        robot
+            Name of the robot.
+        key
+            Key of the section that names it.
+        """
+
+    def joints(self, robot: str, given: Mapping[str, T], key: str) -> Iterator[tuple[JointCoordinate, T]]:
+        """Joints of a robot that match patterns, each with the value of its pattern.
+
+        Parameters
+        ----------
+        robot
+            Name of the robot.
+        given
+            Values by joint name or pattern.
+        key
+            Key of the section that holds them.
+        """
+
+    def turned(self, wanted: ca.SX, found: ca.SX) -> ca.SX:
+        """Rotation vector from one orientation to another [rad], in the axes of the first.
+
+        Parameters
+        ----------
+        wanted, found
+            Orientations to start from and to reach, as rotations to world axes (3x3 each).
+
+        Returns
+        -------
+        casadi.SX
+            As many entries as :attr:`turns`.
+        """
+
+    def fault(self, message: str, key: str) -> ScenarioError:
+        """Error that names the place of a key of the section.
+
+        Parameters
+        ----------
+        message
+            Text of the error.
+        key
+            Key of the section.
+        """
+
+    def link(self, label: str, key: str = "link") -> MovingFrame:
+        """Frame of a robot's link.
+
+        Parameters
+        ----------
+        label
+            The link, as robot/link.
+        key
+            Key of the section that names it.
+        """
+
+    def flexible(self, body: str, key: str) -> Mapping[str, tuple[ca.SX, ca.SX]]:
+        """Position [rad or m] and rate of each joint of a body's flexible links (1x1 each), by its name.
+
+        Parameters
+        ----------
+        body
+            Name of the body, which must have some.
+        key
+            Key of the section that names it.
+        """
+
+    def bases(self) -> Mapping[str, PlannedBase]:
+        """Floating bases, by robot."""
+
+    def grips(self) -> Mapping[str, tuple[ca.SX, ca.SX]]:
+        """Force [N] and torque [N m] on its tip of each grasp that holds, by grasp, world axes."""
+
+    def wheels(self) -> Mapping[str, PlannedWheels]:
+        """Reaction wheels that alone turn a base, by robot; there must be some."""
+
+    def gaps(self, between: tuple[str, str], wrap: Wrap | None) -> Iterator[tuple[str, ca.SX, Implicit]]:
+        """Distances of pairs of shapes.
+
+        Parameters
+        ----------
+        between
+            The two sides, each a pad or the links whose shapes count.
+        wrap
+            Shape that replaces meshes and cylinders, if any.
+
+        Returns
+        -------
+        Iterator
+            For each pair: its label, the distance (1x1) [m], and the result of the iteration on which it
+            depends.
+        """

@@ -1,0 +1,256 @@
+"""Grasps: what holds a tip and a mating frame of the target together.
+
+A kind defines how it holds; capture and release are the same for all
+(:mod:`spacerobot.elements.grasps.capture_release`).
+
+All act as *one* pair of opposite wrenches at one point, the tip's, so that momentum is conserved to rounding.
+Velocities are those of the tip relative to the target's material point that coincides with it. The mating
+points' own motion (Eq. 14-25) follows from the target's frames; a test holds it to the printed formulas.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import casadi as ca
+from pydantic import Field, model_validator
+
+from spacerobot.dynamics.algebra import cross
+from spacerobot.dynamics.rotations import rotation_exp
+from spacerobot.elements.core.context import GraspContext
+from spacerobot.elements.core.contribution import Contribution, Output, PowerTerm
+from spacerobot.elements.core.element import Element
+from spacerobot.elements.grasps.capture import Capture, GraspFailure, Release
+from spacerobot.section import quantity
+
+OBSERVED = {
+    "grasp_force": ("N", "force of grasps on the target"),
+    "grasp_torque": ("N m", "torque of grasps on the target, at the tip"),
+    "grasp_gap": ("m", "from mating frames to tips"),
+}
+"""Vectors that every grasp declares: unit and text."""
+
+
+@dataclass(frozen=True)
+class Displacement:
+    """Tip relative to where a grasp is at rest, world axes (3x1 each).
+
+    Attributes
+    ----------
+    gap, twist
+        Displacement [m] and rotation vector [rad].
+    velocity, spin
+        Of the tip relative to the target's point there [m/s, rad/s].
+    """
+
+    gap: ca.SX
+    twist: ca.SX
+    velocity: ca.SX
+    spin: ca.SX
+
+
+class Grasp(Element):
+    """A connection of a tip and a mating frame.
+
+    Attributes
+    ----------
+    fixes_position, fixes_orientation
+        What a rigid connection takes away: the two or three translations, and the one or three rotations.
+    has_springs
+        Whether its wrench depends on the tip's displacement and motion alone: :meth:`spring_wrench`.
+    """
+
+    family: ClassVar[str] = "grasp"
+    fixes_position: ClassVar[bool] = False
+    fixes_orientation: ClassVar[bool] = False
+    has_springs: ClassVar[bool] = False
+
+    tip: str = Field(pattern=r"^[^/]+/[^/]+$", description="the tip, as robot/tip")
+    frame: str = Field(min_length=1, description="mating frame: a link of the target's URDF")
+    max_gap: float = quantity(
+        "m", "greatest distance of tip and mating frame at the start", default=0.01, ge=0
+    )
+
+    begins: Literal["closed", "open"] = Field(
+        default="closed", description="whether it holds at the start; an open one closes by `capture`"
+    )
+    capture: Capture | None = Field(
+        default=None, description="conditions of capture while open; never captured if not given"
+    )
+    release: Release | None = Field(
+        default=None, description="conditions of release; never released if not given"
+    )
+    failure: GraspFailure | None = Field(
+        default=None, description="the gripper misses, jams or weakens, `at` a time"
+    )
+
+    @model_validator(mode="after")
+    def _check_life(self) -> Grasp:
+        if self.begins == "open" and self.capture is None:
+            raise ValueError("capture: missing, so that a grasp that begins open can never close")
+        closes = None if self.capture is None else self.capture.at
+        opens = None if self.release is None else self.release.at
+        if closes is not None and opens is not None and opens <= closes:
+            raise ValueError(
+                f"release.at: found {opens:g} s, allowed: later than `capture.at` ({closes:g} s), for what "
+                "is captured then is released at once"
+            )
+        mode = None if self.failure is None else self.failure.mode
+        if mode == "misses" and self.capture is None:
+            raise ValueError("failure.mode: found misses, but without `capture` it never closes")
+        if mode == "weak" and (self.release is None or self.release.force is self.release.torque is None):
+            raise ValueError("failure.mode: found weak, but there is no `release.force` nor `release.torque`")
+        return self
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether it leaves no gap, so that closing it is an impact."""
+        return self.fixes_position or self.fixes_orientation
+
+    def life(self, *, told: bool = False) -> str:
+        """Conditions of capture and release, in words; ``told`` is whether a phase releases it."""
+        found = []
+        if self.begins == "open" and self.capture is not None:
+            found.append(f"open, {self.capture.words()}")
+        never = "released by phases" if told else "never released"
+        found.append(never if self.release is None else self.release.words())
+        return "; ".join(found)
+
+    @property
+    def holds_orientation(self) -> bool:
+        """Whether it holds the tip's orientation too, rigidly or by springs and dampers."""
+        return self.fixes_orientation
+
+    def spring_wrench(self, number: Callable[[str], ca.SX], tip: Displacement) -> tuple[ca.SX, ca.SX]:
+        """Force [N] and torque [N m] on the target by springs and dampers, world axes (3x1 each).
+
+        Parameters
+        ----------
+        number
+            Value of a key of this section (1x1): a symbol in a closed loop, the number itself in a plan.
+        tip
+            The tip relative to where the grasp is at rest.
+
+        Raises
+        ------
+        NotImplementedError
+            If :attr:`has_springs` is not set: the wrench depends on more than that, as that of a rigid one.
+        """
+        raise NotImplementedError
+
+    def build(self, grasp: GraspContext) -> Contribution:
+        """Contribution to the closed loop while it is closed."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class RestPose:
+    """Tip relative to mating frame where the grasp is at rest, world axes (3x1 each).
+
+    Attributes
+    ----------
+    gap
+        From mating frame to tip [m].
+    velocity, spin
+        As the rest itself is drawn in [m/s, rad/s].
+    acceleration, angular_acceleration
+        Their rates, the mating frame turning [m/s^2, rad/s^2].
+    """
+
+    gap: ca.SX
+    velocity: ca.SX
+    spin: ca.SX
+    acceleration: ca.SX
+    angular_acceleration: ca.SX
+
+    def powers(self, force: ca.SX, torque: ca.SX) -> tuple[PowerTerm, ...]:
+        """Power of drawing in, by a force and a torque on the target (3x1 each); none for a fixed grasp."""
+        if not self.velocity.nnz() and not self.spin.nnz():
+            return ()
+        return (PowerTerm("draw_in", -ca.dot(force, self.velocity) - ca.dot(torque, self.spin), "in"),)
+
+
+@dataclass(frozen=True)
+class RelativeMotion:
+    """Tip relative to where the grasp is at rest, world axes.
+
+    Attributes
+    ----------
+    gap
+        From there to the tip (3x1) [m]; the mating frame itself, unless captured elsewhere.
+    twist
+        Rotation vector from the orientation at rest, initial or as captured, to the tip's (3x1) [rad].
+    velocity, spin
+        Of the tip relative to the target at the tip's point, less the rest's own (3x1 each) [m/s, rad/s].
+    rest
+        Where it is at rest.
+    """
+
+    gap: ca.SX
+    twist: ca.SX
+    velocity: ca.SX
+    spin: ca.SX
+    rest: RestPose
+
+
+def relative_motion(grasp: GraspContext) -> RelativeMotion:
+    """Relative position, orientation and velocity of a grasp's two frames."""
+    plant, start, hold = grasp.plant, grasp.start, grasp.hold
+    tip_rotation, mate_rotation = plant.placement(grasp.tip_frame)[0], plant.placement(grasp.mate_frame)[0]
+    if hold is None:
+        tip0, mate0 = start.placement(grasp.tip_frame)[0], start.placement(grasp.mate_frame)[0]
+        wanted = ca.mtimes(mate_rotation, grasp.context.once("rest", ca.mtimes(mate0.T, tip0)))
+        none = ca.SX(3, 1)
+        rest = RestPose(none, none, none, none, none)
+    else:
+        # the tip's orientation at rest (3x3), and its place, which may be drawn in
+        mate_spin = plant.velocity(grasp.mate_frame)[1]
+        value, rate, acceleration = (
+            part if plant.planar else ca.mtimes(mate_rotation, part)
+            for part in (hold.turn.value, hold.turn.rate, hold.turn.acceleration)
+        )
+        mated = ca.mtimes(mate_rotation, hold.mated)
+        moving = ca.mtimes(mate_rotation, hold.gap.rate)
+        rest = RestPose(
+            ca.mtimes(mate_rotation, hold.gap.value),
+            moving,
+            rate,
+            cross(mate_spin, moving) + ca.mtimes(mate_rotation, hold.gap.acceleration),
+            cross(mate_spin, rate) + acceleration,
+        )
+        wanted = ca.mtimes(rotation_exp(value), mated) if value.nnz() else mated
+    gap, velocity, spin = apart(grasp)
+    return RelativeMotion(
+        gap - rest.gap,
+        plant.orientation_error(tip_rotation, wanted),
+        velocity - rest.velocity,
+        spin - rest.spin,
+        rest,
+    )
+
+
+def apart(grasp: GraspContext) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """From mating frame to tip, and velocity and spin of the tip relative to the target there (3x1 each)."""
+    plant = grasp.plant
+    tip_velocity, tip_spin = plant.velocity(grasp.tip_frame)
+    mate_velocity, mate_spin = plant.velocity(grasp.mate_frame)
+    gap = plant.placement(grasp.tip_frame)[1] - plant.placement(grasp.mate_frame)[1]
+    return gap, tip_velocity - mate_velocity - cross(mate_spin, gap), tip_spin - mate_spin
+
+
+def observed(
+    grasp: GraspContext, relative: RelativeMotion, force: ca.SX, torque: ca.SX
+) -> tuple[Output, ...]:
+    """Force and torque on the target at the tip's point (3x1 each), and the gap."""
+    values = {"grasp_force": force, "grasp_torque": torque, "grasp_gap": relative.gap + relative.rest.gap}
+    return tuple(Output(name, value, *OBSERVED[name], "grasp", grasp.name) for name, value in values.items())
+
+
+def only(vector: ca.SX, axes: tuple[int, ...]) -> ca.SX:
+    """Vector (3x1) with the other components structurally zero."""
+    kept = ca.SX(3, 1)
+    for axis in axes:
+        kept[axis] = vector[axis]
+    return kept

@@ -1,0 +1,1 @@
+"""Limits of plans: base class, and one file for each kind that ships."""

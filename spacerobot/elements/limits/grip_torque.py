@@ -1,0 +1,28 @@
+"""Greatest torque of any grasp that holds."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Literal
+
+from spacerobot.elements.core.registry import register
+from spacerobot.elements.goals.plan_instant import BoundedRow, PlanInstant, within
+from spacerobot.elements.limits.plan_limit import PlanLimit
+from spacerobot.section import quantity
+
+
+@register
+class GripTorqueLimit(PlanLimit):
+    """Greatest torque of any grasp that holds."""
+
+    kind: Literal["grip_torque"] = "grip_torque"
+    upper: float = quantity("N m", "greatest torque of any grasp that holds", gt=0)
+
+    def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
+        """One for each grasp."""
+        for name, wrench in instant.grips().items():
+            value = wrench[1]
+            if value.numel():
+                row = within(f"grip torque of {name}", "N m", value, self.upper)
+                yield dataclasses.replace(row, size=self.upper)

@@ -1,0 +1,126 @@
+"""Limits: what must hold at all times of a planned motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from spacerobot.elements.core.element import Element
+from spacerobot.elements.goals.plan_instant import BoundedRow, PlanInstant
+from spacerobot.elements.shapes.collision_shape import Wrap
+
+JointQuantity = Literal["rate", "torque"]
+WrenchPart = Literal["force", "torque"]
+
+
+@dataclass(frozen=True)
+class PlannedJoint:
+    """A joint that is planned, as a limit sees it.
+
+    Attributes
+    ----------
+    label
+        ``robot/joint``.
+    kind
+        ``revolute``, ``continuous`` or ``prismatic``.
+    limited
+        Which of ``position``, ``rate`` and ``torque`` the URDF, or the scenario, limits.
+    file
+        Name of the URDF's file.
+    """
+
+    label: str
+    kind: str
+    limited: frozenset[str]
+    file: str
+
+
+@dataclass(frozen=True)
+class SeparatedShapes:
+    """Shapes that a limit keeps apart.
+
+    Attributes
+    ----------
+    between
+        The two: each the name of a pad, or a link with ``*`` for any letters.
+    wrap
+        Shape around meshes and cylinders that stands in for them.
+    """
+
+    between: tuple[str, str]
+    wrap: Wrap | None
+
+
+@dataclass(frozen=True)
+class ApproachCone:
+    """A cone that opens from a mating frame against the direction of approach.
+
+    Attributes
+    ----------
+    frame
+        The mating frame, a link of the target's URDF.
+    axis
+        Direction of approach in that frame (3,).
+    half_angle_deg
+        Between its axis and its surface [deg].
+    radius
+        Of its cut in the frame's plane [m].
+    """
+
+    frame: str
+    axis: tuple[float, ...]
+    half_angle_deg: float
+    radius: float
+
+
+class PlanLimit(Element):
+    """A limit: bounds of unknowns, which cost the solver nothing, or path constraints.
+
+    In a scenario a number alone, or a list, is the key :attr:`short`, and the key is its kind where the
+    section names none: ``torque: 3`` is ``torque: {kind: torque, upper: 3}``.
+
+    Attributes
+    ----------
+    relative_to_start
+        Whether it is measured from where the base is at the start.
+    """
+
+    family: ClassVar[str] = "plan_limit"
+    short: ClassVar[str | None] = "upper"
+    relative_to_start: ClassVar[bool] = False
+
+    def joint_limits(self, joint: PlannedJoint) -> Mapping[JointQuantity, float]:
+        """Greatest rate [rad/s or m/s] and torque [N m or N] of a joint, where it limits them."""
+        del joint
+        return {}
+
+    def base_limits(self) -> Mapping[WrenchPart, float]:
+        """Greatest force [N] along and torque [N m] about each axis that drives a floating base."""
+        return {}
+
+    @property
+    def separated(self) -> SeparatedShapes | None:
+        """Shapes that it keeps apart, for drawings and for what is checked before planning; if any."""
+        return None
+
+    @property
+    def approach_cone(self) -> ApproachCone | None:
+        """Cone in which it keeps a tip, for drawings; if any."""
+        return None
+
+    def faults(self, joint: PlannedJoint) -> Iterator[str]:
+        """Why a joint cannot be planned with it."""
+        del joint
+        yield from ()
+
+    def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
+        """Path constraints.
+
+        Raises
+        ------
+        ScenarioError
+            If it names what there is not.
+        """
+        del instant
+        yield from ()

@@ -1,1 +1,0 @@
-"""Kinds of limits of plans that ship, one in each file."""

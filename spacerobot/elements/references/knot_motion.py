@@ -1,0 +1,220 @@
+"""Motions through knots: a rollout hands in those of the present interval, so many cost no more than few.
+
+Time is cut into intervals by knots; in each lie s points in the same way, the first and the last on its ends.
+A position is the polynomial of degree 2 s - 1 that has the values and rates given at the points (the cubic
+for s = 2), a force that of degree s - 1 (linear for s = 2). Behind the last knot everything rests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from spacerobot.arrays import Array
+from spacerobot.elements.core.desired_motion import TimeProfile
+from spacerobot.elements.core.event import Event
+from spacerobot.elements.core.section_context import SectionContext
+
+ROUNDING = 1e-12
+"""Of a time."""
+
+
+@dataclass(frozen=True)
+class Knots:
+    """Where an instant lies among n intervals, and tables of what belongs to them and to what is behind them.
+
+    Attributes
+    ----------
+    context
+        Of the law.
+    cursor
+        Tells the interval, n behind the last one.
+    u
+        Part of the interval that lies behind it (1x1).
+    width
+        Of the interval (1x1) [s].
+    pace
+        One over that, zero behind the last one (1x1) [1/s].
+    nodes
+        Parts of an interval at which its points lie (s,).
+    event
+        That an interval ends; None where known times tell it.
+    parted
+        Whether each interval has rows of its own at both ends, so that forces may jump at knots.
+    """
+
+    context: SectionContext
+    cursor: int
+    u: ca.SX
+    width: ca.SX
+    pace: ca.SX
+    nodes: Array
+    event: Event | None
+    parted: bool = False
+
+    @classmethod
+    def at(
+        cls,
+        context: SectionContext,
+        times: Array,
+        points: int,
+        time: ca.SX | None = None,
+        begin: ca.SX | None = None,
+    ) -> Knots:
+        """An instant among the times of all points, rising from 0.
+
+        Parameters
+        ----------
+        context, times, points
+            Of the law; times of its points (n,) [s], and how many an interval has.
+        time
+            Time (1x1) [s] that is counted from an event; that of the law if None.
+        begin
+            When, in the time of the simulation (1x1) [s], the first point is; at its start if None.
+        """
+        constants, ends = context.constants, times[ends_of(times, points)]
+        now, limits = context.time if time is None else time, ends[1:].copy()
+        known = time is None and context.since is None
+        if not known or begin is not None:  # what ends with the plan still belongs to its last interval
+            limits[-1] *= 1 + ROUNDING
+        own = known and begin is None
+        name = f"knots {limits.tolist()}" if own else f"{context.path}.knots"
+        if own:
+            behind = [now >= constants.jump(f"knot {end!r}", ca.SX(end)) for end in limits.tolist()]
+        elif begin is not None:
+            behind = [now >= context.jump(f"knots.{i}", begin + end) for i, end in enumerate(limits, start=1)]
+            now = now - begin
+        else:
+            behind = [now >= end for end in limits.tolist()]
+        cursor = constants.cursor(name, sum(behind, ca.SX(0)))
+        widths = np.append(np.diff(ends), 1.0)
+        rows = [ends, np.append(limits, np.inf), widths, np.append(1 / widths[:-1], 0.0)]
+        first, last, width, pace = ca.vertsplit(
+            constants.window(name, ca.SX(ca.DM(np.column_stack(rows))), cursor)
+        )
+        event = None
+        if not known:
+            owner = context.path if context.since is None else context.since.owner
+            event = Event(f"{context.path}.knot", "reference", owner, now - last, ca.SX(1), kink=True)
+        nodes, parted = nodes_of(times, points), is_parted(times, points)
+        return cls(context, cursor, (now - first) * pace, width, pace, nodes, event, parted)
+
+    def here(self, name: str, values: ca.SX) -> ca.SX:
+        """Row of the interval (m x 1), of those of all intervals and of what is behind them (n + 1 x m)."""
+        # columns whose entries are not all one and the same number
+        changing = [
+            j
+            for j, column in enumerate(ca.horzsplit(values))
+            if not (column.is_constant() and len(np.unique(ca.DM(column).full())) == 1)
+        ]
+        found = values[0, :].T
+        if changing:
+            constants, path = self.context.constants, f"{self.context.path}.{name}"
+            found[changing] = constants.window(path, values[:, changing], self.cursor)
+        return found
+
+    def points(self, name: str, values: ca.SX, last: ca.SX) -> list[ca.SX]:
+        """Values at the points of the current interval (s of m x 1), from those at all points (rows).
+
+        Behind the last interval it is ``last`` (1 x m) at all of them.
+        """
+        points = len(self.nodes)
+        step = points if self.parted else points - 1
+        count = (values.size1() - points) // step + 1
+        blocks = [ca.vertcat(values[j : (count - 1) * step + j + 1 : step, :], last) for j in range(points)]
+        found = self.here(name, ca.horzcat(*blocks))
+        return ca.vertsplit(found, values.size2()) if values.size2() > 1 else ca.vertsplit(found)
+
+    def force(self, name: str, values: ca.SX) -> ca.SX:
+        """Force (m x 1) that interpolates the points; zero after the last interval."""
+        points = self.points(name, values, ca.SX(1, values.size2()))
+        return _summed([weight for weight, _, _ in lagrange(self.nodes, self.u)], points)
+
+    def motion(self, name: str, values: ca.SX, rates: ca.SX) -> TimeProfile:
+        """Position (m x 1) that interpolates the points; the last one after the last interval."""
+        none = ca.SX(1, rates.size2())
+        return self.between(
+            self.points(name, values, values[-1, :]), self.points(f"{name} rate", rates, none)
+        )
+
+    def between(self, values: list[ca.SX], rates: list[ca.SX]) -> TimeProfile:
+        """The same for what stands at the points of the interval (s of m x 1 each)."""
+        by_value, by_rate = hermite(self.nodes, self.u)
+        return TimeProfile(
+            *(
+                self.pace**order * (_summed(first, values) + self.width * _summed(second, rates))
+                for order, (first, second) in enumerate(zip(by_value, by_rate, strict=True))
+            )
+        )
+
+
+def _summed(weights: Sequence[ca.SX], values: list[ca.SX]) -> ca.SX:
+    """Values (s of m x 1), each times its weight."""
+    terms = [weight * value for weight, value in zip(weights, values, strict=True)]
+    return sum(terms[1:], terms[0])
+
+
+def is_parted(times: Sequence[float] | Array, points: int) -> bool:
+    """Whether each interval has rows of its own at both ends, so that knots stand in times twice."""
+    count, rest = divmod(len(times), points)
+    return not rest and count > 1 and times[points - 1] == times[points]
+
+
+def slices_of(times: Sequence[float] | Array, points: int) -> list[slice]:
+    """Rows of each interval."""
+    step = points if is_parted(times, points) else points - 1
+    return [slice(first, first + points) for first in range(0, len(times) - points + 1, step)]
+
+
+def ends_of(times: Sequence[float] | Array, points: int) -> list[int]:
+    """Row of each knot, the one behind it where there are two."""
+    return [*(own.start for own in slices_of(times, points)), len(times) - 1]
+
+
+def nodes_of(times: Array, points: int) -> Array:
+    """Parts of each interval at which its points lie (s,), the same in all.
+
+    Raises
+    ------
+    ValueError
+        If they are not, or the last interval has too few.
+    """
+    if not is_parted(times, points) and (len(times) - 1) % (points - 1):
+        raise ValueError(f"times: found {len(times)}, which intervals of {points} points do not make")
+    rows = np.array([times[own] for own in slices_of(times, points)])
+    parts = (rows - rows[:, :1]) / (rows[:, -1:] - rows[:, :1])
+    if np.abs(parts - parts[0]).max() > 1e-6:
+        raise ValueError("times: points lie at other parts of one interval than of another")
+    found: Array = parts[0]
+    return found
+
+
+def lagrange(nodes: Array, u: ca.SX) -> list[tuple[ca.SX, ca.SX, ca.SX]]:
+    """Polynomials (s) that are 1 at one node each and 0 at the others, at a place u, with two derivatives."""
+    found = []
+    for j, node in enumerate(nodes):
+        others = np.delete(nodes, j)
+        value, rate, bend = ca.SX(1), ca.SX(1, 1), ca.SX(1, 1)
+        for other in others:
+            value, rate, bend = value * (u - other), rate * (u - other) + value, bend * (u - other) + 2 * rate
+        scale = 1 / float(np.prod(node - others))
+        found.append((scale * value, scale * rate, scale * bend))
+    return found
+
+
+def hermite(nodes: Array, u: ca.SX) -> tuple[list[tuple[ca.SX, ...]], list[tuple[ca.SX, ...]]]:
+    """Polynomials of which one has the value, another the rate 1 at one node; else both are 0.
+
+    Of each kind (s) at a place u, then their derivatives, then the second ones.
+    """
+    by_value, by_rate = [], []
+    for j, (one, slope, bend) in enumerate(lagrange(nodes, u)):
+        away, steep = u - nodes[j], 2 * float((1 / (nodes[j] - np.delete(nodes, j))).sum())
+        left, square, change = 1 - steep * away, one * one, 2 * one * slope
+        turn = 2 * (slope * slope + one * bend)
+        by_value.append((left * square, left * change - steep * square, left * turn - 2 * steep * change))
+        by_rate.append((away * square, square + away * change, 2 * change + away * turn))
+    return list(zip(*by_value, strict=True)), list(zip(*by_rate, strict=True))

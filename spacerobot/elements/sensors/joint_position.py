@@ -1,0 +1,51 @@
+"""Positions of joints with one degree of freedom."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from spacerobot.elements.core.context import RobotContext
+from spacerobot.elements.sensors.sensor import measured
+
+
+def joint_position(model: Any, joint: int, q: ca.SX) -> ca.SX:
+    """Position of a one-degree-of-freedom joint [rad or m]; an unbounded one is read from its cos and sin."""
+    pin_joint = model.joints[joint]
+    if pin_joint.nq == 2:
+        return ca.atan2(q[pin_joint.idx_q + 1], q[pin_joint.idx_q])
+    return q[pin_joint.idx_q]
+
+
+def read_positions(robot: RobotContext, desired: ca.SX) -> list[ca.SX]:
+    """Positions of a robot's joints as its sensor gives them, each the one that is nearest to the desired."""
+    model, q, joints = robot.plant.model, robot.plant.q, robot.joints
+    last = robot.held("joint_position", ca.vertcat(*(joint_position(model, joint, q) for joint in joints)))
+    found = []
+    for i, joint in enumerate(joints):
+        if last is None:
+            found.append(
+                measured(robot.sensors("joint_position"), nearest_position(model, joint, q, desired[i]))
+            )
+        elif model.joints[joint].nq == 2:
+            behind = last[i] - desired[i]
+            found.append(desired[i] + ca.atan2(ca.sin(behind), ca.cos(behind)))
+        else:
+            found.append(last[i])
+    return found
+
+
+def nearest_position(model: Any, joint: int, q: ca.SX, desired: ca.SX) -> ca.SX:
+    """Position of a joint; of an unbounded one that which is nearest to the desired position.
+
+    The desired position may pass half a turn, where the angle read from cos and sin jumps by a whole one.
+    """
+    pin_joint = model.joints[joint]
+    if pin_joint.nq == 1:
+        return joint_position(model, joint, q)
+    cos, sin = q[pin_joint.idx_q], q[pin_joint.idx_q + 1]
+    behind = ca.atan2(
+        sin * ca.cos(desired) - cos * ca.sin(desired), cos * ca.cos(desired) + sin * ca.sin(desired)
+    )
+    return desired + behind

@@ -1,0 +1,323 @@
+"""Measurements at instants, with the errors of real sensors.
+
+Sample k of a signal s, with the sensor's scale b and offset a, is
+
+    m_k = Q(clip(b s + a + beta_k + sigma_d / sqrt(T) n_k)),    beta_k = beta_k-1 + kappa sqrt(T) w_k,
+
+with the period T, the densities sigma_d of white noise and kappa of the bias' random walk, standard normal
+numbers n and w, the range by which it is clipped and the quantisation Q. White noise of density sigma_d
+(square root of the two-sided power spectral density) has the variance sigma_d^2 / T where it is averaged
+over T; the integral of a rate then walks at random by sigma_d sqrt(t), whatever T (IEEE Std 952). beta_0 is
+drawn with the standard deviation of the initial bias. A sample that drops out leaves the last one; each
+acts after the latency, and is held until the next. A sensor that drifts adds a ramp to the signal, one that
+freezes repeats its last sample as if it were new, and one that is lost gives no more samples.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from statistics import NormalDist
+from typing import Literal
+
+import casadi as ca
+from pydantic import Field, model_validator
+
+from spacerobot.dynamics.rotations import (
+    quaternion_from_rotation,
+    rotation_exp,
+    rotation_from_quaternion,
+    turn,
+)
+from spacerobot.elements.core.clock import MAX_DELAY, Clock, DelayLine
+from spacerobot.elements.core.contribution import State, memory
+from spacerobot.elements.core.event import Event
+from spacerobot.elements.core.failure import Failure, failing
+from spacerobot.elements.core.section_context import SectionContext
+from spacerobot.section import SIGNALS_UNIT, Section, Vector, quantity
+
+
+class SensorErrors(Section):
+    """Sampling of a sensor, and its errors beside offset and scale."""
+
+    period: float = quantity("s", "time between two samples, the first at the start", gt=0)
+    delay: float = quantity(
+        "s", f"latency, from a sample to its being known, at most {MAX_DELAY} periods", default=0.0, ge=0
+    )
+    noise: float = quantity(
+        f"{SIGNALS_UNIT} s^0.5", "density of white noise, of each component", default=0.0, ge=0
+    )
+    noise_growth: float = quantity(
+        "1/m", "relative growth of the noise with the distance to the target", default=0.0, ge=0
+    )
+    bias: float = quantity(SIGNALS_UNIT, "standard deviation of the initial bias", default=0.0, ge=0)
+    bias_walk: float = quantity(
+        f"{SIGNALS_UNIT}/s^0.5", "density of the random walk of the bias", default=0.0, ge=0
+    )
+    resolution: float = quantity(SIGNALS_UNIT, "quantisation; 0: none", default=0.0, ge=0)
+    dropout: float = quantity("1", "probability that a sample is lost", default=0.0, ge=0, lt=1)
+    range: float | None = quantity(SIGNALS_UNIT, "largest magnitude it shows", default=None, gt=0)
+    misalignment_deg: Vector = quantity(
+        "deg",
+        "rotation vector of the sensor's axes about those of the base or the tip that carries it",
+        default=(0.0, 0.0, 0.0),
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> SensorErrors:
+        if self.delay > MAX_DELAY * self.period:
+            raise ValueError(
+                f"delay: found {self.delay:g} s, allowed: at most {MAX_DELAY} periods, "
+                f"{MAX_DELAY * self.period:g} s"
+            )
+        return self
+
+
+class SensorFailure(Failure):
+    """Failure of a sensor, unknown to what reads it."""
+
+    mode: Literal["frozen", "drifting", "lost"] = Field(
+        default="frozen",
+        description="frozen: it shows what it showed, as if it were new; drifting: an error grows at `rate`; "
+        "lost: it gives no more samples, so that filters make no updates; controllers keep the last one",
+    )
+    rate: float = quantity(
+        f"{SIGNALS_UNIT}/s", "growth of the error of each component, where `mode` is `drifting`", default=0.0
+    )
+
+    def build(self, context: SectionContext, name: str) -> FailingSensor:
+        """Failure of the sensor of a measurement, from the context of this section."""
+        failed, event = failing(context, name, switch=f"{name}.failed")
+        drifts = self.mode == "drifting"
+        ramp = failed * context.number("rate") * (context.time - context.number("at")) if drifts else 0
+        return FailingSensor(self.mode, failed, event, ca.SX(ramp))
+
+
+@dataclass(frozen=True)
+class FailingSensor:
+    """A sensor that fails: how, its switch (1x1), its event, and its error by drift (1x1)."""
+
+    mode: str
+    failed: ca.SX
+    event: Event
+    drift: ca.SX
+
+    def shown(self, last: ca.SX, found: ca.SX, time: ca.SX | None = None) -> ca.SX:
+        """Reading (m x 1), of the last sample and a new one; a frozen one has the new one's time."""
+        if self.mode == "drifting":
+            return found
+        if self.mode == "frozen" and time is not None:
+            last = ca.vertcat(last[:-1], time)
+        return ca.if_else(self.failed, last, found)
+
+
+@dataclass(frozen=True)
+class Observation:
+    """A signal as its sensor sees it.
+
+    Attributes
+    ----------
+    shown
+        What it shows now, offset and scale in it (n x 1); of an attitude, its error about the axes that turn.
+    distance
+        To the target (1x1) [m], for what sees it.
+    attitude
+        True attitude (3x3) of what is measured as an attitude; None for a vector.
+    stamped
+        Whether a sample ends with its time, -1 for none; one that drops out keeps that of the last one.
+    """
+
+    shown: ca.SX
+    distance: ca.SX | None = None
+    attitude: ca.SX | None = None
+    stamped: bool = False
+
+    def sample(self, found: ca.SX, time: ca.SX) -> ca.SX:
+        """Sample (m x 1) that shows ``found`` (n x 1), at a time (1x1) [s]."""
+        if self.attitude is not None:
+            error = turned_by(found)
+            found = attitude_numbers(ca.mtimes(error, self.attitude), planar=found.size1() == 1)
+        return ca.vertcat(found, time) if self.stamped else found
+
+
+def misalignment(context: SectionContext) -> ca.SX | None:
+    """Rotation (3x3) of the section ``errors`` from a sensor's axes to its carrier's; None for none."""
+    vector = context.parameters.sparse_vector(f"{context.path}.misalignment_deg")
+    return context.once("misalignment", rotation_exp(vector * math.pi / 180)) if vector.nnz() else None
+
+
+def turned_by(vector: ca.SX) -> ca.SX:
+    """Rotation (3x3) of a rotation vector, or of its component along z alone (3x1 or 1x1)."""
+    if vector.size1() == 3:
+        return rotation_exp(vector)
+    found = ca.SX(3, 1)
+    found[2] = vector
+    return rotation_exp(found)
+
+
+def attitude_numbers(rotation: ca.SX, *, planar: bool) -> ca.SX:
+    """Rotation (3x3) as a unit quaternion (4x1), in a plane as cosine and sine (2x1): neither jumps."""
+    if not planar:
+        return quaternion_from_rotation(rotation)
+    return ca.densify(rotation[:2, 0] / ca.norm_2(rotation[:2, 0]))
+
+
+def attitude_of(numbers: ca.SX) -> ca.SX:
+    """Rotation (3x3) of a unit quaternion (4x1), or about z of cosine and sine (2x1)."""
+    if numbers.size1() == 4:
+        return rotation_from_quaternion(numbers)
+    axis = ca.SX(3, 1)
+    axis[2] = 1
+    return turn(axis, numbers[0], numbers[1])
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A signal as it was measured last.
+
+    Attributes
+    ----------
+    shown
+        What the sensor sees now (n x 1).
+    value
+        What is known of it.
+    states, events
+        What it remembers, and its instants.
+    samples
+        How many samples were taken.
+    bias
+        Its bias at the last sample (n x 1); none without noise.
+    continuous
+        What is known of a signal that is not sampled, of a sensor that fails (n x 1).
+    """
+
+    shown: ca.SX
+    value: State
+    states: tuple[State, ...]
+    events: tuple[Event, ...]
+    samples: State
+    bias: ca.SX | None = None
+    continuous: ca.SX | None = None
+
+    @property
+    def known(self) -> ca.SX:
+        """Known value of the signal (m x 1)."""
+        return self.value.symbol if self.continuous is None else self.continuous
+
+    @classmethod
+    def failing(cls, name: str, shown: ca.SX, sensor: FailingSensor) -> Measurement:
+        """Of a continuous sensor, which remembers what it shows where it fails."""
+        value, none = memory(f"{name}.measured", shown), memory(f"{name}.count", ca.SX.zeros(1))
+        event = replace(sensor.event, updates={value.name: ca.densify(shown)})
+        known = sensor.shown(value.symbol, shown + sensor.drift)
+        return cls(shown, value, (value,), (event,), none, continuous=known)
+
+    @classmethod
+    def held(
+        cls, name: str, context: SectionContext, shown: ca.SX, sensor: FailingSensor | None = None
+    ) -> Measurement:
+        """Without errors, at the start and then once in each ``period`` of the section."""
+        period = context.steady("period")
+        value, clock = memory(f"{name}.measured", shown), Clock.of(name, context.time, period, begin=period)
+        new = shown if sensor is None else sensor.shown(value.symbol, shown + sensor.drift)
+        due = clock.event(f"{name}.measured", "measured", name, {value.name: new}, routine=True)
+        later = () if sensor is None else (sensor.event,)
+        return cls(shown, value, (value, clock.count), (due, *later), clock.count)
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        context: SectionContext,
+        errors: SensorErrors,
+        observed: Observation,
+        sensor: FailingSensor | None = None,
+    ) -> Measurement:
+        """With errors.
+
+        Parameters
+        ----------
+        name
+            Unique in the closed loop; it also tells the sensor's random numbers from those of others.
+        context
+            Of the section ``errors``.
+        errors
+            That section.
+        observed
+            What the sensor sees.
+        sensor
+            Its failure, if it fails.
+        """
+        period = context.steady("period")
+        clock = Clock.of(f"{name}.samples", context.time, period)
+        value = memory(f"{name}.measured", observed.sample(observed.shown, ca.SX(-1)))
+        # a sample (m x 1), what is remembered for the next one with its new values, and the bias (n x 1)
+        sample, kept = observed.shown, list[tuple[State, ca.SX]]()
+        size, root, number = sample.size1(), ca.sqrt(context.steady("period")), clock.count.symbol
+        rows = math.ceil(context.parameters.value("simulation.duration") / errors.period) + 2
+        begins, walks = (not context.is_zero(key) for key in ("bias", "bias_walk"))
+        bias = None
+        if begins or walks:
+            drift = memory(f"{name}.bias", ca.SX.zeros(size))
+            first, moved = ca.SX.zeros(size), drift.symbol
+            if begins:
+                first = context.number("bias") * context.random(f"{name}.bias", 1, size, ca.SX(0))
+            if walks:
+                step = context.random(f"{name}.walk", rows, size, number)
+                moved = moved + context.number("bias_walk") * root * step
+            kept.append((drift, ca.if_else(number < 0.5, first, moved)))
+            sample, bias = sample + kept[0][1], drift.symbol
+        if not context.is_zero("noise"):
+            density = context.number("noise")
+            if observed.distance is not None and not context.is_zero("noise_growth"):
+                density = density * (1 + context.number("noise_growth") * observed.distance)
+            sample = sample + density / root * context.random(name, rows, size, number)
+        if sensor is not None:
+            sample = sample + sensor.drift
+        if errors.range is not None:
+            limit = context.number("range")
+            sample = ca.fmin(ca.fmax(sample, -limit), limit)
+        if not context.is_zero("resolution"):
+            step = context.number("resolution")
+            sample = step * ca.floor(sample / step + 0.5)
+        sample = observed.sample(sample, clock.instant)
+        if errors.dropout or sensor is not None:
+            last = memory(f"{name}.last", observed.sample(observed.shown, ca.SX(-1)))
+            if errors.dropout:
+                far = NormalDist().inv_cdf(1 - errors.dropout / 2)  # both tails: a number of zero loses none
+                lost = ca.fabs(context.random(f"{name}.dropout", rows, 1, number)) > far
+                sample = ca.if_else(lost, last.symbol, sample)
+            if sensor is not None:
+                sample = sensor.shown(last.symbol, sample, clock.instant if observed.stamped else None)
+            kept.append((last, sample))
+        states, updates = [*(state for state, _ in kept), value], {state.name: new for state, new in kept}
+        later = [] if sensor is None else [sensor.event]
+        if context.is_zero("delay"):
+            updates[value.name] = sample
+        else:
+            line = DelayLine.of(name, context, clock, value, errors.delay / errors.period)
+            states += line.states
+            updates |= line.shifted(sample)
+            later.append(line.event("measured"))
+        steps = not context.is_zero("resolution")
+        due = clock.event(f"{name}.sampled", "measured", name, updates, silent=True, quantised=steps)
+        return cls(observed.shown, value, (*states, clock.count), (due, *later), clock.count, bias)
+
+
+def places_of(value: ca.SX) -> list[tuple[int, int]]:
+    """Places in a matrix of what is no constant."""
+    rows, columns = value.sparsity().row(), value.sparsity().get_col()
+    return [place for place in zip(rows, columns, strict=True) if not value[place].is_constant()]
+
+
+def changing(value: ca.SX) -> ca.SX:
+    """Entries of a matrix that are not constant (n x 1)."""
+    return ca.vertcat(ca.SX(0, 1), *(value[place] for place in places_of(value)))
+
+
+def filled(value: ca.SX, other: ca.SX) -> ca.SX:
+    """A matrix with other values (n x 1) of what is no constant."""
+    found = ca.SX(value)
+    for place, part in zip(places_of(value), ca.vertsplit(other), strict=True):
+        found[place] = part
+    return found

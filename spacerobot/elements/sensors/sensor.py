@@ -1,0 +1,111 @@
+"""Sensors: what a controller reads of a signal (section 1.6 of the paper)."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import casadi as ca
+from pydantic import Field
+
+from spacerobot.elements.core.context import Affine
+from spacerobot.elements.core.element import Element
+from spacerobot.elements.core.section_context import SectionContext
+from spacerobot.elements.sensors.measurement import (
+    Measurement,
+    Observation,
+    SensorErrors,
+    SensorFailure,
+    misalignment,
+)
+
+
+class Sensor(Element):
+    """A sensor of one signal, the same for every component; its reading is linear in the signal.
+
+    Attributes
+    ----------
+    holds
+        Whether it measures only now and then, by its number ``period`` [s], and holds what it measured.
+    """
+
+    family: ClassVar[str] = "sensor"
+    holds: ClassVar[bool] = False
+    errors: SensorErrors | None = Field(
+        default=None,
+        description="sampling, latency and noise: `period`, `delay`, `noise`, `noise_growth`, `bias`, "
+        "`bias_walk`, `resolution`, `dropout`, `range`, `misalignment_deg`; continuous and without noise if "
+        "not given",
+    )
+
+    failure: SensorFailure | None = Field(
+        default=None, description="it freezes, drifts or is lost, `at` a time"
+    )
+
+    def measurement(self, name: str, context: SectionContext, observed: Observation) -> Measurement | None:
+        """Sampled measurement of a signal (n x 1); None if it is continuous and does not fail.
+
+        Parameters
+        ----------
+        name
+            Unique in the closed loop.
+        context
+            Of the sensor's section.
+        observed
+            What it sees now, by :meth:`aligned` and :meth:`affine`.
+        """
+        failing = None
+        if self.failure is not None:
+            failing = self.failure.build(context.at(f"{context.path}.failure"), name)
+        if self.errors is not None:
+            own = context.at(f"{context.path}.errors")
+            return Measurement.of(name, own, self.errors, observed, failing)
+        if self.holds:
+            return Measurement.held(name, context, observed.shown, failing)
+        return None if failing is None else Measurement.failing(name, observed.shown, failing)
+
+    def aligned(self, context: SectionContext, value: ca.SX, axes: ca.SX | None) -> ca.SX:
+        """Signal by a sensor whose axes are turned.
+
+        Parameters
+        ----------
+        context
+            Of the sensor's section.
+        value
+            Vector (3x1), or attitude (3x3).
+        axes
+            Axes of what carries the sensor, in those of the signal (3x3); None if they are the value.
+        """
+        turn = None if self.errors is None else misalignment(context.at(f"{context.path}.errors"))
+        if turn is None:
+            return value
+        if axes is None:
+            return ca.mtimes(
+                value, turn
+            )  # the attitude of the sensor's axes is taken for that of the carrier
+        return ca.mtimes(axes, ca.mtimes(turn.T, ca.mtimes(axes.T, value)))
+
+    def affine(self, context: SectionContext) -> Affine:
+        """Offset a and scale b of the reading a + b s."""
+        raise NotImplementedError
+
+    @property
+    def reads_motors(self) -> bool:
+        """Whether it is mounted on the motors of joints, in front of their transmissions."""
+        return False
+
+    @property
+    def is_ideal(self) -> bool:
+        """Whether it reads the signal as it is."""
+        raise NotImplementedError
+
+
+def ideal(signal: str) -> Affine:
+    """Sensor without error, which costs nothing."""
+    del signal
+    return None, ca.SX(1)
+
+
+def measured(sensor: Affine, signal: ca.SX) -> ca.SX:
+    """Signal as its sensor gives it: a + b s."""
+    offset, scale = sensor
+    return scale * signal if offset is None else offset + scale * signal

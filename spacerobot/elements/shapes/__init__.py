@@ -1,0 +1,1 @@
+"""Collision shapes: base class, and one file for each kind that ships."""

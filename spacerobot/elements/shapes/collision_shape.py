@@ -1,0 +1,204 @@
+"""Collision shapes: convex bodies fixed to links, as pads of a scenario or as collision geometry of URDFs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
+
+import casadi as ca
+import numpy as np
+from pydantic import Field, model_validator
+
+from spacerobot.arrays import Array
+from spacerobot.elements.core.element import Element
+from spacerobot.elements.core.registry import kinds
+from spacerobot.elements.core.section_context import SectionContext
+from spacerobot.section import OneOf, Vector, quantity
+from spacerobot.shapes import Nearest, Shape, Support
+
+if TYPE_CHECKING:
+    from spacerobot.description import Geometry
+
+_GOLDEN = math.pi * (3 - 5**0.5)
+_SAMPLED = 400
+"""Directions in which a shape's surface is sampled, in addition to its axes."""
+
+
+class DrawnGeometry(NamedTuple):
+    """A part of a shape's drawing: what, how far along the shape's z axis [m], and its opacity."""
+
+    geometry: Geometry
+    along: float = 0.0
+    opacity: float = 1.0
+
+
+class Wrapping(NamedTuple):
+    """A shape around points: its measures by key, and its placement (4, 4) [m] in their frame."""
+
+    measures: dict[str, Any]
+    placement: Array
+
+
+class CollisionShape(Element):
+    """A convex shape fixed to a link; it has no mass.
+
+    Its measures are the keys that a kind adds to these. A kind states its support function, from which
+    distances follow; a half-space has none. Everything else has a default that follows from it.
+
+    Attributes
+    ----------
+    is_halfspace
+        Whether it is all that is below its own x-y plane.
+    urdf_geometry
+        Geometry of a URDF that it is, if there is one.
+    wrap_order
+        Its place among the shapes that plans try around meshes and cylinders; only where it can wrap.
+    """
+
+    family: ClassVar[str] = "shape"
+    is_halfspace: ClassVar[bool] = False
+    urdf_geometry: ClassVar[str | None] = None
+    wrap_order: ClassVar[int | None] = None
+
+    link: str = Field(pattern=r"^[^/]+/[^/]+$", description="what carries it, as robot/link or target/link")
+    position: Vector = quantity("m", "its own origin, link axes", default=(0.0, 0.0, 0.0))
+    rotation_deg: Vector = quantity(
+        "deg", "roll, pitch, yaw of its own axes in the link's", default=(0.0, 0.0, 0.0)
+    )
+
+    @classmethod
+    def support(cls, rotation: ca.SX, measures: ca.SX) -> Support:
+        """Support function about its origin.
+
+        Parameters
+        ----------
+        rotation
+            From its own axes to those of the result (3x3).
+        measures
+            Its lengths (n x 1) [m], in the order of its keys.
+        """
+        raise NotImplementedError
+
+    @classmethod
+    def nearest(cls, point: ca.SX, shape: Shape) -> Nearest | None:
+        """Signed distance from a point to the shape without its ball, where that has a closed form.
+
+        Parameters
+        ----------
+        point
+            The point (3x1) [m], world axes.
+        shape
+            Where the shape is.
+
+        Returns
+        -------
+        tuple or None
+            Distance (1x1) [m], unit direction to the point (3x1), nearest point of the core (3x1) [m]; None
+            where support functions shall give the distance.
+        """
+        del point, shape
+        return None
+
+    @classmethod
+    def of_urdf(cls, size: Sequence[float]) -> dict[str, Any]:
+        """Its measures by key, from the size of the URDF's geometry of the same name [m]."""
+        raise NotImplementedError
+
+    @classmethod
+    def around(cls, points: Array, axes: Sequence[int]) -> Wrapping:
+        """The shape around points.
+
+        Parameters
+        ----------
+        points
+            What it must contain (n, 3) [m].
+        axes
+            Axes along which it may lie: 0, 1, 2.
+        """
+        raise NotImplementedError
+
+    @model_validator(mode="after")
+    def _check_measures(self) -> CollisionShape:
+        for key in self.measure_keys():
+            found = getattr(self, key)
+            if isinstance(found, tuple) and min(found) <= 0:
+                raise ValueError(f"{key}: found {list(found)}, allowed: numbers above 0")
+        return self
+
+    @classmethod
+    def measure_keys(cls) -> tuple[str, ...]:
+        """Keys of its measures."""
+        return tuple(key for key in cls.model_fields if key not in CollisionShape.model_fields)
+
+    def measures(self, context: SectionContext | None = None) -> ca.SX:
+        """Its measures (n x 1) [m]: numbers, or with the context of its section symbols."""
+        if context is None:
+            found = [ca.SX(ca.DM(getattr(self, key))) for key in self.measure_keys()]
+        else:
+            found = [
+                context.vector(key) if isinstance(getattr(self, key), tuple) else context.number(key)
+                for key in self.measure_keys()
+            ]
+        return ca.vertcat(*found) if found else ca.SX(0, 1)
+
+    def surface_points(self) -> Array:
+        """Points of its surface (n, 3) [m], own axes: the farthest ones all around."""
+        support, none = self.support(ca.SX.eye(3), self.measures()), ca.SX(1e-6)
+        n = ca.SX.sym("n", 3)
+        farthest = sum((term.farthest(n, none) for term in support.terms), support.ball * n)
+        found = ca.Function("farthest", [n], [farthest])(directions().T)
+        return np.asarray(found.full().T)
+
+    def extent(self) -> tuple[float, float]:
+        """Least and greatest distance of its support planes from its origin [m]; infinite if a half-space."""
+        if self.is_halfspace:
+            return math.inf, math.inf
+        reach = np.einsum("ij,ij->i", directions(), self.surface_points())
+        return float(reach.min()), float(reach.max())
+
+    def coal(self) -> Any:
+        """Its geometry in coal, which the Pinocchio engine uses: the hull of points of its surface.
+
+        The engine starts from coal's distance and refines it by the support function.
+        """
+        import coal
+
+        points = coal.StdVec_Vec3s()
+        points.extend(list(self.surface_points()))
+        return coal.Convex.convexHull(points, False, "")
+
+    def drawing(self, reach: float) -> list[DrawnGeometry]:
+        """Drawn geometry: the hull of its surface points.
+
+        Parameters
+        ----------
+        reach
+            Distance from its origin to the farthest of the shapes that may touch it [m]; for a half-space.
+        """
+        del reach
+        from spacerobot.description import Geometry
+
+        return [DrawnGeometry(Geometry("mesh", np.ones(3), corners=self.surface_points()))]
+
+    def words(self) -> str:
+        """Its kind and measures."""
+        found = [(key, np.atleast_1d(getattr(self, key))) for key in self.measure_keys()]
+        return ", ".join([self.kind, *(f"{key} {' x '.join(f'{x:g}' for x in own)} m" for key, own in found)])
+
+
+def wrapping_shapes() -> list[str]:
+    """Names of the kinds that can replace meshes and cylinders, the closest fit first."""
+    places = [(getattr(kind, "wrap_order", None), name) for name, kind in kinds("shape").items()]
+    return [name for _, name in sorted((place, name) for place, name in places if place is not None)]
+
+
+Wrap = Annotated[str, OneOf(wrapping_shapes)]
+"""Shape around meshes and cylinders that stands in for them."""
+
+
+def directions() -> Array:
+    """Unit vectors all around (n, 3): both senses of the axes, and a spiral."""
+    height = np.linspace(-1, 1, _SAMPLED)
+    around = np.sqrt(1 - height**2) * np.exp(1j * _GOLDEN * np.arange(_SAMPLED))
+    return np.vstack([np.eye(3), -np.eye(3), np.column_stack([around.real, around.imag, height])])
