@@ -11,8 +11,9 @@ with the unknown total $h_0$ ($6 \times 1$). No acceleration is needed (Murotsu 
 holds it. $Y$ is measured with noise too, so that plain least squares is biased. The estimate is therefore
 the maximum of the likelihood by the effective variance: each residual is weighted by the covariance $J(\pi)
 S J(\pi)^\top$ that the sensors' noise $S$ causes, as the parameters vary. An estimate that is not
-physically consistent is replaced by the nearest consistent one, in the log-Cholesky parameters of Rucker
-and Wensing (IEEE RA-L 7(2), 2022).
+physically consistent is replaced by the nearest consistent one, sought in triangular factors of the
+pseudo-inertia (Rucker and Wensing, IEEE RA-L 7(2), 2022). Factors without logarithms are used because the
+nearest one lies on the boundary, where a logarithm is infinite.
 
 The momentum of an object that moves in a plane depends only on mass, two coordinates of the centre of mass
 and the moment of inertia about the plane's normal: four columns and three rows of $Y$ remain.
@@ -33,7 +34,7 @@ from scipy.optimize import least_squares
 
 from optim.json_result import JsonResult
 from spacerobot.arrays import Array
-from spacerobot.dynamics.inertial_parameters import is_realisable
+from spacerobot.dynamics.inertial_parameters import INTERIOR, is_realisable, move_inside
 from spacerobot.errors import SpaceRobotError
 from spacerobot.notebook import html_table
 from spacerobot.result import Result
@@ -401,6 +402,8 @@ def _regression(
 def consistent(parameters: Array, spread: Array) -> tuple[Array, bool]:
     """Nearest parameters, by their covariance, that a body can have, and whether they were moved.
 
+    The nearest lie on the boundary; those returned lie inside it by more than rounding errors.
+
     Parameters
     ----------
     parameters
@@ -418,39 +421,39 @@ def consistent(parameters: Array, spread: Array) -> tuple[Array, bool]:
         return parameters, False
     root = np.linalg.inv(np.linalg.cholesky(spread))
     mass = max(abs(parameters[0]), 1e-6)
+    floor = INTERIOR * mass  # a body without mass has no centre
     if parameters.size == len(PLANAR[0]):
-        about = max(float(parameters[3] - parameters[1:3] @ parameters[1:3] / mass), 1e-6)
-        flat = np.array([np.log(mass), *(parameters[1:3] / mass), np.log(about)])
-        found = least_squares(
-            lambda theta: root @ (_planar(theta) - parameters), flat, method="lm", xtol=1e-14, ftol=1e-14
-        )
-        return _planar(found.x), True
-    guess = pin.Inertia(mass, parameters[1:4] / mass, np.eye(3) * max(np.abs(parameters[4:]).max(), 1e-6))
-    start = pin.PseudoInertia.FromInertia(guess).toMatrix()
-    flipped = np.linalg.cholesky(start[::-1, ::-1])[::-1, ::-1]
-    alpha = np.log(flipped[3, 3])
-    first = np.array(
-        [
-            alpha,
-            *(np.log(np.diag(flipped)[:3]) - alpha),
-            flipped[0, 1] / flipped[3, 3],
-            flipped[1, 2] / flipped[3, 3],
-            flipped[0, 2] / flipped[3, 3],
-            *(flipped[:3, 3] / flipped[3, 3]),
-        ]
-    )
+        assemble = _planar
+        about = max(float(abs(parameters[3]) + parameters[1:3] @ parameters[1:3] / mass), 1e-6)
+        start = np.array([np.sqrt(mass), *(parameters[1:3] / np.sqrt(mass)), np.sqrt(about)])
+    else:
+        assemble = _spatial
+        inertia = np.eye(3) * max(np.abs(parameters[4:]).max(), 1e-6)
+        matrix = pin.PseudoInertia.FromInertia(pin.Inertia(mass, parameters[1:4] / mass, inertia)).toMatrix()
+        start = np.linalg.cholesky(matrix[::-1, ::-1])[::-1, ::-1][np.triu_indices(4)]
 
-    def residual(theta: Array) -> Array:
-        return np.asarray(root @ (pin.LogCholeskyParameters(theta).toDynamicParameters() - parameters))
+    def residual(factor: Array) -> Array:
+        return np.asarray(root @ (assemble(factor, floor) - parameters))
 
-    found = least_squares(residual, first, method="lm", xtol=1e-14, ftol=1e-14)
-    return np.array(pin.LogCholeskyParameters(found.x).toDynamicParameters()), True
+    # quadratic, so that central differences are exact
+    accuracy = {"xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14, "max_nfev": 20_000}
+    nearest = least_squares(residual, start, jac="3-point", method="lm", x_scale="jac", **accuracy)
+    return move_inside(assemble(nearest.x, floor)), True
 
 
-def _planar(theta: Array) -> Array:
-    """Parameters of a planar body (4,) from log mass, centre of mass, and log inertia about that."""
-    mass, x, y, about = np.exp(theta[0]), theta[1], theta[2], np.exp(theta[3])
-    return np.array([mass, mass * x, mass * y, about + mass * (x**2 + y**2)])
+def _planar(factor: Array, floor: float) -> Array:
+    """Parameters (4,) of a planar body from a, b_x, b_y, d: m = a^2 + floor, m c = a b, I = b^2 + d^2."""
+    a, x, y, d = factor
+    return np.array([a * a + floor, a * x, a * y, x * x + y * y + d * d])
+
+
+def _spatial(factor: Array, floor: float) -> Array:
+    """Parameters (10,) of the pseudo-inertia U U^T, of which the upper triangle U (10,) is the factor."""
+    upper = np.zeros((4, 4))
+    upper[np.triu_indices(4)] = factor
+    matrix = upper @ upper.T
+    matrix[3, 3] += floor
+    return np.array(pin.PseudoInertia.FromMatrix(matrix).toDynamicParameters())
 
 
 def _named(parameters: Array) -> Array:

@@ -102,7 +102,7 @@ def _own_cache(tmp_path_factory, request):
         place = place.parent
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SPACEROBOT_CACHE_DIR", str(place / "compiled"))
-        patch.setenv("SPACEROBOT_COMPILER_FLAGS", "-O0")  # of what the whole session shares
+        patch.setenv("SPACEROBOT_COMPILER_FLAGS", f"-O0 {FLAGS}")  # of what the whole session shares
         yield
 
 
@@ -141,6 +141,8 @@ LARGE = (
 """Where few rollouts take less time than to optimise their code."""
 
 COMPILER = os.environ.get("SPACEROBOT_COMPILER")
+FLAGS = os.environ.get("SPACEROBOT_COMPILER_FLAGS", "")
+"""Compiler and its arguments of this test run, such as ``-march=x86-64`` for two lanes."""
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -151,9 +153,9 @@ def _in_a_hurry(request):
         if request.node.nodeid.startswith(LARGE):
             pass  # as the whole session
         elif request.node.nodeid.startswith(AS_FOR_USERS):
-            patch.delenv("SPACEROBOT_COMPILER_FLAGS")
+            patch.setenv("SPACEROBOT_COMPILER_FLAGS", FLAGS)
         else:
-            patch.setenv("SPACEROBOT_COMPILER_FLAGS", "-O1")
+            patch.setenv("SPACEROBOT_COMPILER_FLAGS", f"-O1 {FLAGS}")
         yield
 
 

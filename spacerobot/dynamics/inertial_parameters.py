@@ -19,6 +19,8 @@ PLANAR = (0, 1, 2, 9)
 """Those that a motion in the x-y plane depends on."""
 _PLACES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 """Of the inertia's six entries among the parameters."""
+INTERIOR = 1e-12
+"""Distance from the boundary of realisable bodies, in second moments about the origin."""
 _NAMED = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 """Of the inertia's six entries in scenarios."""
 
@@ -43,14 +45,46 @@ def is_realisable(parameters: Array) -> bool:
     """Whether a body can have these numbers (10,), or, in a plane, those of :data:`PLANAR` (4,).
 
     The pseudo-inertia of every distribution of mass is positive definite (Rucker and Wensing, IEEE RA-L 7(2),
-    2022); in a plane mass and moment of inertia about the centre of mass are positive.
+    2022), that is, its mass and its second moments about the centre of mass; in a plane mass and moment of
+    inertia about the centre of mass are positive.
     """
-    if parameters[0] <= 0:
-        return False
+    return bool(parameters[0] > 0 and _central_spread(parameters)[0] > 0)
+
+
+def move_inside(parameters: Array) -> Array:
+    """Parameters that are realisable after rounding too, from those on the boundary; others as they are.
+
+    The body nearest to impossible numbers has no extent along some axis, and rounding may place its numbers
+    on either side of the boundary. Second moments of 1e-12 of those about the origin are added along each
+    axis: a thousand times the rounding errors of m c c^T, which is subtracted to move to the centre of mass.
+
+    Parameters
+    ----------
+    parameters
+        Of positive mass, (10,) or (4,).
+    """
+    smallest, about_origin = _central_spread(parameters)
+    added = max(0.0, INTERIOR * about_origin - smallest)
+    inside = np.array(parameters, dtype=float)
     if parameters.size == len(PLANAR):
-        return bool(parameters[3] > parameters[1:3] @ parameters[1:3] / parameters[0])
+        inside[3] += added
+    else:
+        inside[[4, 6, 9]] += 2 * added  # I = tr(S) 1 - S, so that S + s 1 has the inertia I + 2 s 1
+    return inside
+
+
+def _central_spread(parameters: Array) -> tuple[float, float]:
+    """Smallest second moment of mass about the centre of mass, and the sum of those about the origin.
+
+    In a plane, both of the moment of inertia about its normal.
+    """
+    mass, moment = parameters[0], parameters[1:-1] if parameters.size == len(PLANAR) else parameters[1:4]
+    if parameters.size == len(PLANAR):
+        return float(parameters[3] - moment @ moment / mass), float(parameters[3])
     matrix = pin.PseudoInertia.FromDynamicParameters(parameters).toMatrix()
-    return bool(np.linalg.eigvalsh(matrix).min() > 0)
+    about_origin = matrix[:3, :3]
+    central = about_origin - np.outer(moment, moment) / mass
+    return float(np.linalg.eigvalsh(central)[0]), float(np.trace(about_origin))
 
 
 def inertial_parameters(mass: ca.SX, centre: ca.SX, inertia: ca.SX) -> ca.SX:

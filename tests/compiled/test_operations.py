@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import platform
 
 import casadi as ca
 import numpy as np
@@ -158,4 +159,18 @@ def test_vector_maths_is_optional():
         0
     ]
     wanted = FUNCTION(0.3, 0.7).full().ravel()
+    np.testing.assert_allclose(found, wanted, rtol=4e-15, equal_nan=True)
+
+
+@pytest.mark.parametrize(("flags", "lanes"), [("-march=x86-64-v3", 4), ("-march=x86-64", 2)])
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="instruction sets of x86-64")
+def test_lanes_fit_the_registers_that_the_compiler_may_use(monkeypatch, flags, lanes):
+    """Vector maths for eight lanes expects its arguments in registers that four lanes' code does not use."""
+    monkeypatch.setenv("SPACEROBOT_COMPILER_FLAGS", flags)
+    toolchain = find_toolchain()
+    assert toolchain.lanes <= lanes
+    random = np.random.default_rng(2)
+    x, y = random.uniform(0.1, 0.9, (2, 1, toolchain.lanes))
+    found = compile_functions({"all": FUNCTION}, lanes=toolchain.lanes)("all", x, y)[0]
+    wanted = np.array([FUNCTION(a, b).full().ravel() for a, b in zip(x[0], y[0], strict=True)]).T
     np.testing.assert_allclose(found, wanted, rtol=4e-15, equal_nan=True)

@@ -1,15 +1,18 @@
 """Identification of a caught object: exact without noise, unbiased with it, realisable, or refused."""
 
 import functools
+from fractions import Fraction
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import minimize
 
 import spacerobot as sr
 from optim.identification import consistent, momentum_regressor
+from spacerobot.dynamics.inertial_parameters import is_realisable
 from spacerobot.errors import SpaceRobotError
 from tests.oracles import one_arm
 
@@ -123,13 +126,66 @@ def test_of_a_planar_object_mass_centre_and_one_inertia_are_identified(planar, t
     assert inertia.inertia[2, 2] == pytest.approx(again.values[6])
 
 
+def exact_minors(parameters):
+    """Leading principal minors of the pseudo-inertia in rational arithmetic; in a plane m and m I - h^2."""
+    numbers = [Fraction(float(number)) for number in parameters]
+    if len(numbers) == 4:
+        mass, x, y, moment = numbers
+        return [mass, mass * moment - x * x - y * y]
+    mass, x, y, z, xx, xy, yy, xz, yz, zz = numbers
+    half = (xx + yy + zz) / 2
+    rows = [
+        [mass, x, y, z],
+        [x, half - xx, -xy, -xz],
+        [y, -xy, half - yy, -yz],
+        [z, -xz, -yz, half - zz],
+    ]
+    minors = [Fraction(1)]
+    for k in range(4):  # elimination: the k-th pivot is the ratio of successive minors
+        minors.append(minors[-1] * rows[k][k])
+        for row in rows[k + 1 :]:
+            factor = row[k] / rows[k][k]
+            row[k:] = [a - factor * b for a, b in zip(row[k:], rows[k][k:], strict=True)]
+    return minors[1:]
+
+
 def test_a_planar_body_that_cannot_be_is_moved_to_the_nearest():
     possible = np.array([3.0, 0.3, 0.0, 0.1])
     np.testing.assert_array_equal(consistent(possible, np.eye(4))[0], possible)
-    moved_to, moved_at_all = consistent(np.array([3.0, 0.6, 0.0, 0.0]), np.eye(4))  # less than m c^2
+    impossible = np.array([3.0, 0.6, 0.0, 0.0])  # less than m c^2
+    moved_to, moved_at_all = consistent(impossible, np.eye(4))
     assert moved_at_all
-    assert moved_to[0] > 0
-    assert moved_to[3] * moved_to[0] >= moved_to[1] ** 2
+    nearest = minimize(
+        lambda p: np.sum((p - impossible) ** 2),
+        [3.0, 0.5, 0.0, 0.2],
+        constraints={"type": "ineq", "fun": lambda p: p[3] * p[0] - p[1:3] @ p[1:3]},
+        method="SLSQP",
+        options={"ftol": 1e-14},
+    )
+    np.testing.assert_allclose(moved_to, nearest.x, atol=1e-5)
+
+
+@pytest.mark.parametrize("size", [4, 10])
+def test_the_nearest_body_exists_in_exact_arithmetic(size):
+    """Rounding moves none across the boundary, whatever the magnitudes."""
+    rng = np.random.default_rng(size)
+    for _ in range(25):
+        mass, length = 10.0 ** rng.uniform(-2, 4), 10.0 ** rng.uniform(-1, 1)
+        body = pin.Inertia(mass, rng.normal(size=3) * length, np.diag([0.0, 1.0, 1.0]) * mass * length**2)
+        rod = body.toDynamicParameters()[[0, 1, 2, 9] if size == 4 else slice(None)]
+        units = np.array([mass, *[mass * length] * (2 if size == 4 else 3), *[mass * length**2] * 6])[:size]
+        deviations = 0.1 * units * 10.0 ** rng.uniform(-1, 0, size)
+        impossible = rod - deviations * np.abs(rng.normal(size=size))
+        impossible[3 if size == 4 else 9] -= 2 * rod[-1]
+        nearest, moved_at_all = consistent(impossible, np.diag(deviations**2))
+        assert moved_at_all
+        assert all(minor > 0 for minor in exact_minors(nearest))
+        assert is_realisable(nearest)
+        # bodies are a convex cone, to whose projection the part cut off is orthogonal
+        cut = (impossible - nearest) / deviations
+        assert abs(cut @ (nearest / deviations)) < 1e-6 * np.linalg.norm(cut) * np.linalg.norm(
+            nearest / deviations
+        )
 
 
 def test_what_no_body_can_have_is_moved_to_the_nearest():
@@ -141,7 +197,7 @@ def test_what_no_body_can_have_is_moved_to_the_nearest():
     impossible[9] = 3.4  # violates I_zz <= I_xx + I_yy
     moved_to, moved_at_all = consistent(impossible, np.eye(10))
     assert moved_at_all
-    assert np.linalg.eigvalsh(pin.PseudoInertia.FromDynamicParameters(moved_to).toMatrix()).min() > -1e-9
+    assert all(minor > 0 for minor in exact_minors(moved_to))
     # the nearest point of the plane I_xx + I_yy = I_zz is at a distance of 0.4 / sqrt(3)
     assert np.linalg.norm(moved_to - impossible) == pytest.approx(0.4 / np.sqrt(3), rel=1e-3)
 
