@@ -113,7 +113,9 @@ class TuningResult:
             outcome = MethodOutcome(data["method"], runs)
         except (OSError, ValueError, LookupError, TypeError) as fault:
             raise ResultError(f"holds no tuning that can be read: {fault}", source=folder / FILE) from None
-        return cls(*numbers, load_scene(folder / SCENARIO), outcome, data.get("margins", {}))
+        return cls(
+            *numbers, load_scene(folder / SCENARIO, expand_xacro=False), outcome, data.get("margins", {})
+        )
 
     def __repr__(self) -> str:
         """Objective and how the best run ended, in one line."""

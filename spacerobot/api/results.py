@@ -170,7 +170,7 @@ class PlanResult:
             raise ResultError("a plan is followed from its files: save it first")
         from optim.planning.output.plan_folder import FOLLOWED
 
-        return load_scene(self.folder / FOLLOWED)
+        return load_scene(self.folder / FOLLOWED, expand_xacro=False)
 
     def save(self, path: StrPath) -> PlanResult:
         """Write ``plan.nc``, ``plan.json`` and ``followed.yaml``, the scenario that follows the plan.

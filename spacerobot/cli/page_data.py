@@ -105,7 +105,7 @@ def plan(folder: Path, tell: Tell) -> PageData:
     from spacerobot.scene import load_scene
     from spacerobot.simulation import simulate
 
-    return _over_its_plan(simulate(load_scene(folder / FOLLOWED), progress=tell), folder)
+    return _over_its_plan(simulate(load_scene(folder / FOLLOWED, expand_xacro=False), progress=tell), folder)
 
 
 def _over_its_plan(flown: Result, folder: Path) -> PageData:
@@ -113,4 +113,6 @@ def _over_its_plan(flown: Result, folder: Path) -> PageData:
     from spacerobot.scene import load_scene
     from viz.page.plan_overlay import beside_its_plan
 
-    return PageData(beside_its_plan(flown, load_scene(folder / SCENARIO), read(folder)[0]), [flown])
+    return PageData(
+        beside_its_plan(flown, load_scene(folder / SCENARIO, expand_xacro=False), read(folder)[0]), [flown]
+    )

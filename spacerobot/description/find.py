@@ -97,6 +97,14 @@ def find_in_package(uri: str, near: Path | None) -> Path | None:
     return None
 
 
+def find_package(name: str, near: Path) -> Path | None:
+    """Folder of a ROS package, known by its ``package.xml``, or None; see :func:`find_in_package`."""
+    if name in ("", ".", "..") or Path(name).name != name:
+        return None
+    folders = _package_folders(name, near)
+    return next((folder for folder in folders if is_file(folder / "package.xml")), None)
+
+
 def _package_folders(package: str, near: Path | None) -> Iterator[Path]:
     """Folders called ``package``, in the order in which they are tried."""
     for parent in near.parents if near is not None else ():

@@ -11,7 +11,7 @@ from spacerobot.description.mimic import settle
 from spacerobot.description.parts import UrdfJoint, UrdfLink
 from spacerobot.description.syntax import check_syntax, parse_xml
 from spacerobot.description.topology import root_link
-from spacerobot.description.xacro import expand_xacro, needs_xacro
+from spacerobot.description.xacro import SUFFIX, expand_xacro, refuse_xacro
 from spacerobot.errors import DescriptionError
 from spacerobot.files import StrPath
 
@@ -84,13 +84,15 @@ class Description:
         return replace(self, joints=settle(self.joints, positions, locked, self.path))
 
 
-def read_description(path: StrPath) -> Description:
+def read_description(path: StrPath, expanded: str | None = None) -> Description:
     """Read and check a URDF.
 
     Parameters
     ----------
     path
         The file; see :func:`spacerobot.description.find.find_urdf` for names.
+    expanded
+        URDF text that a file named ``*.xacro`` expands to; the file is expanded if None.
 
     Raises
     ------
@@ -103,11 +105,12 @@ def read_description(path: StrPath) -> Description:
     from spacerobot.description.convert import convert_joint, convert_links, parse_urdf
 
     source = Path(path).absolute()
-    data = _read_bytes(source)
+    if source.suffix == SUFFIX:
+        data = (expand_xacro(source) if expanded is None else expanded).encode()
+    else:
+        data = _read_bytes(source)
     tree = parse_xml(data, source)
-    if needs_xacro(tree, source):
-        data = expand_xacro(source)
-        tree = parse_xml(data, source)
+    refuse_xacro(tree, source)
     warnings = check_syntax(tree, source)
     robot = parse_urdf(tree, source)
     joints = tuple(convert_joint(joint, source) for joint in robot.joints)

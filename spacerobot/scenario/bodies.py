@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -133,6 +133,10 @@ class Placement(Section):
     )
 
 
+def _expanded_urdf() -> Any:
+    return Field(default=None, description="URDF text that a .xacro file expands to; filled in")
+
+
 class Body(Section):
     """Something described by a URDF."""
 
@@ -141,6 +145,7 @@ class Body(Section):
         max_length=4096,
         description="URDF file: a path (relative to the scenario), or a shipped file's name",
     )
+    expanded_urdf: str | None = _expanded_urdf()
     base: Base = Field(default=Base(), description="how the root link is connected to the world")
     links: dict[str, Link] = Field(
         default={},
@@ -209,6 +214,7 @@ class Mount(Section):
     """An arm welded to one of the robot's links; it has no base of its own."""
 
     urdf: str = Field(min_length=1, max_length=4096, description="URDF file of the arm, named as a robot's")
+    expanded_urdf: str | None = _expanded_urdf()
     link: str | None = Field(
         default=None,
         description="link that carries it, of the robot or of an earlier mount; the root link if none",

@@ -72,7 +72,7 @@ class Loader(yaml.SafeLoader):
 
 
 class Dumper(yaml.SafeDumper):
-    """Dumper without aliases, with lists of plain values on one line.
+    """Dumper without aliases, with lists of plain values on one line and texts of several lines as blocks.
 
     It puts in quotes what either schema would take for something else than a text.
     """
@@ -86,6 +86,10 @@ class Dumper(yaml.SafeDumper):
         flat = all(not isinstance(item, dict | list) for item in items)
         return self.represent_sequence("tag:yaml.org,2002:seq", items, flow_style=flat)
 
+    def represent_text(self, text: str) -> yaml.ScalarNode:
+        """Text, line by line if it has several."""
+        return self.represent_scalar("tag:yaml.org,2002:str", text, style="|" if "\n" in text else None)
+
 
 for _tag, _pattern, _first in _CORE:
     for _class in (Loader, Dumper):
@@ -94,6 +98,7 @@ Loader.add_constructor("tag:yaml.org,2002:int", Loader.construct_int)
 for _kind in ("binary", "timestamp", "set", "omap", "pairs"):
     Loader.add_constructor(f"tag:yaml.org,2002:{_kind}", Loader.refuse)
 Dumper.add_representer(list, Dumper.represent_plain_list)
+Dumper.add_representer(str, Dumper.represent_text)
 
 
 def describe(fault: yaml.MarkedYAMLError) -> tuple[str | None, str]:

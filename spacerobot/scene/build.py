@@ -36,11 +36,24 @@ from spacerobot.scene.grasp_closing import has_loops
 from spacerobot.scene.model import build_model
 from spacerobot.scene.reference_checks import check_followed, check_in_plane
 from spacerobot.scene.references import references_of
-from spacerobot.scene.resolve import fill, forget_files, locate, read_descriptions, read_files, settle
+from spacerobot.scene.resolve import (
+    expand_files,
+    fill,
+    forget_files,
+    locate,
+    read_descriptions,
+    read_files,
+    settle,
+)
 from spacerobot.scene.scene import Scene, SceneGrasp, SceneTip
 
 
-def load_scene(name: StrPath, changes: Mapping[str, Any] | Sequence[tuple[str, Any]] = ()) -> Scene:
+def load_scene(
+    name: StrPath,
+    changes: Mapping[str, Any] | Sequence[tuple[str, Any]] = (),
+    *,
+    expand_xacro: bool = True,
+) -> Scene:
     """Scene of a scenario file or of a shipped scenario.
 
     Parameters
@@ -50,6 +63,8 @@ def load_scene(name: StrPath, changes: Mapping[str, Any] | Sequence[tuple[str, A
     changes
         New values by dotted path (``*`` stands for every key), applied in order after the URDFs have
         filled in what the file leaves open.
+    expand_xacro
+        Whether ``.xacro`` files are expanded; False for a file that somebody else made.
 
     Raises
     ------
@@ -59,7 +74,7 @@ def load_scene(name: StrPath, changes: Mapping[str, Any] | Sequence[tuple[str, A
     source = find_scenario(os.fspath(name))
     named = re.sub(r"[^\w-]", "_", source.stem, flags=re.ASCII).lstrip("0123456789-")[:64]
     document = {"name": named or "scenario"} | read_document(source)
-    return build_scene(validate(document, source=source), changes, source=source)
+    return build_scene(validate(document, source=source), changes, source=source, expand_xacro=expand_xacro)
 
 
 def build_scene(
@@ -67,6 +82,7 @@ def build_scene(
     changes: Mapping[str, Any] | Sequence[tuple[str, Any]] = (),
     *,
     source: StrPath | None = None,
+    expand_xacro: bool = False,
 ) -> Scene:
     """Build the scene of a scenario; see :func:`load_scene`.
 
@@ -78,6 +94,8 @@ def build_scene(
         Values by dotted path that replace those of the scenario, as pairs or a mapping.
     source
         File that the scenario was read from: relative URDF paths start at its folder, and errors name it.
+    expand_xacro
+        Whether ``.xacro`` files are expanded that the scenario does not hold expanded, as results do.
 
     Raises
     ------
@@ -85,7 +103,7 @@ def build_scene(
         If a change names no value, or the scenario or a URDF cannot be simulated.
     """
     source = None if source is None else Path(source)
-    resolved, descriptions = resolve(scenario, changes, source=source)
+    resolved, descriptions = resolve(scenario, changes, source=source, expand_xacro=expand_xacro)
     check_masses(resolved, descriptions, source=source)
     model, bodies = build_model(resolved, descriptions)
     check_motion(model, source=source)
@@ -146,7 +164,11 @@ def build_scene(
 
 
 def resolve(
-    scenario: Scenario, changes: Mapping[str, Any] | Sequence[tuple[str, Any]], *, source: Path | None
+    scenario: Scenario,
+    changes: Mapping[str, Any] | Sequence[tuple[str, Any]],
+    *,
+    source: Path | None,
+    expand_xacro: bool = False,
 ) -> tuple[Scenario, Mapping[str, Any]]:
     """Scenario with URDF values filled in and changes made, and the URDFs, joints locked, by body path.
 
@@ -163,6 +185,7 @@ def resolve(
     validate(document, source=source)
     locate(document, source=source)
     read_files(document, source=source)
+    expand_files(document, source=source, allowed=expand_xacro)
     descriptions = read_descriptions(document, source=source)
     document = fill(document, descriptions, source=source)
     for pattern, value in pairs:

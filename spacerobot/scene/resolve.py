@@ -15,6 +15,7 @@ from spacerobot.description.mount import mounted
 from spacerobot.description.parts import UrdfJoint as UrdfJoint
 from spacerobot.description.read import Description, read_description
 from spacerobot.description.relocated_links import placed
+from spacerobot.description.xacro import SUFFIX, expand_xacro
 from spacerobot.elements import FAMILIES, Element, create, kinds
 from spacerobot.errors import DescriptionError, ScenarioError, near_names
 from spacerobot.scenario import Joint, Scenario
@@ -105,6 +106,10 @@ def read_files(document: Document, *, source: Path | None) -> None:
 
 def forget_files(document: Document, before: Document) -> Document:
     """Document without what was read of files, where it names others than before."""
+    urdfs = {where: section.get("urdf") for where, section in _sections(before)}
+    for where, section in _sections(document):
+        if section.get("expanded_urdf") is not None and section.get("urdf") != urdfs.get(where):
+            section["expanded_urdf"] = None
     old = {where: section.get("file") for where, section, _ in _reading(before)}
     for where, section, kind in _reading(document):
         if section.get("file") is not None and where in old and section["file"] != old[where]:
@@ -131,6 +136,30 @@ def _sections(node: Any, path: str = "") -> Iterator[tuple[str, Document]]:
             yield from _sections(value, f"{path}.{key}" if path else str(key))
 
 
+def expand_files(document: Document, *, source: Path | None, allowed: bool) -> None:
+    """Fill in, in place, the URDF text of xacro files; what is there already stays.
+
+    Raises
+    ------
+    DescriptionError
+        If a file cannot be expanded.
+    ScenarioError
+        If a file would have to be expanded and that is not allowed: in a result, for example.
+    """
+    for path, section in _with_urdfs(document).items():
+        if Path(section["urdf"]).suffix != SUFFIX:
+            section["expanded_urdf"] = None
+        elif section.get("expanded_urdf") is None:
+            if not allowed:
+                raise ScenarioError(
+                    f"found {section['urdf']!r}, a xacro program, which is expanded for a scenario "
+                    "of your own only, not for a result; run the scenario again, or give `expand_xacro=True`",
+                    source=source,
+                    where=f"{path}.urdf",
+                )
+            section["expanded_urdf"] = expand_xacro(_found(path, section, source))
+
+
 def read_descriptions(document: Document, *, source: Path | None) -> dict[str, Description]:
     """URDF of each body, with what is mounted on it, links placed and flexible ones expanded, by dotted path.
 
@@ -141,8 +170,11 @@ def read_descriptions(document: Document, *, source: Path | None) -> dict[str, D
     ScenarioError
         If a file is not found, or something cannot be mounted.
     """
-    files = {path: _found(path, section, source) for path, section in _with_urdfs(document).items()}
-    known = {file: read_description(file) for file in dict.fromkeys(files.values())}
+    files = {
+        path: (_found(path, section, source), section.get("expanded_urdf"))
+        for path, section in _with_urdfs(document).items()
+    }
+    known = {file: read_description(*file) for file in dict.fromkeys(files.values())}
     descriptions = {}
     for path, body in body_documents(document).items():
         description = known[files[path]]

@@ -86,7 +86,9 @@ def keep(
             text = edited(source.read_text(encoding="utf-8"), dict([*origin.given, *changes.items()]) | urdfs)
         try:
             read = {"name": scene.scenario.name} | parse_yaml(text or "")
-            same = to_document(build_scene(validate(read), source=path).scenario) == document
+            same = (
+                to_document(build_scene(validate(read), source=path, expand_xacro=True).scenario) == document
+            )
         except (SpaceRobotError, TypeError):
             same = False
         plain = f"# Written by spacerobot studio, every value given.\n{to_yaml(scene.scenario)}"

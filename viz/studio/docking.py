@@ -140,7 +140,9 @@ class Docking:
             changed = edited(text, changes)
             assert changed is not None, "the draft has no such section"
             text, source = changed, file.absolute()
-            scene = build_scene(validate(parse_yaml(text, source=source), source=source), source=source)
+            scene = build_scene(
+                validate(parse_yaml(text, source=source), source=source), source=source, expand_xacro=True
+            )
         return cls(file, text, scene)
 
     def plain(self, request: Request, choice: UrdfChoice) -> dict[str, Any]:

@@ -69,7 +69,7 @@ def command(
             plan, summary = read(result)
             flown = None if compare is None else Result.load(compare)
             if flown is not None and "constraint" in plan:
-                plan = with_flown(plan, load_scene(result / SCENARIO), flown.data)
+                plan = with_flown(plan, load_scene(result / SCENARIO, expand_xacro=False), flown.data)
             drawn = write_plan_figures(plan, summary, folder, flown=flown, formats=wanted, width=width)
         console().print(f"{len(drawn)} files in {folder}", markup=False, soft_wrap=True)
         return

@@ -134,7 +134,7 @@ def make_arm(name: str, named: tuple[str, Description], tip: str | None) -> Draf
     locked: Document = {other: {"locked": True} for other in others}
     trial = {"urdf": str(description.path), "base": {"joint": "fixed"}, "joints": locked}
     trial["tips"] = {"tip": {"frame": link}}
-    scene = build_scene(validate({"robots": {"trial": trial}}))
+    scene = build_scene(validate({"robots": {"trial": trial}}), expand_xacro=True)
     # the posture, of some drawn about the middles of the joints' ranges, from which the tip moves best
     free = [joint for joint in chain if joint.mimic is None]
     limited = [bool(np.isfinite(joint.lower) and np.isfinite(joint.upper)) for joint in free]

@@ -169,14 +169,18 @@ def draft_capture(order: DraftRequest, file: StrPath) -> tuple[str, Scene]:
     goal = {"tip": label, "frame": link, **at, "orientation": arm.turns}
     steps = numbers.step(gains, 1.0), numbers.step(gains, 10.0)
     # an arm alone is lighter than one that holds the object: gains for the latter would make its loop stiff
-    alone = build_scene(validate({"name": "draft", "robots": bare["robots"]}, source=source), source=source)
+    alone = build_scene(
+        validate({"name": "draft", "robots": bare["robots"]}, source=source), source=source, expand_xacro=True
+    )
     free = replace(DraftNumbers(alone, {arm.name: arm}).gains(alone.tips[0]), bandwidth=w)
     found = DraftText(file.stem, [arm], bare, {label: free}, move, steps)
     holding: Document = {"pid": own.pid(own.mass)}
     if arm.turns and own.inertia is not None:
         holding["orientation_pid"] = own.pid(own.inertia)
     text = _text(found, reference, goal, until, holding)
-    return text, build_scene(validate(parse_yaml(text, source=source), source=source), source=source)
+    return text, build_scene(
+        validate(parse_yaml(text, source=source), source=source), source=source, expand_xacro=True
+    )
 
 
 def _text(found: DraftText, reference: Document, goal: Document, until: float, holding: Document) -> str:

@@ -68,7 +68,7 @@ def draft_scenario(order: DraftRequest, file: StrPath) -> tuple[str, Scene]:
     found = DraftText(file.stem, arms, bare, gains, move, steps)
     text = text_of(found)
     document = parse_yaml(text, source=source)
-    return text, build_scene(validate(document, source=source), source=source)
+    return text, build_scene(validate(document, source=source), source=source, expand_xacro=True)
 
 
 def held_scene(order: DraftRequest, source: Path) -> tuple[list[DraftArm], Document, Scene]:
@@ -116,7 +116,7 @@ def held_scene(order: DraftRequest, source: Path) -> tuple[list[DraftArm], Docum
         arms = [replace(arm, turns=False) for arm in arms]  # not about every axis of space
     object_base = "planar" if planar and base != "free_flyer" else "free_flyer"
     bare = _document(arms, frames, (base, object_base, urdf))
-    scene = build_scene(validate(bare, source=source), source=source)
+    scene = build_scene(validate(bare, source=source), source=source, expand_xacro=True)
     # orientation of the target, at right angles to the first tip, that keeps it farthest from that arm
     data = scene.model.createData()
     pin.framesForwardKinematics(scene.model, data, scene.q)
@@ -135,7 +135,7 @@ def held_scene(order: DraftRequest, source: Path) -> tuple[list[DraftArm], Docum
         if scene.planar
         else [round(float(x), 3) + 0.0 for x in np.degrees(pin.rpy.matrixToRpy(best))]
     )
-    scene = build_scene(validate(bare, source=source), source=source)
+    scene = build_scene(validate(bare, source=source), source=source, expand_xacro=True)
     return arms, bare, scene
 
 
