@@ -158,7 +158,16 @@ def _check_size(key: str, value: Any) -> None:
         raise ValueError(f"{key}: found {value:g}, allowed: numbers up to {LARGEST:g}")
 
 
-def quantity(unit: str, description: str, *, rotation: str | None = None, **options: Any) -> Any:
+RECURS = "at_most_in_simulation"
+"""Key of a field's schema: how often its time may fit into the simulated one."""
+
+MAX_SAMPLES, MAX_STEPS, MAX_PLANS = 10_000_000, 1_000_000_000, 100_000
+"""Largest numbers of samples, of steps of integration and of plans in a simulation."""
+
+
+def quantity(
+    unit: str, description: str, *, rotation: str | None = None, recurs: int | None = None, **options: Any
+) -> Any:
     """Pydantic field of a physical quantity; ``options`` go to :func:`pydantic.Field`.
 
     Parameters
@@ -169,10 +178,13 @@ def quantity(unit: str, description: str, *, rotation: str | None = None, **opti
         What it is.
     rotation
         Unit where the section is that of a controller of rotation; the same if None.
+    recurs
+        Of a period or step [s]: how often it may fit into the simulated time, as :data:`MAX_SAMPLES`.
     **options
         ``default``, ``ge``, ``gt``, ``le``, ... as for :func:`pydantic.Field`.
     """
     units: dict[str, Any] = {"unit": unit} | ({"unit_of_rotation": rotation} if rotation else {})
+    units |= {} if recurs is None else {RECURS: recurs}
     return Field(description=f"{description} [{unit}]", json_schema_extra=units, **options)
 
 

@@ -14,7 +14,7 @@ from spacerobot.quantities import default_metrics, find_quantity, metrics
 from spacerobot.registry import SAMPLERS
 from spacerobot.samplers import Sampler
 from spacerobot.scenario.quantity_numbers import QuantityLimits
-from spacerobot.section import Name, OneOf, Paths, Section, quantity
+from spacerobot.section import MAX_SAMPLES, MAX_STEPS, Name, OneOf, Paths, Section, quantity
 
 Distribution = Literal["uniform", "normal", "lognormal", "truncated_normal"]
 NEEDS: dict[str, tuple[str, ...]] = {
@@ -131,6 +131,7 @@ class Campaign(Section):
         "longest time between two values of a series; a hundredth of the duration if not given",
         default=None,
         gt=0,
+        recurs=MAX_SAMPLES,
     )
     limits: Limits = Limits()
     require_captures: bool = Field(
@@ -141,7 +142,7 @@ class Campaign(Section):
         default=(5.0, 50.0, 95.0, 99.0), min_length=1, description="percentiles that are reported"
     )
     confidence: float = quantity("1", "of every interval", default=0.95, gt=0, lt=1)
-    step: float = quantity("s", "step of the rollouts", default=0.01, gt=0)
+    step: float = quantity("s", "step of the rollouts", default=0.01, gt=0, recurs=MAX_STEPS)
 
     @model_validator(mode="before")
     @classmethod

@@ -15,10 +15,11 @@ from spacerobot.scenario.merge import check_changes, expand_names, overlay, pick
 from spacerobot.scenario.paths import Document
 from spacerobot.scenario.phases import Phase, check_phases, check_planned
 from spacerobot.scenario.plan import PlanSection
+from spacerobot.scenario.recurrences import check_recurrences
 from spacerobot.scenario.sensors import Sensors
 from spacerobot.scenario.tuning import Tuning
 from spacerobot.scenario.validation_errors import explain
-from spacerobot.section import Name, Section, Vector, quantity
+from spacerobot.section import MAX_SAMPLES, MAX_STEPS, Name, Section, Vector, quantity
 
 
 class Simulation(Section):
@@ -31,8 +32,11 @@ class Simulation(Section):
         "`tolerance` if not given",
         default=None,
         gt=0,
+        recurs=MAX_STEPS,
     )
-    output_step: float = quantity("s", "time between samples of the result", default=0.02, gt=0)
+    output_step: float = quantity(
+        "s", "time between samples of the result", default=0.02, gt=0, recurs=MAX_SAMPLES
+    )
     tolerance: float = quantity(
         "1", "greatest relative error of the state that a chosen step may cause", default=1e-7, gt=0, le=1e-2
     )
@@ -59,10 +63,6 @@ class Simulation(Section):
 
     @model_validator(mode="after")
     def _check(self) -> Simulation:
-        if self.duration / self.output_step > 1e7:
-            raise ValueError("more than 10 million samples: raise `output_step` or lower `duration`")
-        if self.step is not None and self.duration / self.step > 1e9:
-            raise ValueError("more than a billion steps: raise `step` or lower `duration`")
         if self.step is not None and self.step > self.duration:
             raise ValueError(f"step: found {self.step:g}, allowed: at most the duration, {self.duration:g} s")
         return self
@@ -122,6 +122,11 @@ class Scenario(Section):
             if base.close_grasp is not None and base.close_grasp not in self.grasps:
                 hint = near_names(base.close_grasp, self.grasps)
                 raise ValueError(f"{path}.base.close_grasp: no grasp {base.close_grasp!r}; {hint}")
+        return self
+
+    @model_validator(mode="after")
+    def _check_recurrences(self) -> Scenario:
+        check_recurrences(self, self.simulation.duration)
         return self
 
     @model_validator(mode="after")

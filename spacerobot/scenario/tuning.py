@@ -11,7 +11,7 @@ from spacerobot.errors import near_names
 from spacerobot.quantities import Quantity, limited
 from spacerobot.registry import TUNING_METHODS
 from spacerobot.scenario.quantity_numbers import QuantityLimits, QuantityWeights
-from spacerobot.section import Name, OneOf, Paths, Section, quantity
+from spacerobot.section import MAX_STEPS, Name, OneOf, Paths, Section, quantity
 
 
 class DesignVariable(Section):
@@ -124,7 +124,7 @@ class Tuning(Section):
     starts: int = Field(default=4, ge=1, description="of the NLP")
     iterations: int = Field(default=100, ge=1, description="of the NLP from one start, at most")
     seed: int = Field(default=0, ge=0, description="everything random follows from it")
-    step: float = quantity("s", "step of the rollouts that tune", default=0.01, gt=0)
+    step: float = quantity("s", "step of the rollouts that tune", default=0.01, gt=0, recurs=MAX_STEPS)
 
     @model_validator(mode="after")
     def _check(self) -> Tuning:

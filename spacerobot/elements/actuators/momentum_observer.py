@@ -53,7 +53,7 @@ from spacerobot.elements.core.event import Event, negated
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import RobotProperties
 from spacerobot.errors import near_names
-from spacerobot.section import matching, quantity
+from spacerobot.section import MAX_SAMPLES, matching, quantity
 
 NOISES = ("joint_noise", "spin_noise", "velocity_noise")
 
@@ -79,7 +79,11 @@ class MomentumObserver(Actuator):
         "N m or N", "residual that errors of the model may cause, on top of noise", default=0.0, ge=0
     )
     period: float | None = quantity(
-        "s", "time between two samples; continuous and without noise if not given", default=None, gt=0
+        "s",
+        "time between two samples; continuous and without noise if not given",
+        default=None,
+        gt=0,
+        recurs=MAX_SAMPLES,
     )
     joint_noise: float = quantity(
         "rad/s or m/s", "standard deviation of a sample of a joint's rate", default=0.0, ge=0

@@ -38,7 +38,7 @@ from spacerobot.elements.core.event import Event, either
 from spacerobot.elements.core.failure import AllocatedFailure, failing
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import Part, RobotProperties
-from spacerobot.section import Name, Section, Vector, quantity
+from spacerobot.section import MAX_SAMPLES, Name, Section, Vector, quantity
 
 GRAVITY = 9.80665
 """Standard gravity [m/s^2], by which specific impulse in seconds is defined."""
@@ -101,7 +101,9 @@ class Thrusters(Actuator):
         "each period",
     )
     thrust: float = quantity("N", "greatest force of each", default=1.0, gt=0)
-    period: float = quantity("s", "time between two decisions, where pulsed", default=0.5, gt=0)
+    period: float = quantity(
+        "s", "time between two decisions, where pulsed", default=0.5, gt=0, recurs=MAX_SAMPLES
+    )
     minimum_on_time: float = quantity(
         "s", "shortest pulse; half of it and more is given as the whole", default=0.0, ge=0
     )

@@ -21,7 +21,7 @@ from spacerobot.elements.core.contribution import Contribution, Output, PowerTer
 from spacerobot.elements.core.element import Element
 from spacerobot.elements.core.event import Event, both, negated
 from spacerobot.elements.shapes.collision_shape import Wrap
-from spacerobot.section import quantity
+from spacerobot.section import MAX_STEPS, quantity
 from spacerobot.shapes import CROWN
 
 OBSERVED = {
@@ -66,6 +66,7 @@ class Contact(Element):
         "longest step of the fixed-step engine while the shapes touch; as elsewhere if not given",
         default=None,
         gt=0,
+        recurs=MAX_STEPS,
     )
 
     def build(self, contact: ContactContext) -> Contribution:

@@ -20,7 +20,7 @@ from spacerobot.elements.core.robot_element import RobotProperties
 from spacerobot.elements.references.knot_motion import Knots
 from spacerobot.elements.sensors.joint_position import joint_position
 from spacerobot.errors import ScenarioError
-from spacerobot.section import quantity
+from spacerobot.section import MAX_PLANS, quantity
 
 UNITS = {"position": "m", "velocity": "m/s", "orientation": "rad", "spin": "rad/s"}
 
@@ -32,7 +32,7 @@ class Mpc(JointPlanController):
     kind: Literal["mpc"] = "mpc"
     file: None = Field(default=None, description="none: plans are made in flight")
     phase: None = Field(default=None, description="none: plans are of one phase")
-    period: float = quantity("s", "time between two plans", default=0.5, gt=0)
+    period: float = quantity("s", "time between two plans", default=0.5, gt=0, recurs=MAX_PLANS)
     min_horizon: float = quantity(
         "s", "time that a plan looks ahead at least; the last one before the end is kept", default=1.0, gt=0
     )

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from spacerobot.elements.core.event import Event, negated
 from spacerobot.elements.core.section_context import SectionContext
-from spacerobot.section import Section, quantity
+from spacerobot.section import MAX_SAMPLES, Section, quantity
 
 
 class Failure(Section):
@@ -29,7 +29,7 @@ class AllocatedFailure(Failure):
 class ResidualTest(Section):
     """Test of residuals of momentum; see :mod:`spacerobot.elements.actuators.momentum_residual`."""
 
-    period: float = quantity("s", "time between two samples", gt=0)
+    period: float = quantity("s", "time between two samples", gt=0, recurs=MAX_SAMPLES)
     bandwidth: float = quantity("1/s", "K, rate of the residual's lag", default=10.0, gt=0)
     spin_noise: float = quantity(
         "rad/s", "standard deviation of a sample of the base's spin", default=0.0, ge=0

@@ -38,13 +38,15 @@ from spacerobot.elements.core.contribution import (
     memory,
 )
 from spacerobot.elements.core.section_context import SectionContext
-from spacerobot.section import Section, quantity
+from spacerobot.section import MAX_SAMPLES, Section, quantity
 
 
 class Sampling(Section):
     """Periodic evaluation of a controller; its output is held between two instants."""
 
-    period: float = quantity("s", "time between two evaluations of the law, the first at the start", gt=0)
+    period: float = quantity(
+        "s", "time between two evaluations of the law, the first at the start", gt=0, recurs=MAX_SAMPLES
+    )
     delay: float = quantity(
         "s", f"time from an evaluation to its output acting, at most {MAX_DELAY} periods", default=0.0, ge=0
     )

@@ -61,7 +61,7 @@ from spacerobot.elements.estimators.estimator import HELD_INERTIA, Estimator, Es
 from spacerobot.elements.estimators.kalman import symmetric, triangle
 from spacerobot.elements.sensors.joint_position import joint_position
 from spacerobot.errors import ScenarioError
-from spacerobot.section import Name, Vector, quantity
+from spacerobot.section import MAX_SAMPLES, Name, Vector, quantity
 
 NOISY = {"velocity_noise": "base_velocity", "spin_noise": "base_spin", "rate_noise": "joint_rate"}
 OTHERS = ("base_position", "base_orientation", "joint_position")
@@ -79,7 +79,7 @@ class InertiaFilter(Estimator):
 
     tip: Name = Field(description="tip of the robot that holds the object")
     frame: str = Field(description="link of the target that it holds, a mating frame")
-    period: float = quantity("s", "time between two updates", default=0.5, gt=0)
+    period: float = quantity("s", "time between two updates", default=0.5, gt=0, recurs=MAX_SAMPLES)
     mass: float | None = quantity(
         "kg", "assumed mass, with which it begins; that of the target if not given", default=None, gt=0
     )

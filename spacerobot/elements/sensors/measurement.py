@@ -34,13 +34,15 @@ from spacerobot.elements.core.contribution import State, memory
 from spacerobot.elements.core.event import Event
 from spacerobot.elements.core.failure import Failure, failing
 from spacerobot.elements.core.section_context import SectionContext
-from spacerobot.section import SIGNALS_UNIT, Section, Vector, quantity
+from spacerobot.section import MAX_SAMPLES, SIGNALS_UNIT, Section, Vector, quantity
 
 
 class SensorErrors(Section):
     """Sampling of a sensor, and its errors beside offset and scale."""
 
-    period: float = quantity("s", "time between two samples, the first at the start", gt=0)
+    period: float = quantity(
+        "s", "time between two samples, the first at the start", gt=0, recurs=MAX_SAMPLES
+    )
     delay: float = quantity(
         "s", f"latency, from a sample to its being known, at most {MAX_DELAY} periods", default=0.0, ge=0
     )

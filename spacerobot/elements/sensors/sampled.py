@@ -8,7 +8,7 @@ from spacerobot.elements.core.context import Affine
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.section_context import SectionContext
 from spacerobot.elements.sensors.sensor import Sensor
-from spacerobot.section import SIGNALS_UNIT, quantity
+from spacerobot.section import MAX_SAMPLES, SIGNALS_UNIT, quantity
 
 
 @register
@@ -17,7 +17,7 @@ class Sampled(Sensor):
 
     kind: Literal["sampled"] = "sampled"
     holds: ClassVar[bool] = True
-    period: float = quantity("s", "time between two measurements", default=0.1, gt=0)
+    period: float = quantity("s", "time between two measurements", default=0.1, gt=0, recurs=MAX_SAMPLES)
     offset: float = quantity(SIGNALS_UNIT, "a", default=0.0)
     scale: float = quantity("1", "b", default=1.0)
 
