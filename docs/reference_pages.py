@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import pkgutil
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -20,6 +21,68 @@ def cell(text: str) -> str:
     return re.sub(r"\s+", " ", text).replace("|", "\\|").replace("<", "&lt;")
 
 
+SCENARIO_PAGES: dict[str, tuple[str, ...]] = {
+    "robots": ("Robot",),
+    "controllers": ("tip_controller", "robot_controller"),
+    "references": ("reference",),
+    "actuators": ("actuator",),
+    "sensors": ("Sensors", "sensor"),
+    "estimators": ("estimator",),
+    "flexible_links": ("flexible_link",),
+    "target": ("Target",),
+    "grasps": ("grasp",),
+    "contacts": ("contact", "shape"),
+    "environment": ("environment",),
+    "phases": ("Phase",),
+    "simulation": ("Simulation",),
+    "tuning": ("Tuning",),
+    "campaign": ("Campaign",),
+    "plan": ("PlanSection",),
+}
+"""Pages of the scenario reference: the first definitions of each, by name or by family of elements."""
+
+
+@functools.cache
+def definitions() -> dict[str, dict[str, Schema]]:
+    """Definitions of the scenario's schema by page.
+
+    A page begins with its own ones, and those that they refer to follow, if no earlier page has them.
+    """
+    from spacerobot.elements import FAMILIES, kinds
+    from spacerobot.scenario.load import json_schema
+
+    schema = json_schema()["$defs"]
+    first: dict[str, list[str]] = {}
+    for page, names in SCENARIO_PAGES.items():
+        classes = [[kind.__name__ for kind in kinds(n).values()] if n in FAMILIES else [n] for n in names]
+        first[page] = [name for group in classes for name in group]
+    placed = {name for names in first.values() for name in names}
+    pages: dict[str, dict[str, Schema]] = {}
+    for page, names in first.items():
+        pages[page] = {}
+        while names:
+            name, *names = names
+            pages[page][name] = schema[name]
+            new = [other for other in referred(schema[name]) if other not in placed]
+            placed.update(new)
+            names += new
+    return pages
+
+
+def link(name: str, page: str) -> str:
+    """Link from a page of the scenario reference to the section about a definition; empty: the overview."""
+    home = next(home for home, names in definitions().items() if name in names)
+    folder = "" if page else "scenario/"
+    title = title_of(name, definitions()[home][name])
+    return f"[{title}]({'' if home == page else f'{folder}{home}.md'}#{anchor(name)})"
+
+
+def title_of(name: str, schema: Schema) -> str:
+    """Title of the section about a definition: its kind in a scenario, if it has one."""
+    kind = schema.get("properties", {}).get("kind", {}).get("const")
+    return f"`{kind}`" if kind else name
+
+
 def anchor(name: str) -> str:
     """Anchor of the section about a definition of the schema."""
     return f"section-{name.lower()}"
@@ -31,9 +94,9 @@ def referred(schema: Schema) -> Iterator[str]:
     yield from dict.fromkeys(text)
 
 
-def type_of(schema: Schema) -> str:
-    """Type of a key in words, with links to the sections that it may hold."""
-    links = [f"[{name}](#{anchor(name)})" for name in referred(schema)]
+def type_of(schema: Schema, page: str) -> str:
+    """Type of a key in words, with links from a page to the sections that it may hold."""
+    links = [link(name, page) for name in referred(schema)]
     if "patternProperties" in schema or isinstance(schema.get("additionalProperties"), dict):
         return "by name: " + (", ".join(links) or "values")
     options = [one for one in schema.get("anyOf", [schema]) if one.get("type") != "null"]
@@ -76,27 +139,36 @@ def default_of(name: str, schema: Schema, required: Mapping[str, Any] | list[str
     return f"`{text}`"
 
 
-def section_table(schema: Schema) -> str:
-    """Keys of one section as a table."""
+def section_table(schema: Schema, page: str) -> str:
+    """Keys of one section as a table on a page."""
     rows = ["| key | type | default | unit | range | description |", "|---|---|---|---|---|---|"]
     required = schema.get("required", [])
     for name, own in schema.get("properties", {}).items():
         described = cell(re.sub(r"\s*\[[^\[\]]*\]$", "", str(own.get("description", ""))))
-        cells = (type_of(own), default_of(name, own, required), own.get("unit", ""), range_of(own))
+        cells = (type_of(own, page), default_of(name, own, required), own.get("unit", ""), range_of(own))
         rows.append(f"| `{name}` | " + " | ".join(cell(str(c)) for c in cells) + f" | {described} |")
     return "\n".join(rows)
 
 
 def scenario() -> str:
-    """Every key of a scenario: one section of the page for each section that a scenario can hold."""
+    """Keys of the first level of a scenario, and the sections of each page."""
     from spacerobot.scenario.load import json_schema
 
-    schema = json_schema()
-    parts = [section_table(schema)]
-    for name, own in schema["$defs"].items():
+    lists = [
+        f"- [{page}](scenario/{page}.md): {', '.join(link(name, '') for name in names)}"
+        for page, names in definitions().items()
+    ]
+    return "\n".join([section_table(json_schema(), ""), "", f"{'#' * SECTIONS} All sections", "", *lists])
+
+
+def scenario_page(page: str) -> str:
+    """Every key of the sections on one page of the scenario reference."""
+    parts = []
+    for name, own in definitions()[page].items():
         if "properties" in own:
             first = cell(str(own.get("description", "")).split("\n\n")[0])
-            parts.append(f"{'#' * SECTIONS} {name} {{ #{anchor(name)} }}\n\n{first}\n\n{section_table(own)}")
+            heading = f"{'#' * SECTIONS} {title_of(name, own)} {{ #{anchor(name)} }}"
+            parts.append(f"{heading}\n\n{first}\n\n{section_table(own, page)}")
     return "\n\n".join(parts)
 
 
@@ -199,6 +271,7 @@ LAWS = {
 
 PAGES: dict[str, Callable[[], str]] = {
     "scenario": scenario,
+    **{f"scenario {page}": functools.partial(scenario_page, page) for page in SCENARIO_PAGES},
     "elements": elements,
     "quantities": quantities,
     "command line": command_line,

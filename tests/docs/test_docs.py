@@ -64,6 +64,15 @@ def test_python_of_a_page_runs(page, tmp_path, monkeypatch):
             exec(compile(source, str(page), "exec"), namespace)
 
 
+def test_the_glossary_is_sorted_and_has_the_terms_of_the_field():
+    rows = (ROOT / "docs" / "reference" / "glossary.md").read_text(encoding="utf-8").splitlines()
+    terms = [row.split(" | ")[0].removeprefix("| ") for row in rows if row.startswith("| ")][1:]
+    assert terms == sorted(terms, key=str.lower)
+    text = "\n".join(terms)
+    fields = ("SE(3)", "generalized Jacobian", "MEKF", "NEES", "NIS", "disk margin", "saltation", "wrench")
+    assert [name for name in fields if name not in text] == []
+
+
 def test_the_readmes_own_scenario_checks(tmp_path):
     from spacerobot.description.find import find_urdf
     from spacerobot.scene import load_scene

@@ -28,22 +28,30 @@ def test_every_generated_page_has_its_place(pages):
 
 
 def test_every_key_of_the_schema_has_a_row_with_its_unit_and_range(pages):
-    text = pages["scenario"]()
+    texts = {name: page() for name, page in pages.items() if name.startswith("scenario")}
     for name, section in json_schema()["$defs"].items():
         if "properties" not in section:
             continue
+        (text,) = (text for text in texts.values() if f"{{ #section-{name.lower()} }}" in text)
         (table,) = re.findall(rf"{{ #section-{name.lower()} }}\n.*?(?=\n## |\Z)", text, re.DOTALL)
         for key, own in section["properties"].items():
             (row,) = re.findall(rf"^\| `{key}` \|.*$", table, re.MULTILINE)
             assert own.get("unit", "") in row
             assert len(re.split(r"(?<!\\)\|", row)) == 8, row
-    assert "| `duration` | number | `10.0` | s | > 0, &lt;= 1e+06 | simulated time |" in text
+    row = "| `duration` | number | `10.0` | s | > 0, &lt;= 1e+06 | simulated time |"
+    assert row in texts["scenario simulation"]
+    assert all(f"| `{key}` |" in texts["scenario"] for key in json_schema()["properties"])
 
 
 def test_links_between_sections_have_targets(pages):
-    text = pages["scenario"]()
-    targets = set(re.findall(r"{ #([\w-]+) }", text))
-    assert not set(re.findall(r"\]\(#([\w-]+)\)", text)) - targets
+    texts = {
+        name.removeprefix("scenario").strip(): page() for name, page in pages.items() if "scenario" in name
+    }
+    for page, text in texts.items():
+        for home, target in re.findall(r"\]\(([\w/]*(?:\.md)?)#([\w-]+)\)", text):
+            name = home.removeprefix("scenario/").removesuffix(".md") or page
+            assert f"{{ #{target} }}" in texts[name], (page, target)
+            assert home.startswith("scenario/") or page
 
 
 def test_kinds_quantities_and_commands_are_listed(pages):
@@ -66,6 +74,7 @@ INTERNAL = {
     "spacerobot.notebook",
     "spacerobot.numeric_function",
     "spacerobot.progress",
+    "spacerobot.version",
     "spacerobot.cli",
     "optim.json_values",
     "viz.readme_picture",
