@@ -259,13 +259,13 @@ def laws() -> str:
 
 LAWS = {
     "spacerobot/elements/controllers": "Controllers",
-    "spacerobot/elements": "Parts that several kinds share",
     "spacerobot/elements/actuators": "Actuators",
     "spacerobot/elements/contacts": "Contacts",
     "spacerobot/elements/estimators": "Estimators",
     "spacerobot/elements/flexible": "Flexible links",
     "spacerobot/closedloop": "Closed loop",
     "spacerobot/dynamics": "Dynamics",
+    "optim": "Identification",
 }
 """Packages whose modules derive laws, with the headings of their sections."""
 

@@ -1,5 +1,6 @@
 """Generated reference pages have every key, kind, quantity and option, with its unit and description."""
 
+import ast
 import importlib
 import importlib.util
 import re
@@ -10,6 +11,7 @@ import pytest
 from spacerobot.elements import FAMILIES, kinds
 from spacerobot.quantities import quantities
 from spacerobot.scenario.load import json_schema
+from tests.oracles.syntax_trees import parsed_modules
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -62,6 +64,17 @@ def test_kinds_quantities_and_commands_are_listed(pages):
         f"## spacerobot {name}\n" in commands for name in ("run", "plan", "tune", "campaign", "studio")
     )
     assert re.search(r"^\| `--set` \|.*dotted path", commands, re.MULTILINE)
+
+
+def test_every_module_that_derives_a_law_is_on_the_page_of_laws(pages):
+    laws = pages["laws"]()
+    first = {
+        path: text.partition("\n")[0].rstrip(".")
+        for path, tree in parsed_modules("spacerobot", "optim", "viz")
+        if "$$" in (text := ast.get_docstring(tree) or "")
+    }
+    assert len(first) > 20
+    assert [path for path, line in first.items() if f"### {line}\n" not in laws] == []
 
 
 INTERNAL = {
