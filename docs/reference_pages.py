@@ -263,6 +263,7 @@ LAWS = {
     "spacerobot/elements/contacts": "Contacts",
     "spacerobot/elements/estimators": "Estimators",
     "spacerobot/elements/flexible": "Flexible links",
+    "spacerobot/elements/core": "Sampling",
     "spacerobot/closedloop": "Closed loop",
     "spacerobot/dynamics": "Dynamics",
     "optim": "Identification",

@@ -87,7 +87,6 @@ INTERNAL = {
     "spacerobot.notebook",
     "spacerobot.numeric_function",
     "spacerobot.progress",
-    "spacerobot.version",
     "spacerobot.cli",
     "optim.json_values",
     "viz.readme_picture",
