@@ -15,11 +15,11 @@ import casadi as ca
 import numpy as np
 
 from spacerobot.closedloop.build import evaluate, section_context, state_names
-from spacerobot.closedloop.built_elements import LoopBuilder
 from spacerobot.closedloop.events import update_of
 from spacerobot.closedloop.forward_dynamics import ForwardDynamicsResult, solve_accelerations
 from spacerobot.closedloop.impulse import masked
 from spacerobot.closedloop.initial_state import initial_state
+from spacerobot.closedloop.loop_builder import LoopBuilder
 from spacerobot.closedloop.plant import build_plant
 from spacerobot.dynamics import configuration_derivative
 from spacerobot.elements import CommandedTorque, Contribution

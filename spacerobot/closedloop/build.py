@@ -9,7 +9,6 @@ from typing import Any
 
 import casadi as ca
 
-from spacerobot.closedloop.built_elements import LoopBuilder
 from spacerobot.closedloop.closed_loop import ClosedLoop, OutputVariable
 from spacerobot.closedloop.energy import EnergyTerm, build_works, plant_powers, stored_energies
 from spacerobot.closedloop.events import booked, guards_of, rules_of, speeds_of, update_of
@@ -17,6 +16,7 @@ from spacerobot.closedloop.external_impulse import base_wrenches, impulse_of, on
 from spacerobot.closedloop.forward_dynamics import ForwardDynamicsResult, solve_accelerations
 from spacerobot.closedloop.impulse import strike
 from spacerobot.closedloop.initial_state import initial_state
+from spacerobot.closedloop.loop_builder import LoopBuilder
 from spacerobot.closedloop.outputs import added_up, combine, core_outputs
 from spacerobot.closedloop.phases import phased
 from spacerobot.closedloop.plant import build_plant

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import casadi as ca
 
-from spacerobot.closedloop.built_elements import LoopBuilder
 from spacerobot.closedloop.closed_loop import OutputVariable
+from spacerobot.closedloop.loop_builder import LoopBuilder
 from spacerobot.dynamics import momentum
 from spacerobot.elements import Output, StoredMomentum
 from spacerobot.elements.grasps.grasp import OBSERVED

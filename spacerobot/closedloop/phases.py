@@ -9,7 +9,7 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
-from spacerobot.closedloop.built_elements import LoopBuilder
+from spacerobot.closedloop.loop_builder import LoopBuilder
 from spacerobot.elements import Contribution, Event, Output, SectionContext, both, negated
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario.phases import END, Limit, Phase, Settled, successors
@@ -66,7 +66,7 @@ class _Phases:
         leads = self.builder.leads.values()
         number = sum((i * switch for i, switch in enumerate(self.context.phases.values())), ca.SX(0))
         names = ", ".join(f"{i} {name}" for i, name in enumerate(self.phases))
-        states = [*self.builder.remembered.values(), *(state for lead in leads for state in lead.states)]
+        states = [*self.builder.phase_states.values(), *(state for lead in leads for state in lead.states)]
         return Contribution(
             states=tuple(states),
             events=(*events, *(event for lead in leads for event in lead.events)),
@@ -94,7 +94,7 @@ class _Phases:
         """Ways in which a phase ends, apart from being the phase."""
         context, until, always = self.context.at(f"phases.{name}"), phase.until, ca.SX(1)
         if until is not None and until.time is not None:
-            yield "time", self.builder.passed() - context.number("until.time"), always
+            yield "time", self.builder.phase_time() - context.number("until.time"), always
         elif until is not None and until.settled is not None:
             yield "settled", *self._settled(name, until.settled)
         elif until is not None and until.limit is not None:
@@ -107,7 +107,7 @@ class _Phases:
         if phase.abort is not None:
             yield "abort", self._limit(context.path + ".abort", phase.abort), always
         if phase.timeout is not None:
-            yield "timeout", self.builder.passed() - context.number("timeout"), always
+            yield "timeout", self.builder.phase_time() - context.number("timeout"), always
 
     def _room(self, name: str, settled: Settled) -> ca.SX:
         """Above zero where a body hardly moves (1x1)."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from spacerobot.arrays import Array
@@ -90,6 +91,18 @@ class SceneBody:
         """Ids of its joints that mimic no other one: those with a coordinate and an actuator of their own."""
         tied = {tie.joint for tie in self.ties}
         return tuple(joint for joint in self.joints if joint not in tied)
+
+    def positions(self, driven: ca.SX) -> dict[int, ca.SX]:
+        """Positions of its joints by id, those that mimic others included.
+
+        Parameters
+        ----------
+        driven
+            Positions of :attr:`driven_joints` (n x 1) [rad or m].
+        """
+        positions = dict(zip(self.driven_joints, ca.vertsplit(driven), strict=True))
+        ties = [tie for tie in self.ties if tie.leader in positions]
+        return positions | {tie.joint: tie.multiplier * positions[tie.leader] + tie.offset for tie in ties}
 
     def joint_name(self, model: Any, joint: int) -> str:
         """Name of one of its joints in the URDF.

@@ -64,8 +64,8 @@ class RobotContext:
         Of its free joints, in the URDF.
     positions
         From positions of its free joints (n x 1) to those of all its joints, by id.
-    passed
-        Gives the time (1x1) [s] since the present phase began, since the start where there are no phases.
+    phase_time
+        Returns the time (1x1) [s] since the present phase began; since the start where there are no phases.
     sensors
         From a signal's name to its sensor's offset and scale.
     held
@@ -88,7 +88,7 @@ class RobotContext:
     columns: tuple[int, ...]
     joint_names: tuple[str, ...]
     positions: Callable[[ca.SX], Mapping[int, ca.SX]]
-    passed: Callable[[], ca.SX]
+    phase_time: Callable[[], ca.SX]
     sensors: Callable[[str], Affine]
     held: Held
     base_frame: int

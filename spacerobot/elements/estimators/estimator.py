@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
@@ -17,34 +17,6 @@ from spacerobot.symbolic import Plant
 
 HELD_INERTIA = "held_inertia"
 """Estimated signal: ten inertial parameters of what a tip holds, axes of the tip; zero if nothing."""
-
-
-class SensorSampler(Protocol):
-    """Samples of signals by the sensors of a robot."""
-
-    def __call__(
-        self,
-        signal: str,
-        value: ca.SX,
-        axes: tuple[int, ...],
-        carrier: ca.SX | None = None,
-        away: tuple[ca.SX, ca.SX] | None = None,
-    ) -> Measurement:
-        """Samples with their times.
-
-        Parameters
-        ----------
-        signal
-            Name of the signal.
-        value
-            Vector (3x1), or attitude (3x3), whose errors are small rotations about world axes.
-        axes
-            Components that are measured.
-        carrier
-            Axes of what carries the sensor, in those of the signal (3x3); None if they are what is measured.
-        away
-            Place (3x1) [m] from which a vector is seen and which is added to it, and distance (1x1) [m].
-        """
 
 
 @dataclass(frozen=True)
@@ -72,69 +44,107 @@ class TargetModel:
     poses: Mapping[str, tuple[Array, Array]]
 
 
-@dataclass(frozen=True)
-class EstimatorContext:
-    """A robot as its estimators see it; everything in world axes.
+class EstimatorContext(Protocol):
+    """A robot as its estimators see it; vectors are in world axes."""
 
-    Attributes
-    ----------
-    context
-        Time and the numbers of the estimator's section.
-    plant
-        Mechanics now.
-    label, robot
-        Name of the estimator, unique in the closed loop, and of the robot.
-    base_frame
-        Of the robot's root link in the model.
-    errors
-        From a signal's name to the section ``errors`` of its sensor.
-    sample
-        Samples of signals, of this estimator alone.
-    tips
-        Frames of its tips in the model, by name.
-    target
-        The target; None if there is none.
-    joints, positions
-        Ids of its driven joints, and from their positions (n x 1) to those of all its joints, by id.
-    attitude
-        Of the base at the start (3x3), an expression of the parameters.
-    read
-        From a signal's name and its true value (n x 1) to what controllers would read of it now, with the
-        estimates of the estimators that stand above this one.
-    late
-        Delay [s] of a signal that is read; zero of one that is estimated.
-    closed
-        Whether a tip, by name, holds a link of the target, by name (1x1).
-    stored
-        Gives the angular momentum (3x1) of the robot's wheels, world axes [N m s].
-    innovations
-        From the key of an estimator above this one to its innovations.
-    rejected
-        Whether a signal's samples are no longer to be used by this estimator, by the signal's name (1x1).
-    pushed
-        Gives the impulse (6x1) of the actuators of the robot's base since the start, as it is delivered:
-        linear, and angular about the world's origin [N s, N m s].
-    """
+    @property
+    def context(self) -> SectionContext:
+        """Time and the numbers of the estimator's section."""
 
-    context: SectionContext
-    plant: Plant
-    label: str
-    robot: str
-    base_frame: int
-    errors: Callable[[str], SectionContext]
-    sample: SensorSampler
-    tips: Mapping[str, int]
-    target: TargetModel | None
-    joints: tuple[int, ...]
-    positions: Callable[[ca.SX], Mapping[int, ca.SX]]
-    attitude: ca.SX
-    read: Callable[[str, ca.SX], ca.SX]
-    late: Callable[[str], float]
-    closed: Callable[[str, str], ca.SX]
-    stored: Callable[[], ca.SX]
-    innovations: Callable[[str], Sequence[Innovation]]
-    rejected: Callable[[str], ca.SX]
-    pushed: Callable[[], ca.SX]
+    @property
+    def plant(self) -> Plant:
+        """Mechanics at the current state."""
+
+    @property
+    def label(self) -> str:
+        """Name of the estimator, unique in the closed loop."""
+
+    @property
+    def robot(self) -> str:
+        """Name of the robot."""
+
+    @property
+    def base_frame(self) -> int:
+        """Frame of the robot's root link in the model."""
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """Ids of the robot's driven joints."""
+
+    @property
+    def tips(self) -> Mapping[str, int]:
+        """Frames of the robot's tips in the model, by name."""
+
+    @property
+    def target(self) -> TargetModel | None:
+        """Target as a rigid body; None if there is none."""
+
+    @property
+    def attitude(self) -> ca.SX:
+        """Attitude of the base at the start (3x3), an expression of the parameters."""
+
+    def errors(self, signal: str) -> SectionContext:
+        """Context of the section ``errors`` of a signal's sensor."""
+
+    def sample(
+        self,
+        signal: str,
+        value: ca.SX,
+        axes: tuple[int, ...],
+        carrier: ca.SX | None = None,
+        away: tuple[ca.SX, ca.SX] | None = None,
+    ) -> Measurement:
+        """Samples with their times, for this estimator alone.
+
+        Parameters
+        ----------
+        signal
+            Name of the signal.
+        value
+            Vector (3x1), or attitude (3x3), whose errors are small rotations about world axes.
+        axes
+            Components that are measured.
+        carrier
+            Axes of the link that carries the sensor, in those of the signal (3x3); None if it measures in
+            its own axes.
+        away
+            Place (3x1) [m] from which a vector is seen and which is added to it, and distance (1x1) [m].
+        """
+
+    def positions(self, driven: ca.SX) -> Mapping[int, ca.SX]:
+        """Positions of all joints by id, from those of the driven joints (n x 1) [rad or m]."""
+
+    def read(self, signal: str, value: ca.SX) -> ca.SX:
+        """Signal as controllers read it now (n x 1), with the estimates of the estimators listed earlier.
+
+        Parameters
+        ----------
+        signal
+            Name of the signal.
+        value
+            True value (n x 1).
+        """
+
+    def delay_s(self, signal: str) -> float:
+        """Delay of a signal that is read [s]; zero of one that is estimated."""
+
+    def holds(self, tip: str, link: str) -> ca.SX:
+        """Switch (1x1): nonzero while a tip, by name, holds a link of the target, by name."""
+
+    def stored_momentum(self) -> ca.SX:
+        """Angular momentum (3x1) of the robot's wheels, world axes [N m s]."""
+
+    def innovations(self, key: str) -> Sequence[Innovation]:
+        """Innovations of an earlier estimator of the robot, by its key."""
+
+    def rejected(self, signal: str) -> ca.SX:
+        """Switch (1x1): nonzero once samples of a signal must no longer be used by this estimator."""
+
+    def base_impulse(self) -> ca.SX:
+        """Impulse (6x1) that the actuators of the robot's base have delivered since the start.
+
+        Linear, and angular about the world's origin [N s, N m s].
+        """
 
 
 class Estimator(RobotElement):

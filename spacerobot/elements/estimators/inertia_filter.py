@@ -279,9 +279,9 @@ class _InertiaFilterLaw:
         inertia, jacobian = ca.substitute([inertia, jacobian], [plant.q], [q])
         twist, back = ca.mtimes(jacobian, v), jacobian[:, self.base].T
         regressor = ca.mtimes(back, momentum_regressor(twist[:3], twist[3:])[:, self.columns])
-        wheels = ca.mtimes(onto.T, ca.vertcat(ca.SX(3, 1), robot.stored()))
+        wheels = ca.mtimes(onto.T, ca.vertcat(ca.SX(3, 1), robot.stored_momentum()))
         rows = ca.horzcat(regressor, -total)
-        pushed = ca.mtimes(total, robot.pushed()[self.axes])
+        pushed = ca.mtimes(total, robot.base_impulse()[self.axes])
         left = pushed - ca.mtimes(inertia, v) - wheels - ca.mtimes(regressor, self.start)
         whole = inertia + ca.mtimes(back, ca.mtimes(spatial_inertia(self._whole()), jacobian))
         whole = ca.mtimes(whole, plant.spread) if plant.ties.size2() else whole
@@ -305,14 +305,14 @@ class _InertiaFilterLaw:
         """States, the event at its instants, the estimate and outputs."""
         robot = self.robot
         for signal in (*NOISY.values(), *OTHERS):
-            delay = robot.late(signal)
+            delay = robot.delay_s(signal)
             if delay:
                 raise ScenarioError(
                     f"found {signal} {delay:g} s late, allowed: without `delay`, or an estimator above that "
                     "estimates it",
                     where=robot.context.path,
                 )
-        closed = robot.closed(self.config.tip, self.config.frame)
+        closed = robot.holds(self.config.tip, self.config.frame)
         clock = Clock.of(f"{self.label}.instants", robot.context.time, robot.context.steady("period"))
         information, vector = (
             old.symbol + new for old, new in zip((self.information, self.vector), self._added(), strict=True)

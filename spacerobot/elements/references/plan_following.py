@@ -121,13 +121,13 @@ class PhasedPlan(CollocationTimes):
         if not phases:
             return None
         if not self.phases:
-            return robot.passed()
+            return robot.phase_time()
         end = self.times[-1]
         behind = 2 * end
         found = ca.SX(behind)
         for name, (begin, last) in self.phases.items():
             if name in phases:
-                passed = robot.passed()
+                passed = robot.phase_time()
                 within = begin + (passed if last == end else ca.fmin(passed, last - begin))
                 found = found + phases[name] * (within - behind)
         return found

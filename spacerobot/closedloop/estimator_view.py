@@ -1,0 +1,182 @@
+"""A robot of a closed loop as its estimators see it."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+
+from spacerobot.closedloop.robot_sensors import HeldReader, RobotSensors
+from spacerobot.elements import Contribution, EstimatorContext, SectionContext, either
+from spacerobot.elements.core.contribution import Innovation
+from spacerobot.elements.estimators.estimator import TargetModel
+from spacerobot.elements.sensors.measurement import Measurement, Observation
+from spacerobot.elements.sensors.sensor import measured
+from spacerobot.scenario import Robot
+from spacerobot.scenario.sensors import Sensors
+from spacerobot.scene import SceneBody
+from spacerobot.scene.target_model import target_model
+from spacerobot.symbolic import Plant
+
+
+@dataclass(frozen=True)
+class EstimatorView(EstimatorContext):
+    """Implementation of :class:`~spacerobot.elements.EstimatorContext` over the parts of a closed loop.
+
+    Attributes
+    ----------
+    robot_sensors
+        Sensors of the robot.
+    key
+        Key of the estimator in the robot's section.
+    earlier
+        Contributions of the estimators listed before this one.
+    """
+
+    robot_sensors: RobotSensors
+    key: str
+    earlier: Contribution
+
+    @functools.cached_property
+    def _body(self) -> SceneBody:
+        return self.robot_sensors.body
+
+    @functools.cached_property
+    def _sections(self) -> Sensors:
+        return self.robot_sensors.sections or Sensors()
+
+    @functools.cached_property
+    def _reader(self) -> HeldReader:
+        """Reader of what controllers read, with the estimates of the estimators before this one."""
+        columns = tuple(int(self.plant.model.idx_vs[joint]) for joint in self.joints)
+        estimates = dict(self.earlier.estimates)
+        return HeldReader(self.robot_sensors, self.robot, self.base_frame, columns, estimates)
+
+    @property
+    def context(self) -> SectionContext:
+        """Time and the numbers of the estimator's section."""
+        return self.robot_sensors.parts.context.at(f"{self._body.path}.estimators.{self.key}")
+
+    @property
+    def plant(self) -> Plant:
+        """Mechanics at the current state."""
+        return self.robot_sensors.parts.plant
+
+    @property
+    def label(self) -> str:
+        """Name of the estimator, unique in the closed loop."""
+        return f"{self.robot}/{self.key}"
+
+    @property
+    def robot(self) -> str:
+        """Name of the robot."""
+        return self._body.name
+
+    @property
+    def base_frame(self) -> int:
+        """Frame of the robot's root link in the model."""
+        return self._body.root_frame
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """Ids of the robot's driven joints."""
+        return self._body.driven_joints
+
+    @property
+    def tips(self) -> Mapping[str, int]:
+        """Frames of the robot's tips in the model, by name."""
+        tips = self.robot_sensors.parts.scene.tips
+        return {tip.label.rpartition("/")[2]: tip.frame for tip in tips if tip.body is self._body}
+
+    @functools.cached_property
+    def target(self) -> TargetModel | None:
+        """Target as a rigid body; None if there is none."""
+        return target_model(self.robot_sensors.parts.scene)
+
+    @property
+    def attitude(self) -> ca.SX:
+        """Attitude of the base at the start (3x3)."""
+        return self.robot_sensors.parts.start.placement(self.base_frame)[0]
+
+    def errors(self, signal: str) -> SectionContext:
+        """Context of the section ``errors`` of a signal's sensor."""
+        return self.robot_sensors.parts.context.at(f"{self._body.path}.sensors.{signal}.errors")
+
+    def sample(
+        self,
+        signal: str,
+        value: ca.SX,
+        axes: tuple[int, ...],
+        carrier: ca.SX | None = None,
+        away: tuple[ca.SX, ca.SX] | None = None,
+    ) -> Measurement:
+        """Samples of one signal, with the errors of its sensor."""
+        context = self.robot_sensors.parts.context.at(f"{self._body.path}.sensors.{signal}")
+        sensor, attitude = self._sections[signal], None
+        value = sensor.aligned(context, value, carrier)
+        if value.size2() == 3:
+            value, attitude = ca.SX(3, 1), value
+        reading = measured(sensor.affine(context), value)
+        if away is not None and attitude is None:
+            reading = reading + away[0]
+        reading = ca.densify(reading[list(axes)])
+        observed = Observation(reading, away[1] if away else None, attitude, stamped=True)
+        name = f"{self.label}.{signal}"
+        measurement = sensor.measurement(name, context, observed)
+        assert measurement is not None, "scenes are refused whose filters lack a measurement"
+        self.robot_sensors.parts.measurements[name] = measurement
+        return measurement
+
+    def positions(self, driven: ca.SX) -> Mapping[int, ca.SX]:
+        """Positions of all joints by id, from those of the driven joints (n x 1)."""
+        return self._body.positions(driven)
+
+    def read(self, signal: str, value: ca.SX) -> ca.SX:
+        """Last estimate or sample of a signal, or the present reading of a continuous sensor (n x 1)."""
+        last = self._reader(signal, value)
+        return measured(self.robot_sensors.affine(signal), value) if last is None else last
+
+    def delay_s(self, signal: str) -> float:
+        """Delay of a signal that is read [s]; zero of one that is estimated."""
+        errors = self._sections[signal].errors
+        return 0.0 if errors is None or signal in dict(self.earlier.estimates) else errors.delay
+
+    def holds(self, tip: str, link: str) -> ca.SX:
+        """Switch (1x1): nonzero while one of the grasps of a tip and a link of the target is closed."""
+        parts, label = self.robot_sensors.parts, f"{self.robot}/{tip}"
+        _ = parts.grasps  # building them makes their switches
+        grasps = [g for g in parts.scene.grasps if g.tip.label == label and g.config.frame == link]
+        return either(*(parts.grasp_switch(grasp.name, "closed") for grasp in grasps))
+
+    def stored_momentum(self) -> ca.SX:
+        """Angular momentum (3x1) of the robot's wheels, world axes [N m s]."""
+        contributions = self.robot_sensors.parts.actuators(self._body)
+        stored = [part.stored for part in contributions]
+        return sum((wheel.angular for part in stored for wheel in part), ca.SX(3, 1))
+
+    def innovations(self, key: str) -> Sequence[Innovation]:
+        """Innovations of an earlier estimator of the robot, by its key."""
+        return [one for one in self.earlier.innovations if one.filter == f"{self.robot}/{key}"]
+
+    def rejected(self, signal: str) -> ca.SX:
+        """Switch (1x1): nonzero once a monitor of this estimator detected that a sensor failed."""
+        assert isinstance(self._body.config, Robot)
+        estimators = self._body.config.estimators
+        monitors = sorted(name for name, one in estimators.items() if one.rejects() == (self.key, signal))
+        switch = self.robot_sensors.parts.context.constants.switch
+        return either(*(switch(f"{self._body.path}.estimators.{name}.detected") for name in monitors))
+
+    def base_impulse(self) -> ca.SX:
+        """Impulse (6x1) that the actuators of the robot's base have delivered since the start.
+
+        Linear, and angular about the world's origin [N s, N m s].
+        """
+        assert isinstance(self._body.config, Robot)
+        impulse = ca.SX(6, 1)
+        if any(actuator.base_wrench for _, actuator in self._body.config.driven_by()):
+            axes = [*self.plant.translation_axes, *(axis + 3 for axis in self.plant.rotation_axes)]
+            symbol = ca.SX.sym(f"{self.robot}.pushed", len(axes))
+            impulse[axes] = self.robot_sensors.parts.pushed.setdefault(self._body.root_joint, symbol)
+        return impulse

@@ -1,0 +1,225 @@
+"""The elements of a scene, each built from what it may see."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+
+from spacerobot.closedloop.estimator_view import EstimatorView
+from spacerobot.closedloop.loop_parts import LoopParts
+from spacerobot.closedloop.references import TipGuidance
+from spacerobot.closedloop.robot_sensors import HeldReader, RobotSensors
+from spacerobot.dynamics.joints import sparse
+from spacerobot.dynamics.rotations import rotation_from_rpy
+from spacerobot.elements import (
+    ContactContext,
+    Contribution,
+    DesiredMotion,
+    EnvironmentContext,
+    FlexibleContext,
+    RobotContext,
+    RobotController,
+    TipContext,
+    TipController,
+    either,
+    negated,
+)
+from spacerobot.elements.actuators.joint_lock import known_lock
+from spacerobot.elements.core.context import ContactSurface
+from spacerobot.elements.core.contribution import concatenate, gated
+from spacerobot.elements.core.sampling import periodic
+from spacerobot.elements.estimators.estimator import HELD_INERTIA
+from spacerobot.elements.references.reference import DEGREE
+from spacerobot.scenario import Robot
+from spacerobot.scene import SceneBody, SceneTip
+from spacerobot.scene.scene import SceneContact, SceneShape
+from spacerobot.shapes import Shape
+
+
+class LoopBuilder(LoopParts):
+    """Builder of the elements of one closed loop: a context for each element, and what they contribute."""
+
+    @functools.cached_property
+    def leads(self) -> Mapping[str, TipGuidance]:
+        """The references of each tip, by the tip's label."""
+        return {
+            tip.label: TipGuidance(
+                tip,
+                self.context,
+                self.plant,
+                self.start,
+                self.scene.target,
+                functools.partial(RobotSensors(self, tip.body).reading, tip.frame),
+                RobotSensors(self, tip.body).measure,
+                self.estimators.get(tip.body.name, Contribution()),
+            )
+            for tip in self.scene.tips
+        }
+
+    @functools.cached_property
+    def motions(self) -> Mapping[str, DesiredMotion]:
+        """Desired motion of each tip, by the tip's label."""
+        return {label: lead.motion for label, lead in self.leads.items()}
+
+    @functools.cached_property
+    def controllers(self) -> list[Contribution]:
+        """Contributions of the controllers of tips, then of robots, in the scene's order."""
+        contributions = [
+            self._acting(f"{tip.path}.{key}", f"{tip.label}/{key}", controller, self._tip(tip, key))
+            for tip in self.scene.tips
+            for key, controller in tip.config.elements()
+        ]
+        for body in self.scene.robots:
+            if isinstance(body.config, Robot):
+                contributions += [
+                    self._acting(
+                        f"{body.path}.{key}", f"{body.name}/{key}", controller, self._robot(body, key)
+                    )
+                    for key, controller in body.config.elements()
+                ]
+        return contributions
+
+    def contributions(self) -> list[Contribution]:
+        """Contributions of every element: controllers and estimators first, environments last."""
+        contributions = [*self.controllers, *self.estimators.values()]
+        contributions += [
+            Contribution(states=one.states, events=one.events) for one in self.measurements.values()
+        ]
+        contributions += self.grasps
+        contributions += [contact.config.build(self.contact(contact)) for contact in self.scene.contacts]
+        for body in self.scene.robots:
+            if isinstance(body.config, Robot):
+                contributions += self.actuators(body)
+        for body in self.scene.bodies:
+            for name, flexible in body.config.flexible.items():
+                context = FlexibleContext(self.plant, body.description, body.name, name)
+                contributions.append(flexible.build(context))
+        roots = {body.name: body.root_frame for body in self.scene.bodies}
+        for name, element in self.scene.scenario.environment.items():
+            section = self.context.at(f"environment.{name}")
+            contributions.append(element.build(EnvironmentContext(section, self.plant, roots)))
+        return contributions
+
+    def _acting(
+        self, path: str, name: str, controller: TipController | RobotController, context: Any
+    ) -> Contribution:
+        """Contribution of a controller, continuous or evaluated periodically."""
+        contribution = self._resting(path, controller.build(context))
+        if controller.sampled is None:
+            return contribution
+        return periodic(controller.sampled, self.context.at(f"{path}.sampled"), name, contribution)
+
+    def _resting(self, path: str, contribution: Contribution) -> Contribution:
+        """Contribution of a controller that rests in some phases."""
+        rests = [
+            switch
+            for name, switch in self.context.phases.items()
+            if _is_null(self.scene.scenario.phases[name].changes, path.split("."))
+        ]
+        return gated(contribution, negated(either(*rests))) if rests else contribution
+
+    @functools.cached_property
+    def estimators(self) -> Mapping[str, Contribution]:
+        """Contributions of the estimators of each robot, by its name."""
+        contributions = {}
+        for body in self.scene.robots:
+            if isinstance(body.config, Robot) and body.config.estimators:
+                built = Contribution()
+                for key, estimator in body.config.estimators.items():
+                    view = EstimatorView(RobotSensors(self, body), key, built)
+                    built = concatenate([built, estimator.build(view)])
+                contributions[body.name] = built
+        return contributions
+
+    def estimates(self, body: SceneBody) -> Mapping[str, Callable[[ca.SX], ca.SX]]:
+        """Estimates of a robot's filters by signal, each a function of the true value."""
+        return dict(self.estimators[body.name].estimates) if body.name in self.estimators else {}
+
+    def _reader(self, body: SceneBody, owner: str, frame: int, columns: Sequence[int]) -> HeldReader:
+        """Reader of sampled and estimated signals, with all estimates of the body."""
+        return HeldReader(RobotSensors(self, body), owner, frame, columns, self.estimates(body))
+
+    def _tip(self, tip: SceneTip, key: str) -> TipContext:
+        columns = tuple(int(self.plant.model.idx_vs[joint]) for joint in tip.body.arm_joints)
+        return TipContext(
+            self.context.at(f"{tip.path}.{key}"),
+            self.plant,
+            label=tip.label,
+            path=tip.path,
+            key=key,
+            robot=tip.body.name,
+            columns=columns,
+            frame=tip.frame,
+            base_frame=tip.body.root_frame,
+            motion=self.motions[tip.label],
+            sensors=RobotSensors(self, tip.body).affine,
+            held=self._reader(tip.body, tip.label, tip.frame, columns),
+            siblings=tip.config.sections,
+            held_inertia=self._held_inertia(tip),
+        )
+
+    def _held_inertia(self, tip: SceneTip) -> ca.SX | None:
+        """Inertial parameters (10x1) of what a tip holds, as an estimator of its robot estimates them."""
+        estimators = tip.body.config.estimators.values() if isinstance(tip.body.config, Robot) else ()
+        name = tip.label.rpartition("/")[2]
+        if not any(HELD_INERTIA in one.makes and (one.frames() or ("",))[0] == name for one in estimators):
+            return None
+        return self.estimates(tip.body)[HELD_INERTIA](ca.SX(10, 1))
+
+    def _robot(self, body: SceneBody, key: str) -> RobotContext:
+        columns = tuple(int(self.plant.model.idx_vs[joint]) for joint in body.driven_joints)
+        names = tuple(body.joint_name(self.plant.model, joint) for joint in body.driven_joints)
+        assert isinstance(body.config, Robot)
+        lockable = {name for _, one in body.config.driven_by() for name in one.locks(names)}
+        locked = ca.SX(len(names), 1)
+        for i in (i for i, name in enumerate(names) if name in lockable):
+            locked[i] = known_lock(self.context.constants, body.name, names[i])
+        return RobotContext(
+            self.context.at(f"{body.path}.{key}"),
+            self.plant,
+            self.start,
+            name=body.name,
+            joints=body.driven_joints,
+            columns=columns,
+            joint_names=names,
+            positions=body.positions,
+            phase_time=self.phase_time,
+            sensors=RobotSensors(self, body).affine,
+            held=self._reader(body, body.name, body.root_frame, columns),
+            base_frame=body.root_frame,
+            arm=tuple(int(self.plant.model.idx_vs[joint]) for joint in body.arm_joints),
+            tips=tuple(self._tip(tip, "") for tip in self.scene.tips if tip.body.name == body.name),
+            locked=locked,
+        )
+
+    def contact(self, contact: SceneContact) -> ContactContext:
+        """Context from which a contact is built."""
+        surfaces = {shape: self._surface(shape) for pair in contact.pairs for shape in pair}
+        pairs = tuple((surfaces[first], surfaces[second]) for first, second in contact.pairs)
+        return ContactContext(self.context.at(contact.path), self.plant, contact.name, pairs)
+
+    def _surface(self, shape: SceneShape) -> ContactSurface:
+        """A shape where it is now; a pad's numbers can be varied."""
+        rotation, origin = self.plant.placement(shape.frame)
+        if shape.path is None:
+            measures = shape.config.measures()
+            turn, position = sparse(shape.placement[:3, :3]), sparse(shape.placement[:3, 3])
+        else:
+            context = self.context.at(shape.path)
+            measures, position = shape.config.measures(context), context.vector("position")
+            angles = context.parameters.sparse_vector(f"{context.path}.rotation_deg") * DEGREE
+            turn = context.once("turn", rotation_from_rpy(angles))
+        turned, place = ca.mtimes(rotation, turn), origin + ca.mtimes(rotation, position)
+        return ContactSurface(Shape(type(shape.config), turned, place, measures), shape.frame, shape.joint)
+
+
+def _is_null(changes: Any, keys: Sequence[str]) -> bool:
+    """Whether changes set the section at these keys to null."""
+    for key in keys:
+        if not isinstance(changes, dict) or key not in changes:
+            return False
+        changes = changes[key]
+    return changes is None
