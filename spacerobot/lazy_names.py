@@ -3,24 +3,40 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+IMPORT = re.compile(r"^from (\S+) import (\w+) as \2$", re.MULTILINE)
+"""Line of a stub that gives a public name and its module."""
 
-def lazy_names(package: str, home: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Give a package's ``__getattr__`` and ``__dir__``.
+
+def lazy_names(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """Read a package's public names from its stub, ``__init__.pyi``, which type checkers read as well.
+
+    :pep:`562` and the stubs of scientific Python's ``lazy_loader``, which accepts relative imports only, are
+    the model.
 
     Parameters
     ----------
     package
         The package's ``__name__``.
-    home
-        The module of each name. No name may be that of a module of the package, which would hide it.
+    file
+        The package's ``__file__``; the stub is in the same folder.
+
+    Returns
+    -------
+    tuple
+        The package's ``__getattr__``, ``__dir__`` and ``__all__``. No name may be that of a module of the
+        package, which would hide it.
     """
+    stub = Path(file).with_suffix(".pyi").read_text(encoding="utf-8")
+    modules = {name: module for module, name in IMPORT.findall(stub)}
 
     def load(name: str) -> Any:
-        if name not in home:
+        if name not in modules:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        return getattr(importlib.import_module(home[name]), name)
+        return getattr(importlib.import_module(modules[name]), name)
 
-    return load, lambda: sorted(home)
+    return load, lambda: sorted(modules), list(modules)

@@ -207,15 +207,8 @@ BUILT_ON = {
 
 
 def nodes(path):
-    """Every node of a file, those for type checkers included: a reader follows them as well.
-
-    The public namespaces list their names for type checkers and load them when they are used.
-    """
-    tree = parsed(path)
-    lazy = path in [ROOT / top / "__init__.py" for top in ("spacerobot", "optim", "viz")]
-    skipped = [n for n in tree.body if isinstance(n, ast.If) and lazy]
-    inside = {id(child) for branch in skipped for child in ast.walk(branch)}
-    return [node for node in ast.walk(tree) if id(node) not in inside]
+    """Every node of a file, those for type checkers included: a reader follows them as well."""
+    return ast.walk(parsed(path))
 
 
 def imports(path):

@@ -1,0 +1,31 @@
+"""Public names and their modules; :mod:`spacerobot.lazy_names` loads a name when it is first used."""
+
+from optim.comparison import Comparison as Comparison
+from optim.comparison import ProblemComparison as ProblemComparison
+from optim.comparison.compare import compare as compare
+from optim.methods.evolutionary import evolve as evolve
+from optim.methods.nlp import solve as solve
+from optim.methods.run_method import MethodOutcome as MethodOutcome
+from optim.methods.run_method import run_method as run_method
+from optim.methods.settings import Effort as Effort
+from optim.methods.settings import EvolutionSettings as EvolutionSettings
+from optim.methods.settings import NlpSettings as NlpSettings
+from optim.methods.settings import effort_of as effort_of
+from optim.methods.tuning_method import MethodRequest as MethodRequest
+from optim.methods.tuning_method import TuningMethod as TuningMethod
+from optim.problem.blackbox import ResultProblem as ResultProblem
+from optim.problem.sensitivities import Sensitivity as Sensitivity
+from optim.problem.sensitivities import sensitivity as sensitivity
+from optim.problem.tuning_problem import TuningProblem as TuningProblem
+from optim.problem.tuning_problem import build_problem as build_problem
+from optim.search.search import Search as Search
+from optim.search.search import SearchProgress as SearchProgress
+from optim.search.search import SearchRun as SearchRun
+from optim.search.session import SearchSession as SearchSession
+from optim.tuning import TuningResult as TuningResult
+from optim.tuning import tune as tune
+from spacerobot.rollout import Measure as Measure
+from spacerobot.rollout import Signals as Signals
+from spacerobot.rollout import final as final
+from spacerobot.rollout import integral as integral
+from spacerobot.rollout import peak as peak
