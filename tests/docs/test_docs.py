@@ -15,6 +15,10 @@ FILE = re.compile(r"# ([\w-]+\.(?:yaml|py))\n")
 """First line of a block that the reader saves as a file."""
 
 
+PRINTS = re.compile(r"^```python\n((?:(?!^```).*\n)*)^```\n\nIt (?:still )?prints `(.+?)`", re.MULTILINE)
+"""Blocks of Python, and what the next paragraph states that they print."""
+
+
 def blocks(page, language):
     return re.findall(
         rf"^```{language}\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
@@ -48,7 +52,8 @@ def test_examples_and_pages_import_nothing_deeper_than_one_level():
 @pytest.mark.parametrize(
     "page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.relative_to(ROOT).as_posix()
 )
-def test_python_of_a_page_runs(page, tmp_path, monkeypatch):
+def test_python_of_a_page_runs(page, tmp_path, monkeypatch, capsys):
+    stated = dict(PRINTS.findall(page.read_text(encoding="utf-8")))  # what a page says that a block prints
     monkeypatch.chdir(tmp_path)
     namespace = {}
     for other in {*page.parent.glob("*.md"), page} if page.parent.name == "tutorials" else {page}:
@@ -62,6 +67,8 @@ def test_python_of_a_page_runs(page, tmp_path, monkeypatch):
                 # its few rollouts take less time than to compile them
                 patch.setenv("SPACEROBOT_COMPILER", "none")
             exec(compile(source, str(page), "exec"), namespace)
+        assert stated.pop(source, "") in capsys.readouterr().out
+    assert not stated
 
 
 def test_the_glossary_is_sorted_and_has_the_terms_of_the_field():
