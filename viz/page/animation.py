@@ -33,7 +33,7 @@ from viz.page.events import event_data
 from viz.page.limits import drawn_limits
 from viz.page.meshcat_scene import Meshes, changed_descriptions, packed, poses, rounded
 from viz.page.panel import panel_data
-from viz.page.planet import planet_data
+from viz.page.planet import has_backdrop, limb_view, planet_data
 from viz.page.reaction_wheels import NO_REACTION_WHEELS, reaction_wheel_data
 from viz.page.shots import box_corners, shots
 from viz.page.signals import chart_rows, quantities, signal_data
@@ -98,9 +98,12 @@ def shown_data(
     high = np.vstack([*(highest for _, highest in corners), *references]).max(axis=0)
     scale = float(np.linalg.norm(high - low))
     force = max(greatest_force(one.result) for one in shown)
-    view = view_of(shown[0].result, shown[0].scene)
+    first = shown[0]
+    view = view_of(first.result, first.scene)
+    if not first.scene.planar:
+        view = limb_view(view, planet_data(first.result, first.motion.rows))
     # description of the shown results, for a reader who does not know the scenario
-    first, engine = shown[0], shown[0].result.summary["engine"]["name"]
+    engine = first.result.summary["engine"]["name"]
     scenario, kind = first.result.scenario, "planar" if first.scene.planar else "spatial"
     words = f"{kind}, {scenario.simulation.duration:g} s, simulated by {engine}"
     if scenario.description and len({one.result.scenario.name for one in shown}) == 1:
@@ -131,7 +134,8 @@ def shown_data(
         "title": title or heading,
         "about": words,
         "notices": list(dict.fromkeys(found)),
-        "planar": shown[0].scene.planar,
+        "planar": first.scene.planar,
+        "backdrop": has_backdrop(first.scene),
         "towards": rounded(view.towards),
         "shots": shots(shown[0].result, shown[0].scene, shown[0].motion, view, (low, high)),
         "box": [rounded(low), rounded(high)],
@@ -208,6 +212,7 @@ def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
         "about": about if about is not None else scene.scenario.description or "",
         "notices": list(scene.warnings),
         "planar": scene.planar,
+        "backdrop": has_backdrop(scene),
         "towards": rounded(first_view(scene).towards),
         "box": [rounded(low), rounded(high)],
         "reach": [rounded(point) for point in extremes(motion, low, high)],

@@ -7,8 +7,13 @@ from typing import Any
 import numpy as np
 
 from spacerobot.result import Result
+from spacerobot.scene import Scene
 from viz.drawing.motion import Rows
+from viz.drawing.view import View, oblique
 from viz.page.meshcat_scene import packed
+
+_OFF_LIMB_DEG = 6.0
+"""Angle between the middle of a picture and the planet's limb."""
 
 
 def planet_data(result: Result, rows: Rows) -> dict[str, Any] | None:
@@ -26,3 +31,37 @@ def planet_data(result: Result, rows: Rows) -> dict[str, Any] | None:
         "distance": packed(result.array("orbit_radius")[rows]),
         "angle": packed((anomaly - anomaly[0])[rows]),
     }
+
+
+def has_backdrop(scene: Scene) -> bool:
+    """Whether an Earth is shown as a backdrop: in space, where no environment says where the planet is."""
+    scenario = scene.scenario
+    orbits = any(hasattr(element, "planet_radius") for element in scenario.environment.values())
+    return not (scene.planar or orbits or any(scenario.gravity))
+
+
+def limb_view(view: View, planet: dict[str, Any] | None) -> View:
+    """View of the same elevation, turned about z as little as shows the limb of an orbit's planet.
+
+    At the start the planet's centre lies in the direction -x and its disc has the half angle
+    ``arcsin(radius / distance)``. A direction d of sight with the angle g to -x looks at the limb, a little
+    off the middle of the picture, where ``g`` is that half angle and ``_OFF_LIMB_DEG``.
+
+    Parameters
+    ----------
+    view
+        View that hides least of the arms.
+    planet
+        As of :func:`planet_data`; None leaves the view as it is.
+    """
+    if planet is None:
+        return view
+    x, y, z = view.towards
+    size = np.degrees(np.arcsin(min(1.0, planet["radius"] / float(planet["distance"][0]))))
+    # d = -towards, so that cos g = d . (-x) is the first component of towards
+    first = np.cos(np.radians(min(90.0, size + _OFF_LIMB_DEG))) / max(1e-9, np.hypot(x, y))
+    if abs(first) > 1:
+        return view
+    now = np.degrees(np.arctan2(y, x))
+    turns = [(sign * np.degrees(np.arccos(first)) - now + 180) % 360 - 180 for sign in (1, -1)]
+    return oblique(now + min(turns, key=abs), np.degrees(np.arcsin(z)))

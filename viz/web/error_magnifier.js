@@ -79,7 +79,9 @@ export class Magnifier {
       });
     });
     const times = this.times(radius);
-    this.caption.textContent = `tips around their references${times ? `, ${times} times enlarged` : ""}; rings every ${Number((this.ring * 1e3).toPrecision(2))} mm`;
+    const ring = `${Number((this.ring * 1e3).toPrecision(2))} mm`;
+    this.caption.textContent = `tip errors${times ? ` \u00d7${times}` : ""}; rings ${ring}`;
+    this.figure.title = `Tips around their references${times ? `, ${times} times enlarged` : ""}; rings every ${ring}`;
   }
 
   trail(pen, at, last, colour, dashed) {

@@ -2,8 +2,9 @@
 import { element } from "./format.js";
 import { GIFEncoder, nearestColorIndex, quantize } from "./vendor/gifenc.esm.js";
 
-const VIDEO = { width: 1280, kinds: ["video/mp4;codecs=avc1", "video/mp4", "video/webm;codecs=vp9", "video/webm"], bitsPerSecond: 6e6 };
-const FILM = { width: 640, perSecond: 12.5, longest: 10, samples: 8 }; // px, 1/s, s, pictures that the colours are chosen by
+export const VIDEO = { width: 1280, kinds: ["video/mp4;codecs=avc1", "video/mp4", "video/webm;codecs=vp9", "video/webm"], bitsPerSecond: 6e6 };
+// px, 1/s, s, pictures that the colours are chosen by; where pictures come slowly there are fewer, at least so many, so that all is done in so long [ms]
+export const FILM = { width: 640, perSecond: 12.5, longest: 10, samples: 6, least: 24, within: 12000 };
 const AS_BEFORE = 255; // the last of a GIF's 256 colours: a pixel that has not changed
 
 export class Camera {
@@ -40,7 +41,7 @@ export class Camera {
 
   // The whole motion at a speed, at most ten seconds; ``tell`` hears how far it is, ``going`` says whether to go on.
   async saveFilm(name, { duration, speed, tell, going }) {
-    const lasts = Math.min(FILM.longest, duration / speed), count = Math.max(2, Math.round(lasts * FILM.perSecond) + 1);
+    const lasts = Math.min(FILM.longest, duration / speed), wanted = Math.max(2, Math.round(lasts * FILM.perSecond) + 1);
     const width = Math.min(FILM.width, this.scene.pane.clientWidth);
     const frame = (share) => {
       this.seek(share * duration);
@@ -48,7 +49,10 @@ export class Camera {
       return canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
     };
     // one palette for all: what has not changed is not written again, and does not flicker
-    const shown = Array.from({ length: FILM.samples }, (_, k) => frame(k / (FILM.samples - 1))), [{ data: { length } }] = shown;
+    frame(0); // shaders are compiled
+    const begin = performance.now(), shown = Array.from({ length: FILM.samples }, (_, k) => frame(k / (FILM.samples - 1))), [{ data: { length } }] = shown;
+    const each = (1.6 * (performance.now() - begin)) / FILM.samples; // ms, its encoding included
+    const count = Math.min(wanted, Math.max(Math.min(wanted, FILM.least), Math.round(FILM.within / each)));
     const pixels = new Uint8ClampedArray(length * shown.length);
     shown.forEach(({ data }, k) => pixels.set(data, k * length));
     const palette = quantize(pixels, AS_BEFORE), table = Array.from({ length: 256 }, (_, k) => palette[k] || [0, 0, 0]), gif = GIFEncoder();
@@ -58,7 +62,7 @@ export class Camera {
       const { data, width: wide, height } = frame(k / (count - 1)), now = indexed(data, palette, known);
       const changed = now.map((colour, i) => (colour === before[i] ? AS_BEFORE : colour));
       gif.writeFrame(changed, wide, height, {
-        palette: k ? undefined : table, delay: 1000 / FILM.perSecond, transparent: true, transparentIndex: AS_BEFORE, dispose: 1,
+        palette: k ? undefined : table, delay: (1000 * lasts) / (count - 1), transparent: true, transparentIndex: AS_BEFORE, dispose: 1,
       });
       before = now;
       tell(`writing the GIF: ${Math.round((100 * (k + 1)) / count)} %`);

@@ -4,6 +4,8 @@ import { element } from "./format.js";
 import { boxesOf } from "./shapes.js";
 import { THREE } from "./three.js";
 
+const TALL = 20; // px of a name
+
 export function called(body) {
   return body === "target" ? "object" : body;
 }
@@ -24,7 +26,7 @@ export class Labels {
   load(runs) {
     runs = runs.filter(({ data }) => !data.pale);
     this.bodies = runs.flatMap((run) => run.data.nodes.flatMap((node, k) => (
-      node.base ? [{ object: run.nodes[k], span: element("span", called(node.body), "name"), ...boxesOf(run.nodes[k]), above: node.body === "target" }] : []
+      node.base ? [{ object: run.nodes[k], span: element("span", called(node.body), "name"), ...boxesOf(run.nodes[k]) }] : []
     )));
     this.feet = runs.length > 1 ? runs.map((run) => element("span", run.data.label)) : [];
     this.root.replaceChildren(...this.bodies.map(({ span }) => span), ...this.feet);
@@ -48,22 +50,31 @@ export class Labels {
 
   place(camera, pane, boxes, planar, { names, beside }) {
     const wide = pane.clientWidth, tall = pane.clientHeight, at = new THREE.Vector3(), corner = new THREE.Vector3();
+    const taken = [];
     const put = (span, x, y, visible) => {
       const half = 4 * span.textContent.length + 8; // px, about
-      span.hidden = !visible || x < 0 || x > wide;
-      span.style.left = `${Math.max(half, Math.min(wide - half, x))}px`;
-      span.style.top = `${Math.max(4, Math.min(tall - 24, y))}px`;
+      const left = Math.max(half, Math.min(wide - half, x));
+      let top = Math.max(4, Math.min(tall - TALL - 4, y));
+      // a name that would lie over another one moves below it, or above where there is no room
+      const over = () => taken.find((one) => Math.abs(one.left - left) < one.half + half && Math.abs(one.top - top) < TALL);
+      for (let other = visible && over(), k = 0; other && k < 8; other = over(), k++) top = other.top + (other.top + 2 * TALL + 4 < tall ? TALL : -TALL);
+      if (visible) taken.push({ left, top, half });
+      span.hidden = !visible;
+      span.style.left = `${left}px`;
+      span.style.top = `${top}px`;
     };
-    // a robot's name stands on the largest part of its base, an object's above it, and hides nothing
-    for (const { object, span, main, box: { min, max }, above } of this.bodies) {
+    // a name stands on the largest part of its body, above a body that is smaller than the name; it stays in the window
+    for (const { object, span, main, box: { min, max } } of this.bodies) {
       object.updateWorldMatrix(true, false);
-      object.localToWorld(main.getCenter(at)).project(camera);
-      let top = at.y;
-      for (let k = 0; above && k < 8; k++) {
+      const [low, high] = [[1e9, 1e9], [-1e9, -1e9]];
+      for (let k = 0; k < 8; k++) {
         corner.set(k & 1 ? max.x : min.x, k & 2 ? max.y : min.y, k & 4 ? max.z : min.z);
-        top = Math.max(top, object.localToWorld(corner).project(camera).y);
+        const { x, y } = object.localToWorld(corner).project(camera);
+        [low[0], low[1], high[0], high[1]] = [Math.min(low[0], x), Math.min(low[1], y), Math.max(high[0], x), Math.max(high[1], y)];
       }
-      put(span, ((at.x + 1) / 2) * wide, ((1 - top) / 2) * tall - (above ? 24 : 10), names && at.z < 1 && Math.abs(at.y) < 1);
+      object.localToWorld(main.getCenter(at)).project(camera);
+      const seen = at.z < 1 && low[0] < 1 && high[0] > -1 && low[1] < 1 && high[1] > -1, small = ((high[1] - low[1]) / 2) * tall < 2 * TALL;
+      put(span, ((at.x + 1) / 2) * wide, small ? ((1 - high[1]) / 2) * tall - TALL - 4 : ((1 - at.y) / 2) * tall - TALL / 2, names && seen);
     }
     this.feet.forEach((span, k) => {
       const [low, high] = boxes[k], foot = planar ? [low[1], 0] : [(low[1] + high[1]) / 2, low[2]];

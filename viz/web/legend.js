@@ -17,7 +17,7 @@ export const LAYERS = [
   ["frames", "axes x, y, z: red, green, blue", AXIS_COLOURS[0], "line"],
   ["graspview", "grasp camera", COLOURS.mate, "box"], ["tipview", "tip camera", COLOURS.mate, "box"],
   ["grid", "grid", COLOURS.grid, "thin"], ["sun", "sunlight and shadows", "#fff4e6", "ring"], ["earthshine", "earthshine", "#8fb4e8", "ring"],
-  ["stars", "stars", "#ffffff", "ring"], ["earth", "planet of the orbit", "#4f8fd0", "ring"],
+  ["stars", "stars", "#ffffff", "ring"], ["earth", "Earth", "#4f8fd0", "ring"],
 ];
 const HIDDEN_AT_FIRST = ["ghosts", "centres", "momenta", "frames", "graspview", "tipview"];
 const HIDDEN_IN_SPACE = [...HIDDEN_AT_FIRST, "grid"]; // a scene in three dimensions has no floor

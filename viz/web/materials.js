@@ -11,7 +11,10 @@ const PLAIN = { foil: () => crinkles(true), solar: cells }; // textures without 
 const drawn = {};
 
 // The renderer writes sRGB and works in linear light: colours as they are meant on the screen, for it.
-export function linear(rgb) { return rgb.map((v) => v ** 2.2); }
+// What a description calls black reflects a little: a body that reflects nothing could not be seen against the sky.
+const DARKEST = 0.035;
+
+export function linear(rgb) { return rgb.map((v) => DARKEST + (1 - DARKEST) * v ** 2.2); }
 
 export function paint(colour) { return new THREE.Color(colour).convertSRGBToLinear(); }
 

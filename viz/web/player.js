@@ -9,7 +9,7 @@ import { LAYERS, Legend } from "./legend.js";
 import { Link } from "./permalink.js";
 import { Magnifier } from "./error_magnifier.js";
 import { SignalPicker } from "./signal_picker.js";
-import { Camera, save, saveBlob } from "./image_export.js";
+import { Camera, FILM, VIDEO, save, saveBlob } from "./image_export.js";
 import { Portrait } from "./phase_portrait.js";
 import { fixedLevel } from "./quality.js";
 import { Readout } from "./readout.js";
@@ -18,6 +18,8 @@ import { cloudOf } from "./shapes.js";
 import { Signals } from "./signals.js";
 import { chosenScheme, isLight, onScheme, scheme } from "./theme.js";
 import { Timeline } from "./timeline.js";
+
+const FILM_LEVEL = 2; // of viz/web/quality.js
 
 export class Player {
   constructor() {
@@ -43,8 +45,6 @@ export class Player {
       words: () => [`${this.payload.title}, t = ${this.timeline.time.toFixed(2)} s`, this.scene.scale].filter(Boolean).join("; "),
     });
     this.link = new Link({ read: () => this.state(), apply: (wanted) => this.become(wanted) });
-    // small windows have no room for it
-    $("legend").open = window.innerWidth > 900 && window.innerHeight > 480;
     this.listen();
     this.last = performance.now();
     requestAnimationFrame((now) => this.tick(now));
@@ -245,12 +245,16 @@ export class Player {
     this.labels.place(this.scene.viewer.camera, this.scene.pane, this.scene.boxes, this.payload.planar, shown);
   }
 
-  // ``write``: the camera's way to do so; the button that was pressed stops it.
-  async film(asked, write) {
+  // ``write``: the camera's way to do so, so many pixels wide at most; the button that was pressed stops it.
+  async film(asked, width, write) {
     if (this.filming) { this.filming = false; return; }
     const { time, duration, speed } = this.timeline, name = asked.textContent;
     this.filming = true;
     this.timeline.pause();
+    const { quality, viewer } = this.scene, { fixed } = quality;
+    quality.fixed = Math.max(FILM_LEVEL, quality.level); // a film is drawn as what moves
+    quality.tick(0, false);
+    viewer.renderer.setPixelRatio?.(Math.min(1, width / $("pane").clientWidth));
     asked.textContent = `stop ${name}`;
     try {
       await write(this.fileName, {
@@ -258,6 +262,8 @@ export class Player {
       });
     } finally {
       this.filming = false;
+      [quality.fixed, quality.applied] = [fixed, -1];
+      quality.stir();
       asked.textContent = name;
       this.busy.end();
       this.timeline.seek(time);
@@ -288,8 +294,8 @@ export class Player {
     $("follow").addEventListener("change", () => this.view(() => this.scene.follow($("follow").value)));
     $("reset").addEventListener("click", () => this.view(() => this.scene.arrange()));
     $("picture").addEventListener("click", () => this.camera.savePicture(this.fileName));
-    $("film").addEventListener("click", () => this.film($("film"), (...how) => this.camera.saveFilm(...how)));
-    $("video").addEventListener("click", () => this.film($("video"), (...how) => this.camera.saveVideo(...how)));
+    $("film").addEventListener("click", () => this.film($("film"), FILM.width, (...how) => this.camera.saveFilm(...how)));
+    $("video").addEventListener("click", () => this.film($("video"), VIDEO.width, (...how) => this.camera.saveVideo(...how)));
     $("video").hidden = !window.MediaRecorder;
     $("nearer").addEventListener("click", () => this.chart.zoom(1.5));
     $("farther").addEventListener("click", () => this.chart.zoom(1 / 1.5));

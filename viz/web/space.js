@@ -3,32 +3,39 @@ import { element, floats, locate } from "./format.js";
 import { scattered } from "./materials.js";
 import { THREE } from "./three.js";
 
-const STARS = 1600, PICTURE = 1024; // px of the planet's face
+const STARS = 1600, PICTURE = 512; // px of the planet's face
+const AIR = 1.012; // radius of the air, in the planet's
 const FAR = 0.5; // of the farthest that the camera sees: there the sky is
 const SEA = [10, 36, 84], GREEN = [52, 74, 38], DRY = [142, 112, 70]; // of the planet, sRGB
-const DARK = "#05070b", STUDIO = "#1d2733";
+// Where no orbit says where the Earth is, it is a backdrop: 500 km below, its limb so far below the middle of the first view, tilted.
+const BACKDROP = { radius: 6378137, distance: Float32Array.of(6878137), angle: Float32Array.of(0) }, LIMB = (5.5 * Math.PI) / 180, TILT = 0.2;
+const DARK = "#080c14", STUDIO = "#1d2733";
 
 export class Space {
   constructor(viewer) {
     this.viewer = viewer;
     this.sun = new THREE.DirectionalLight(0xfff4e6, 2.2);
     this.sun.castShadow = true;
-    this.shine = new THREE.HemisphereLight(0x8fb4e8, 0x2a2622, 0.34);
+    this.shine = new THREE.HemisphereLight(0x9dbdec, 0x35302a, 0.6);
+    this.rim = new THREE.DirectionalLight(0xa9c6ff, 0.9); // from behind: the edges of dark bodies stand out from a dark sky
     this.even = new THREE.HemisphereLight(0xffffff, 0x8a8f98, 1.5); // in place of the sun
     this.sky = new THREE.Group();
     this.stars = stars();
     this.sky.add(this.stars);
-    for (const [name, object] of Object.entries({ Sun: this.sun, Target: this.sun.target, Shine: this.shine, Even: this.even, Sky: this.sky })) {
+    for (const [name, object] of Object.entries({ Sun: this.sun, Target: this.sun.target, Rim: this.rim, Aim: this.rim.target, Shine: this.shine, Even: this.even, Sky: this.sky })) {
       viewer.set_object(["Space", name], object);
     }
   }
 
   // ``planet``: its radius, and over time its distance and the angle of the way to it; null if there is none.
-  load({ towards, planar, planet, time }, scale) {
+  // ``backdrop``: whether an Earth is shown although no orbit says where it is.
+  load({ towards, planar, planet, time, backdrop }, scale) {
     if (this.earth) this.sky.remove(this.earth);
     this.time = time;
     this.planet = planet && { radius: planet.radius, distance: floats(planet.distance), angle: floats(planet.angle) };
-    this.earth = this.planet && earth(this.planet);
+    this.way = null;
+    if (!planet && backdrop) [this.planet, this.way] = [BACKDROP, this.below(towards)];
+    this.earth = this.planet && earth(this.planet, this.nadir(0).negate());
     if (this.earth) this.sky.add(this.earth);
     const [x, y, z] = planar ? [-0.5, -0.75, 1] : new THREE.Vector3(...towards).applyAxisAngle(new THREE.Vector3(0, 0, 1), -0.75).toArray();
     this.direction = new THREE.Vector3(x, y, planar ? z : Math.max(0.55, z + 0.35)).normalize();
@@ -38,21 +45,33 @@ export class Space {
     Object.assign(shadow, { bias: -2e-4, normalBias: 2e-3 * scale });
     shadow.camera.updateProjectionMatrix();
     this.reach = 2 * scale;
+    this.behind = planar ? new THREE.Vector3(0.8, 0.5, 0.35) : new THREE.Vector3(...towards).multiplyScalar(-0.8).add(new THREE.Vector3(0, 0, 0.5));
+    this.behind.addScaledVector(this.direction, -0.6).normalize();
     if (this.planet) this.shine.position.copy(this.nadir(0)); else this.shine.position.set(0, 0, -1);
   }
 
   // Way to the planet's centre, world axes.
   nadir(k, share = 0) {
+    if (this.way) return this.way.clone();
     const { angle } = this.planet, now = angle[k] + (share ? share * (angle[k + 1] - angle[k]) : 0);
     return new THREE.Vector3(-Math.cos(now), -Math.sin(now), 0);
+  }
+
+  // Way to the middle of an Earth whose limb lies across the lower part of a view; ``towards``: from the scene to the eye.
+  below(towards) {
+    const back = new THREE.Vector3(...towards).normalize(), across = new THREE.Vector3(0, 0, 1).cross(back).normalize(), up = back.clone().cross(across);
+    const down = up.multiplyScalar(-Math.cos(TILT)).addScaledVector(across, Math.sin(TILT)), angle = Math.asin(BACKDROP.radius / BACKDROP.distance[0]) + LIMB;
+    return back.multiplyScalar(-Math.cos(angle)).addScaledVector(down, Math.sin(angle));
   }
 
   // The sun shines on a point of the scene; the planet is where it is at a time.
   seek(time, centre) {
     this.sun.target.position.copy(centre);
     this.sun.position.copy(this.direction).multiplyScalar(this.reach).add(centre);
+    this.rim.target.position.copy(centre);
+    this.rim.position.copy(this.behind).multiplyScalar(this.reach).add(centre);
     if (!this.earth) return;
-    const [i, share] = locate(this.time, time), way = this.nadir(i, share);
+    const [i, share] = this.way ? [0, 0] : locate(this.time, time), way = this.nadir(i, share);
     this.earth.position.copy(way).multiplyScalar(this.planet.distance[i] / this.planet.distance[0]);
     this.earth.userData.sun.value.copy(this.direction);
   }
@@ -60,7 +79,7 @@ export class Space {
   show(layer, visible) {
     const { renderer } = this.viewer;
     if (layer === "sun") [this.sun.visible, this.even.visible] = [visible, !visible];
-    if (layer === "earthshine") this.shine.visible = visible;
+    if (layer === "earthshine") this.shine.visible = this.rim.visible = visible;
     if (layer === "stars") {
       this.stars.visible = visible;
       renderer.setClearColor?.(visible ? DARK : STUDIO, 1);
@@ -96,8 +115,8 @@ function behind(object, order) {
   return object;
 }
 
-// The planet's face that may be seen, in distances from its centre at the start.
-function earth({ radius, distance, angle }) {
+// The planet's face that may be seen, in distances from its centre at the start; ``outward``: from there to the scene.
+function earth({ radius, distance, angle }, outward) {
   const size = radius / distance[0], moved = Math.max(...angle.map((a) => Math.abs(a - angle[0])));
   const opening = Math.min(Math.PI, 1.1 * Math.acos(Math.min(0.98, size)) + moved), sun = { value: new THREE.Vector3() };
   const geometry = new THREE.SphereGeometry(1, 96, 64, 0, 2 * Math.PI, 0, opening), { position, uv } = geometry.attributes;
@@ -114,11 +133,13 @@ function earth({ radius, distance, angle }) {
   });
   const ground = shade("gl_FragColor = vec4(mix(texture2D(face, at).rgb, vec3(0.5, 0.7, 1.0), 0.7 * pow(rim, 3.0)) * (0.02 + 0.98 * light), 1.0);");
   ground.uniforms.face.value = face(opening);
-  const air = shade("gl_FragColor = vec4(0.35, 0.6, 1.0, 1.0) * light * pow(rim, 5.0) * 0.55;", { transparent: true, blending: THREE.AdditiveBlending });
+  // brightest at the ground, none at its own edge; opaque to the renderer, which would draw it over all bodies otherwise
+  const limb = (1 - Math.sqrt(1 - AIR ** -2)).toFixed(4);
+  const air = shade(`float height = clamp((1.0 - rim) / (1.0 - ${limb}), 0.0, 1.0); gl_FragColor = vec4(0.35, 0.6, 1.0, 1.0) * light * height * height * 0.6 * smoothstep(0.4, ${limb}, rim);`, { blending: THREE.AdditiveBlending });
   const group = new THREE.Group(), globe = behind(new THREE.Mesh(geometry, ground), -99);
   // the middle of the face, its y axis, looks at the scene when it begins
-  group.add(globe, behind(new THREE.Mesh(new THREE.SphereGeometry(1.012, 96, 64, 0, 2 * Math.PI, 0, opening * 1.1), air), -98));
-  group.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), new THREE.Vector3(Math.cos(angle[0]), Math.sin(angle[0]), 0));
+  group.add(globe, behind(new THREE.Mesh(new THREE.SphereGeometry(AIR, 96, 64, 0, 2 * Math.PI, 0, opening * 1.1), air), -98));
+  group.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), outward);
   group.scale.setScalar(size);
   return Object.assign(group, { userData: { sun } });
 }

@@ -115,12 +115,12 @@ def test_names_stand_on_the_robots_and_errors_are_enlarged(browser, paper, tmp_p
     found = dict(page.evaluate(NAMES))
     assert set(found) == {"rpr1", "rpr2", "object"}
     assert found["rpr1"] < found["object"] < found["rpr2"]
-    caption = page.evaluate("document.querySelector('#magnifier figcaption').innerText")
-    assert re.fullmatch(r"tips around their references, \d+ times enlarged; rings every 1 mm", caption)
+    caption = page.evaluate("document.getElementById('magnifier').title")
+    assert re.fullmatch(r"Tips around their references, \d+ times enlarged; rings every 1 mm", caption)
     whole = int(re.search(r"(\d+) times", caption)[1])
     page.evaluate("location.hash = '#t=5&look=near'")
     page.wait_for("document.getElementById('look').value === 'near'")
-    caption = page.evaluate("document.querySelector('#magnifier figcaption').innerText")
+    caption = page.evaluate("document.getElementById('magnifier').title")
     assert int(re.search(r"(\d+) times", caption)[1]) < 0.3 * whole
     page.evaluate("document.querySelector('#layers input').click()")
     page.picture()

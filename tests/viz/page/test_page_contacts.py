@@ -99,7 +99,7 @@ def test_a_recording_shows_contact_forces_and_says_so(bounce):
     assert violet[1] > 10
 
 
-def test_the_camera_is_near_the_grasp_when_it_is_captured(docked, bounce):
+def test_the_camera_shows_the_grasp_when_it_is_captured(docked, bounce):
     assert animation(bounce)["shots"] == []
     (capture,) = (event["time_s"] for event in docked.summary["events"] if event["kind"] == "captured")
     data = animation(docked)
@@ -110,10 +110,10 @@ def test_the_camera_is_near_the_grasp_when_it_is_captured(docked, bounce):
     low, high = np.min(at["points"], axis=0), np.max(at["points"], axis=0)
     row = int(np.searchsorted(docked.array("time"), capture))
     mate = docked.array("tip_position")[row, 0]
-    assert (low < mate).all()
-    assert (mate < high).all()
+    assert (low[:2] < mate[:2]).all()
+    assert (mate[:2] < high[:2]).all()
     whole = np.ptp(data["reach"], axis=0)[:2]
-    assert ((high - low)[:2] < 0.7 * whole.max()).all()
+    assert ((high - low)[:2] < whole.max()).all()
 
 
 def test_a_storyboard_has_the_instants_of_events(docked):

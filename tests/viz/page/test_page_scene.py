@@ -1,0 +1,72 @@
+"""The scene of a page: what the camera shows, what lies over it, and what surrounds it."""
+
+import numpy as np
+import pytest
+
+from spacerobot.scene import load_scene
+from viz.drawing.motion import extremes, sample_motion
+from viz.drawing.view import oblique
+from viz.page.animation import animation
+from viz.page.page import animation_page
+from viz.page.planet import has_backdrop, limb_view
+
+BOX = "const box = (part) => part.getBoundingClientRect(), named = (id) => box(document.getElementById(id));"
+COVERED = f"""(() => {{ {BOX} const stage = named("stage");
+  const parts = ["readout", "legend", "magnifier"].map(named);
+  return parts.reduce((sum, {{ width, height }}) => sum + width * height, 0) / (stage.width * stage.height);
+}})()"""
+NAMES = f"""(() => {{ {BOX} const pane = named("pane");
+  return [...document.querySelectorAll("#labels .name")].map((name) => [name.hidden,
+    box(name).left - pane.left, box(name).top - pane.top,
+    pane.right - box(name).right, pane.bottom - box(name).bottom]);
+}})()"""
+
+
+def test_each_shot_holds_all_bodies_while_the_camera_may_be_there(docked):
+    """Until the middle of the shot before it and from that of the next: so is none cut off between two."""
+    data, scene = animation(docked), docked.scene()
+    assert len(data["shots"]) == 3
+    times = docked.array("time")
+    edges = [*(shot["time"] for shot in data["shots"]), float(times[-1])]
+    for k, shot in enumerate(data["shots"]):
+        low, high = np.min(shot["points"], axis=0), np.max(shot["points"], axis=0)
+        rows = np.flatnonzero((times >= edges[k]) & (times <= edges[k + 1]))
+        seen = extremes(sample_motion(docked, scene, rows), *np.array(data["box"]))
+        assert (seen >= low - 1e-6).all()
+        assert (seen <= high + 1e-6).all()
+
+
+@pytest.mark.parametrize("size", [(1440, 900), (1024, 700), (390, 844)])
+def test_words_cover_less_than_a_tenth_and_names_are_inside(browser, paper, tmp_path, size):
+    (tmp_path / "page.html").write_text(animation_page(paper), encoding="utf-8")
+    browser.call(
+        "Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=False
+    )
+    browser.open(f"{(tmp_path / 'page.html').as_uri()}#t=5&play=0")
+    browser.wait_for("document.body?.dataset.time === '5.000'")
+    assert browser.evaluate(COVERED) < 0.1
+    browser.picture()
+    names = browser.evaluate(NAMES)
+    assert len(names) == 3
+    for hidden, *margins in names:
+        assert not hidden
+        assert min(margins) >= 0
+
+
+def test_the_earth_is_a_backdrop_in_space_alone():
+    """On the ground, in a plane and where an orbit says where the planet is there is none."""
+    scenes = {"capture": True, "ssrms": True, "docking": False, "drift": False}
+    assert {name: has_backdrop(load_scene(name)) for name in scenes} == scenes
+    assert not has_backdrop(load_scene("capture", {"gravity": [0, 0, -9.81]}))
+
+
+@pytest.mark.parametrize("azimuth", [-60, 10, 140])
+def test_a_view_in_orbit_looks_past_the_limb(azimuth):
+    """500 km high, the Earth's half angle is 68 deg: the limb lies 6 deg off the middle of the picture."""
+    planet = {"radius": 6378137.0, "distance": [6878137.0]}
+    usual = oblique(azimuth)
+    seen = limb_view(usual, planet)
+    to_earth = np.degrees(np.arccos(-seen.towards @ [-1, 0, 0]))
+    assert to_earth == pytest.approx(np.degrees(np.arcsin(6378137 / 6878137)) + 6, abs=1e-6)
+    assert seen.towards[2] == pytest.approx(usual.towards[2])
+    assert limb_view(usual, None) is usual
