@@ -62,9 +62,13 @@ def cached_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
     folder = cache.cache_folder()
     path = cache.find(folder, key, SUFFIX)
     if path is not None:
-        with contextlib.suppress(OSError):  # removed by another process just now
-            kept: ClosedLoop = pickle.loads(zlib.decompress(path.read_bytes()))  # noqa: S301 (the user's own)
-            return kept
+        # removed by another process just now, or damaged: unpickling raises anything then
+        with contextlib.suppress(Exception):
+            kept = pickle.loads(zlib.decompress(path.read_bytes()))  # noqa: S301 (the user's own)
+            if isinstance(kept, ClosedLoop):
+                return kept
+        with contextlib.suppress(OSError):
+            path.unlink()
     loop = build_closed_loop(scene, vary)
     with contextlib.suppress(OSError):  # a full disk must not end a simulation
         # write a closed loop beside its place, then move it there

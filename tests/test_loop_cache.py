@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
+import pickle
 import stat
 import subprocess
 import sys
+import zlib
 
 import numpy as np
 import pytest
@@ -116,6 +119,21 @@ def test_a_damaged_entry_is_built_again(file, folder, builds, damage):
     assert len(builds) == 2
     cached_closed_loop(scene)
     assert len(builds) == 2
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"no closed loop", zlib.compress(b"no pickle"), zlib.compress(pickle.dumps([1]))]
+)
+def test_an_entry_that_is_no_loop_under_the_right_digest_is_built_again(file, folder, builds, content):
+    scene = load_scene(file)
+    cached_closed_loop(scene)
+    (path,) = folder.iterdir()
+    path.write_bytes(content)
+    digest = hashlib.sha256(content).hexdigest()[:32]
+    path.rename(path.with_name(f"{path.name.partition('-')[0]}-{digest}{SUFFIX}"))
+    for _ in range(2):
+        assert cached_closed_loop(scene).nx
+        assert len(builds) == 2
 
 
 def test_nothing_is_loaded_from_a_folder_that_others_may_write(file, folder, builds):

@@ -155,11 +155,17 @@ def compile_functions(
     parts = [*(unit.text for unit in units), toolchain.version, told, toolchain.processor]
     key = hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
     path = cache.find(folder, key)
-    cached = path is not None
+    handle = None
+    if path is not None:
+        try:
+            handle = ctypes.CDLL(str(path))
+        except OSError:  # no library of this machine: made again
+            path.unlink(missing_ok=True)
+    cached = handle is not None
     try:
-        if path is None:
+        if path is None or handle is None:
             path = cache.store(folder, key, build(units, toolchain, folder, progress or tell))
-        handle = ctypes.CDLL(str(path))
+            handle = ctypes.CDLL(str(path))
     except OSError as error:
         raise CompileError(f"the compiled library cannot be made or loaded: {error}") from error
     return Library(dict(functions), lanes, toolchain, path, cached, time.perf_counter() - begin, handle)

@@ -115,21 +115,21 @@ def find_toolchain() -> Toolchain | None:
     Raises
     ------
     CompileError
-        A compiler named by the environment cannot be run.
+        A compiler named by the environment cannot be run, or the variable cannot be split into words.
     """
     wish = os.environ.get("SPACEROBOT_COMPILER", "").strip()
     if wish.lower() == "none":
         return None
     name = "SPACEROBOT_COMPILER" if wish else "CXX"
-    more = tuple(shlex.split(os.environ.get("SPACEROBOT_COMPILER_FLAGS", "")))
+    more = _words("SPACEROBOT_COMPILER_FLAGS", os.environ.get("SPACEROBOT_COMPILER_FLAGS", ""))
     return _toolchain(name, wish or os.environ.get("CXX", "").strip(), more)
 
 
 @functools.cache
 def _toolchain(variable: str, wish: str, more: tuple[str, ...]) -> Toolchain | None:
     if wish:
-        named = [wish] if shutil.which(wish) else shlex.split(wish, posix=os.name == "posix")
-        version = _version(tuple(named))
+        named = (wish,) if shutil.which(wish) else _words(variable, wish)
+        version = _version(named)
         if version is None:
             raise CompileError(
                 f"{variable} names the compiler '{wish}', which cannot be run; "
@@ -146,6 +146,14 @@ def _toolchain(variable: str, wish: str, more: tuple[str, ...]) -> Toolchain | N
         if version:
             return _described(command, version, more)
     return None
+
+
+def _words(variable: str, text: str) -> tuple[str, ...]:
+    """Words of an environment variable, quoted as in a shell."""
+    try:
+        return tuple(shlex.split(text, posix=os.name == "posix"))
+    except ValueError as error:  # a quotation mark or a backslash without its partner
+        raise CompileError(f"{variable} is {text!r}, which has no words: {error}") from None
 
 
 def _described(command: tuple[str, ...], version: str, more: tuple[str, ...]) -> Toolchain:

@@ -55,9 +55,19 @@ def parse_yaml(text: str, *, source: Path | str | None = None) -> Any:
     ScenarioError
         If it is not YAML, or unfolds to more than is sane.
     """
+    loader = None
     try:
-        value = yaml.load(text, Loader=Loader)  # noqa: S506 (a SafeLoader)
-        weight, depth = _measure(value, {})
+        loader = Loader(text)
+        node = loader.get_single_node()
+        # measured before aliases and merge keys are unfolded, which takes time and memory without bound
+        weight, depth = (0, 0) if node is None else _measure(node, {})
+        if depth > MAX_DEPTH:
+            raise ScenarioError(
+                f"nested too deeply: found {depth} levels, allowed: {MAX_DEPTH}", source=source
+            )
+        if weight > MAX_NODES:
+            raise ScenarioError(f"unfolds to more than {MAX_NODES} values", source=source)
+        return None if node is None else loader.construct_document(node)
     except yaml.MarkedYAMLError as fault:
         where, message = describe(fault)
         raise ScenarioError(message, source=source, where=where) from None
@@ -65,24 +75,35 @@ def parse_yaml(text: str, *, source: Path | str | None = None) -> Any:
         raise ScenarioError("nested too deeply", source=source) from None
     except (yaml.YAMLError, ValueError) as fault:
         raise ScenarioError(f"not YAML: {fault}", source=source) from None
-    if depth > MAX_DEPTH:
-        raise ScenarioError(f"nested too deeply: found {depth} levels, allowed: {MAX_DEPTH}", source=source)
-    if weight > MAX_NODES:
-        raise ScenarioError(f"unfolds to more than {MAX_NODES} values", source=source)
-    return value
+    finally:
+        if loader is not None:
+            loader.dispose()
 
 
-def _measure(value: Any, known: dict[int, tuple[float, int]]) -> tuple[float, int]:
-    """Count of values with aliases unfolded, infinite for one that holds itself, and levels of nesting."""
-    if not isinstance(value, dict | list):
+def _measure(node: yaml.Node, measured: dict[int, tuple[float, int]]) -> tuple[float, int]:
+    """Count of values with aliases and merge keys unfolded, and levels of nesting.
+
+    A node that holds itself counts infinitely many.
+
+    Parameters
+    ----------
+    node
+        Root of the composed graph, in which an alias is the node of its anchor.
+    measured
+        Results of the nodes that were visited, by their identity.
+    """
+    if isinstance(node, yaml.ScalarNode):
         return 1, 0
-    if id(value) not in known:
-        known[id(value)] = float("inf"), 0
-        children = value.values() if isinstance(value, dict) else value
-        measured = [_measure(child, known) for child in children]
-        weight = 1 + sum(weight for weight, _ in measured)
-        known[id(value)] = weight, 1 + max((depth for _, depth in measured), default=0)
-    return known[id(value)]
+    if id(node) not in measured:
+        measured[id(node)] = float("inf"), 0
+        children = node.value
+        if isinstance(node, yaml.MappingNode):
+            children = [value for _, value in node.value]
+            children += [key for key, _ in node.value if not isinstance(key, yaml.ScalarNode)]
+        sizes = [_measure(child, measured) for child in children]
+        weight = 1 + sum(weight for weight, _ in sizes)
+        measured[id(node)] = weight, 1 + max((depth for _, depth in sizes), default=0)
+    return measured[id(node)]
 
 
 def validate(document: Document, *, source: Path | str | None = None) -> Scenario:

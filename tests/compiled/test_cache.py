@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import hashlib
 import os
 import signal
 import stat
@@ -71,6 +72,26 @@ def test_a_broken_entry_is_rebuilt_never_loaded(folder, damage):
     assert not again.cached
     assert again("f", [3.0])[0][0] == 9.0
     assert compile_functions(square()).cached
+
+
+def test_an_entry_that_is_no_library_under_the_right_digest_is_rebuilt(folder):
+    path, content = Path(_compile_elsewhere(folder)), b"not a library"
+    path.unlink()
+    digest = hashlib.sha256(content).hexdigest()[:32]
+    path.with_name(f"{path.name.partition('-')[0]}-{digest}{SUFFIX}").write_bytes(content)
+    again = compile_functions(square())
+    assert not again.cached
+    assert again("f", [3.0])[0][0] == 9.0
+    assert entries(folder) == [again.path]
+
+
+@pytest.mark.parametrize("variable", ["SPACEROBOT_COMPILER", "CXX", "SPACEROBOT_COMPILER_FLAGS"])
+@pytest.mark.parametrize("text", ["'", "\\", 'g++ "-O1'])
+def test_a_variable_without_words_is_one_line(variable, text, monkeypatch):
+    monkeypatch.setenv(variable, text)
+    with pytest.raises(CompileError, match=f"{variable} is .*, which has no words: No ") as caught:
+        find_toolchain()
+    assert "\n" not in str(caught.value)
 
 
 def test_a_folder_that_others_may_write_is_refused(folder):

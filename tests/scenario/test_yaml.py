@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import pytest
 
 from spacerobot.errors import ScenarioError
@@ -58,6 +60,21 @@ def test_alias_bombs_are_refused_quickly():
     refused("\n".join(lines), "unfolds to more than")
     merged = ["m0: &m0 {a: 1}"] + [f"m{i}: &m{i} {{x: *m{i - 1}, y: *m{i - 1}}}" for i in range(1, 60)]
     refused("\n".join(merged), "unfolds to more than")
+    # merge keys, which PyYAML unfolds while it constructs: refused before, with little memory
+    text = "m0: &m0 {a: 1}\n" + "\n".join(
+        f"m{i}: &m{i} {{<<: [{', '.join([f'*m{i - 1}'] * 10)}]}}" for i in range(1, 10)
+    )
+    tracemalloc.start()
+    for bomb in (text, text.replace("m9: &m9 {", "? {").replace("*m8]}", "*m8]}\n: 1")):
+        refused(bomb, "unfolds to more than|keys are names")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 10e6
+    refused("a: &a {<<: *a}", "unfolds to more than")
+    assert parse_yaml("a: &a {b: 1, c: 2}\nd: {<<: *a, c: 3}\n") == {
+        "a": {"b": 1, "c": 2},
+        "d": {"b": 1, "c": 3},
+    }
 
 
 def test_values_that_hold_themselves_are_refused():
