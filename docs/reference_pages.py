@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import ast
 import functools
+import inspect
 import pkgutil
 import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 Schema = Mapping[str, Any]
@@ -179,6 +181,40 @@ def elements() -> str:
     return re.sub(r"^### ", "#" * SECTIONS + " ", markdown(), flags=re.MULTILINE)
 
 
+def methods() -> str:
+    """Methods of each family's base class: those that kinds must define, and those that some override."""
+    from spacerobot.elements import FAMILIES, PLANS, Element, kinds
+    from spacerobot.registry import requirement
+
+    rows = ["| family: base class | required | optional |", "|---|---|---|"]
+    named = {("all", Element): tuple(kind for family in FAMILIES for kind in kinds(family).values())}
+    for family in (*FAMILIES, *PLANS):
+        shipped = tuple(kind for kind in kinds(family).values() if kind.__module__.startswith("spacerobot."))
+        bases = (base for kind in shipped for base in kind.__mro__ if "family" in vars(base))
+        named[family, next(bases)] = shipped
+    for (family, base), shipped in named.items():
+        needed, optional = [], []
+        for name in vars(base):
+            rule = requirement(base, name)
+            member = inspect.getattr_static(base, name)
+            if rule is not None:
+                needed.append(f"`{name}`{rule}: {_first_line(member)}")
+            elif (
+                not name.startswith("_")
+                and isinstance(member, FunctionType | property | classmethod)
+                and any(inspect.getattr_static(kind, name) is not member for kind in shipped)
+            ):
+                optional.append(f"`{name}`: {_first_line(member)}")
+        texts = ("<br>".join(cell(text) for text in column) for column in (needed, optional))
+        rows.append(f"| {family}: `{base.__name__}` | " + " | ".join(texts) + " |")
+    return "\n".join(rows)
+
+
+def _first_line(member: Any) -> str:
+    text = (inspect.getdoc(member) or "").partition("\n")[0]
+    return re.sub(r":\w+:`~?\.?([\w.]+)`", r"`\1`", text).replace("``", "`")
+
+
 def quantities() -> str:
     """Every registered quantity with its names in scenarios."""
     from spacerobot.quantities import quantities as registered
@@ -274,6 +310,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "scenario": scenario,
     **{f"scenario {page}": functools.partial(scenario_page, page) for page in SCENARIO_PAGES},
     "elements": elements,
+    "methods": methods,
     "quantities": quantities,
     "command line": command_line,
     "packages": packages,

@@ -7,12 +7,88 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import inspect
 import pkgutil
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Protocol, TypeVar
 
 from spacerobot.errors import SpaceRobotError, near_names
+
+Method = TypeVar("Method", bound=Callable[..., Any])
+_REQUIREMENT = "__required__"
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """Condition under which a class that is registered has to define a method of its base class.
+
+    Attributes
+    ----------
+    condition
+        Class attribute that is set, as ``has_springs``, or not set, as ``not is_halfspace``; always if empty.
+    instead
+        Method whose definition serves as well; none if empty.
+    """
+
+    condition: str = ""
+    instead: str = ""
+
+    def applies(self, kind: type[Any], name: str) -> bool:
+        """Whether a class that does not define a method needs it."""
+        attribute = self.condition.removeprefix("not ")
+        is_set = not attribute or getattr(kind, attribute) not in (None, False)
+        if is_set == self.condition.startswith("not "):
+            return False
+        base = next(base for base in kind.__mro__ if name in vars(base))
+        own, inherited = (inspect.getattr_static(one, self.instead, None) for one in (kind, base))
+        return own is inherited
+
+    def __str__(self) -> str:
+        """Condition in words, in parentheses; empty if there is none."""
+        negated = self.condition.startswith("not ")
+        words = [f"{'unless' if negated else 'with'} {self.condition.removeprefix('not ')}"]
+        words = words if self.condition else []
+        words += [f"or {self.instead}"] if self.instead else []
+        return f" ({', '.join(words)})" if words else ""
+
+
+def required(condition: str = "", instead: str = "") -> Callable[[Method], Method]:
+    """Mark a method of a base class that classes define to be registered; see :class:`Requirement`."""
+
+    def mark(method: Method) -> Method:
+        setattr(method, _REQUIREMENT, Requirement(condition, instead))
+        return method
+
+    return mark
+
+
+def requirement(kind: type[Any], name: str) -> Requirement | None:
+    """Requirement on a method that a class does not define; None for one that is defined or optional."""
+    member = inspect.getattr_static(kind, name)
+    function = member.fget if isinstance(member, property) else getattr(member, "__func__", member)
+    return getattr(function, _REQUIREMENT, None)
+
+
+def check_methods(kind: type[Any]) -> None:
+    """Refuse a class that lacks a required method.
+
+    Raises
+    ------
+    SpaceRobotError
+        With the methods' names.
+    """
+    missing = []
+    for name in dir(kind):
+        lacking = None if name.startswith("__") else requirement(kind, name)
+        if lacking is not None and lacking.applies(kind, name):
+            missing.append(f"{name}{lacking}")
+    if missing:
+        parts = "method" if len(missing) == 1 else "methods"
+        raise SpaceRobotError(
+            f"lacks the required {parts} {', '.join(missing)}", where=f"{kind.__module__}.{kind.__qualname__}"
+        )
 
 
 class Entry(Protocol):
@@ -130,8 +206,9 @@ def registered(kind: Class) -> Class:
     Raises
     ------
     SpaceRobotError
-        If another entry has its name.
+        If another entry has its name, or the class lacks a required method.
     """
+    check_methods(kind)
     kind.registry.add(kind())
     return kind
 

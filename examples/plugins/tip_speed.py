@@ -13,12 +13,12 @@ from spacerobot.elements import BoundedRow, PlanInstant, PlanLimit, quantity, wi
 
 sr.register_quantity(
     sr.Quantity(
-        "tip_speed_rms",
-        "RMS tip speed",
-        "root mean square of the speed of a tip",
-        "m/s",
-        "rms",
-        "tip_velocity",
+        name="tip_speed_rms",
+        label="RMS tip speed",
+        description="root mean square of the speed of a tip",
+        unit="m/s",
+        reducer="rms",
+        expression="tip_velocity",
         total="norm",
         weight="tip_speed",
         cost="tip_speed",

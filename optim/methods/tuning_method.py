@@ -13,7 +13,7 @@ from optim.search.journal import Journal
 from optim.search.search import Search, SearchRun
 from optim.search.session import SearchSession
 from spacerobot.arrays import Array
-from spacerobot.registry import TUNING_METHODS, Registry
+from spacerobot.registry import TUNING_METHODS, Registry, required
 
 
 @dataclass(frozen=True)
@@ -85,6 +85,7 @@ class TuningMethod:
     starts_from: ClassVar[str | None] = None
     shows_trials: ClassVar[bool] = False
 
+    @required()
     def searches(self, request: MethodRequest) -> Sequence[Callable[[], SearchRun]]:
         """Independent runs, each a function without arguments; they may run at the same time.
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from optim.reliability.design_points import DesignPoint
 from optim.reliability.limit_state import LimitState
-from spacerobot.registry import ESTIMATORS, Registry
+from spacerobot.registry import ESTIMATORS, Registry, required
 
 
 @dataclass(frozen=True)
@@ -64,6 +64,7 @@ class ProbabilityEstimator:
     place: ClassVar[float] = 100.0
     needs_design_points: ClassVar[bool] = True
 
+    @required()
     def estimate(
         self, state: LimitState, points: Sequence[DesignPoint], effort: SamplingEffort
     ) -> ProbabilityEstimate:

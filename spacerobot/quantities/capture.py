@@ -52,13 +52,14 @@ def lateral_misses(context: Context) -> Columns:
 
 QUANTITIES = (
     Quantity(
-        "capture_time",
-        "capture time",
-        "time of the last capture of a grasp that begins open; if it was missed, missing in tables and the "
+        name="capture_time",
+        label="capture time",
+        description="time of the last capture of a grasp that begins open; if it was missed, "
+        "missing in tables and the "
         "simulation's duration in objectives",
-        "s",
-        "final",
-        times,
+        unit="s",
+        reducer="final",
+        expression=times,
         limit="capture_time",
         weight="capture_time",
         absent=NO_CAPTURE,
@@ -66,35 +67,37 @@ QUANTITIES = (
         exists=captures,
     ),
     Quantity(
-        "miss_distance",
-        "miss distance",
-        "minimum distance of a tip from its capture point",
-        "m",
-        "lowest",
-        distances,
+        name="miss_distance",
+        label="miss distance",
+        description="minimum distance of a tip from its capture point",
+        unit="m",
+        reducer="lowest",
+        expression=distances,
         absent=NO_CAPTURE,
     ),
     Quantity(
-        "touchdown_speed",
-        "touchdown speed",
-        "speed of a tip relative to the target at the capture; if it was missed, missing in tables and zero "
+        name="touchdown_speed",
+        label="touchdown speed",
+        description="speed of a tip relative to the target at the capture; if it was missed, "
+        "missing in tables and zero "
         "in objectives",
-        "m/s",
-        "final",
-        touchdown_speeds,
+        unit="m/s",
+        reducer="final",
+        expression=touchdown_speeds,
         weight="touchdown_speed",
         is_default=False,
         absent=NO_CAPTURE,
         exists=captures,
     ),
     Quantity(
-        "lateral_miss",
-        "lateral miss",
-        "distance of a tip from the axis of its mating frame at the capture; if it was missed, the whole "
+        name="lateral_miss",
+        label="lateral miss",
+        description="distance of a tip from the axis of its mating frame at the capture; if it was "
+        "missed, the whole "
         "distance at the end",
-        "m",
-        "final",
-        lateral_misses,
+        unit="m",
+        reducer="final",
+        expression=lateral_misses,
         weight="lateral_miss",
         is_default=False,
         absent=NO_CAPTURE,

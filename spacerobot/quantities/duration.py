@@ -6,12 +6,12 @@ from spacerobot.quantities.quantity import Quantity
 
 QUANTITIES = (
     Quantity(
-        "duration",
-        "duration",
-        "duration",
-        "s",
-        "final",
-        "time",
+        name="duration",
+        label="duration",
+        description="duration",
+        unit="s",
+        reducer="final",
+        expression="time",
         cost="time",
         is_metric=False,
         is_default=False,

@@ -29,7 +29,18 @@ def _final(
     **further: Any,
 ) -> Quantity:
     """Quantity at the end of a rollout, kept where it is named."""
-    return Quantity(name, *texts, unit, "final", found, is_default=False, absent=absent, **further)
+    label, description = texts
+    return Quantity(
+        name=name,
+        label=label,
+        description=description,
+        unit=unit,
+        reducer="final",
+        expression=found,
+        is_default=False,
+        absent=absent,
+        **further,
+    )
 
 
 QUANTITIES = (

@@ -39,12 +39,12 @@ def fast_errors(context: Context) -> Columns:
 
 QUANTITIES = (
     Quantity(
-        "jitter",
-        "jitter",
-        "root mean square of a tip's error after a first-order high-pass filter",
-        "m",
-        "rms",
-        fast_errors,
+        name="jitter",
+        label="jitter",
+        description="root mean square of a tip's error after a first-order high-pass filter",
+        unit="m",
+        reducer="rms",
+        expression=fast_errors,
         limit="jitter",
         weight="jitter",
         is_default=False,

@@ -25,12 +25,12 @@ def joint_unit(revolute: str, prismatic: str) -> Callable[[MeasuredScene], str]:
 
 QUANTITIES = (
     Quantity(
-        "joint_rate_rms",
-        "RMS joint rate",
-        "root mean square of the rate of a joint",
-        "rad/s or m/s",
-        "rms",
-        "joint_rate",
+        name="joint_rate_rms",
+        label="RMS joint rate",
+        description="root mean square of the rate of a joint",
+        unit="rad/s or m/s",
+        reducer="rms",
+        expression="joint_rate",
         total="norm",
         weight="joint_rate",
         cost="joint_rate",
@@ -39,12 +39,13 @@ QUANTITIES = (
         scene_unit=joint_unit("rad/s", "m/s"),
     ),
     Quantity(
-        "joint_acceleration_rms",
-        "RMS joint acceleration",
-        "root mean square of the acceleration of a joint; a cost keeps arms of many links from whipping",
-        "rad/s^2 or m/s^2",
-        "rms",
-        "joint_acceleration",
+        name="joint_acceleration_rms",
+        label="RMS joint acceleration",
+        description="root mean square of the acceleration of a joint; a cost keeps arms of many "
+        "links from whipping",
+        unit="rad/s^2 or m/s^2",
+        reducer="rms",
+        expression="joint_acceleration",
         total="norm",
         cost="joint_acceleration",
         is_metric=False,

@@ -6,12 +6,12 @@ from spacerobot.quantities.quantity import Quantity
 
 QUANTITIES = (
     Quantity(
-        "propellant",
-        "propellant",
-        "mass consumed by thrusters",
-        "kg",
-        "final",
-        "propellant",
+        name="propellant",
+        label="propellant",
+        description="mass consumed by thrusters",
+        unit="kg",
+        reducer="final",
+        expression="propellant",
         total="sum",
         limit="propellant",
         weight="propellant",

@@ -189,7 +189,7 @@ class AddedStates:
     rates: Callable[[Any, ca.SX], ca.SX]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Quantity:
     """A number, or one number per tip, robot or grasp, of each motion; the smaller the better.
 

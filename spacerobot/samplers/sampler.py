@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Protocol
 
 from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError
-from spacerobot.registry import SAMPLERS, Registry
+from spacerobot.registry import SAMPLERS, Registry, required
 
 
 class SampledParameter(Protocol):
@@ -92,6 +92,7 @@ class Sampler:
             Its text begins with the key.
         """
 
+    @required()
     def points(self, plan: SamplingPlan) -> Array:
         """Points of the unit cube (N, k), independent coordinates, in the order of the parameters.
 

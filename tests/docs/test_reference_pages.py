@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from spacerobot.elements import FAMILIES, kinds
+from spacerobot.elements import FAMILIES, PLANS, kinds
 from spacerobot.quantities import quantities
 from spacerobot.scenario.load import json_schema
 from tests.oracles.syntax_trees import parsed_modules
@@ -75,6 +75,17 @@ def test_every_module_that_derives_a_law_is_on_the_page_of_laws(pages):
     }
     assert len(first) > 20
     assert [path for path, line in first.items() if f"### {line}\n" not in laws] == []
+
+
+def test_methods_are_listed_by_family(pages):
+    text = pages["methods"]()
+    rows = {family: re.findall(rf"^\| {family}: .*$", text, re.MULTILINE) for family in (*FAMILIES, *PLANS)}
+    assert all(len(found) == 1 for found in rows.values())
+    sensor = re.split(r"(?<!\\)\|", rows["sensor"][0])
+    assert "`is_ideal`" in sensor[2]
+    assert "`reads_motors`" in sensor[3]
+    assert "`is_ideal`" not in sensor[3]
+    assert "`spring_wrench` (with has_springs)" in rows["grasp"][0]
 
 
 INTERNAL = {

@@ -129,6 +129,37 @@ def test_the_pinocchio_engine_runs_a_plugin_from_its_one_file(tmp_path):
             "@sr.register\nclass A(Reference):\n    'No kind.'\n",
             "no kind",
         ),
+        *(
+            (
+                "import spacerobot as sr\nfrom typing import Literal\n"
+                f"from spacerobot.elements import {base}\n\n@sr.register\nclass Bare({base}):\n"
+                f"    'Nothing.'\n    kind: Literal['bare'] = 'bare'\n{more}",
+                told,
+            )
+            for base, more, told in (
+                (
+                    "Sensor",
+                    "    def affine(self, c): return None, 1\n",
+                    "Bare: lacks the required method is_ideal",
+                ),
+                ("Sensor", "", "lacks the required methods affine, is_ideal"),
+                ("Reference", "", "lacks the required method moved (or motion)"),
+                ("Actuator", "", "lacks the required method build"),
+                ("Grasp", "    has_springs = True\n", "methods build, spring_wrench (with has_springs)"),
+                ("CollisionShape", "", "lacks the required method support (unless is_halfspace)"),
+                ("TipGoal", "", "lacks the required methods place, rows"),
+                ("FlexibleLink", "", "lacks the required methods build, expanded, moving_inertia, springs"),
+            )
+        ),
+        (
+            "import spacerobot as sr\nfrom spacerobot.samplers import Sampler\n\n"
+            "@sr.register\nclass Bare(Sampler):\n    'Nothing.'\n    name = 'bare'\n",
+            "lacks the required method points",
+        ),
+        (
+            "import spacerobot as sr\nsr.Quantity('a', 'b', 'c', 'm', 'peak', 'tip_error')\n",
+            "line 2: TypeError: Quantity.__init__() takes 1 positional argument",
+        ),
     ],
 )
 def test_a_plugin_that_fails_is_told_in_one_line(tmp_path, text, told):

@@ -37,12 +37,12 @@ def tip_height():
         return {tip: position[1] for tip, position in context.signal("tip_position").items()}
 
     made = Quantity(
-        "tip_height",
-        "tip height",
-        "largest y of a tip",
-        "m",
-        "peak",
-        heights,
+        name="tip_height",
+        label="tip height",
+        description="largest y of a tip",
+        unit="m",
+        reducer="peak",
+        expression=heights,
         limit="tip_height",
         weight="tip_height",
     )
@@ -123,7 +123,9 @@ def test_a_wrong_key_or_number_is_refused_with_the_near_name(section, values, wo
 
 def test_a_name_is_taken_once():
     taken = find_quantity("impulse")
-    other = Quantity("impulse", "i", "i", "N s", "final", lambda _: None)
+    other = Quantity(
+        name="impulse", label="i", description="i", unit="N s", reducer="final", expression=lambda _: None
+    )
     with pytest.raises(SpaceRobotError, match="impulse"):
         register_quantity(other)
     assert register_quantity(taken) is taken

@@ -12,6 +12,7 @@ from spacerobot.arrays import Array
 from spacerobot.elements.core.context import ActuatorContext
 from spacerobot.elements.core.contribution import Contribution
 from spacerobot.elements.core.robot_element import Part, RobotElement
+from spacerobot.registry import required
 
 
 @dataclass(frozen=True)
@@ -112,6 +113,7 @@ class Actuator(RobotElement):
         """Wheels that exchange angular momentum with the base, for a plan to follow their momentum."""
         return None
 
+    @required()
     def build(self, actuator: ActuatorContext) -> Contribution:
         """Contribution to the closed loop."""
         raise NotImplementedError

@@ -21,6 +21,7 @@ from spacerobot.elements.core.contribution import Contribution, Output, PowerTer
 from spacerobot.elements.core.element import Element
 from spacerobot.elements.core.event import Event, both, negated
 from spacerobot.elements.shapes.collision_shape import Wrap
+from spacerobot.registry import required
 from spacerobot.section import MAX_STEPS, quantity
 from spacerobot.shapes import CROWN
 
@@ -69,6 +70,7 @@ class Contact(Element):
         recurs=MAX_STEPS,
     )
 
+    @required()
     def build(self, contact: ContactContext) -> Contribution:
         """Contribution to the closed loop."""
         raise NotImplementedError

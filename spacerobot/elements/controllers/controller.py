@@ -11,6 +11,7 @@ from spacerobot.elements.core.contribution import Contribution
 from spacerobot.elements.core.element import Element
 from spacerobot.elements.core.robot_element import RobotElement
 from spacerobot.elements.core.sampling import SAMPLED, Sampling
+from spacerobot.registry import required
 from spacerobot.section import Section
 
 MEASURED = "measured_"
@@ -26,6 +27,7 @@ class TipController(Element):
 
     sampled: Sampling | None = SAMPLED
 
+    @required()
     def build(self, tip: TipContext) -> Contribution:
         """Contribution to the closed loop."""
         raise NotImplementedError
@@ -87,6 +89,7 @@ class RobotController(RobotElement):
         """How its plan is made again in flight (model predictive control); None for one without."""
         return None
 
+    @required()
     def build(self, robot: RobotContext) -> Contribution:
         """Contribution to the closed loop."""
         raise NotImplementedError

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
+from spacerobot.registry import required
 from spacerobot.section import Section
 
 
@@ -35,6 +36,7 @@ class Element(Section):
     kind: str
 
     @classmethod
+    @required("fills")
     def read(cls, file: Path, where: str, phase: str | None = None) -> Mapping[str, Any]:
         """Values of a section from a file, in the form that :attr:`fills` takes.
 

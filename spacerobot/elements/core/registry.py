@@ -24,7 +24,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 from spacerobot.elements.core.element import Element
 from spacerobot.errors import FORMER_NAMES, SpaceRobotError, near_names
 from spacerobot.files import StrPath
-from spacerobot.registry import Registry, registered
+from spacerobot.registry import Registry, check_methods, registered
 
 GROUP = "spacerobot.elements"
 """Entry points by which installed packages add kinds: each names a module that registers them."""
@@ -65,7 +65,8 @@ def register(kind: Kind) -> Kind:
     Raises
     ------
     SpaceRobotError
-        If the class belongs to no family, has no ``kind`` or documentation, or its name is taken.
+        If the class belongs to no family, has no ``kind`` or documentation, lacks a required method, or its
+        name is taken.
     """
     if isinstance(getattr(kind, "registry", None), Registry):
         return registered(kind)
@@ -84,6 +85,7 @@ def register(kind: Kind) -> Kind:
     if taken is not None and (taken.__module__, taken.__qualname__) != (kind.__module__, kind.__qualname__):
         held = f"{taken.__module__}.{taken.__qualname__}"
         raise SpaceRobotError(f"the {family} kind {name!r} is taken by {held}", where=where)
+    check_methods(kind)
     _KINDS[family][name] = kind
     for listener in _LISTENERS:
         listener()

@@ -13,6 +13,7 @@ from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.core.contribution import Contribution, PowerTerm
 from spacerobot.elements.core.element import Element
 from spacerobot.elements.core.section_context import SectionContext
+from spacerobot.registry import required
 from spacerobot.symbolic import Plant
 
 
@@ -111,6 +112,7 @@ class Environment(Element):
     family: ClassVar[str] = "environment"
     falls: ClassVar[bool] = False
 
+    @required()
     def build(self, environment: EnvironmentContext) -> Contribution:
         """Contribution to the closed loop: external wrenches, works, outputs."""
         raise NotImplementedError

@@ -13,6 +13,7 @@ from spacerobot.elements.core.contribution import Contribution, Innovation
 from spacerobot.elements.core.robot_element import RobotElement, RobotProperties
 from spacerobot.elements.core.section_context import SectionContext
 from spacerobot.elements.sensors.measurement import Measurement
+from spacerobot.registry import required
 from spacerobot.symbolic import Plant
 
 HELD_INERTIA = "held_inertia"
@@ -170,6 +171,7 @@ class Estimator(RobotElement):
         """Estimator, by key, and signal that it no longer uses once this one's switch ``detected`` is on."""
         return None
 
+    @required()
     def build(self, robot: EstimatorContext) -> Contribution:
         """Contribution to the closed loop, with its estimates."""
         raise NotImplementedError

@@ -13,6 +13,7 @@ from spacerobot.arrays import Array
 from spacerobot.description.read import Description
 from spacerobot.elements.core.contribution import Contribution
 from spacerobot.elements.core.element import Element
+from spacerobot.registry import required
 from spacerobot.symbolic import Plant
 
 Number = TypeVar("Number", float, ca.SX)
@@ -60,6 +61,7 @@ class FlexibleLink(Element):
 
     link: str = Field(description="link of the URDF that bends")
 
+    @required()
     def expanded(self, description: Description, name: str) -> Description:
         """Description with the links and joints of the flexible link.
 
@@ -77,6 +79,7 @@ class FlexibleLink(Element):
         """
         raise NotImplementedError
 
+    @required()
     def springs(
         self, description: Description, name: str, number: Callable[[str], Number]
     ) -> Mapping[str, tuple[Number, Number]]:
@@ -93,6 +96,7 @@ class FlexibleLink(Element):
         """
         raise NotImplementedError
 
+    @required()
     def moving_inertia(self, description: Description, name: str) -> Array:
         """Share of the link's spatial inertia that moves in the joints (6, 6), linear rows first.
 
@@ -119,6 +123,7 @@ class FlexibleLink(Element):
         """Kind and link, in a few words."""
         return f"{self.kind} of {self.link}"
 
+    @required()
     def build(self, flexible: FlexibleContext) -> Contribution:
         """Outputs by which its deflection is observed."""
         raise NotImplementedError

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from spacerobot.elements.core.element import Element
 from spacerobot.elements.goals.plan_instant import BoundedRow, PlanInstant
 from spacerobot.elements.references.reference import Reference
+from spacerobot.registry import required
 from spacerobot.section import quantity
 
 FLAT: dict[str, Any] = {
@@ -68,6 +69,7 @@ class Goal(Element):
         return not self.rests
 
     @property
+    @required()
     def body(self) -> str:
         """Whose joints these are."""
         raise NotImplementedError
@@ -98,6 +100,7 @@ class Goal(Element):
         del instant
         return None
 
+    @required()
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """Terminal constraints, without the joints' rest.
 
@@ -142,6 +145,7 @@ class TipGoal(Goal):
         """
         return None
 
+    @required()
     def place(self, instant: PlanInstant) -> ca.SX:
         """Where the tip shall be (3x1) [m], world axes.
 

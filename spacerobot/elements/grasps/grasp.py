@@ -23,6 +23,7 @@ from spacerobot.elements.core.context import GraspContext
 from spacerobot.elements.core.contribution import Contribution, Output, PowerTerm
 from spacerobot.elements.core.element import Element
 from spacerobot.elements.grasps.capture import Capture, GraspFailure, Release
+from spacerobot.registry import required
 from spacerobot.section import quantity
 
 OBSERVED = {
@@ -123,6 +124,7 @@ class Grasp(Element):
         """Whether it holds the tip's orientation too, rigidly or by springs and dampers."""
         return self.fixes_orientation
 
+    @required("has_springs")
     def spring_wrench(self, number: Callable[[str], ca.SX], tip: Displacement) -> tuple[ca.SX, ca.SX]:
         """Force [N] and torque [N m] on the target by springs and dampers, world axes (3x1 each).
 
@@ -140,6 +142,7 @@ class Grasp(Element):
         """
         raise NotImplementedError
 
+    @required()
     def build(self, grasp: GraspContext) -> Contribution:
         """Contribution to the closed loop while it is closed."""
         raise NotImplementedError

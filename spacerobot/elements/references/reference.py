@@ -25,6 +25,7 @@ from spacerobot.elements.core.desired_motion import (
 )
 from spacerobot.elements.core.element import Element
 from spacerobot.elements.core.section_context import SectionContext
+from spacerobot.registry import required
 from spacerobot.section import Vector, numbers, quantity
 from spacerobot.symbolic import Constants, Parameters
 
@@ -64,6 +65,7 @@ class Reference(Element):
         """Signals that it reads from sensors."""
         return set()
 
+    @required(instead="motion")
     def moved(self, context: SectionContext) -> TimeProfile:
         """Displacement since the start (3x1) [m] and its derivatives, world axes."""
         raise NotImplementedError

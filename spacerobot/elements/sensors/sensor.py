@@ -17,6 +17,7 @@ from spacerobot.elements.sensors.measurement import (
     SensorFailure,
     misalignment,
 )
+from spacerobot.registry import required
 
 
 class Sensor(Element):
@@ -84,6 +85,7 @@ class Sensor(Element):
             )  # the attitude of the sensor's axes is taken for that of the carrier
         return ca.mtimes(axes, ca.mtimes(turn.T, ca.mtimes(axes.T, value)))
 
+    @required()
     def affine(self, context: SectionContext) -> Affine:
         """Offset a and scale b of the reading a + b s."""
         raise NotImplementedError
@@ -94,6 +96,7 @@ class Sensor(Element):
         return False
 
     @property
+    @required()
     def is_ideal(self) -> bool:
         """Whether it reads the signal as it is."""
         raise NotImplementedError

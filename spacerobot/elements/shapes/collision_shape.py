@@ -14,6 +14,7 @@ from spacerobot.arrays import Array
 from spacerobot.elements.core.element import Element
 from spacerobot.elements.core.registry import kinds
 from spacerobot.elements.core.section_context import SectionContext
+from spacerobot.registry import required
 from spacerobot.section import OneOf, Vector, quantity
 from spacerobot.shapes import Nearest, Shape, Support
 
@@ -68,6 +69,7 @@ class CollisionShape(Element):
     )
 
     @classmethod
+    @required("not is_halfspace")
     def support(cls, rotation: ca.SX, measures: ca.SX) -> Support:
         """Support function about its origin.
 
@@ -101,11 +103,13 @@ class CollisionShape(Element):
         return None
 
     @classmethod
+    @required("urdf_geometry")
     def of_urdf(cls, size: Sequence[float]) -> dict[str, Any]:
         """Its measures by key, from the size of the URDF's geometry of the same name [m]."""
         raise NotImplementedError
 
     @classmethod
+    @required("wrap_order")
     def around(cls, points: Array, axes: Sequence[int]) -> Wrapping:
         """The shape around points.
 
