@@ -33,6 +33,9 @@ from spacerobot.api.results import PlanResult as PlanResult
 from spacerobot.api.results import load as load
 from spacerobot.closedloop import ClosedLoop as ClosedLoop
 from spacerobot.closedloop import build_closed_loop as build_closed_loop
+from spacerobot.drafting import Draft as Draft
+from spacerobot.drafting import DraftRequest as DraftRequest
+from spacerobot.drafting import draft as draft
 from spacerobot.elements import load_plugin as load_plugin
 from spacerobot.elements import register as register
 from spacerobot.errors import SpaceRobotError as SpaceRobotError

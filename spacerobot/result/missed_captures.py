@@ -86,7 +86,7 @@ def _why(
     nearest = int(np.argmin(gaps))
     close = allowed if capture.distance is None else gaps <= capture.distance
     limits = {name: float(getattr(capture, name)) for name in capture.limits}
-    closest = _quantities(scene, grasp, capture, data, [nearest])
+    closest = envelope_quantities(scene, grasp, capture, data, [nearest])
     told: dict[str, Any] = {
         "closest": {"time_s": float(time[nearest])} | {name: float(closest[name][0]) for name in ENVELOPE},
         "inside_s": 0.0,
@@ -106,7 +106,7 @@ def _why(
         return told | {"words": _words(capture, told)}
     rows = np.flatnonzero(close)
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), INSTANTS)).astype(int))]
-    values = _quantities(scene, grasp, capture, data, rows)
+    values = envelope_quantities(scene, grasp, capture, data, rows)
     over = {name: values[name] > limits[name] for name in limits if name != "distance"}
     good = ~np.any([*over.values(), np.zeros(len(rows), bool)], axis=0)
 
@@ -167,10 +167,25 @@ def _runs(mask: Booleans, rows: npt.NDArray[np.int64], close: Booleans) -> Itera
             begin = k
 
 
-def _quantities(
+def envelope_quantities(
     scene: Scene, grasp: SceneGrasp, capture: Any, data: xr.Dataset, rows: Sequence[int] | Array
 ) -> dict[str, Array]:
-    """The envelope's quantities (n,) at rows of the data, in the units of its limits."""
+    """Evaluate the quantities of a capture envelope.
+
+    Parameters
+    ----------
+    scene, grasp, capture
+        The scene, a grasp of it that begins open, and its envelope.
+    data
+        Of a rollout.
+    rows
+        Places of n instants in it.
+
+    Returns
+    -------
+    dict
+        Each quantity (n,) of :data:`ENVELOPE`, in the unit of its limit.
+    """
     model, axes = scene.model, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     kinematics = model.createData()
     unit = np.array(capture.axis) / np.linalg.norm(capture.axis)

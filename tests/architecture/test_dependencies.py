@@ -64,6 +64,17 @@ KNOWS = {
     "spacerobot.result": {"files", "interrupts", "elements", "scenario", "scene", "closedloop", "rollout"},
     "spacerobot.simulation": {"closedloop", "loop_cache", "pinocchio_engine", "result", "rollout", "scene"},
     "spacerobot.linear": {"closedloop", "elements", "rollout", "scene", "simulation"},
+    "spacerobot.drafting": {
+        "closedloop",
+        "description",
+        "files",
+        "linear",
+        "loop_cache",
+        "result",
+        "scenario",
+        "scene",
+        "simulation",
+    },
     "spacerobot.abort_drift": {"result", "scene"},
     "spacerobot.paper": {"result", "scene", "simulation"},
 }

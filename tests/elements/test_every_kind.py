@@ -87,7 +87,16 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
         "feed_forward": 0.8,
         "derivative": "filtered",
     },
-    ("robot_controller", "resolved_rate"): {"gain": 3, "rate_gain": 12, "damping": 0.1, "keeps": "attitude"},
+    ("robot_controller", "resolved_rate"): {
+        "gain": 3,
+        "rate_gain": 12,
+        "damping": 0.1,
+        "keeps": "attitude",
+        "payload_mass": 5,
+        "payload_com": [0.1, -0.05, 0.2],
+        "payload_inertia": [0.5, 0.6, 0.7, 0.02, -0.03, 0.04],
+        "payload_fraction": 0.8,
+    },
     ("robot_controller", "joint_tracking"): {
         "kp": 20,
         "kd": 3,

@@ -7,6 +7,8 @@ import pinocchio as pin
 import pytest
 
 import spacerobot as sr
+from spacerobot.closedloop import build_closed_loop
+from spacerobot.closedloop.stiffness import find_poles
 from spacerobot.description.planar import PlanarBase, PlanarLink, planar_arm_urdf
 from spacerobot.errors import ScenarioError
 from spacerobot.pinocchio_engine import simulate
@@ -211,3 +213,34 @@ def test_a_docking_succeeds_where_the_law_knows_of_the_lock(actuators, captures)
 def test_what_controllers_cannot_know_is_refused():
     with pytest.raises(ScenarioError, match=r"jam\.known: found true, allowed: where `mode` is locked or"):
         small_scene(DOCKING, {"robots.one.actuators": {"jam": JAM | {"mode": "free", "known": True}}})
+
+
+HOLDING = PLANAR.replace(
+    "\nsimulation:",
+    """
+target: {urdf: ball.urdf, base: {joint: planar, close_grasp: hold}}
+grasps: {hold: {tip: arm/tip, frame: body, kind: weld}}
+simulation:""",
+)
+
+
+@pytest.mark.parametrize("payload", [True, False])
+def test_the_poles_stay_where_they_are_with_a_payload(folder, payload):
+    """Tip errors fade with the gain, rates with the rate gain, if the controller knows what it holds."""
+    plain = scene_of(folder, "gain: 2, rate_gain: 10", HOLDING)
+    body = plain.model.inertias[plain.bodies[-1].root_joint]
+    data = plain.model.createData()
+    pin.framesForwardKinematics(plain.model, data, plain.q)
+    grasp = plain.grasps[0]
+    held = data.oMf[grasp.tip.frame].actInv(data.oMi[plain.bodies[-1].root_joint]).act(body)
+    about = held.inertia
+    moments = [float(about[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    told = f", payload_mass: {held.mass}, payload_com: {held.lever.tolist()}, payload_inertia: {moments}"
+    scene = scene_of(folder, "gain: 2, rate_gain: 10" + told * payload, HOLDING)
+    loop = build_closed_loop(scene)
+    x, c = (part.full().ravel() for part in loop.setup(loop.parameter_values))
+    found = find_poles(loop, 0.0, x, c)
+    fast = found[np.abs(found) > 0.5]
+    apart = np.abs(fast[:, None] + [2.0, 10.0]).min(axis=1)
+    # two directions of the tip, and rates of six joints; near them while the reference moves the tip
+    assert (np.sort(apart)[:8].max() < 0.05) == payload

@@ -12,13 +12,13 @@ from optim.planning.output.plan_folder import FOLLOWED, SUMMARY, write
 from optim.planning.search.make_plan import make_plan
 from spacerobot.description.find import shipped_names, shipped_urdf_folder
 from spacerobot.description.read import read_description
+from spacerobot.drafting import DraftRequest, draft_capture, surface_point
+from spacerobot.drafting.arms import ends
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.files import write_text
 from spacerobot.result.store import check_folder
 from spacerobot.scenario.load import parse_yaml, validate
 from spacerobot.scene import Scene, build_scene
-from spacerobot.scene.draft import DraftRequest, draft_capture, surface_point
-from spacerobot.scene.draft.arms import ends
 from viz.page.animation import still
 from viz.studio.bookmarks import place
 from viz.studio.edited_text import edited

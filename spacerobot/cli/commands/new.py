@@ -1,4 +1,4 @@
-"""``spacerobot new``: draft a scenario from URDFs."""
+"""``spacerobot new``: draft a scenario from URDFs, or begin a plugin."""
 
 from __future__ import annotations
 
@@ -8,13 +8,15 @@ from typing import Annotated
 import typer
 
 from spacerobot.cli.command import Command
-from spacerobot.cli.output import console, warn
+from spacerobot.cli.output import console, progress, warn
 
 Robots = Annotated[
-    list[str],
+    list[str] | None,
     typer.Option("--robot", metavar="URDF", help="A robot: a file, or a shipped URDF. Repeatable."),
 ]
-Target = Annotated[str, typer.Option("--target", metavar="URDF", help="The object that is held, likewise.")]
+Target = Annotated[
+    str | None, typer.Option("--target", metavar="URDF", help="The object that is held, likewise.")
+]
 Tips = Annotated[
     list[str] | None,
     typer.Option(
@@ -35,14 +37,30 @@ Base = Annotated[
         "--base", metavar="KIND", help="free_flyer, planar or fixed; planar by default if all robots are."
     ),
 ]
-Out = Annotated[
-    Path | None, typer.Option("--out", metavar="FILE", help="Scenario to write; ROBOT.yaml by default.")
+Bus = Annotated[
+    str | None,
+    typer.Option("--bus", metavar="URDF", help="A spacecraft that carries arms, in place of --robot."),
 ]
-
-
+Mounts = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--mount",
+        metavar="[NAME=]URDF[@X,Y,Z[,R,P,Y]]",
+        help="An arm on the bus, at a place [m] and roll, pitch, yaw [deg] in the bus's root link; its links "
+        "and joints get NAME_ as prefix. Repeatable; the first one captures.",
+    ),
+]
+Include = Annotated[
+    str | None,
+    typer.Option(
+        "--with",
+        metavar="LIST",
+        help="Equipment of the base, with --capture: wheels, thrusters, filters, by commas.",
+    ),
+]
 Capture = Annotated[
     bool,
-    typer.Option("--capture", help="Draft approach, capture and stop of one robot, with a plan section."),
+    typer.Option("--capture", help="Draft approach, capture and stop, with plan, tuning and campaign."),
 ]
 Point = Annotated[
     str | None,
@@ -52,42 +70,57 @@ Point = Annotated[
         help="With --capture: a point of the target's surface, root link's axes [m], in place of a frame.",
     ),
 ]
+Simulate = Annotated[
+    bool,
+    typer.Option("--simulate/--no-simulate", help="Whether the draft is simulated before it is written."),
+]
+Out = Annotated[
+    Path | None, typer.Option("--out", metavar="FILE", help="Scenario to write; ROBOT.yaml by default.")
+]
 
 
 @Command.of("new", place=16)
 def command(
-    robot: Robots,
-    target: Target,
+    robot: Robots = None,
+    target: Target = None,
     tip: Tips = None,
     frame: Frames = None,
     base: Base = None,
-    out: Out = None,
+    bus: Bus = None,
+    mount: Mounts = None,
+    include: Include = None,
     capture: Capture = False,
     point: Point = None,
+    simulate: Simulate = True,
+    out: Out = None,
 ) -> None:
-    """Draft a scenario from URDFs of robots and a target, ready to run, tune and edit.
+    """Draft a scenario from URDFs of robots and a target.
 
-    Bases, posture, gains, bounds and steps are computed from the URDFs; comments in the file explain
-    them.
+    Bases, posture, gains, bounds and steps are computed from the URDFs. The draft is simulated and
+    linearised; a capture is slowed down until it succeeds. Comments in the file say what was found.
 
     Examples:
 
         spacerobot new --robot planar_arm.urdf --target rectangle.urdf --out mine.yaml
 
-        spacerobot new --robot panda.urdf --tip panda_hand --target satellite_box.urdf --out mine.yaml
+        spacerobot new --capture --robot panda_arm.urdf --target satellite_box.urdf --out dock.yaml
 
-        spacerobot new --capture --robot panda.urdf --tip panda_hand --target satellite_box.urdf
-            --out dock.yaml
+        spacerobot new --capture --bus satellite_box.urdf --mount arm=panda_arm.urdf@0.5,0,0,0,90,0
+            --target satellite_box.urdf --with wheels,filters --out mission.yaml
     """
+    from spacerobot.drafting import DraftRequest, draft, surface_point
+    from spacerobot.drafting.capture import POINT
     from spacerobot.errors import ScenarioError
     from spacerobot.files import write_text
-    from spacerobot.scene.draft import DraftRequest, draft_capture, draft_scenario
-    from spacerobot.scene.draft.capture import POINT, surface_point
     from spacerobot.scene.overlaps import overlaps
 
-    file = out or Path(f"{Path(robot[0]).stem}.yaml")
+    if target is None or not (robot or bus):
+        lacks = "--target" if target is None else "--robot"
+        raise ScenarioError("found none, allowed: --robot, or --bus with --mount, and --target", where=lacks)
+    file = out or Path(f"{Path(bus or (robot or [''])[0]).stem}.yaml")
     if file.exists():
         raise ScenarioError("exists already; name another file by --out", source=file)
+    object_file = None
     if point is not None:
         # the object's URDF with a mating frame at the point
         try:
@@ -101,19 +134,39 @@ def command(
                 where="--point",
             )
         file_name, object_text = surface_point(target, place, file)
-        urdf = file.absolute().parent / file_name
-        if urdf.exists():
-            raise ScenarioError("exists already; name another file by --out", source=urdf)
-        write_text(urdf, object_text)
-        target, frame = str(urdf), [POINT]
-    draft = draft_capture if capture else draft_scenario
-    text, scene = draft(DraftRequest(robot, target, tip or (), frame or (), base), file)
-    write_text(file, text)
-    for warning in (*scene.warnings, *overlaps(scene)):
+        object_file = file.absolute().parent / file_name
+        if object_file.exists():
+            raise ScenarioError("exists already; name another file by --out", source=object_file)
+        write_text(object_file, object_text)
+        target, frame = str(object_file), [POINT]
+    request = DraftRequest(
+        robot or (),
+        target,
+        tip or (),
+        frame or (),
+        base,
+        bus,
+        mount or (),
+        [part.strip() for part in include.split(",")] if include else (),
+    )
+    try:
+        with progress("drafting") as tell:
+            drafted = draft(request, file, capture=capture, simulate=simulate, progress=tell)
+    except BaseException:
+        if object_file is not None:
+            object_file.unlink(missing_ok=True)
+        raise
+    write_text(file, drafted.text)
+    for warning in (*drafted.scene.warnings, *overlaps(drafted.scene)):
         warn(warning)
-    for grasp in scene.grasps:
+    for grasp in drafted.scene.grasps:
         verb = "captures" if capture else "holds"
         line = f"{grasp.tip.label} {verb} {grasp.config.frame}, {grasp.tip.body.base.joint} base"
         console().print(line, markup=False, soft_wrap=True)
+    for check in drafted.checks:
+        console().print(check, markup=False, soft_wrap=True)
+    for problem in drafted.problems:
+        warn(f"{file} does not work yet: {problem}")
     following = "`plan`, `tune` and `campaign`" if capture else "`tune` and `campaign`"
-    console().print(f"{file}: try `spacerobot run {file}`, then {following}", markup=False, soft_wrap=True)
+    done = "simulated; show it by" if drafted.is_verified else "written; simulate it by"
+    console().print(f"{file}: {done} `spacerobot run {file}`, then {following}", markup=False, soft_wrap=True)

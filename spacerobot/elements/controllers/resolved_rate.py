@@ -14,6 +14,13 @@ then accelerate by
 $$ \dot r_\text{des} = a_\text{ref} + g\,(r_\text{des} - r), $$
 
 where $a_\text{ref}$ are the accelerations of the same tasks. The torques follow by inverse dynamics.
+A payload that the tip holds rigidly has the tip's twist $J_t v$. With its spatial inertia $I$ about the tip
+it adds
+
+$$ J_t^T I J_t \qquad \text{and} \qquad
+   J_t^T \left( I \dot J_t v + (\omega \times (\omega \times m c),\ \omega \times I_o\, \omega) \right) $$
+
+to the inertia and the bias of the robot, so that errors fade at the same rates with an object in the hand.
 """
 
 from __future__ import annotations
@@ -26,12 +33,13 @@ import casadi as ca
 from pydantic import Field
 
 from spacerobot.dynamics.algebra import SymmetricFactors
+from spacerobot.dynamics.inertial_parameters import inertial_parameters, inertial_wrench, spatial_inertia
 from spacerobot.elements.controllers.controller import RobotController
 from spacerobot.elements.core.context import RobotContext, TipContext
 from spacerobot.elements.core.contribution import Contribution
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import RobotProperties
-from spacerobot.section import quantity
+from spacerobot.section import Vector, quantity
 
 
 @register
@@ -50,11 +58,21 @@ class ResolvedRate(RobotController):
         "1/s", "rate at which errors of the joint rates are removed", default=20.0, ge=0
     )
     damping: float = quantity("m", "damping of the pseudo-inverse of the tips' tasks", default=1e-3, ge=0)
+    payload_mass: float = quantity(
+        "kg", "of an object that the first tip holds rigidly, as the controller assumes it", default=0.0, ge=0
+    )
+    payload_com: Vector = quantity("m", "its centre of mass, axes of the tip", default=(0.0, 0.0, 0.0))
+    payload_inertia: tuple[float, float, float, float, float, float] = quantity(
+        "kg m^2", "its ixx, iyy, izz, ixy, ixz, iyz about it, axes of the tip", default=(0.0,) * 6
+    )
+    payload_fraction: float = quantity(
+        "1", "part of the payload that counts: 0 in phases in which it is not held", default=1.0, ge=0
+    )
 
     def build(self, robot: RobotContext) -> Contribution:
         """Torques."""
         number, columns = robot.context.number, list(robot.columns)
-        free = _FreeBase.of(robot)
+        free = _FreeBase.of(robot, self._payload(robot))
         rates, locked = robot.plant.v[columns], robot.locked
         tasks = []
         if self.keeps != "nothing":
@@ -85,6 +103,17 @@ class ResolvedRate(RobotController):
         torque = free.torque(moving * (ahead + number("rate_gain") * (wanted - read)))
         torque = moving * (torque + robot.plant.damping[columns] * rates)
         return Contribution(torques=(robot.torque(torque),))
+
+    def _payload(self, robot: RobotContext) -> ca.SX | None:
+        """Inertial parameters of what the first tip holds (10x1), its axes; None without a payload."""
+        if robot.context.is_zero("payload_mass") or not robot.tips:
+            return None
+        number = robot.context.number
+        com, inertia = (
+            ca.vertcat(*(number(f"payload_{key}.{i}") for i in range(size)))
+            for key, size in (("com", 3), ("inertia", 6))
+        )
+        return number("payload_fraction") * inertial_parameters(number("payload_mass"), com, inertia)
 
     def _tip_tasks(self, robot: RobotContext, tip: TipContext, free: _FreeBase) -> Iterator[_Task]:
         """The tip follows its reference, in position and, if asked for, in orientation."""
@@ -132,7 +161,8 @@ class ResolvedRate(RobotController):
     def words(self) -> str:
         """Kind, gains, and the base motion that is kept."""
         still = {"nothing": "", "attitude": ", base attitude kept", "base": ", base kept"}[self.keeps]
-        return f"resolved rates, {self.gain:g} / {self.rate_gain:g} 1/s{still}"
+        payload = f", payload {self.payload_mass:g} kg" if self.payload_mass else ""
+        return f"resolved rates, {self.gain:g} / {self.rate_gain:g} 1/s{still}{payload}"
 
 
 @dataclass(frozen=True)
@@ -190,14 +220,27 @@ class _FreeBase:
     bias: ca.SX
 
     @classmethod
-    def of(cls, robot: RobotContext) -> _FreeBase:
-        """With no wrench on the base."""
+    def of(cls, robot: RobotContext, payload: ca.SX | None) -> _FreeBase:
+        """With no wrench on the base, and a payload (10x1) that moves with the first tip."""
         plant, columns = robot.plant, list(robot.columns)
         joint = plant.model.joints[robot.base_joint]
         base = list(range(joint.idx_v, joint.idx_v + joint.nv)) if robot.base_joint else []
         gathered = plant.gathered
         inertia = gathered(gathered(plant.mass_matrix).T)
         bias = gathered(plant.bias)
+        if payload is not None:
+            tip = robot.tips[0]
+            axes, _ = plant.placement(tip.frame)
+            turned = ca.diagcat(axes, axes).T  # world axes to those of the tip
+            rows = ca.mtimes(turned, gathered(plant.jacobian(tip.frame).T).T)
+            falling, spinning = plant.drift(tip.frame)
+            gravity = ca.SX(ca.DM(plant.model.gravity.linear))
+            spin = ca.mtimes(axes.T, tip.angular_velocity)
+            wrench = inertial_wrench(
+                payload, ca.mtimes(axes.T, falling - gravity), spin, ca.mtimes(axes.T, spinning)
+            )
+            inertia = inertia + ca.mtimes([rows.T, spatial_inertia(payload), rows])
+            bias = bias + ca.mtimes(rows.T, ca.vertcat(*wrench))
         if not base:
             nothing = ca.SX(0, len(columns)), ca.SX(0, 1)
             return cls(base, *nothing, inertia[columns, columns], bias[columns])

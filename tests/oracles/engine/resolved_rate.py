@@ -54,6 +54,12 @@ class RateResolver:
         base = list(base_columns(self.scene, self.body))
         inertia = spread.T @ kinematics.inertia @ spread
         bias = spread.T @ pin.nonLinearEffects(model, model.createData(), kinematics.q, v)
+        if self.config.payload_mass:
+            # what a body welded to the tip adds
+            loaded, q = self._loaded(model), kinematics.q
+            upper = np.triu(pin.crba(loaded, loaded.createData(), q) - pin.crba(model, model.createData(), q))
+            inertia = inertia + spread.T @ (upper + np.triu(upper, 1).T) @ spread
+            bias = spread.T @ pin.nonLinearEffects(loaded, loaded.createData(), q, v)
         # velocities and accelerations of base and joints from those of the joints
         carried = np.zeros((model.nv, len(joints)))
         carried[joints] = np.eye(len(joints))
@@ -77,6 +83,18 @@ class RateResolver:
         torque = np.zeros(model.nv)
         torque[joints] = (inertia @ asked + bias)[joints] + self._resistance() * rates
         return Asked(torque, states)
+
+    def _loaded(self, model: pin.Model) -> pin.Model:
+        """The model with the payload welded to the robot's first tip."""
+        config, loaded = self.config, model.copy()
+        tip = next(tip for tip in self.scene.tips if tip.body.name == self.body.name)
+        ixx, iyy, izz, ixy, ixz, iyz = config.payload_inertia
+        about = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+        part = config.payload_fraction
+        body = pin.Inertia(part * config.payload_mass, np.array(config.payload_com), part * about)
+        frame = model.frames[tip.frame]
+        loaded.inertias[frame.parentJoint] += frame.placement.act(body)
+        return loaded
 
     def _resistance(self) -> Array:
         names = [self.body.joint_name(self.scene.model, joint) for joint in self.body.driven_joints]

@@ -4,10 +4,10 @@ import re
 
 import pytest
 
+from spacerobot.drafting import DraftRequest, draft_capture
 from spacerobot.errors import SpaceRobotError
 from spacerobot.scenario.load import parse_yaml
 from spacerobot.scene import load_scene
-from spacerobot.scene.draft import DraftRequest, draft_capture
 from tests.oracles import one_arm
 from tests.viz.studio.conftest import Asker
 from viz.studio.docking import UrdfChoice

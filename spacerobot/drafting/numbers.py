@@ -8,15 +8,16 @@ Jacobian, J_a its columns of the arm's joints. The PID acts by ``tau = J_a^T u``
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 
 from spacerobot.arrays import Array
 from spacerobot.description.parts import UrdfJoint
+from spacerobot.drafting.arms import DraftArm
+from spacerobot.scenario.paths import Document
 from spacerobot.scene.configure import relative_jacobian
-from spacerobot.scene.draft.arms import DraftArm
 from spacerobot.scene.scene import Scene, SceneTip
 
 DEFAULT_BANDWIDTH = 2.0  # [rad/s] where the URDF has no limits
@@ -24,6 +25,9 @@ BANDWIDTHS = (0.5, 10.0)  # [rad/s]
 SHARE_OF_RATE = 0.1  # of a joint's greatest rate that the reference may ask for
 JOINT_TRAVEL = 0.3  # [rad] or, of prismatic joints, [m], that the reference may ask for
 PERIODS = 12.0  # of 1 / bandwidth that a reference takes at least
+GUIDANCE, RATES = (0.5, 2.0), 5.0
+"""Range of the gain of resolved rates [1/s], and their rate gain in parts of it."""
+LONGEST = 120.0  # [s] of a reference
 SPAN = 10.0
 """Bounds of a gain: this factor below and above what is proposed."""
 
@@ -39,22 +43,36 @@ class Gains:
     mass, inertia
         Effective mass [kg] and inertia [kg m^2] at the tip; the latter None if orientation is not controlled.
     joint_inertia
-        Mean effective inertia of the joints, for damping in the null space; None if there is none.
+        Least effective inertia of a joint, for damping in the null space that makes no joint faster than the
+        bandwidth; None if there is no null space.
+    slowdown
+        Factor by which the bandwidth is divided in what follows from it.
     """
 
     bandwidth: float
     mass: float
     inertia: float | None
     joint_inertia: float | None
+    slowdown: float = 1.0
+
+    def slowed(self, slowdown: float) -> Gains:
+        """The same with a bandwidth divided by a factor."""
+        return replace(self, slowdown=slowdown)
+
+    @property
+    def guidance(self) -> float:
+        """Gain of resolved rates [1/s], before it is slowed down within :data:`GUIDANCE`."""
+        return short(float(np.clip(self.bandwidth, *GUIDANCE)) / self.slowdown, 2)
 
     def pid(self, mass: float) -> dict[str, float]:
         """K_p = m w and K_i = m w^2 / 4: both poles of the tip's velocity loop at -w/2."""
-        return {"kp": short(mass * self.bandwidth), "ki": short(mass * self.bandwidth**2 / 4)}
+        w = self.bandwidth / self.slowdown
+        return {"kp": short(mass * w), "ki": short(mass * w**2 / 4)}
 
 
 @dataclass(frozen=True)
 class DraftMotion:
-    """A line that the target is carried along: displacement [m], its duration [s]."""
+    """A line of a tip or of the target: displacement [m] and duration [s]."""
 
     displacement: tuple[float, float, float]
     duration: float
@@ -101,7 +119,7 @@ class DraftNumbers:
             bandwidth,
             self._effective(jacobian[list(linear)], columns),
             self._effective(jacobian[angular], columns) if arm.turns else None,
-            float(np.median(effective)) if len(columns) > directions else None,
+            float(effective.min()) if len(columns) > directions else None,
         )
 
     def move(self, bandwidth: float, direction: Array | None = None) -> DraftMotion:
@@ -130,7 +148,7 @@ class DraftNumbers:
         length = min(0.1 * reach, JOINT_TRAVEL / max(travel, 1e-9))
         # a cubic blend's greatest speed is 1.5 times its mean
         slow = max(1.5 * length * rate / SHARE_OF_RATE, PERIODS / bandwidth)
-        duration = float(np.clip(np.ceil(slow), 8, 60))
+        duration = float(np.clip(np.ceil(slow), 8, LONGEST))
         x, y, z = (short(length * a, 2) for a in direction)
         return DraftMotion((x, y, z), duration)
 
@@ -188,3 +206,18 @@ def _free(arm: DraftArm) -> list[UrdfJoint]:
 def short(value: float, digits: int = 3) -> float:
     """Value rounded to a few digits."""
     return float(f"{value:.{digits}g}")
+
+
+def payload_of(held: Scene) -> Document:
+    """Keys of the object as payload, in axes of the tip that holds it."""
+    data, frame = held.model.createData(), held.grasps[0].tip.frame
+    pin.framesForwardKinematics(held.model, data, held.q)
+    bodies = [data.oMi[joint].act(held.model.inertias[joint]) for joint in held.bodies[-1].subtree]
+    inertia = data.oMf[frame].actInv(sum(bodies[1:], bodies[0]))
+    about = inertia.inertia
+    moments = [about[place] for place in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    return {
+        "payload_mass": short(float(inertia.mass), 4),
+        "payload_com": [round(float(x), 4) + 0.0 for x in inertia.lever],
+        "payload_inertia": [short(float(x), 4) + 0.0 for x in moments],
+    }

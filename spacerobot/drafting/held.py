@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.drafting.arms import DraftArm, RobotFiles, as_name, ends, make_arm, read, scene_of, stand_in
+from spacerobot.drafting.mounts import equipped, read_mounts
+from spacerobot.drafting.numbers import DraftNumbers, payload_of
+from spacerobot.drafting.text import DraftText, text_of
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.files import StrPath
-from spacerobot.scenario.load import parse_yaml, validate
+from spacerobot.scenario.load import parse_yaml
 from spacerobot.scenario.paths import Document
-from spacerobot.scene.build import build_scene
-from spacerobot.scene.draft.arms import DraftArm, as_name, ends, make_arm, read
-from spacerobot.scene.draft.numbers import DraftNumbers
-from spacerobot.scene.draft.text import DraftText, text_of
-from spacerobot.scene.scene import Scene
+from spacerobot.scene import Scene
 
 BASES = ("free_flyer", "planar", "fixed")
 
@@ -35,6 +35,11 @@ class DraftRequest:
         A link of each robot, or one for all, and of the target for each robot; chosen where none is given.
     base
         How bases are connected to the world; ``planar`` if every robot is, else ``free_flyer``, if None.
+    bus, mounts
+        URDF of a spacecraft, in place of robots, and its arms as :func:`read_mounts` reads them; the first
+        one holds the target, joints of the others are locked.
+    include
+        Equipment of the spacecraft, for a capture: ``wheels``, ``thrusters``, ``filters``.
     """
 
     robots: Sequence[str]
@@ -42,10 +47,22 @@ class DraftRequest:
     tips: Sequence[str] = ()
     frames: Sequence[str] = ()
     base: str | None = None
+    bus: str | None = None
+    mounts: Sequence[str] = ()
+    include: Sequence[str] = ()
 
 
-def draft_scenario(order: DraftRequest, file: StrPath) -> tuple[str, Scene]:
+def draft_scenario(order: DraftRequest, file: StrPath, slowdown: float = 1.0) -> tuple[str, Scene]:
     """Text of a scenario that will stand in ``file``, and its scene; nothing is written.
+
+    Parameters
+    ----------
+    order
+        Robots and their object, and what is chosen.
+    file
+        Where the text will be written; URDFs are named relative to it.
+    slowdown
+        Factor by which bandwidths are divided, and with which the motion becomes slower.
 
     Raises
     ------
@@ -53,22 +70,16 @@ def draft_scenario(order: DraftRequest, file: StrPath) -> tuple[str, Scene]:
         If a URDF cannot be used, a link is not there, or no such scene can be simulated.
     """
     file = Path(file)
-    if order.base is not None and order.base not in BASES:
-        raise ScenarioError(f"found {order.base!r}; {near_names(order.base, BASES)}", where="--base")
-    if order.base == "fixed" and len(order.robots) > 1:
-        raise ScenarioError(
-            "one robot alone may be fixed; the others are placed by their grasps", where="--base"
-        )
     source = file.absolute()
     arms, bare, scene = held_scene(order, source)
     numbers = DraftNumbers(scene, {arm.name: arm for arm in arms})
-    gains = {tip.label: numbers.gains(tip) for tip in scene.tips}
-    move = numbers.move(min(found.bandwidth for found in gains.values()))
+    gains = {tip.label: numbers.gains(tip).slowed(slowdown) for tip in scene.tips}
+    move = numbers.move(min(found.bandwidth / slowdown for found in gains.values()))
     steps = numbers.step(gains, 1.0), numbers.step(gains, 10.0)
-    found = DraftText(file.stem, arms, bare, gains, move, steps)
+    payload = payload_of(scene) if len(arms) == 1 else None
+    found = DraftText(file.stem, arms, bare, gains, move, steps, payload)
     text = text_of(found)
-    document = parse_yaml(text, source=source)
-    return text, build_scene(validate(document, source=source), source=source, expand_xacro=True)
+    return text, scene_of(parse_yaml(text, source=source), source)
 
 
 def held_scene(order: DraftRequest, source: Path) -> tuple[list[DraftArm], Document, Scene]:
@@ -79,19 +90,13 @@ def held_scene(order: DraftRequest, source: Path) -> tuple[list[DraftArm], Docum
     ScenarioError, DescriptionError
         As :func:`draft_scenario`.
     """
-    if len(order.tips) > 1 and len(order.tips) != len(order.robots):
+    if order.base is not None and order.base not in BASES:
+        raise ScenarioError(f"found {order.base!r}; {near_names(order.base, BASES)}", where="--base")
+    if order.base == "fixed" and len(order.robots) > 1:
         raise ScenarioError(
-            f"found {len(order.tips)} for {len(order.robots)} robots, allowed: one for all, or one for each",
-            where="--tip",
+            "one robot alone may be fixed; the others are placed by their grasps", where="--base"
         )
-    tips: list[str | None] = [*order.tips]
-    if len(tips) < 2:
-        tips = (tips or [None]) * len(order.robots)
-    arms: list[DraftArm] = []
-    for urdf, tip in zip(order.robots, tips, strict=True):
-        named = read(urdf, source.parent.absolute())
-        name = as_name(named[1].path.stem, [arm.name for arm in arms])
-        arms.append(make_arm(name, named, tip))
+    arms = _arms(order, source)
     urdf, description = read(order.target, source.parent)
     # mating frame of each robot: those asked for, else massless ends of the target, else its root
     wanted, count = order.frames, len(arms)
@@ -115,8 +120,9 @@ def held_scene(order: DraftRequest, source: Path) -> tuple[list[DraftArm], Docum
     if base == "free_flyer" and planar:
         arms = [replace(arm, turns=False) for arm in arms]  # not about every axis of space
     object_base = "planar" if planar and base != "free_flyer" else "free_flyer"
-    bare = _document(arms, frames, (base, object_base, urdf))
-    scene = build_scene(validate(bare, source=source), source=source, expand_xacro=True)
+    object_mass = sum(link.mass for link in description.links)
+    bare = _document(arms, frames, (base, object_base, urdf), object_mass)
+    scene = scene_of(bare, source)
     # orientation of the target, at right angles to the first tip, that keeps it farthest from that arm
     data = scene.model.createData()
     pin.framesForwardKinematics(scene.model, data, scene.q)
@@ -135,12 +141,54 @@ def held_scene(order: DraftRequest, source: Path) -> tuple[list[DraftArm], Docum
         if scene.planar
         else [round(float(x), 3) + 0.0 for x in np.degrees(pin.rpy.matrixToRpy(best))]
     )
-    scene = build_scene(validate(bare, source=source), source=source, expand_xacro=True)
+    scene = scene_of(bare, source)
     return arms, bare, scene
 
 
-def _document(arms: Sequence[DraftArm], frames: Sequence[str], placed: tuple[str, str, str]) -> Document:
-    """The scenario without gains, from the arms, their mating frames, and bases and URDF of the target."""
+def _arms(order: DraftRequest, source: Path) -> list[DraftArm]:
+    """Robots with their postures: those of ``robots``, or the bus with its arms."""
+    if order.bus is not None:
+        if order.robots:
+            raise ScenarioError("found both --bus and --robot, allowed: one of them", where="--bus")
+        urdf, bus = read(order.bus, source.parent)
+        mounts = read_mounts(order.mounts, source.parent)
+        if len(order.tips) > 1:
+            raise ScenarioError(f"found {len(order.tips)}, allowed: one, of the first arm", where="--tip")
+        # the tip is a link of the first arm, named as in its URDF or with the mount's prefix
+        first = mounts[0]
+        links = [link.name for link in first.description.links]
+        tip = order.tips[0].removeprefix(f"{first.name}_") if order.tips else None
+        if tip is None and len(ends(first.description)) == 1:
+            (tip,) = ends(first.description)
+        if tip not in links:
+            known = near_names(tip, links) if tip else f"its ends: {', '.join(ends(first.description)[:12])}"
+            lacks = f"no link {tip!r} in" if tip else "name the link of"
+            raise ScenarioError(f"{lacks} {first.description.path.name}; {known}", where="--tip")
+        sections = {mount.name: mount.section() for mount in mounts}
+        files = RobotFiles(urdf, equipped(bus, mounts), sections, source)
+        return [make_arm(as_name(bus.path.stem), files, f"{first.name}_{tip}")]
+    if order.mounts:
+        raise ScenarioError("found --mount without --bus, allowed: both", where="--mount")
+    if len(order.tips) > 1 and len(order.tips) != len(order.robots):
+        raise ScenarioError(
+            f"found {len(order.tips)} for {len(order.robots)} robots, allowed: one for all, or one for each",
+            where="--tip",
+        )
+    tips: list[str | None] = [*order.tips]
+    if len(tips) < 2:
+        tips = (tips or [None]) * len(order.robots)
+    arms: list[DraftArm] = []
+    for robot, tip in zip(order.robots, tips, strict=True):
+        urdf, description = read(robot, source.parent)
+        name = as_name(description.path.stem, [arm.name for arm in arms])
+        arms.append(make_arm(name, RobotFiles(urdf, description, {}, source), tip))
+    return arms
+
+
+def _document(
+    arms: Sequence[DraftArm], frames: Sequence[str], placed: tuple[str, str, str], object_mass: float
+) -> Document:
+    """The scenario without gains, from the arms, their frames, bases, and URDF and mass of the target."""
     base, object_base, urdf = placed
     robots, grasps = dict[str, Any](), dict[str, Any]()
     for i, (arm, frame) in enumerate(zip(arms, frames, strict=True)):
@@ -153,9 +201,12 @@ def _document(arms: Sequence[DraftArm], frames: Sequence[str], placed: tuple[str
         where: Document = {"joint": base}
         if i > 0:
             where |= {"rotation_deg": [0, 0, round(360 * i / len(arms), 3)], "close_grasp": grasp}
-        robots[arm.name] = {"urdf": arm.urdf, "base": where, "joints": arm.joints}
-        if arm.bus is not None and base != "fixed":
-            robots[arm.name]["links"] = {arm.description.root: arm.bus}
+        robots[arm.name] = {"urdf": arm.files.urdf, "base": where, "joints": arm.joints}
+        if arm.files.mounts:
+            robots[arm.name]["mounts"] = arm.files.mounts
+        bus = stand_in(arm.files.description, object_mass)
+        if bus is not None and base != "fixed":
+            robots[arm.name]["links"] = {arm.files.description.root: bus}
         robots[arm.name]["tips"] = {arm.tip_name: tip}
         grasps[grasp] = {"tip": f"{arm.name}/{arm.tip_name}", "frame": frame, "kind": "weld"}
     target = {"urdf": urdf, "base": {"joint": object_base, "close_grasp": next(iter(grasps))}}

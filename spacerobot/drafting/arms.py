@@ -32,15 +32,37 @@ MOVES = 1e-3  # least singular value of a tip's Jacobian, lengths in units of it
 
 
 @dataclass(frozen=True)
+class RobotFiles:
+    """URDFs of a robot.
+
+    Attributes
+    ----------
+    urdf
+        As the scenario names it.
+    description
+        Links and joints, with those of the arms that are mounted on it.
+    mounts
+        Sections of these arms, by name.
+    source
+        The scenario's file.
+    """
+
+    urdf: str
+    description: Description
+    mounts: Document
+    source: Path
+
+
+@dataclass(frozen=True)
 class DraftArm:
     """A robot of the draft.
 
     Attributes
     ----------
-    name, urdf
-        As the scenario names them.
-    description
-        The URDF.
+    name
+        In the scenario.
+    files
+        Its URDFs.
     tip
         Link that holds the target.
     chain
@@ -51,20 +73,15 @@ class DraftArm:
         Whether it moves in the x-y plane only.
     turns
         Whether the chain moves its tip in every direction and about every axis.
-    bus
-        Mass properties of the root link that stand in for a spacecraft, where the URDF's base is lighter than
-        what it moves; None otherwise.
     """
 
     name: str
-    urdf: str
-    description: Description
+    files: RobotFiles
     tip: str
     chain: tuple[UrdfJoint, ...]
     joints: Document
     planar: bool
     turns: bool
-    bus: Document | None
 
     @property
     def tip_name(self) -> str:
@@ -87,6 +104,17 @@ def read(urdf: str, folder: Path) -> tuple[str, Description]:
     return str(path.relative_to(folder) if inside else path), read_description(path)
 
 
+def scene_of(document: Document, source: Path) -> Scene:
+    """Scene of a drafted document that will stand in ``source``; xacro files are the user's own.
+
+    Raises
+    ------
+    ScenarioError, DescriptionError
+        If it cannot be simulated.
+    """
+    return build_scene(validate(document, source=source), source=source, expand_xacro=True)
+
+
 def as_name(text: str, taken: Sequence[str] = ()) -> str:
     """Name that a scenario accepts, unlike those taken."""
     name = (re.sub(r"[^\w-]", "_", text, flags=re.ASCII).lstrip("0123456789-") or "robot")[:60]
@@ -100,15 +128,24 @@ def ends(description: Description) -> list[str]:
     return [link.name for link in description.links if link.name not in parents]
 
 
-def make_arm(name: str, named: tuple[str, Description], tip: str | None) -> DraftArm:
+def make_arm(name: str, files: RobotFiles, tip: str | None) -> DraftArm:
     """Arm with a chain and a posture.
+
+    Parameters
+    ----------
+    name
+        Of the robot in the scenario.
+    files
+        Its URDFs.
+    tip
+        Link that holds the target; the only end of its chains if None.
 
     Raises
     ------
     ScenarioError, DescriptionError
         If it has no such tip, or the URDF cannot be simulated.
     """
-    urdf, description = named
+    description = files.description
     file = description.path.name
     if tip is None:
         found = ends(description)
@@ -132,9 +169,9 @@ def make_arm(name: str, named: tuple[str, Description], tip: str | None) -> Draf
     of_chain = {joint.name for joint in chain}
     others = [j.name for j in description.joints if j.kind != "fixed" and j.name not in of_chain]
     locked: Document = {other: {"locked": True} for other in others}
-    trial = {"urdf": str(description.path), "base": {"joint": "fixed"}, "joints": locked}
+    trial = {"urdf": files.urdf, "base": {"joint": "fixed"}, "joints": locked, "mounts": files.mounts}
     trial["tips"] = {"tip": {"frame": link}}
-    scene = build_scene(validate({"robots": {"trial": trial}}), expand_xacro=True)
+    scene = scene_of({"robots": {"trial": trial}}, files.source)
     # the posture, of some drawn about the middles of the joints' ranges, from which the tip moves best
     free = [joint for joint in chain if joint.mimic is None]
     limited = [bool(np.isfinite(joint.lower) and np.isfinite(joint.upper)) for joint in free]
@@ -159,14 +196,28 @@ def make_arm(name: str, named: tuple[str, Description], tip: str | None) -> Draf
         for joint, x in zip(free, posture, strict=True)
     }
     joints = {n: {k: round(x, 6) for k, x in state.items()} for n, state in values.items()}
-    # a cube of 20 times the mass of what moves, where the base is lighter than that
+    # arms of the same make as the one that moves have its posture
+    moving_arm = next((mount for mount in files.mounts if link.startswith(f"{mount}_")), "")
+    for mount, section in files.mounts.items():
+        if moving_arm and mount != moving_arm and section["urdf"] == files.mounts[moving_arm]["urdf"]:
+            for joint, state in joints.items():
+                locked[mount + joint.removeprefix(moving_arm)] |= state
+    return DraftArm(name, files, link, tuple(chain), joints | locked, scene.planar, turns)
+
+
+def stand_in(description: Description, object_mass: float) -> Document | None:
+    """Mass properties of a root link that stand in for a spacecraft; None where the base needs none.
+
+    A base lighter than what it moves becomes a cube of 20 times that mass, and no lighter than the object
+    [kg]: an arm on a base lighter than the object moves the base instead.
+    """
     base, *moved = welded_bodies(description.links, description.joints, description.root)
-    moving, bus = sum(body.mass for body in moved), None
-    if base.mass < moving:
-        mass = float(f"{BUS * moving:.1g}")
-        inertia = float(f"{mass * (mass / BUS_DENSITY) ** (2 / 3) / 6:.2g}")
-        bus = {"mass": mass, "inertia": [inertia, inertia, inertia, 0, 0, 0]}
-    return DraftArm(name, urdf, description, link, tuple(chain), joints | locked, scene.planar, turns, bus)
+    carried = sum(body.mass for body in moved)
+    if base.mass >= carried:
+        return None
+    mass = float(f"{max(BUS * carried, object_mass):.1g}")
+    inertia = float(f"{mass * (mass / BUS_DENSITY) ** (2 / 3) / 6:.2g}")
+    return {"mass": mass, "inertia": [inertia, inertia, inertia, 0, 0, 0]}
 
 
 def _agility(scene: Scene, free: Sequence[UrdfJoint], posture: Array) -> tuple[float, bool]:

@@ -9,10 +9,10 @@ from typing import Any
 
 import yaml
 
+from spacerobot.drafting.arms import DraftArm, as_name
+from spacerobot.drafting.numbers import RATES, SPAN, DraftMotion, Gains, short
 from spacerobot.scenario.paths import Document
 from spacerobot.scenario.yaml_text import Dumper
-from spacerobot.scene.draft.arms import DraftArm, as_name
-from spacerobot.scene.draft.numbers import SPAN, DraftMotion, Gains, short
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,8 @@ class DraftText:
         The target's reference.
     steps
         That of rollouts with these gains, and with gains up to their upper bounds [s].
+    payload
+        Keys of the object as payload of the only arm; None where several arms share it.
     """
 
     name: str
@@ -39,12 +41,13 @@ class DraftText:
     gains: Mapping[str, Gains]
     move: DraftMotion
     steps: tuple[float, float]
+    payload: Document | None = None
 
 
 def text_of(found: DraftText) -> str:
     """YAML text of the scenario."""
     lines = [
-        "# Drafted by `spacerobot new`: it runs as it is; every number is a proposal to edit.",
+        "# Drafted by `spacerobot new`: every number is a proposal to edit.",
         "# Units are SI unless a name says otherwise; `spacerobot schema` exports every field with its unit.",
         f"name: {flow(as_name(found.name))}",
         "",
@@ -92,9 +95,8 @@ def text_of(found: DraftText) -> str:
     return "\n".join(lines) + "\n"
 
 
-def robot_lines(found: DraftText, arm: DraftArm) -> list[str]:
-    """A robot's section, line by line."""
-    bare, gains = found.bare["robots"][arm.name], found.gains[f"{arm.name}/{arm.tip_name}"]
+def joint_lines(arm: DraftArm, bare: Document) -> list[str]:
+    """The beginning of a robot's section, line by line: URDFs, base and posture."""
     chain = {name: state for name, state in arm.joints.items() if "locked" not in state}
     locked = {name: state for name, state in arm.joints.items() if "locked" in state}
     lines = [
@@ -102,10 +104,13 @@ def robot_lines(found: DraftText, arm: DraftArm) -> list[str]:
         f"    urdf: {flow(bare['urdf'])}",
         f"    base: {flow(bare['base'])}",
     ]
+    if bare.get("mounts"):
+        lines.append("    mounts:")
+        lines += [f"      {name}: {flow(mount)}" for name, mount in bare["mounts"].items()]
     for link, bus in bare.get("links", {}).items():
         lines += [
-            "    # the URDF's own base is lighter than what it moves: a spacecraft stands in, of 20 times "
-            "that\n    # mass, a cube of 300 kg/m^3; take the line out to have the bare base",
+            "    # the URDF's own base is lighter than what it moves: a spacecraft stands in, of 20 times",
+            "    # that mass and no lighter than the object, a cube of 300 kg/m^3",
             f"    links: {{{flow(link)}: {flow(bus)}}}",
         ]
     lines += [
@@ -115,6 +120,39 @@ def robot_lines(found: DraftText, arm: DraftArm) -> list[str]:
     if locked:
         lines.append("      # not between base and tip, so held where they begin")
         lines += [f"      {flow(name)}: {flow(state)}" for name, state in locked.items()]
+    return lines
+
+
+def guidance_lines(arm: DraftArm, gain: float, payload: Document) -> list[str]:
+    """The controller that leads the tip of one arm, and its comment, inside ``controllers``."""
+    guidance: Document = {"kind": "resolved_rate", "gain": gain, "rate_gain": short(RATES * gain, 2)}
+    guidance |= {} if arm.turns else {"orientation": False}
+    return [
+        "      # joint rates by the generalized Jacobian, which has the base's reaction in it. Errors of",
+        "      # the tip fade with `gain`: the rate at which the slowest joint comes to its greatest speed",
+        "      # by its effort, within 0.5 to 2 1/s; those of joint rates fade with `rate_gain`. The object",
+        "      # is its payload while it is held, in axes of the tip",
+        f"      guidance: {flow(guidance | payload)}",
+    ]
+
+
+def guidance_variables(arm: DraftArm, gain: float) -> list[str]:
+    """The section of its free numbers, line by line."""
+    path, lines = f"robots.{arm.name}.controllers.guidance", list[str]()
+    for name, value in (("gain", gain), ("rate_gain", RATES * gain)):
+        bounds = {"lower": short(value / SPAN), "upper": short(value * SPAN), "scale": "log"}
+        lines.append(f"    {name}: {flow({'paths': f'{path}.{name}'} | bounds)}")
+    return lines
+
+
+def robot_lines(found: DraftText, arm: DraftArm) -> list[str]:
+    """A robot's section, line by line."""
+    bare, gains = found.bare["robots"][arm.name], found.gains[f"{arm.name}/{arm.tip_name}"]
+    lines, tip = joint_lines(arm, bare), bare["tips"][arm.tip_name]
+    if found.payload is not None:
+        lines += ["    controllers:", *guidance_lines(arm, gains.guidance, found.payload), "    tips:"]
+        frame = {"frame": tip["frame"]} if "frame" in tip else {}
+        return [*lines, f"      {arm.tip_name}: {flow(frame)}"]
     lines += [
         "    tips:",
         f"      {arm.tip_name}:",
@@ -123,24 +161,16 @@ def robot_lines(found: DraftText, arm: DraftArm) -> list[str]:
         "        # the rate at which the slowest joint comes to its greatest speed by its effort, within",
         "        # 0.5 to 10, or 2 where the URDF has no limits; K_p = m w, K_i = m w^2 / 4",
     ]
-    tip = bare["tips"][arm.tip_name]
     if "frame" in tip:
         lines.append(f"        frame: {flow(tip['frame'])}")
     lines.append(f"        pid: {flow(gains.pid(gains.mass) | {'feedback': 'inertial'})}")
-    if "amnesia" in tip:
-        lines.append("        # corrects the position at about w / 4")
-        lines.append(f"        amnesia: {flow(tip['amnesia'])}")
     if gains.inertia is not None:
         lines.append(f"        # likewise, for {gains.inertia:.3g} kg m^2")
         turn = gains.pid(gains.inertia) | {"feedback": "inertial"}
         lines.append(f"        orientation_pid: {flow(turn)}")
-        if "orientation_amnesia" in tip:
-            lines.append(f"        orientation_amnesia: {flow(tip['orientation_amnesia'])}")
-    if "reference" in tip:
-        lines.append(f"        reference: {flow(tip['reference'])}")
     if gains.joint_inertia is not None:
         kd = short(gains.joint_inertia * gains.bandwidth)
-        lines.append("    # damps motion of the joints that moves no tip: their median inertia times w")
+        lines.append("    # damps motion of the joints that moves no tip: their least inertia times w")
         lines.append(f"    joint_pd: {flow({'kd': kd, 'null_space': True})}")
     return lines
 
@@ -154,6 +184,9 @@ def tuning_lines(found: DraftText) -> list[str]:
     ]
     for arm in found.arms:
         gains = found.gains[f"{arm.name}/{arm.tip_name}"]
+        if found.payload is not None:
+            lines += guidance_variables(arm, gains.guidance)
+            continue
         own = "" if len(found.arms) == 1 else f"_{arm.name}"
         for key, prefix, mass in (("pid", "", gains.mass), ("orientation_pid", "turn_", gains.inertia)):
             for gain, value in ({} if mass is None else gains.pid(mass)).items():

@@ -1,0 +1,377 @@
+"""A docking around two URDFs: an arm approaches an object, captures it and stops it.
+
+The scene begins as the one in which the arm holds the object (:mod:`spacerobot.drafting.held`), with the
+object moved away along the direction of approach, as far as moves no joint by more than about 0.3 rad. So the
+capture lies where the arm moves well, and the tip already has the orientation in which it is mated.
+
+**Approach.** The inertia that a tip feels differs between directions by a factor of 10 to 300 for arms with a
+light wrist. A PID with one gain for all of them, mapped by the Jacobian's transpose, then has bandwidths that
+differ as much: the tip of a UR3 turned at 3 deg/s while it hardly followed. Resolved rates by the generalized
+Jacobian with inverse dynamics (:mod:`spacerobot.elements.controllers.resolved_rate`) have the poles -g and
+-k in every direction, g being ``gain`` and k ``rate_gain``.
+
+**Stop.** The same law with the object as payload: its inertia belongs to the robot's then, and the poles stay
+where they are.
+
+**Slowdown.** A draft slowed down by s has durations s times longer, speeds and rates of its controllers s
+times lower and torques s^2 times lower. It is the one number that :mod:`spacerobot.drafting.verified` changes
+until a draft captures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spacerobot.arrays import Array
+from spacerobot.description.parts import UrdfJoint, UrdfLink
+from spacerobot.description.write import urdf_xml
+from spacerobot.drafting.arms import DraftArm, as_name, read, scene_of
+from spacerobot.drafting.held import DraftRequest, held_scene
+from spacerobot.drafting.numbers import SPAN, DraftNumbers, payload_of, short
+from spacerobot.drafting.spacecraft import Spacecraft, spacecraft
+from spacerobot.drafting.text import flow, guidance_lines, guidance_variables, joint_lines
+from spacerobot.errors import ScenarioError
+from spacerobot.files import StrPath
+from spacerobot.scenario.load import parse_yaml
+from spacerobot.scenario.paths import Document
+from spacerobot.scene import Scene
+
+POINT = "mate_point"
+"""Link that stands for a point of the object's surface."""
+PEAK = 1.875
+"""Greatest slope of the blend by which a rendezvous closes in."""
+DRIFT, TURN_DEG = 0.1, 2.0
+"""How far the object drifts, in parts of the way of the tip, and turns, until the tip is there."""
+ENVELOPE = 1.5
+"""Closing speed that the capture allows, in parts of the greatest one of the approach: the tip enters the
+envelope, a fifth of the way from the standoff, at 0.73 of that."""
+
+
+def surface_point(target: str, point: Sequence[float], file: StrPath) -> tuple[str, str]:
+    """URDF of an object with a mating frame at a point of its surface, and the file that it belongs into.
+
+    The frame's x axis points into the object: from the point to the root link's centre of mass, along the
+    nearest of the root link's axes.
+
+    Parameters
+    ----------
+    target
+        URDF of the object.
+    point
+        In the axes of its root link (3,) [m].
+    file
+        Scenario beside which it will lie.
+
+    Returns
+    -------
+    tuple
+        File name and text.
+
+    Raises
+    ------
+    ScenarioError
+        If the point is the centre of mass.
+    """
+    file = Path(file)
+    _, description = read(target, file.absolute().parent)
+    root = next(link for link in description.links if link.name == description.root)
+    inward = root.com - np.array(point)
+    along = np.zeros(3)
+    along[int(np.argmax(np.abs(inward)))] = np.sign(inward[int(np.argmax(np.abs(inward)))])
+    if not along.any():
+        raise ScenarioError(
+            f"found the centre of mass of {root.name}, allowed: a point of the surface", where="--point"
+        )
+    across = np.eye(3)[(int(np.argmax(np.abs(along))) + 1) % 3]
+    origin = np.eye(4)
+    origin[:3, :3] = np.column_stack([along, across, np.cross(along, across)])
+    origin[:3, 3] = point
+    frame = UrdfLink(POINT, 0.0, np.zeros(3), np.zeros((3, 3)))
+    mount = UrdfJoint(f"{POINT}_mount", "fixed", root.name, POINT, origin, np.array([1.0, 0, 0]))
+    text = urdf_xml(description.path.stem, [*description.links, frame], [*description.joints, mount], "")
+    return f"{file.stem}_target.urdf", text
+
+
+def draft_capture(order: DraftRequest, file: StrPath) -> tuple[str, Scene]:
+    """Text of a scenario with approach, capture and stop that will stand in ``file``, and its scene.
+
+    Nothing is written, and nothing is simulated: see :func:`spacerobot.drafting.draft`.
+
+    Parameters
+    ----------
+    order
+        One robot and its object, and what is chosen.
+    file
+        Where the text will be written; URDFs are named relative to it.
+
+    Raises
+    ------
+    ScenarioError, DescriptionError
+        If a URDF cannot be used, a link is not there, or the object has no mating frame.
+    """
+    return CaptureGeometry.of(order, file).scenario()
+
+
+@dataclass(frozen=True)
+class CaptureGeometry:
+    """Poses of a capture, and the numbers of its motion and controllers at slowdown 1.
+
+    Attributes
+    ----------
+    file
+        Where the scenario will stand.
+    arm, bare, held
+        The robot, the scenario without gains and its scene in which the arm holds the object.
+    spacecraft
+        Sensors, controllers and actuators of the base, and what follows from them.
+    gain
+        Bandwidth of the tip [rad/s].
+    payload
+        Keys of the object as payload.
+    direction, axis, mated_deg
+        Direction of approach in the world (3,), the same in the mating frame (3,), and roll, pitch, yaw of
+        the tip in the mating frame where mated [deg].
+    way
+        Distance of the tip from its mating point at the start [m].
+    approach_time
+        Time to the standoff [s].
+    place
+        Of the object's root link when the arm holds it, in the world (3,) [m].
+    lever
+        Distance of the mating frame from it [m].
+    """
+
+    file: Path
+    arm: DraftArm
+    bare: Document
+    held: Scene
+    spacecraft: Spacecraft
+    gain: float
+    payload: Document
+    direction: Array
+    axis: Array
+    mated_deg: Sequence[float]
+    way: float
+    approach_time: float
+    place: Array
+    lever: float
+
+    @classmethod
+    def of(cls, order: DraftRequest, file: StrPath) -> CaptureGeometry:
+        """Find the poses.
+
+        Raises
+        ------
+        ScenarioError, DescriptionError
+            As :func:`draft_capture`.
+        """
+        file = Path(file)
+        count = len(order.robots)
+        if count + (order.bus is not None) != 1:
+            allowed = "one by --robot, or one with --bus and --mount"
+            raise ScenarioError(
+                f"found {count + (order.bus is not None)} robots, allowed with --capture: {allowed}",
+                where="--robot",
+            )
+        (arm,), bare, held = held_scene(order, file.absolute())
+        grasp, target = held.grasps[0], held.bodies[-1]
+        if grasp.config.frame == target.description.root:
+            raise ScenarioError(
+                f"{target.description.path.name} has no mating frame (an end link without mass); name a "
+                "link of its surface by --frame, or a point by --point=x,y,z",
+                where="--frame",
+            )
+        data = held.model.createData()
+        pin.framesForwardKinematics(held.model, data, held.q)
+        tip, mate = data.oMf[grasp.tip.frame], data.oMf[grasp.frame]
+        # direction of approach: the axis of the mating frame (3,) nearest to the way to the object's mass
+        masses = [held.model.inertias[joint].mass for joint in target.subtree]
+        places = [data.oMi[joint].act(held.model.inertias[joint].lever) for joint in target.subtree]
+        centre = np.average(places, axis=0, weights=masses)
+        toward = mate.rotation.T @ (centre - mate.translation)
+        toward = toward * np.isin(range(3), held.translation_axes) if held.planar else toward
+        axis = np.zeros(3)
+        axis[int(np.argmax(np.abs(toward)))] = 1.0 if toward[int(np.argmax(np.abs(toward)))] >= 0 else -1.0
+        numbers = DraftNumbers(held, {arm.name: arm})
+        gains = numbers.gains(held.tips[0])
+        # the approach moves the arm alone: with the object held, a light base would do the moving
+        source = file.absolute()
+        document = {"name": "draft", "robots": bare["robots"]}
+        alone = DraftNumbers(scene_of(document, source), {arm.name: arm})
+        move = alone.move(gains.bandwidth, mate.rotation @ axis)
+        mated = np.degrees(pin.rpy.matrixToRpy(mate.rotation.T @ tip.rotation))
+        place = data.oMf[target.root_frame].translation
+        return cls(
+            file,
+            arm,
+            bare,
+            held,
+            spacecraft(order.include, held, arm),
+            gains.guidance,
+            payload_of(held),
+            mate.rotation @ axis,
+            axis,
+            [round(float(x), 3) + 0.0 for x in mated],
+            float(np.linalg.norm(move.displacement)),
+            move.duration,
+            np.array(place),
+            float(np.linalg.norm(mate.translation - place)),
+        )
+
+    def scenario(self, slowdown: float = 1.0) -> tuple[str, Scene]:
+        """Text of the scenario and its scene, slowed down."""
+        text, source = self._text(slowdown), self.file.absolute()
+        return text, scene_of(parse_yaml(text, source=source), source)
+
+    def _text(self, slowdown: float) -> str:
+        arm, craft = self.arm, self.spacecraft
+        ((name, bare_grasp),) = self.bare["grasps"].items()
+        tip, link = f"{arm.name}/{arm.tip_name}", bare_grasp["frame"]
+        gain = short(self.gain / slowdown, 2)
+        # the approach: to a standoff at half of the way, then in along the axis
+        half, to_standoff = short(self.way / 2, 2), short(self.approach_time * slowdown, 3)
+        speed = short(PEAK * half / to_standoff, 2)
+        until = to_standoff + craft.wait_s + PEAK * half / speed
+        latest = float(np.ceil(until + 10 * slowdown + 5))
+        at: Document = {"axis": self.axis.tolist()}
+        at |= {"mated_deg": list(self.mated_deg)} if arm.turns else {}
+        reference = {"kind": "rendezvous", "frame": link, "standoff": half, **at}
+        reference |= {"approach_time": to_standoff, "closing_speed": speed}
+        reference |= {"wait": craft.wait_s} if craft.wait_s else {}
+        capture: Document = {"distance": short(max(self.way / 10, craft.least_envelope_m), 2)}
+        capture |= {"misalignment_deg": 5.0} if arm.turns else {}
+        capture["closing_speed"] = short(max(ENVELOPE * speed, craft.least_speed_m_s), 2)
+        capture["lateral_speed"] = short(max(speed / 2, craft.least_speed_m_s), 2)
+        capture |= {"spin_deg": 2.0} if arm.turns else {}
+        capture |= {"dwell": 0.1, **at}
+        base = self._drifting(until)
+        drift = float(np.linalg.norm(base["velocity"]))
+        # an arm that does not control its tip's orientation stops the object's motion there, not its spin
+        spin = base["spin_deg"][2]
+        settled: Document = {"speed": short(max(drift, 1e-5) / 2, 1), "spin_deg": short(spin / 2, 1)}
+        if not arm.turns:
+            settled = {"speed": short(2 * (drift + np.radians(spin) * self.lever), 1)}
+        settled["dwell"] = 0.5
+        latest_stop = short(max(20.0, 20 / gain), 2)
+        goal = {"tip": tip, "frame": link, **at, "orientation": arm.turns, "settled": True}
+        floating = self.bare["robots"][arm.name]["base"]["joint"] != "fixed"
+        costs: Document = {"torque": 1e-3, "joint_acceleration": 1}
+        costs |= {"base_rotation": 1} if floating else {}
+        brake = {"kind": "brake", "deceleration": 0.01, "spin_deceleration_deg": 0.5}
+        approach = {"tips": {arm.tip_name: {"reference": reference}}}
+        stop: Document = {"controllers": {"guidance": {"payload_fraction": 1}}}
+        stop |= {"tips": {arm.tip_name: {"reference": brake}}}
+        lines = [
+            "# Drafted by `spacerobot new --capture`: approach, capture, stop; every number is a proposal.",
+            "# Units are SI unless a name says otherwise; `spacerobot schema` exports every field.",
+            f"name: {flow(as_name(self.file.stem))}",
+            "",
+            "robots:",
+            *self._robot(gain),
+            "",
+            "target:",
+            f"  urdf: {flow(self.bare['target']['urdf'])}",
+            "  # where the arm would hold it, moved away along the direction of approach as far as moves",
+            "  # no joint by more than about 0.3 rad; until the tip is there it drifts by a tenth of that",
+            f"  base: {flow(base)}",
+            "",
+            "grasps:",
+            f"  {name}:",
+            f"    tip: {flow(bare_grasp['tip'])}",
+            f"    frame: {flow(link)}",
+            "    kind: weld   # rigid; `compliant` has a stiffness and a damping",
+            "    begins: open",
+            "    # a tenth of the tip's way; twice the closing speed that is expected there",
+            f"    capture: {flow(capture)}",
+            "",
+            "phases:",
+            "  approach:   # to a standoff at half of the way, then in along the axis",
+            f"    robots: {flow({arm.name: approach})}",
+            f"    until: {{captured: [{name}]}}",
+            f"    timeout: {latest:g}",
+            "    on_timeout: end",
+            "  stop:   # half of the object's speed at the start, and of its spin, count as stopped",
+            f"    robots: {flow({arm.name: stop})}",
+            f"    until: {{settled: {flow(settled)}}}",
+            f"    timeout: {latest_stop:g}",
+            "",
+            "# its step is chosen by an error estimate",
+            f"simulation: {flow({'duration': latest + latest_stop, 'output_step': 0.05})}",
+            "",
+            "# The same approach as an optimal one: `spacerobot plan`, docs/how_to/plan_and_follow.md",
+            "plan:",
+            f"  duration: {until:.3g}",
+            f"  goals: {{{name}: {flow(goal)}}}",
+            f"  costs: {flow(costs)}",
+            f"  limits: {flow({'urdf': ['position', 'rate', 'torque'], **craft.plan_limits})}",
+            "  intervals: 8",
+            "",
+            f"# Free numbers, {1 / SPAN:g} to {SPAN:g} times those above: docs/explanation/tuning_methods.md",
+            "tuning:",
+            "  variables:",
+            *guidance_variables(arm, gain),
+            "  # integral of squared tip errors (minimax: the largest); 1 rad of the target counts as 0.3 m",
+            "  objective: {kind: ise, object_rotation: 0.1}",
+            "  # constraints: {max_joint_torque: 50, max_grip_force: 100}",
+            "",
+            *self._campaign(drift, latest),
+        ]
+        return "\n".join(lines) + "\n"
+
+    def _drifting(self, until: float) -> dict[str, Any]:
+        """Pose and motion of the object at the start; ``until`` [s] the tip is there."""
+        if self.held.planar:
+            sideways = np.array([-self.direction[1], self.direction[0], 0.0])
+        else:
+            sideways = np.cross(self.direction, np.eye(3)[int(np.argmin(np.abs(self.direction)))])
+            sideways /= np.linalg.norm(sideways)
+        spin = min(TURN_DEG / until, np.degrees(DRIFT * self.way / max(self.lever, 1e-3) / until))
+        held = self.bare["target"]["base"]
+        base: dict[str, Any] = {"joint": held["joint"]}
+        base["position"] = [round(float(x), 4) + 0.0 for x in self.place + self.way * self.direction]
+        base["rotation_deg"] = held["rotation_deg"]
+        base["velocity"] = [short(float(x), 2) + 0.0 for x in DRIFT * self.way / until * sideways]
+        base["spin_deg"] = [0, 0, short(float(spin), 1)]
+        return base
+
+    def _robot(self, gain: float) -> list[str]:
+        """The robot's section, line by line."""
+        arm, craft, bare = self.arm, self.spacecraft, self.bare["robots"][self.arm.name]
+        tip = bare["tips"][arm.tip_name]
+        return [
+            *joint_lines(arm, bare),
+            "    controllers:",
+            *guidance_lines(arm, gain, self.payload | {"payload_fraction": 0}),
+            *craft.controllers,
+            *craft.equipment,
+            "    tips:",
+            f"      {arm.tip_name}:",
+            *([f"        frame: {flow(tip['frame'])}"] if "frame" in tip else []),
+            "        reference: {kind: hold}",
+        ]
+
+    def _campaign(self, drift: float, latest: float) -> list[str]:
+        """The section of uncertain numbers, line by line."""
+        size, noise = short(drift, 1), self.spacecraft.noise
+        return [
+            "# Uncertain drift and masses: `spacerobot campaign`, docs/how_to/monte_carlo.md",
+            "campaign:",
+            "  parameters:",
+            "    object_mass: {paths: 'target.links.*.mass', apply: factor, lower: 0.8, upper: 1.2}",
+            "    link_mass: {paths: 'robots.*.links.*.mass', apply: factor, lower: 0.95, upper: 1.05}",
+            *(
+                f"    drift_{axis}: {{paths: target.base.velocity.{i}, apply: offset, "
+                f"lower: {-size:g}, upper: {size:g}}}"
+                for i, axis in enumerate("xy")
+            ),
+            *(["    noise: {paths: simulation.noise_draw, lower: 0, upper: 1.0e9}"] if noise else []),
+            "  samples: 64",
+            "  metrics: [capture_time, miss_distance]",
+            f"  limits: {{capture_time: {latest:g}}}   # a capture that is missed or later is a failure",
+        ]

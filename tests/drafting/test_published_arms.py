@@ -1,0 +1,36 @@
+"""Published arms, those of the package example-robot-data, captured at the first run of their drafts."""
+
+from __future__ import annotations
+
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+
+import pytest
+
+from spacerobot.drafting import DraftRequest, draft
+
+ARMS = {
+    # its tip feels inertias that differ by a factor of 300: one gain for all directions missed
+    "ur3": ("ur_description/urdf/ur3_robot.urdf", "tool0"),
+    # five light joints: damping in their null space left no step for the simulation
+    "so101": ("so_arm_description/urdf/so101.urdf", "gripper_frame_link"),
+}
+
+
+def published(name: str) -> Path:
+    """Path of a file of example-robot-data, which need not be installed."""
+    try:
+        package = distribution("example-robot-data")
+    except PackageNotFoundError:
+        pytest.skip("needs the package example-robot-data")
+    return Path(str(package.locate_file("cmeel.prefix/share/example-robot-data/robots"))) / name
+
+
+@pytest.mark.compiler
+@pytest.mark.parametrize("name", ARMS)
+def test_a_published_arm_captures_at_the_first_run(name, tmp_path):
+    urdf, tip = ARMS[name]
+    request = DraftRequest([str(published(urdf))], "satellite_box.urdf", [tip])
+    drafted = draft(request, tmp_path / "mine.yaml", capture=True)
+    assert drafted.problems == ()
+    assert drafted.is_verified
