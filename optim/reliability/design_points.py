@@ -6,13 +6,29 @@ The iteration of Hasofer, Lind, Rackwitz and Fiessler with the step length of Zh
     d = ((g' . z - g) / |g'|^2) g' - z,
 
 as far as the merit |z|^2 / 2 + c |g| falls. All starts move at once, so that their rollouts fill the lanes.
+
+A limit state may have several design points, of which each start finds one. Starts are drawn independently
+until :data:`QUIET` of them in succession find nothing new. The mirror image of each design point is a start
+too, since many systems fail alike in opposite directions.
+
+How sure it is that none is missing follows from the drawn starts that converge. Let p be the probability that
+one of them converges to a design point that is not yet found. The probability that m in succession do not
+although p > e is at most (1 - e)^m. With D design points there are D + 1 occasions for such a run, so that
+with confidence 1 - a
+
+    p <= 1 - (a / (D + 1))^(1 / m).
+
+This limits what the search would still find, not the probability of failure in regions that no start reaches.
+Such regions are left to the samples of the estimators (:mod:`optim.reliability.kinds.importance`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from optim.reliability.limit_state import MOST_SCORE, LimitState
 from spacerobot.arrays import Array
@@ -22,6 +38,11 @@ LENGTHS = 0.5 ** np.arange(6)  # of the step that are tried, all at once
 LONGEST = 3.0  # of a step
 TOLERANCE = 1e-3  # of the distance from the surface, and of the step
 APART = 0.3  # nearer design points are the same
+RADIUS = 5.0  # of the ball, in standard deviations, from which starts are drawn
+ROUND = 16  # starts that move at once
+QUIET = 48  # starts in succession without a new design point that end the search
+MOST_STARTS = 256
+CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
@@ -45,8 +66,78 @@ class DesignPoint:
         return float(self.z @ self.direction)
 
 
-def find_design_points(state: LimitState, starts: Array) -> list[DesignPoint]:
-    """Design points of a limit state, the most probable first.
+@dataclass(frozen=True)
+class DesignPointSearch:
+    """Design points of a limit state and the effort of their search.
+
+    Attributes
+    ----------
+    points
+        Distinct design points, the most probable first.
+    starts, converged
+        Starts that were drawn, and those of them that converged.
+    quiet
+        Drawn starts that converged since one of them found a new design point.
+    """
+
+    points: tuple[DesignPoint, ...]
+    starts: int
+    converged: int
+    quiet: int
+
+    @property
+    def undiscovered(self) -> float:
+        """Upper 95 % confidence limit of the probability that another start finds a new design point."""
+        if self.quiet == 0:
+            return 1.0
+        return float(1 - ((1 - CONFIDENCE) / (len(self.points) + 1)) ** (1 / self.quiet))
+
+
+def search_design_points(state: LimitState, rng: np.random.Generator) -> DesignPointSearch:
+    """Search for design points until several further starts find nothing new.
+
+    Parameters
+    ----------
+    state
+        The limit state.
+    rng
+        Generator of the starts.
+    """
+    k, points = len(state.names), list[DesignPoint]()
+    starts = converged = quiet = 0
+    # the origin is a good start of most systems, but a stationary point of symmetric ones
+    extra = np.zeros((1, k))
+    while quiet < QUIET and starts < MOST_STARTS:
+        direction = rng.standard_normal((ROUND, k))
+        direction /= np.linalg.norm(direction, axis=1)[:, None]
+        drawn = direction * rng.uniform(0, RADIUS, (ROUND, 1))
+        ends = converge(state, np.vstack([drawn, extra]), points)
+        size = len(points)
+        for number, end in enumerate(ends):
+            if number < ROUND:
+                starts += 1
+            if end is None:
+                continue
+            is_new = add_distinct(points, end)
+            if number < ROUND:
+                converged += 1
+                quiet = 0 if is_new else quiet + 1
+        extra = np.array([-point.z for point in points[size:]]).reshape(-1, k)
+        if not converged and starts >= 2 * ROUND:
+            break
+    return DesignPointSearch(tuple(sorted(points, key=lambda point: point.beta)), starts, converged, quiet)
+
+
+def add_distinct(points: list[DesignPoint], point: DesignPoint) -> bool:
+    """Append a design point unless it is in the list; whether it was new."""
+    if any(np.linalg.norm(point.z - other.z) <= APART for other in points):
+        return False
+    points.append(point)
+    return True
+
+
+def converge(state: LimitState, starts: Array, known: Sequence[DesignPoint] = ()) -> list[DesignPoint | None]:
+    """Design point to which the iteration converges from each start.
 
     Parameters
     ----------
@@ -54,19 +145,29 @@ def find_design_points(state: LimitState, starts: Array) -> list[DesignPoint]:
         The limit state.
     starts
         Scores (S, k) to begin from.
+    known
+        Design points at which the iteration ends as soon as it is nearer than :data:`APART`.
 
     Returns
     -------
     list
-        Distinct points at which the iteration converged; empty if it never did.
+        One for each start; None where the iteration does not converge.
     """
     z = np.atleast_2d(starts).copy()
-    found: list[DesignPoint] = []
+    ends: list[DesignPoint | None] = [None] * len(z)
+    places = np.arange(len(z))
     for _ in range(ITERATIONS):
+        for point in known:
+            at = np.linalg.norm(z - point.z, axis=1) <= APART
+            for place in places[at]:
+                ends[place] = point
+            z, places = z[~at], places[~at]
+        if not len(z):
+            break
         value, slope = state.gradients(z)
         size = np.linalg.norm(slope, axis=1)
         usable = np.isfinite(value) & np.isfinite(size) & (size > 0)
-        z, value, slope, size = z[usable], value[usable], slope[usable], size[usable]
+        z, value, slope, size, places = (each[usable] for each in (z, value, slope, size, places))
         if not len(z):
             break
         target = ((np.sum(slope * z, axis=1) - value) / size**2)[:, None] * slope
@@ -75,31 +176,37 @@ def find_design_points(state: LimitState, starts: Array) -> list[DesignPoint]:
         length = np.linalg.norm(step, axis=1)
         near = (length <= TOLERANCE * (1 + np.linalg.norm(z, axis=1))) & (np.abs(value) <= TOLERANCE * size)
         outward = -slope / size[:, None]
-        found += [DesignPoint(*pair) for pair in zip(z[near], outward[near], strict=True)]
-        z, value, step, length, penalty = (each[~near] for each in (z, value, step, length, 2 * reach / size))
+        for place, end, direction in zip(places[near], z[near], outward[near], strict=True):
+            ends[place] = DesignPoint(end, direction)
+        each = (z, value, step, length, 2 * reach / size, places)
+        z, value, step, length, penalty, places = (one[~near] for one in each)
         if not len(z):
             break
-        z = _line_search(state, z, value, penalty, step * np.minimum(1, LONGEST / length)[:, None])
-    found.sort(key=lambda point: point.beta)
-    distinct: list[DesignPoint] = []
-    for point in found:
-        if all(np.linalg.norm(point.z - other.z) > APART for other in distinct):
-            distinct.append(point)
-    return distinct
+        accepted, z = _line_search(state, z, value, penalty, step * np.minimum(1, LONGEST / length)[:, None])
+        places = places[accepted]
+    return ends
 
 
-def _line_search(state: LimitState, z: Array, value: Array, penalty: Array, step: Array) -> Array:
-    """Points that the merit accepts; those of which it accepts none are dropped.
+def _line_search(
+    state: LimitState, z: Array, value: Array, penalty: Array, step: Array
+) -> tuple[NDArray[np.int64], Array]:
+    """Rows for which the merit accepts a length of the step, and their points.
 
     The penalty c exceeds |z| / |g'| at both ends of the step, which therefore descends.
     """
     merit = 0.5 * np.sum(z**2, axis=1) + penalty * np.abs(value)
     slope = np.sum(z * step, axis=1) - penalty * np.abs(value)
-    tried = np.clip(z + LENGTHS[:, None, None] * step, -MOST_SCORE, MOST_SCORE)
-    values = state.values(tried.reshape(-1, z.shape[1])).reshape(len(LENGTHS), -1)
-    merits = 0.5 * np.sum(tried**2, axis=2) + penalty * np.abs(values)
-    good = merits <= merit + 1e-4 * LENGTHS[:, None] * slope
-    first = np.argmax(good, axis=0)
-    kept = np.flatnonzero(good.any(axis=0))
-    chosen: Array = tried[first[kept], kept]
-    return chosen
+    ends, rows = np.full_like(z, np.nan), np.arange(len(z))
+    # most whole steps are accepted; where one is not, all shorter ones are tried at once
+    for lengths in (LENGTHS[:1], LENGTHS[1:]):
+        tried = np.clip(z[rows] + lengths[:, None, None] * step[rows], -MOST_SCORE, MOST_SCORE)
+        values = state.values(tried.reshape(-1, z.shape[1])).reshape(len(lengths), -1)
+        merits = 0.5 * np.sum(tried**2, axis=2) + penalty[rows] * np.abs(values)
+        good = merits <= merit[rows] + 1e-4 * lengths[:, None] * slope[rows]
+        first, has_good = np.argmax(good, axis=0), good.any(axis=0)
+        ends[rows[has_good]] = tried[first[has_good], np.flatnonzero(has_good)]
+        rows = rows[~has_good]
+        if not len(rows):
+            break
+    accepted = np.setdiff1d(np.arange(len(z)), rows)
+    return accepted, ends[accepted]

@@ -39,10 +39,22 @@ class SamplingEffort:
 
 @dataclass(frozen=True)
 class ProbabilityEstimate:
-    """A probability and its coefficient of variation, infinite where no failure was found."""
+    """An estimate of a probability.
+
+    Attributes
+    ----------
+    probability, variation
+        The estimate and its coefficient of variation, infinite where no failure was found.
+    largest
+        Share of the estimate that the sample with the largest weight contributes.
+    points
+        Design points found from samples, in addition to those of the search.
+    """
 
     probability: float
     variation: float
+    largest: float = 0.0
+    points: tuple[DesignPoint, ...] = ()
 
 
 class ProbabilityEstimator:
@@ -80,6 +92,10 @@ class ProbabilityEstimator:
             How accurate, and what it may spend.
         """
         raise NotImplementedError
+
+    def missing_share(self, points: Sequence[DesignPoint]) -> float:  # noqa: ARG002
+        """Share of the probability, to first order, of the regions of failure that it does not sample."""
+        return 0.0
 
 
 def mean_of(values: np.typing.NDArray[np.float64]) -> ProbabilityEstimate:

@@ -9,17 +9,19 @@ from typing import Any, ClassVar
 import numpy as np
 
 from optim.json_result import JsonResult
-from optim.reliability.design_points import find_design_points
-from optim.reliability.estimator import ProbabilityEstimator, SamplingEffort
+from optim.reliability.design_points import DesignPointSearch, search_design_points
+from optim.reliability.estimator import ProbabilityEstimate, ProbabilityEstimator, SamplingEffort
 from optim.reliability.limit_state import CountedLimitState, build_limit_state
 from spacerobot.notebook import html_table
 from spacerobot.registry import ESTIMATORS
 from spacerobot.scene import Scene
 
-STARTS = 8
-"""Starts of the search for design points: the origin, and others drawn at random."""
 LEAST = 1000  # rollouts of the estimator
 NORMAL = 1.96  # quantile of the 95 % interval
+UNSURE = 0.15
+"""Probability that another start finds a new design point, above which a warning says so."""
+HEAVY = 0.2
+"""Share of the estimate that one sample contributes, above which a warning says so."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,13 @@ class FailureProbability(JsonResult):
     failures
         The most probable failures, each with its reliability index ``beta``, the ``parameters`` there and
         their ``importance``, the squared cosines of the direction: shares of the distance that each takes.
+    starts
+        Starts of the search for them, drawn at random.
+    undiscovered
+        Upper 95 % confidence limit of the probability that another start finds a new most probable failure;
+        None without a search (``subset``).
+    warnings
+        Reasons why the interval may be too narrow.
     """
 
     key: ClassVar[str] = "failure_probability"
@@ -52,6 +61,9 @@ class FailureProbability(JsonResult):
     rollouts: int
     gradients: int
     failures: tuple[Mapping[str, Any], ...]
+    starts: int = 0
+    undiscovered: float | None = None
+    warnings: tuple[str, ...] = ()
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -72,13 +84,26 @@ class FailureProbability(JsonResult):
             ("coefficient of variation", f"{100 * self.variation:.2g} %" if self.probability else "-"),
             ("method", self.method),
             ("rollouts", spent),
+            *self._search_row(),
+            *(("warning", warning) for warning in self.warnings),
         ]
+
+    def _search_row(self) -> list[tuple[str, str]]:
+        """Number of most probable failures, and how sure it is that none is missing."""
+        if self.undiscovered is None:
+            return []
+        value = (
+            f"{len(self.failures)} from {self.starts} starts; another start finds a new one with a "
+            f"probability of at most {100 * self.undiscovered:.2g} % (95 % confidence)"
+        )
+        return [("most probable failures", value)]
 
     @classmethod
     def of_fields(cls, found: dict[str, Any]) -> FailureProbability:
         """The result with the fields of a file."""
         variation = np.inf if found["variation"] is None else found["variation"]
-        return cls(**found | {"failures": tuple(found["failures"]), "variation": variation})
+        lists = {name: tuple(found.get(name, ())) for name in ("failures", "warnings")}
+        return cls(**found | lists | {"variation": variation})
 
     def __repr__(self) -> str:
         """The probability and its coefficient of variation, in one line."""
@@ -128,14 +153,9 @@ def failure_probability(
     """
     estimator: ProbabilityEstimator = ESTIMATORS.find(method)
     state = build_limit_state(scene, quantity, limit, threads=threads)
-    counted, effort = CountedLimitState(state), effort or SamplingEffort()
-    points = []
-    if estimator.needs_design_points:
-        k = len(state.names)
-        starts = np.vstack([np.zeros(k), effort.rng.standard_normal((STARTS - 1, k))])
-        points = find_design_points(counted, starts)
-        effort = replace(effort, budget=max(effort.budget - counted.rollouts, LEAST))
-    found, names = estimator.estimate(counted, points, effort), state.names
+    counted = CountedLimitState(state)
+    found, search = estimate_probability(counted, estimator, effort or SamplingEffort())
+    points, names = sorted((*search.points, *found.points), key=lambda point: point.beta), state.names
     failures = [
         {
             "beta": point.beta,
@@ -154,4 +174,64 @@ def failure_probability(
         counted.rollouts,
         counted.gradient_rollouts,
         tuple(failures),
+        search.starts,
+        search.undiscovered if estimator.needs_design_points else None,
+        search_warnings(estimator, found, search),
     )
+
+
+def estimate_probability(
+    state: CountedLimitState, estimator: ProbabilityEstimator, effort: SamplingEffort
+) -> tuple[ProbabilityEstimate, DesignPointSearch]:
+    """Probability that a limit state is negative, and the search for its design points.
+
+    Parameters
+    ----------
+    state
+        The limit state.
+    estimator
+        Method of the estimate.
+    effort
+        How accurate it shall be, and what may be spent.
+    """
+    search = DesignPointSearch((), 0, 0, 0)
+    if estimator.needs_design_points:
+        # another stream of random numbers than the samples', from the same seed
+        search = search_design_points(state, effort.rng.spawn(1)[0])
+        effort = replace(effort, budget=max(effort.budget - state.rollouts, LEAST))
+    return estimator.estimate(state, search.points, effort), search
+
+
+def search_warnings(
+    estimator: ProbabilityEstimator, estimate: ProbabilityEstimate, search: DesignPointSearch
+) -> tuple[str, ...]:
+    """Reasons why the interval of an estimate may be too narrow."""
+    warnings = []
+    if estimator.needs_design_points and not (search.points or estimate.points):
+        warnings.append(
+            f"no most probable failure was found from {search.starts} starts, so that rare failures may be "
+            "unseen; compare with --method subset"
+        )
+    elif estimator.needs_design_points and search.undiscovered > UNSURE:
+        warnings.append(
+            f"{len(search.points)} most probable failures from {search.starts} starts, of which "
+            f"{search.converged} converged; further ones are likely, so that the probability may be larger "
+            "than the interval says; compare with --method subset"
+        )
+    if estimate.points:
+        warnings.append(
+            f"samples found {len(estimate.points)} most probable failures that the search had missed; "
+            "there may be more"
+        )
+    if estimate.largest > HEAVY:
+        warnings.append(
+            f"one sample contributes {100 * estimate.largest:.2g} % of the estimate, so that its variation "
+            "is uncertain; raise the budget"
+        )
+    missing = estimator.missing_share(search.points)
+    if missing > UNSURE / 10:
+        warnings.append(
+            f"{estimator.title} sees one of {len(search.points)} regions of failure; the others have about "
+            f"{100 * missing:.2g} % of the probability; use importance"
+        )
+    return tuple(warnings)

@@ -48,6 +48,11 @@ class LineSampling(ProbabilityEstimator):
                 break
         return mean_of(found) if len(found) else ProbabilityEstimate(0.0, np.inf)
 
+    def missing_share(self, points: Sequence[DesignPoint]) -> float:
+        """Share of all regions but the most probable; opposite ones count too."""
+        shares = stats.norm.sf([point.beta for point in points])
+        return float(1 - shares[0] / shares.sum()) if len(points) else 0.0
+
 
 def _distances(state: LimitState, z: Array, along: Array, beta: float) -> Array:
     """Distances (n,) along the lines at which they fail; infinite where a line never does."""

@@ -161,6 +161,38 @@ def test_numbers_do_not_depend_on_threads(small, limit):
     assert one == two
 
 
+DRIFT = {
+    "name": "drift",
+    "robots": {"one": {"urdf": "short_arm.urdf", "base": {"joint": "planar"}, "tips": {"tip": {}}}},
+    "simulation": {"duration": 1, "step": 0.05},
+    "campaign": {
+        "parameters": {
+            axis: {"paths": f"robots.one.base.velocity.{i}", "kind": "normal", "mean": 0, "std": 0.01}
+            for i, axis in enumerate("xy")
+        },
+        "metrics": ["tip_error_peak"],
+        "limits": {"tip_error": 0.04},
+    },
+}
+
+
+def test_a_drifting_base_fails_in_four_directions(tmp_path):
+    """The largest component of the tip's drift decides; at rest the quantity is stationary."""
+    (tmp_path / "drift.yaml").write_text(json.dumps(DRIFT))
+    scene = sr.load_scene(tmp_path / "drift.yaml")
+    ratios, covered = [], 0
+    for seed in range(40):
+        found = sr.failure_probability(scene, effort=sr.SamplingEffort(seed=seed))
+        assert len(found.failures) == 4
+        assert found.warnings == ()
+        ratios.append(found.probability / (1 - (1 - 2 * stats.norm.sf(4)) ** 2))
+        covered += abs(np.log(ratios[-1])) <= 1.96 * found.variation
+    assert covered >= 34  # of 40 at 95 %: fewer once in 1000 times
+    assert np.median(ratios) == pytest.approx(1, abs=0.05)
+    (row,) = (value for name, value in found.rows() if name == "most probable failures")
+    assert row.startswith("4 from ")
+
+
 @pytest.mark.parametrize(
     ("changes", "arguments", "message"),
     [
