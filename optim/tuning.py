@@ -21,7 +21,7 @@ from optim.problem.problem import EvaluationCost
 from optim.problem.scene_recipe import tuning_of
 from optim.problem.tuning_problem import TuningProblem, build_problem
 from optim.problem.variables import at_bound
-from optim.search.search import Progress, SearchRun
+from optim.search.search import NOT_APPLICABLE, Progress, SearchRun
 from optim.search.session import SearchSession
 from spacerobot.errors import ResultError, ScenarioError
 from spacerobot.files import StrPath, write_text
@@ -205,6 +205,8 @@ def tune(
     if chosen.uses_gradients:
         nominal, outcome = _refined(nominal, outcome, effort, progress)
     best, variables = outcome.best, nominal.variables
+    if best.status == NOT_APPLICABLE:
+        raise nominal.scene.error(f"the method {method} {best.message}", "tuning.variables")
     values = variables.values(best.u)
     scene = build_scene(nominal.scene.scenario, variables.as_changes(values), source=nominal.scene.source)
     terms, margins = nominal.terms.margins, dict[str, str]()

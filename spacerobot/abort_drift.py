@@ -20,8 +20,9 @@ evaluates d where this bound is least (Piyavskii 1972; Shubert 1972) finds the m
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import coal
 import numpy as np
@@ -29,13 +30,19 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from spacerobot.arrays import Array
-from spacerobot.errors import ScenarioError
+from spacerobot.errors import ScenarioError, SpaceRobotError
 from spacerobot.result import Result
 from spacerobot.scene import Scene, SceneBody
 from spacerobot.scene.overlaps import Solid, solids
 
 TURN = 0.05
 """Greatest rotation [rad] in a step of the integration of attitudes."""
+
+MAX_STATES = 20_000_000
+"""Largest number of attitudes of a body that are integrated, all aborts together; they take 1.1 GB."""
+
+MAX_DRIFT_S = 1e8
+"""Longest drift [s], three years."""
 
 
 @dataclass(frozen=True)
@@ -68,12 +75,25 @@ class PassiveSafety:
         return int(np.argmin(self.distance_m))
 
     def unsafe(self, clearance_m: float) -> Array:
-        """Instants of abort (m,) [s] after which bodies come nearer than a clearance [m]."""
+        """Instants of abort (m,) [s] after which bodies come nearer than a clearance [m].
+
+        Raises
+        ------
+        SpaceRobotError
+            If the clearance is negative or not finite.
+        """
+        if not 0 <= clearance_m < np.inf:
+            raise SpaceRobotError(f"clearance: found {clearance_m:g} m, allowed: 0 or more, finite")
         return self.time_s[self.distance_m < clearance_m]
 
 
 def passive_safety(
-    result: Result, *, duration_s: float, until_s: float | None = None, tolerance_m: float | None = None
+    result: Result,
+    *,
+    duration_s: float,
+    until_s: float | None = None,
+    tolerance_m: float | None = None,
+    progress: Callable[[str], object] | None = None,
 ) -> PassiveSafety:
     """Least distance of each robot to the target in free drift after an abort at each sample of a result.
 
@@ -87,17 +107,32 @@ def passive_safety(
         Last instant of abort [s]; that of the first capture, else the end, if None.
     tolerance_m
         Tolerance of the distances [m]; 1 % of each, at least 1 mm, if None.
+    progress
+        Called with a few words now and then.
 
     Raises
     ------
     ScenarioError
-        If there is no target, a body has no collision shape, or an environment no known drift.
+        If there is no target, a body has no collision shape, an environment no known drift, or a drift takes
+        too many steps.
+    SpaceRobotError
+        If a duration or tolerance is not positive, or no sample is at ``until_s`` or before.
     """
+    tell = progress or (lambda _: None)
+    if not 0 < duration_s <= MAX_DRIFT_S:
+        message = f"drift: found {duration_s:g} s, allowed: above 0, at most {MAX_DRIFT_S:g} s"
+        raise SpaceRobotError(message)
+    if tolerance_m is not None and not 0 < tolerance_m < np.inf:
+        raise SpaceRobotError(f"tolerance: found {tolerance_m:g} m, allowed: above 0, finite")
     scene, time = result.scene(), result.array("time")
     if until_s is None:
         captures = [event["time_s"] for event in result.summary["events"] if event["kind"] == "captured"]
         until_s = min(captures, default=float(time[-1]))
     chosen = np.flatnonzero(time <= until_s)
+    if not len(chosen):
+        raise SpaceRobotError(
+            f"until: found {until_s:g} s, allowed: from {time[0]:g} s, the first sample, on"
+        )
     # mean motion of a circular orbit [rad/s]; 0 without one
     rate = 0.0
     for name, environment in scene.scenario.environment.items():
@@ -113,13 +148,15 @@ def passive_safety(
         raise ScenarioError(
             "there is none, and nothing to stay clear of", source=scene.source, where="target"
         )
-    drifts = {
-        body.name: _RigidDrift.of(scene, body, result, chosen, (rate, duration_s)) for body in scene.bodies
-    }
+    drifts = dict[str, _RigidDrift]()
+    for body in scene.bodies:
+        tell(f"attitudes of {body.name}")
+        drifts[body.name] = _RigidDrift.of(scene, body, result, chosen, (rate, duration_s))
     target = drifts.pop(scene.target.name)
-    found = [
-        min(_least(robot, target, k, tolerance_m) for robot in drifts.values()) for k in range(len(chosen))
-    ]
+    found = []
+    for k in range(len(chosen)):
+        tell(f"distances after aborts: {k / len(chosen):.0%}")
+        found.append(min(_least(robot, target, k, tolerance_m) for robot in drifts.values()))
     distances, drifted, pairs = zip(*found, strict=True)
     return PassiveSafety(time[chosen], np.array(distances), np.array(drifted), tuple(pairs), duration_s)
 
@@ -138,10 +175,11 @@ class _RigidDrift:
         Greatest distance of its shapes from the centre of mass (n,) [m], bound of its spin (n,) [rad/s].
     centre
         From abort and drift time [s] to the centre of mass (3,) [m].
-    inertia, wheels
-        About the centre of mass (n, 3, 3), momentum of its wheels (n, 3), axes of the abort.
+    terms
+        Components of its inertia about the centre of mass, their inverse and the momentum of its wheels, each
+        (n,), axes of the abort.
     step, attitudes
-        Time between steps [s]; quaternion and spin since the abort at each (m, n, 7).
+        Time between steps [s]; quaternion and spin since the abort at each (m, 7, n).
     duration
         Length of the drift [s].
     """
@@ -151,8 +189,7 @@ class _RigidDrift:
     radius: Array
     spin: Array
     centre: Callable[[int, float], Array]
-    inertia: Array
-    wheels: Array
+    terms: tuple[Numbers, Numbers, Numbers]
     step: float
     attitudes: Array
     duration: float
@@ -196,11 +233,21 @@ class _RigidDrift:
         place, velocity, spin, inertia = (np.array(part) for part in zip(*rows, strict=True))
         kept = np.einsum("ni,nij,nj->n", spin, inertia, spin)
         bound = np.sqrt(kept / np.linalg.eigvalsh(inertia)[:, 0])
-        count = int(np.ceil(duration * bound.max() / TURN)) + 1
-        now = np.concatenate([np.tile([0.0, 0, 0, 1], (len(spin), 1)), spin], axis=1)
-        attitudes = [now]
-        for _ in range(count):
-            attitudes.append(advance_attitudes(attitudes[-1], inertia, wheels, duration / count))
+        steps = duration * bound.max() / TURN
+        if steps * len(chosen) > MAX_STATES:
+            longest = 0.9 * duration * MAX_STATES / (steps * len(chosen))
+            raise ScenarioError(
+                f"a drift of {duration:g} s after {len(chosen)} aborts takes {steps * len(chosen):.3g} "
+                f"attitudes, allowed: {MAX_STATES:g}; drift for {longest:.3g} s or less",
+                source=scene.source,
+                where=body.path,
+            )
+        count = int(np.ceil(steps)) + 1
+        terms = _rotation_terms(inertia, wheels)
+        attitudes = np.empty((count + 1, 7, len(spin)))
+        attitudes[0] = np.concatenate([np.tile([0.0, 0, 0, 1], (len(spin), 1)), spin], axis=1).T
+        for i in range(count):
+            attitudes[i + 1] = _advanced(list(attitudes[i]), terms, duration / count)
         begins = result.array("time")[chosen]
 
         def centre(k: int, t: float) -> Array:
@@ -212,21 +259,18 @@ class _RigidDrift:
             np.array(radius),
             bound,
             centre,
-            inertia,
-            wheels,
+            terms,
             duration / count,
-            np.array(attitudes),
+            attitudes,
             duration,
         )
 
     def placed(self, k: int, t: float) -> dict[int, pin.SE3]:
         """Placements of joints at a time [s] after abort k, world axes."""
         i = min(int(t / self.step), len(self.attitudes) - 1)
-        own = slice(k, k + 1)
-        now = advance_attitudes(
-            self.attitudes[i, own], self.inertia[own], self.wheels[own], t - i * self.step
-        )
-        turn = pin.SE3(pin.Quaternion(now[0, :4]).normalized().matrix(), self.centre(k, t))
+        inertia, inverse, wheels = ([float(part[k]) for part in parts] for parts in self.terms)
+        now = _advanced(self.attitudes[i, :, k].tolist(), (inertia, inverse, wheels), t - i * self.step)
+        turn = pin.SE3(pin.Quaternion(np.array(now[:4])).normalized().matrix(), self.centre(k, t))
         return {joint: turn * place for joint, place in self.placements[k].items()}
 
 
@@ -242,21 +286,51 @@ def advance_attitudes(state: Array, inertia: Array, wheels: Array, step: float) 
     step
         Step [s].
     """
+    return np.stack(_advanced(list(state.T), _rotation_terms(inertia, wheels), step), axis=-1)
 
-    def rate(state: Array) -> Array:
-        turn, spin = state[:, :4], state[:, 4:]
-        momentum = np.einsum("nij,nj->ni", inertia, spin) + wheels
-        faster = np.linalg.solve(inertia, -np.cross(spin, momentum)[..., None])[..., 0]
-        vector = (turn[:, 3:] * spin + np.cross(turn[:, :3], spin)) / 2
-        scalar = -np.sum(turn[:, :3] * spin, axis=1, keepdims=True) / 2
-        return np.concatenate([vector, scalar, faster], axis=1)
 
-    first = rate(state)
-    second = rate(state + step / 2 * first)
-    third = rate(state + step / 2 * second)
-    fourth = rate(state + step * third)
-    found: Array = state + step / 6 * (first + 2 * second + 2 * third + fourth)
-    return found
+Numbers = Sequence[Any]
+"""Components, each of one body or an array over bodies: formulas are the same, and numbers are faster."""
+
+
+def _rotation_terms(inertia: Array, wheels: Array) -> tuple[Numbers, Numbers, Numbers]:
+    """Components of inertia (9) and its inverse (9), row by row, and of the wheels' momentum (3)."""
+    inverse = np.linalg.inv(inertia)
+    return (
+        list(inertia.reshape(-1, 9).T),
+        list(inverse.reshape(-1, 9).T),
+        list(wheels.reshape(-1, 3).T),
+    )
+
+
+def _rotation_rate(state: Numbers, terms: tuple[Numbers, Numbers, Numbers]) -> Numbers:
+    """Rates of quaternion and spin: q' = q (w, 0) / 2, w' = -I^-1 (w x (I w + h))."""
+    (a, b, c, d, e, f, g, h, i), (p, q, r, s, t, u, v, y, z), (h1, h2, h3) = terms
+    q1, q2, q3, q4, w1, w2, w3 = state
+    m1 = a * w1 + b * w2 + c * w3 + h1
+    m2 = d * w1 + e * w2 + f * w3 + h2
+    m3 = g * w1 + h * w2 + i * w3 + h3
+    n1, n2, n3 = m2 * w3 - m3 * w2, m3 * w1 - m1 * w3, m1 * w2 - m2 * w1
+    return (
+        (q4 * w1 + q2 * w3 - q3 * w2) / 2,
+        (q4 * w2 + q3 * w1 - q1 * w3) / 2,
+        (q4 * w3 + q1 * w2 - q2 * w1) / 2,
+        -(q1 * w1 + q2 * w2 + q3 * w3) / 2,
+        p * n1 + q * n2 + r * n3,
+        s * n1 + t * n2 + u * n3,
+        v * n1 + y * n2 + z * n3,
+    )
+
+
+def _advanced(state: Numbers, terms: tuple[Numbers, Numbers, Numbers], step: float) -> Numbers:
+    """Quaternion and spin a step later (7)."""
+    half, sixth = step / 2, step / 6
+    first = _rotation_rate(state, terms)
+    second = _rotation_rate([x + half * k for x, k in zip(state, first, strict=True)], terms)
+    third = _rotation_rate([x + half * k for x, k in zip(state, second, strict=True)], terms)
+    fourth = _rotation_rate([x + step * k for x, k in zip(state, third, strict=True)], terms)
+    slopes = zip(state, first, second, third, fourth, strict=True)
+    return [x + sixth * (k1 + 2 * k2 + 2 * k3 + k4) for x, k1, k2, k3, k4 in slopes]
 
 
 def drifted_centre(place: Array, velocity: Array, begin: float, t: float, rate: float) -> Array:

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 import spacerobot as sr
 from spacerobot.abort_drift import advance_attitudes, drifted_centre
 from spacerobot.cli.app import app
-from spacerobot.errors import ScenarioError
+from spacerobot.errors import ScenarioError, SpaceRobotError
 from tests.oracles.balls import body, scene
 from tests.oracles.small_scenes import folder
 
@@ -254,3 +254,43 @@ def test_an_approach_whose_arm_fails_retreats_to_a_hold_that_is_safe(tmp_path):
     file.write_text(json.dumps(document), encoding="utf-8")
     comes = sr.passive_safety(sr.simulate(sr.load_scene(file), backend="interpreted"), duration_s=30.0)
     assert comes.distance_m[-1] < 0.12
+
+
+@pytest.fixture(scope="module")
+def balls():
+    one = body("one", 2.0, {"velocity": [0.02, 0, 0], "spin_deg": [3, 1, 2]})
+    return drifting(one, body("other", 3.0, {"position": [1.5, 0.1, 0.2]}))
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({"duration_s": 10.0, "until_s": -5.0}, "until: found -5 s, allowed: from 0 s"),
+        ({"duration_s": 10.0, "until_s": np.nan}, "until: found nan s"),
+        ({"duration_s": np.inf}, "drift: found inf s, allowed: above 0, at most"),
+        ({"duration_s": np.nan}, "drift: found nan s"),
+        ({"duration_s": 0.0}, "drift: found 0 s"),
+        ({"duration_s": 1e300}, "drift: found 1e\\+300 s"),
+        ({"duration_s": 9e7}, "takes .* attitudes, allowed: 2e\\+07; drift for .* s or less"),
+        ({"duration_s": 10.0, "tolerance_m": 0.0}, "tolerance: found 0 m"),
+    ],
+    ids=str,
+)
+def test_drifts_that_cannot_be_are_refused(balls, options, expected):
+    with pytest.raises(SpaceRobotError, match=expected):
+        sr.passive_safety(balls, **options)
+
+
+@pytest.mark.parametrize("clearance", [np.nan, np.inf, -1.0])
+def test_a_clearance_that_is_none_is_refused(balls, clearance):
+    found = sr.passive_safety(balls, duration_s=1.0)
+    with pytest.raises(SpaceRobotError, match="clearance: found"):
+        found.unsafe(clearance)
+
+
+def test_a_longest_drift_that_is_proposed_is_accepted(balls, monkeypatch):
+    monkeypatch.setattr("spacerobot.abort_drift.MAX_STATES", 1000)
+    with pytest.raises(SpaceRobotError) as caught:
+        sr.passive_safety(balls, duration_s=1e5)
+    longest = float(str(caught.value).partition("drift for ")[2].partition(" s")[0])
+    assert sr.passive_safety(balls, duration_s=longest).duration_s == longest

@@ -18,7 +18,7 @@ import numpy as np
 from optim.problem.objectives import OBJECTIVE, error_rows
 from optim.problem.problem import EvaluationCost
 from optim.problem.tuning_problem import TuningProblem
-from optim.search.search import Search, SearchRun
+from optim.search.search import NOT_APPLICABLE, Search, SearchRun
 from spacerobot.arrays import Array
 
 FIRST, FACTOR, TRIALS = 1.0, 2.0, 14
@@ -43,7 +43,8 @@ def manual(search: Search, problem: TuningProblem) -> SearchRun:
         trial.
     """
     if any(name not in problem.names for name in NEEDED):
-        return search.finish("not applicable", f"needs the variables {', '.join(NEEDED)}")
+        present = ", ".join(problem.names) or "none"
+        return search.finish(NOT_APPLICABLE, f"needs the variables {', '.join(NEEDED)}, found: {present}")
     trials = _Trials(search, problem)
     gains = {name: trials.zero(name) for name in NEEDED}
     try:

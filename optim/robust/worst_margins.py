@@ -140,6 +140,15 @@ def worst_margins(
     tell, at = progress or (lambda _: None), tuple(at)
     scene = changed_scene(scene)
     free = variables_of(scene, tuning_of(scene).variables)
+    # refuse a range that no scenario may have, such as one of negative masses
+    for end, u in (("lower", 0.0), ("upper", 1.0)):
+        try:
+            build_scene(
+                scene.scenario, free.as_changes(free.values(np.full(len(free), u))), source=scene.source
+            )
+        except ScenarioError as fault:
+            message = f"the {end} end of the range is not allowed: {fault.message}"
+            raise scene.error(message, fault.where) from None
     found = ParametricLinearisation.of(scene, at, free.paths, backend, tell)
     names = chosen_loops(found, loops)
     cases, count, size = list[WorstMargin](), 0, len(free)

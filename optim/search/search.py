@@ -13,6 +13,8 @@ from optim.search.journal import Journal
 from spacerobot.arrays import Array
 
 FEASIBLE = 1e-6  # largest violation of a constraint, relative to its limit, that counts as none
+NOT_APPLICABLE = "not applicable"
+"""Status of a search whose method cannot solve the problem; its message begins with what it needs."""
 KEPT_BYTES = 100_000  # larger samples and derivatives are not kept in journals but computed anew
 
 

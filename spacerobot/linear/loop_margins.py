@@ -38,6 +38,10 @@ UNITS = {"gain_up": "dB", "gain_down": "dB", "phase": "deg", "delay": "s", "disk
 """Margins of a loop, and their units."""
 
 
+MAX_INSTANTS = 100_000
+"""Largest number of instants along a simulation."""
+
+
 @dataclass(frozen=True)
 class LoopMargins:
     """Margins of a loop broken at one point; infinite where nothing is crossed, NaN where it varies in time.
@@ -151,10 +155,10 @@ def margins(
     ScenarioError
         As :func:`spacerobot.linearise`.
     SpaceRobotError
-        If ``along`` is one.
+        If ``along`` is one, or larger than :data:`MAX_INSTANTS`.
     """
-    if along == 1 or along < 0:
-        raise SpaceRobotError(f"along: found {along}, allowed: 0, or at least 2")
+    if along != 0 and not 2 <= along <= MAX_INSTANTS:
+        raise SpaceRobotError(f"along: found {along:g}, allowed: 0, or from 2 to {MAX_INSTANTS}")
     tell = progress or (lambda _: None)
     tell("building the closed loop")
     lineariser = Lineariser.of(scene)

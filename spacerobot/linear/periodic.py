@@ -20,7 +20,7 @@ import scipy.linalg
 from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.closedloop.break_points import PerturbedLoop
-from spacerobot.elements.core.clock import EARLY
+from spacerobot.elements.core.clock import EARLY, ONCE
 from spacerobot.errors import ScenarioError
 from spacerobot.linear.complex_step import evaluate
 from spacerobot.linear.instants import Instant
@@ -59,7 +59,7 @@ def occurrences(
     -------
     tuple
         No events and zero if nothing is periodic. Events that turn switches, such as thruster pulses, are not
-        linear and left out.
+        linear and left out, and so are those that happen once.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def occurrences(
         if np.isfinite(first[k]):
             after = evaluate(perturbed.update, instant.time_s, x, instant.c, place)[0].ravel()
             period = (due(advanced(x, after))[k] - first[k]).item()
-            if period.real > TOGETHER:
+            if TOGETHER < period.real < ONCE:
                 periods[k] = period
     if not periods:
         return [], 0.0

@@ -29,6 +29,9 @@ class Loader(yaml.SafeLoader):
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         """Mapping whose keys are names, each given once; keys merged in by ``<<`` may be given again."""
+        if not isinstance(node, yaml.MappingNode):  # tagged !!map
+            message = f"found a {node.id}, which is no mapping"
+            raise yaml.constructor.ConstructorError(None, None, message, node.start_mark)
         seen: set[Any] = set()
         for key_node, _ in node.value:
             if key_node.tag == "tag:yaml.org,2002:merge":

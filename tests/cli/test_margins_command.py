@@ -51,7 +51,7 @@ def test_margins_over_time(margins, tmp_path):
     [
         (("--at", "7"), "from 0 to 1 s"),
         (("--at", "catched"), "no event 'catched'"),
-        (("--along", "1"), "at least 2"),
+        (("--along", "1"), "allowed: 0, or from 2 to"),
         (("--worst-case", "hold.kd=2"), "PATH=LOWER..UPPER"),
         (("--worst-case", "hold.kd=2..6", "--margin", "disc"), "no margin 'disc'"),
     ],
@@ -68,3 +68,21 @@ def test_worst_case(margins):
     assert (code, err.strip()) == (0, "")
     assert "torque/arm/joint_1" in out
     assert "kd" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("--along", 10**20), "along: found 1e+20, allowed: 0, or from 2 to 100000"),
+        (
+            ("--worst-case", "arm.links.base.mass=-5..0"),
+            "the lower end of the range is not allowed: found -5",
+        ),
+        (("--worst-case", "arm.links.link_1.mass=0..1"), "the lower end of the range is not allowed: "),
+    ],
+)
+def test_ranges_beyond_what_is_possible_are_one_line(margins, arguments, expected):
+    code, _, err = margins(*arguments)
+    assert code == 2
+    assert expected in err
+    assert len(err.strip().splitlines()) == 1

@@ -208,3 +208,13 @@ def test_disk_margin_at_infinite_frequency():
     found = LinearSystem("", 0.0, *matrices, ("x",), ("torque/x",), ("torque/x",))
     (one,) = loop_margins(found)
     assert one.disk == pytest.approx(2 / 3, rel=1e-12)
+
+
+def test_a_clock_that_ticks_once_has_no_period():
+    """As that of the target filter's beginning, whose next instant is after any simulation."""
+    joint = {"joint_position": {"errors": {"period": 0.05}}}
+    expected = margins(arm_scene(1, robot={"sensors": joint}), backend="interpreted")
+    once = joint | {"joint_rate": {"errors": {"period": 2e9}}}
+    found = margins(arm_scene(1, robot={"sensors": once}), backend="interpreted")
+    assert [one.period_s for one in found.linearisations] == [0.05]
+    assert expected.linearisations[0].period_s == 0.05

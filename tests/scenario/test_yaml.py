@@ -199,3 +199,11 @@ def test_a_chain_of_aliases_that_is_merged_is_one_line(levels):
     chain = "".join(f"a{i}: &a{i} {{x: *a{i - 1}}}\n" for i in range(1, levels))
     with pytest.raises(ScenarioError, match="nested too deeply"):
         parse_yaml(f"a0: &a0 {{x: 1}}\n{chain}<<: {{name: *a{levels - 1}}}\n")
+
+
+@pytest.mark.parametrize(
+    "text", ["a: !!map [1]", "a: !!map x", "? !!map [1]\n: 2", "!!map 3", "a: !!seq {b: 1}"]
+)
+def test_a_tag_that_does_not_fit_its_node_is_refused(text):
+    with pytest.raises(ScenarioError, match=r"line 1, column \d+: (found a|expected a) "):
+        parse_yaml(text)

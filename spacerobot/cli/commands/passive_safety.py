@@ -15,7 +15,7 @@ from spacerobot.cli.plugins import load_plugins_of
 @Command.of("passive-safety", place=6)
 def command(
     result: Annotated[Path, typer.Argument(metavar="RESULT", help="Folder of a result.")],
-    drift: Annotated[float, typer.Option("--drift", min=1e-9, help="Length of the drift [s].")] = 600.0,
+    drift: Annotated[float, typer.Option("--drift", help="Length of the drift [s].")] = 600.0,
     clearance: Annotated[
         float | None, typer.Option("--clearance", help="Distance that must be kept [m].")
     ] = None,
@@ -37,15 +37,15 @@ def command(
 
     load_plugins_of([result])
     loaded = Result.load(result)
-    with progress("drifting"):
-        found = passive_safety(loaded, duration_s=drift, until_s=until)
+    with progress("drifting") as tell:
+        found = passive_safety(loaded, duration_s=drift, until_s=until, progress=tell)
+    unsafe = [] if clearance is None else found.unsafe(clearance).tolist()
     k = found.worst
     rows = [
         ("aborts", f"{len(found.time_s)}, {found.time_s[0]:g} s to {found.time_s[-1]:g} s"),
         ("least distance", f"{found.distance_m[k]:.4g} m: {' and '.join(found.pairs[k])}"),
         ("abort at", f"{found.time_s[k]:g} s, least {found.drift_s[k]:.4g} s later"),
     ]
-    unsafe = [] if clearance is None else found.unsafe(clearance).tolist()
     if clearance is not None:
         told = f"{len(unsafe)} aborts, the first at {unsafe[0]:g} s" if len(unsafe) else "none"
         rows.append((f"nearer than {clearance:g} m", told))

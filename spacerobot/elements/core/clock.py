@@ -17,6 +17,9 @@ EARLY = 5e-13
 """So long before its instant a clock's guard is above zero [s]: what else is at that instant, as a sample of
 the output, then comes after it, whatever rounding makes of both."""
 
+ONCE = 1e9
+"""Period [s] of a clock that ticks once; it is longer than any simulation."""
+
 MAX_DELAY = 16
 """Longest delay, in periods: as many values are held."""
 

@@ -33,7 +33,7 @@ from spacerobot.dynamics import subtree
 from spacerobot.dynamics.algebra import SymmetricFactors, cross, skew
 from spacerobot.dynamics.inertias import shifted_inertia
 from spacerobot.dynamics.rotations import rotation_exp, rotation_log
-from spacerobot.elements.core.clock import Clock
+from spacerobot.elements.core.clock import ONCE, Clock
 from spacerobot.elements.core.contribution import Contribution, Innovation, Output, State, memory
 from spacerobot.elements.core.event import Event, both, negated
 from spacerobot.elements.core.registry import register
@@ -362,7 +362,7 @@ class _TargetFilterLaw:
         """States, events, estimates and outputs."""
         robot, label = self.robot, self.robot.label
         errors = robot.errors(PLACE)
-        begins = Clock.of(f"{label}.begin", robot.context.time, ca.SX(1e9))  # once
+        begins = Clock.of(f"{label}.begin", robot.context.time, ca.SX(ONCE))
         drawn = self._deviations() * robot.context.random(f"{label}.begin", 1, sum(self.errors), ca.SX(0))
         begun = self._corrected(self.mean.symbol, drawn)
         first = {self.mean.name: begun, self.now.name: begun}

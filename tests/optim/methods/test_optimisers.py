@@ -14,9 +14,12 @@ from optim.methods.local_model import EvaluatedPoint
 from optim.methods.nlp import solve, solve_from_many
 from optim.methods.settings import EvolutionSettings, NlpSettings
 from optim.problem.problem import EvaluationCost
+from optim.problem.varied_parameters import vary
 from optim.search.search import Search, better
-from spacerobot.errors import SpaceRobotError
+from optim.tuning import tune
+from spacerobot.errors import ScenarioError, SpaceRobotError
 from spacerobot.registry import TUNING_METHODS
+from tests.linear.scenes import arm_scene
 from tests.oracles.known_optima import (
     Walled,
     chebyshev,
@@ -287,3 +290,12 @@ def test_feasible_points_beat_infeasible_ones():
 def test_an_unknown_method_names_the_near_ones():
     with pytest.raises(SpaceRobotError, match="did you mean cmaes"):
         evolve(Search(quadratic(), "cmae"), SMALL)
+
+
+def test_the_manual_procedure_says_which_variables_it_lacks():
+    scene = vary(arm_scene(1), ["hold.kd=2..6"])
+    with pytest.raises(
+        ScenarioError, match=r"manual needs the variables kp, ki, kd, found: hold_kd"
+    ) as caught:
+        tune(scene, "manual")
+    assert "\n" not in str(caught.value)
