@@ -83,7 +83,10 @@ def read_mesh(path: Path, scale: tuple[float, ...]) -> Any:
 def _read(path: Path, scale: tuple[float, ...], _written_ns: int, _bytes: int) -> Any:
     import coal  # only descriptions with meshes pay for its import
 
-    return coal.MeshLoader().load(str(path), np.array(scale))
+    mesh = coal.MeshLoader().load(str(path), np.array(scale))
+    if not np.isfinite(mesh.vertices()).all():
+        raise ValueError("a vertex is not finite")
+    return mesh
 
 
 def stand_in(mass: float, com: Array, inertia: Array) -> LinkShape:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from spacerobot.result.trust import KINDS
@@ -31,6 +32,9 @@ DIMENSIONS: dict[str, tuple[str, ...]] = {
 }
 """Variables and coordinates that every result has, with their dimensions."""
 
+STATE = ("time", "q", "v", "body_position", "body_orientation")
+"""Variables that pages and figures draw; a rollout that diverges ends before they are not finite."""
+
 Number = (int, float)
 Maybe = (int, float, type(None))
 Name = (str, type(None))
@@ -46,8 +50,13 @@ def missing_data(data: xr.Dataset, scenario: Scenario) -> str | None:
             return f"{name}: found the dimensions {', '.join(found)}, allowed: {', '.join(dims)}"
         if not data[name].size and dims[0] == "time" and not data.sizes["time"]:
             return "no sample"
-        if dims[0] == "time" and "units" not in data[name].attrs:
-            return f"{name}: no attribute 'units'"
+        if dims[0] == "time":
+            if "units" not in data[name].attrs:
+                return f"{name}: no attribute 'units'"
+            if not np.issubdtype(data[name].dtype, np.number):
+                return f"{name}: found {data[name].dtype}, allowed: numbers"
+            if name in STATE and not np.isfinite(data[name].values).all():
+                return f"{name}: found values that are not finite"
     if "outside" not in data.attrs:
         return "no attribute 'outside'"
     for work in map(str, data):

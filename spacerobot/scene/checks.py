@@ -50,8 +50,12 @@ def check_masses(scenario: Scenario, descriptions: Mapping[str, Description], *,
                 bodies = resolved_bodies(config, description)
                 check_bodies(bodies, description.path, floating=config.base.joint != "fixed")
         except DescriptionError as fault:
-            message = f"{fault.where} {fault.message}"
-            raise ScenarioError(message, source=source, where=f"{path}.links") from None
+            message, link_name = f"{fault.where} {fault.message}", str(fault.where).partition("'")[2]
+            # pieces of a flexible link are called NAME_...; the section, not the URDF, gives them no mass
+            flexing = [f"flexible.{name}" for name in config.flexible if link_name.startswith(f"{name}_")]
+            place = flexing[0] if flexing else "links"
+            raise ScenarioError(message, source=source, where=f"{path}.{place}") from None
+        moved: dict[str, Array] = {}
         for name in config.flexible:
             # refuse a flexible link of which more moves than the link has; the rest must be semidefinite
             flexible = config.flexible[name]
@@ -59,7 +63,9 @@ def check_masses(scenario: Scenario, descriptions: Mapping[str, Description], *,
             link = _with_masses(find_link(description, carrier), config.links.get(carrier))
             whole = pin.Inertia(link.mass, link.com, np.zeros((3, 3))).matrix()
             whole[3:, 3:] += link.inertia
-            moving = flexible.moving_inertia(description, name)
+            # with what other sections take out of the same link
+            moving = moved.get(carrier, 0.0) + flexible.moving_inertia(description, name)
+            moved[carrier] = moving
             scale = np.sqrt(np.maximum(np.diag(whole), np.diag(moving)))
             scale[scale == 0] = 1.0
             values, vectors = np.linalg.eigh((whole - moving) / np.outer(scale, scale))

@@ -4,9 +4,14 @@ import json
 import shutil
 import sys
 
+import numpy as np
 import pytest
+import xarray as xr
 
+import spacerobot as sr
+from optim.planning.output.plan_folder import DIMENSIONS, read
 from spacerobot.cli.app import main
+from spacerobot.errors import ResultError
 from tests.oracles import one_arm
 
 TUNING = {
@@ -126,6 +131,57 @@ def test_a_comparison_that_lacks_a_key_or_holds_something_else_ends_in_one_line(
         (folder / "comparison.json").write_text(json.dumps(found))
         codes.append(told(monkeypatch, capsys, "report", folder, "--out", tmp_path / "out"))
     assert codes.count(2) > 50
+
+
+@pytest.fixture
+def plan_folder(whole, tmp_path):
+    """Folder of a plan: every variable that one has, without a motion."""
+    folder = tmp_path / "plan"
+    folder.mkdir()
+    sizes = {"time": 2, "configuration": 3, "velocity": 3, "joint": 1, "tip": 1, "axis": 3}
+    variables = {
+        name: (dims, np.zeros([sizes[dim] for dim in dims]), {"units": "1"})
+        for name, dims in DIMENSIONS.items()
+        if name not in ("joint", "tip", "axis")
+    }
+    labels = {"joint": ["arm/a"], "tip": ["arm/tip"], "axis": ["x", "y", "z"]}
+    xr.Dataset(variables, labels).to_netcdf(folder / "plan.nc", engine="netcdf4")
+    verification = {"residual": 0.0, "second_order": "solved", "violations": []}
+    numbers = {"duration_s": 1.0, "cost": 1.0, "terms": {}, "choices": [], "solver_runs": []}
+    summary = {"scenario": "s", **numbers, "verification": verification, "collision_avoidance": {}}
+    (folder / "plan.json").write_text(json.dumps(summary))
+    for name in ("scenario.yaml", "followed.yaml"):
+        shutil.copy(whole / "result" / "scenario.yaml", folder / name)
+    return folder
+
+
+@pytest.mark.parametrize("name", ["plan.json", "plan.nc"])
+def test_a_damaged_plan_ends_in_one_line(plan_folder, tmp_path, monkeypatch, capsys, undrawn, name):
+    data, summary = read(plan_folder)
+    data = data.drop_encoding()
+    contents = [None, b"", b"[1]", b"{}", b'"x"', bytes(range(256))]
+    if name == "plan.json":
+        texts = ("scenario", "second_order")  # any text will do
+        kept = {key: value for key, value in summary.items() if key not in texts}
+        del kept["verification"]["second_order"]
+        contents += [json.dumps(one).encode() for one in dropped(kept)]
+    else:
+        damaged = [data.drop_vars(key) for key in ("q", "joint_rate", "tip")]
+        damaged += [data.assign(q=(data.q.dims, np.full(data.q.shape, value))) for value in (np.nan, "x")]
+        damaged += [data.isel(time=slice(0, 0)), data.assign(q=("configuration", np.zeros(3)))]
+        for one in damaged:
+            one.to_netcdf(tmp_path / "damaged.nc", engine="netcdf4")
+            contents.append((tmp_path / "damaged.nc").read_bytes())
+    for content in contents:
+        (plan_folder / name).unlink(missing_ok=True)
+        if content is not None:
+            (plan_folder / name).write_bytes(content)
+        with pytest.raises(ResultError) as raised:
+            sr.PlanResult.load(plan_folder)
+        assert "\n" not in str(raised.value)
+    (plan_folder / name).write_bytes(b"[1]")
+    for command, option in READERS["result"]:
+        assert told(monkeypatch, capsys, command, plan_folder, option, tmp_path / "out") == 2
 
 
 @pytest.mark.parametrize("kind", WRITERS)

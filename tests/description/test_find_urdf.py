@@ -189,8 +189,26 @@ def test_a_mesh_reaches_pinocchio(workspace: Path, urdf) -> None:
     np.testing.assert_array_equal(shape.placement.translation, (0, 0, 1))
 
 
+FACET = """solid m
+facet normal 0 0 1
+outer loop
+vertex 0 0 0
+vertex 1 0 0
+vertex 0 {} 0
+endloop
+endfacet
+endsolid m
+"""
+
+
 @pytest.mark.parametrize(
-    ("content", "fault"), [(None, "not found"), ("rubbish", "cannot be read"), ("", "cannot be read")]
+    ("content", "fault"),
+    [
+        (None, "not found"),
+        ("rubbish", "cannot be read"),
+        ("", "cannot be read"),
+        *((FACET.format(number), "cannot be read") for number in ("nan", "inf", "1e400")),
+    ],
 )
 def test_a_box_of_the_same_inertia_stands_in(tmp_path: Path, content: str | None, fault: str) -> None:
     """The box that stands in for a missing mesh is the uniform body with the link's own inertia."""

@@ -431,3 +431,19 @@ def test_what_cannot_be_is_refused_in_one_line(flexible, told):
     assert told in str(fault.value)
     assert "robots.sat.flexible.own" in str(fault.value)
     assert "\n" not in str(fault.value)
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        ({"mass_per_length": 0}, "robots.arm.flexible.two: link 'two_1a' is a moving link; it has no mass"),
+        ({}, "robots.arm.flexible.two: more moves than link 'link_1' has"),
+    ],
+)
+def test_two_beams_of_one_link_are_named(more, told):
+    beam = {"kind": "beam", "link": "link_1", "start": [0, 0, 0], "end": [0.3, 0, 0], "segments": 2}
+    beam |= {"bending_stiffness": 100, "normal": [0, 0, 1]} | more
+    arm = {"urdf": "planar_arm.urdf", "base": {"joint": "planar"}, "flexible": {"one": beam, "two": beam}}
+    with pytest.raises(ScenarioError) as fault:
+        build_scene(validate({"robots": {"arm": arm}}))
+    assert str(fault.value).startswith(told)

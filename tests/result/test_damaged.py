@@ -4,6 +4,7 @@ import functools
 import json
 import shutil
 
+import numpy as np
 import pytest
 import xarray as xr
 
@@ -47,6 +48,18 @@ def test_a_variable_that_is_missing_is_named(damaged, name):
     data = xr.load_dataset(damaged / "result.nc")
     rewrite(damaged, data.drop_vars(name))
     with pytest.raises(ResultError, match=rf"r/result\.nc: damaged: no variable '{name}'; run its"):
+        Result.load(damaged)
+
+
+@pytest.mark.parametrize("name", ["time", "q", "v", "body_position", "body_orientation"])
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), "text"])
+def test_a_variable_without_finite_numbers_is_named(damaged, name, value):
+    data = xr.load_dataset(damaged / "result.nc")
+    values = np.full(data[name].shape, value, dtype=object if value == "text" else float)
+    attributes = data[name].attrs
+    data[name] = (data[name].dims, values, attributes)
+    rewrite(damaged, data)
+    with pytest.raises(ResultError, match=rf"damaged: {name}: found .*(not finite|allowed: numbers)"):
         Result.load(damaged)
 
 

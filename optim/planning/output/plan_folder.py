@@ -47,6 +47,15 @@ from spacerobot.version import __version__
 
 SUMMARY, FOLLOWED, SCENARIO = "plan.json", "followed.yaml", "scenario.yaml"
 AXES = ["x", "y", "z"]
+DIMENSIONS: dict[str, tuple[str, ...]] = {
+    "time": ("time",),
+    "q": ("time", "configuration"),
+    **dict.fromkeys(("v", "acceleration"), ("time", "velocity")),
+    **dict.fromkeys(("torque", "joint_position", "joint_rate", "joint_acceleration"), ("time", "joint")),
+    **dict.fromkeys(("tip_position", "tip_velocity", "tip_rotation", "tip_spin"), ("time", "tip", "axis")),
+    **{name: (name,) for name in ("joint", "tip", "axis")},
+}
+"""Variables and coordinates that every plan has, with their dimensions."""
 
 
 def dataset(planned: PlanSolution) -> xr.Dataset:
@@ -267,9 +276,59 @@ def read(folder: StrPath) -> tuple[xr.Dataset, dict[str, Any]]:
     try:
         summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
         with xr.open_dataset(folder / PLAN, engine="netcdf4") as stored:
-            return stored.load(), dict(summary)
-    except (OSError, ValueError, RuntimeError) as fault:
+            data = stored.load()
+    except (OSError, ValueError, RuntimeError, KeyError, AttributeError, TypeError, IndexError) as fault:
         raise ResultError(f"holds no plan that can be read: {fault}", source=folder) from None
+    for name, damage in ((SUMMARY, _summary_fault(summary)), (PLAN, _data_fault(data))):
+        if damage is not None:
+            raise ResultError(f"damaged: {damage}; plan its scenario again", source=folder / name)
+    return data, summary
+
+
+def _summary_fault(summary: Any) -> str | None:
+    """First item of a summary that is missing or malformed, in words; None if it is complete."""
+    number, items = (int, float), (list, dict)
+    expected: dict[str, Any] = {
+        "scenario": str,
+        "duration_s": number,
+        "cost": number,
+        "terms": dict,
+        "verification": dict,
+        "choices": list,
+        "solver_runs": list,
+        "collision_avoidance": dict,
+    }
+    inner: dict[str, Any] = {"residual": number, "second_order": str, "violations": items}
+    for place, mapping, kinds in (
+        ("", summary, expected),
+        ("verification.", isinstance(summary, dict) and summary.get("verification"), inner),
+    ):
+        if not isinstance(mapping, dict):
+            return f"found {str(mapping)[:40]!r}, allowed: a mapping"
+        for key, kind in kinds.items():
+            if key not in mapping:
+                return f"no {place}{key}"
+            if not isinstance(mapping[key], kind):
+                return f"{place}{key}: found {str(mapping[key])[:40]!r}, which it cannot be"
+    runs = summary["solver_runs"]
+    return None if all(isinstance(run, dict) for run in runs) else "solver_runs: allowed: mappings"
+
+
+def _data_fault(data: xr.Dataset) -> str | None:
+    """First variable of a plan that is missing or malformed, in words; None if it is complete."""
+    for name, dims in DIMENSIONS.items():
+        if name not in data.variables:
+            return f"no variable {name!r}"
+        found = tuple(map(str, data[name].dims))
+        if found != dims:
+            return f"{name}: found the dimensions {', '.join(found)}, allowed: {', '.join(dims)}"
+        if dims[0] == "time" and not (
+            np.issubdtype(data[name].dtype, np.number) and np.isfinite(data[name].values).all()
+        ):
+            return f"{name}: found something else than finite numbers"
+        if dims[0] == "time" and "units" not in data[name].attrs:
+            return f"{name}: no attribute 'units'"
+    return None if data.sizes["time"] else "no sample"
 
 
 def is_plan(folder: Path) -> bool:
