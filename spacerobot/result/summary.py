@@ -26,7 +26,7 @@ from spacerobot.result.metrics import (
     tip_errors,
 )
 from spacerobot.result.missed_captures import missed_captures
-from spacerobot.result.trust import advise, deep_contacts, judge
+from spacerobot.result.trust import advise, deep_contacts, judge, warning
 from spacerobot.rollout import Trajectory
 from spacerobot.scene import Scene
 from spacerobot.version import __version__
@@ -60,6 +60,10 @@ def build_summary(
     # a rollout that diverged passes every limit on its way: that explains nothing
     beyond = beyond_limits(scene, data) if trajectory.status == "completed" else []
     ended = trajectory.ended_at_s
+    judged = judge(trajectory.status == "completed", ledger, advice, deep_contacts(scene.contacts, data))
+    if trajectory.status == "diverged":
+        judged["advice"] = advice
+    doubt = warning(judged)
     status = {
         "state": trajectory.status,
         "reached_s": float(trajectory.time[-1]) if ended is None else ended,
@@ -69,8 +73,7 @@ def build_summary(
     return {
         "format": FORMAT,
         "name": scene.scenario.name,
-        "status": status
-        | judge(trajectory.status == "completed", ledger, advice, deep_contacts(scene.contacts, data)),
+        "status": status | judged,
         "outcome": outcome_of(scene, events),
         **({"missed": missed} if (missed := missed_captures(scene, data, events)) else {}),
         "events": list(events),
@@ -90,7 +93,7 @@ def build_summary(
         "engine": engine,
         "timing_s": dict(timing),
         "assumptions": list(scene.assumptions),
-        "warnings": [*scene.warnings, *limit_warnings(beyond)],
+        "warnings": [*scene.warnings, *limit_warnings(beyond), *([doubt] if doubt else [])],
         "urdf_sha256": {body.name: body.description.sha256 for body in scene.bodies},
         **({"plugins": plugins} if (plugins := plugin_records()) else {}),
         "versions": dict(_versions()),

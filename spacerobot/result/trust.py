@@ -29,6 +29,8 @@ LEAST_ENERGY = 1e-6
 MOST_DEPTH = 0.5
 """Greatest indentation, in parts of the least distance from the smaller shape's middle to its surface."""
 
+DEEP_ADVICE = "take a stiffer contact, or let bodies meet more slowly"
+
 KINDS = (("linear", "n_s"), ("angular", "n_m_s"))
 
 
@@ -44,7 +46,7 @@ def judge(
     ledger
         As :func:`spacerobot.result.ledger.build_ledger` makes it.
     advice
-        What to do where it is open.
+        What to do where the ledger is open.
     deep
         As :func:`deep_contacts` finds them.
 
@@ -52,7 +54,7 @@ def judge(
     -------
     dict
         ``trusted``, what is ``open`` in words, which contacts are too ``deep`` if any, ``advice`` (None where
-        nothing is open).
+        it is trusted).
     """
     found = list[str]()
     if completed:
@@ -71,7 +73,7 @@ def judge(
         "trusted": completed and not found and not deep,
         "open": found,
         **({"deep": list(deep)} if deep else {}),
-        "advice": advice if found else None,
+        "advice": "; ".join([*([advice] if found else []), *([DEEP_ADVICE] if deep else [])]) or None,
     }
 
 
@@ -175,6 +177,4 @@ def warning(status: Mapping[str, Any]) -> str | None:
     doubts = _doubts(status, f"{100 * MOST_DRIFT:g} % and {100 * MOST_RESIDUAL:g} %")
     if not doubts:
         return None
-    advice = [status["advice"]] if status["advice"] else []
-    advice += ["take a stiffer contact, or let bodies meet more slowly"] if status.get("deep") else []
-    return f"{'; '.join(doubts)}: do not trust these numbers; {'; '.join(advice)}"
+    return f"{'; '.join(doubts)}: do not trust these numbers; {status['advice']}"

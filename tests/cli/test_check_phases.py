@@ -37,3 +37,11 @@ def test_a_limit_of_an_output_that_there_is_not_is_refused_by_check_as_by_run(tm
     assert isinstance(found.exception, ScenarioError), found.output
     told = str(found.exception)
     assert "phases.one.until.limit.output: found 'grasp_forc'; did you mean grasp_force" in told
+
+
+def test_limits_of_outputs_are_checked_with_predictive_control_as_run_does(tmp_path):
+    limit = "phases.approach.abort={output: grasp_gap, of: left, above: 10}"
+    changes = [limit, "phases.approach.on_abort=end"]
+    options = [word for change in changes for word in ("--set", change)]
+    found = CliRunner().invoke(app, ["check", "examples/docking-receding.yaml", *options])
+    assert found.exit_code == 0, found.output

@@ -53,6 +53,8 @@ def test_samples_are_clipped_quantised_lost_and_late():
     shown, true = seen(range=0.02, resolution=1e-3)
     assert np.abs(true).min() > 0.02
     np.testing.assert_allclose(np.abs(shown[:, 1:]), 0.02, atol=1e-12)
+    shown, _ = seen(range=0.02, resolution=8e-3)  # 0.024 would be nearer to what is larger than 0.02
+    np.testing.assert_allclose(np.abs(shown[:, 1:]), 0.02, atol=1e-12)
     shown, true = seen(resolution=1e-3)
     np.testing.assert_allclose(shown[:, 1:], 1e-3 * np.round(true[:, 1:] / 1e-3), atol=1e-12)
     shown, _ = seen(draws=range(10), noise=DENSITY, dropout=0.25)

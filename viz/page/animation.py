@@ -105,7 +105,8 @@ def shown_data(
     # description of the shown results, for a reader who does not know the scenario
     engine = first.result.summary["engine"]["name"]
     scenario, kind = first.result.scenario, "planar" if first.scene.planar else "spatial"
-    words = f"{kind}, {scenario.simulation.duration:g} s, simulated by {engine}"
+    simulated_s = max(float(one.result.array("time")[-1]) for one in shown)
+    words = f"{kind}, {simulated_s:.4g} s, simulated by {engine}"
     if scenario.description and len({one.result.scenario.name for one in shown}) == 1:
         words = f"{scenario.description} ({words})"
     # warnings that belong beside the picture

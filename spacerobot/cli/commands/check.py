@@ -31,9 +31,10 @@ def command(scenario: ScenarioName, changes: Changes = None) -> None:
     # refuse limits of outputs that there are not: the closed loop alone knows which there are
     phases = scene.scenario.phases.values()
     if any(phase.abort or (phase.until is not None and phase.until.limit) for phase in phases):
+        from optim.planning.mpc.flown_scene import FlownScene, mpc_controllers
         from spacerobot.loop_cache import cached_closed_loop
 
-        cached_closed_loop(scene)
+        cached_closed_loop(FlownScene.of(scene).scene if mpc_controllers(scene) else scene)
     for warning in (*scene.warnings, *overlaps(scene)):
         warn(warning)
     console().print(scene_tree(scene))

@@ -78,9 +78,11 @@ def command(
 
 def _conclude(scene: Scene, result: Result) -> None:
     from spacerobot.result.events import HEADINGS, event_rows
+    from spacerobot.result.trust import warning as doubt_of
 
+    shown = [*scene.warnings, doubt_of(result.summary["status"])]  # the latter at the end
     for warning in result.summary["warnings"]:
-        if warning not in scene.warnings:
+        if warning not in shown:
             warn(warning)
     kind = "planar" if scene.planar else "spatial"
     counts = (("robot", scene.robots), ("tip", scene.tips), ("grasp", scene.grasps))

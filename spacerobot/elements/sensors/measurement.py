@@ -2,10 +2,10 @@
 
 Sample k of a signal s, with the sensor's scale b and offset a, is
 
-    m_k = Q(clip(b s + a + beta_k + sigma_d / sqrt(T) n_k)),    beta_k = beta_k-1 + kappa sqrt(T) w_k,
+    m_k = clip(Q(b s + a + beta_k + sigma_d / sqrt(T) n_k)),    beta_k = beta_k-1 + kappa sqrt(T) w_k,
 
 with the period T, the densities sigma_d of white noise and kappa of the bias' random walk, standard normal
-numbers n and w, the range by which it is clipped and the quantisation Q. White noise of density sigma_d
+numbers n and w, the quantisation Q and the range by which it is clipped. White noise of density sigma_d
 (square root of the two-sided power spectral density) has the variance sigma_d^2 / T where it is averaged
 over T; the integral of a rate then walks at random by sigma_d sqrt(t), whatever T (IEEE Std 952). beta_0 is
 drawn with the standard deviation of the initial bias. A sample that drops out leaves the last one; each
@@ -276,12 +276,12 @@ class Measurement:
             sample = sample + density / root * context.random(name, rows, size, number)
         if sensor is not None:
             sample = sample + sensor.drift
-        if errors.range is not None:
-            limit = context.number("range")
-            sample = ca.fmin(ca.fmax(sample, -limit), limit)
         if not context.is_zero("resolution"):
             step = context.number("resolution")
             sample = step * ca.floor(sample / step + 0.5)
+        if errors.range is not None:  # last, so that rounding up does not exceed it
+            limit = context.number("range")
+            sample = ca.fmin(ca.fmax(sample, -limit), limit)
         sample = observed.sample(sample, clock.instant)
         if errors.dropout or sensor is not None:
             last = memory(f"{name}.last", observed.sample(observed.shown, ca.SX(-1)))

@@ -122,6 +122,9 @@ def test_indentation_counts_as_in_a_run(tmp_path):
     for speed, depth in zip(speeds[:, 0], found, strict=True):
         run = simulate(load_scene("bounce", {**soft, "target.base.velocity.0": speed}), backend="interpreted")
         assert ("deep" in run.summary["status"]) is bool(depth > 0.5)
+        assert ("stiffer contact" in (run.summary["status"]["advice"] or "")) is bool(depth > 0.5)
+        doubts_of_run = [w for w in run.summary["warnings"] if "bodies pass into each other" in w]
+        assert len(doubts_of_run) == int(depth > 0.5)
     data = xr.Dataset({DEPTH: (("gains", "sample", "contact"), found[None, :, None])}, {"gains": ["all"]})
     told = untrusted(data, {"all": np.zeros(2, bool)})
     assert (told["all"]["count"], told["all"]["of"]) == (1, 2)
