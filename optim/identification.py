@@ -321,7 +321,7 @@ class _Momentum:
 
     @property
     def advice(self) -> str:
-        """How to move the object so that the motion shows its parameters."""
+        """Excitation trajectory: motion of the object from which its parameters are observable."""
         return "to and fro in the plane" if self.places is PLANAR else "about several axes"
 
     def too_slow(self) -> SpaceRobotError:

@@ -45,10 +45,10 @@ CHECKING_TOLERANCE = 1e-2
 """The same of the independent engine, of order 8: a docking then errs by a hundredth of its tolerance."""
 
 LARGEST = 1e150
-"""Numbers beyond it cannot be squared; a rollout has diverged before one comes up."""
+"""Largest finite magnitude of a state or output that is kept: its square is still a number."""
 
 MOST_INSTANTS = 100_000
-"""Headline numbers are looked for at each step of a rollout, but hardly at more than so many."""
+"""Maximum number of samples in which peaks are searched; fewer steps are all searched."""
 
 FEWEST_INSTANTS = 1000
 """At so many instants at least of a rollout by CVODES."""
@@ -60,7 +60,7 @@ REMEDY = (
     "for a stiff loop take `--engine cvodes`, or softer gains and dampers; else give `simulation.step`, "
     "or a larger `simulation.tolerance`"
 )
-"""What helps where no step can be chosen."""
+"""Advice where no step meets the tolerance."""
 
 TOUCH_SHARE = 0.02
 """Part of the time for which shapes touch that is proposed as the longest step meanwhile."""

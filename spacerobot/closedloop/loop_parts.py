@@ -20,7 +20,7 @@ from spacerobot.elements import (
     memory,
 )
 from spacerobot.elements.core.context import Affine, unbroken
-from spacerobot.elements.grasps.capture_release import living
+from spacerobot.elements.grasps.capture_release import grasp_lifecycle
 from spacerobot.elements.sensors.measurement import Measurement
 from spacerobot.scenario import Robot
 from spacerobot.scene import Scene, SceneBody, SceneGrasp
@@ -68,7 +68,7 @@ class LoopParts:
     @functools.cached_property
     def grasps(self) -> list[Contribution]:
         """Contributions of the grasps, in the scene's order."""
-        return [living(grasp.config, self._grasp(grasp)) for grasp in self.scene.grasps]
+        return [grasp_lifecycle(grasp.config, self._grasp(grasp)) for grasp in self.scene.grasps]
 
     def grasp_switch(self, name: str, kind: Literal["closed", "released"]) -> ca.SX:
         """Switch of a grasp (1x1): nonzero while it is closed, or once it was released."""

@@ -38,7 +38,7 @@ class EvaluatedInstant:
     given
         Arguments of the compiled laws: t, (q, v, z), c and inputs.
     solved
-        The unknowns (n,); NaN where nobody asked for them.
+        The unknowns (n,); NaN where not requested.
     acceleration
         v' (nv,), the last of them.
     """

@@ -41,7 +41,7 @@ class PlanCost(Section):
         Raises
         ------
         ScenarioError
-            If a factor is of no component, or the quantity names what there is not.
+            If a factor is of no component, or the scene has nothing that the quantity describes.
         """
         columns, factors = self.weighs.columns(instant), dict[str, float]()
         if not self.factors:

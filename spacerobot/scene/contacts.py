@@ -32,7 +32,7 @@ def find_contacts(
     Raises
     ------
     ScenarioError
-        If a contact names what there is not, or shapes that have no distance.
+        If a contact names an unknown pad or link, or shapes that have no distance.
     """
     finder = _Finder(model, {body.name: body for body in bodies}, scenario, source)
     return tuple(

@@ -1,4 +1,4 @@
-"""Which base gives way to which grasp, so that a scene begins closed.
+"""Choice of the base that is moved to close each grasp, so that a scene begins closed.
 
 A base with ``close_grasp`` gives way to the grasp it names, and is turned too where it says ``align``. Each
 rigid grasp that is left moves the target, or, if the target has given way already, the base of its own robot;

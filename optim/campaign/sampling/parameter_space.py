@@ -20,7 +20,7 @@ from spacerobot.scene import Scene, build_scene
 
 @dataclass(frozen=True)
 class ParameterSpace:
-    """Where the draws of k uncertain parameters go: m numbers of the scenario.
+    """Map from draws of k uncertain parameters to m numbers of the scenario.
 
     Attributes
     ----------

@@ -19,7 +19,7 @@ class CmaEs(EvolutionaryMethod):
     place: ClassVar[float] = 5
 
     def algorithm(self, protocol: EvolutionSettings, first: Array) -> Any:
-        """Of pymoo."""
+        """Algorithm of pymoo with its settings."""
         from pymoo.algorithms.soo.nonconvex.cmaes import CMAES
 
         return CMAES(

@@ -19,7 +19,7 @@ class DifferentialEvolution(EvolutionaryMethod):
     place: ClassVar[float] = 3
 
     def algorithm(self, protocol: EvolutionSettings, first: Array) -> Any:
-        """Of pymoo."""
+        """Algorithm of pymoo with its settings."""
         from pymoo.algorithms.soo.nonconvex.de import DE
 
         return DE(pop_size=protocol.population, sampling=first, variant="DE/rand/1/bin", CR=0.9, F=0.6)

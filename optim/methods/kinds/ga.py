@@ -20,7 +20,7 @@ class GeneticAlgorithm(EvolutionaryMethod):
     has_own_budget: ClassVar[bool] = True
 
     def algorithm(self, protocol: EvolutionSettings, first: Array) -> Any:
-        """Of pymoo."""
+        """Algorithm of pymoo with its settings."""
         from pymoo.algorithms.soo.nonconvex.ga import GA
         from pymoo.operators.crossover.sbx import SBX
         from pymoo.operators.mutation.pm import PM

@@ -19,7 +19,7 @@ class ParticleSwarm(EvolutionaryMethod):
     place: ClassVar[float] = 4
 
     def algorithm(self, protocol: EvolutionSettings, first: Array) -> Any:
-        """Of pymoo."""
+        """Algorithm of pymoo with its settings."""
         from pymoo.algorithms.soo.nonconvex.pso import PSO
 
         return PSO(pop_size=protocol.population, sampling=first)

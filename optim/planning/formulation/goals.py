@@ -27,7 +27,7 @@ def goal_rows(stage: Stage, goals: Mapping[str, Goal]) -> Iterator[BoundedRow]:
     Raises
     ------
     ScenarioError
-        If one names what there is not.
+        If one names an unknown body, link or joint.
     """
     model, bodies = stage.scene.model, {body.name: body for body in stage.scene.bodies}
     twists = dict[str, list[ca.SX]]()

@@ -125,7 +125,7 @@ class Computer:
             self.first = plant.start[:, 1 : 1 + scene.model.nq].copy()
 
     def measured(self, rows: Rows, readings: Sequence[Readings]) -> Array:
-        """Where some simulations seem to be (n, nq + nv)."""
+        """Estimated states of some simulations (n, nq + nv)."""
         plan, plant = first_plan(self.scene), self.plant
         found = [
             measured_state(self.scene, plan, known, plant.start[row, 1:], self.first[row], self.handover.held)
@@ -138,7 +138,7 @@ class Computer:
         return [self.handover.inertia(known, state) for known, state in zip(readings, measured, strict=True)]
 
     def predicted(self, rows: Rows, measured: Array, delay: float) -> Array:
-        """Where they seem to come to a time [s] later, by the present plans (n, nq + nv).
+        """Predicted states after a delay [s], under the present plans (n, nq + nv).
 
         Raises
         ------

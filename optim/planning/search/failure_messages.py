@@ -15,7 +15,7 @@ from spacerobot.arrays import Array
 from spacerobot.scenario.plan import PlanSection
 
 VIOLATED = 1e-6
-"""Violation that is told."""
+"""Smallest violation that messages report."""
 NAMED = 4
 """Constraints and limits that are named at most."""
 SHARE = 0.05

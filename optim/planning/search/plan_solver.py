@@ -44,7 +44,7 @@ from spacerobot.scene import Scene
 ProgressCallback = Callable[[str], None]
 
 ITERATIONS = 50
-"""Of one solve, about, with its refinement."""
+"""Typical number of iterations of one solve with its mesh refinement."""
 COMPILED = 30_000
 """Instants from which on it takes less time to compile a problem's functions than to interpret them."""
 

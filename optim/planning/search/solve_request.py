@@ -192,7 +192,7 @@ class _SolverRuns:
         self._solve(phased_motion, near.meshes, solution)
 
     def refined(self) -> VerificationResult | None:
-        """Verdict on the motion on meshes that become finer until it is good, or as fine as is allowed."""
+        """Verification of the motion, its mesh refined until it passes or the finest mesh is reached."""
         # A motion can be cut where nothing holds for a part of its duration, and its start is given. Where
         # magnitudes are a cost, drives are linear and meshes are sharpened instead.
         problem = self.problem

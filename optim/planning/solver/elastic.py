@@ -51,7 +51,7 @@ class ElasticProgram:
         self.hessian_pattern = _beside(wide, none)
 
     def started(self, w: Array) -> Array:
-        """Unknowns to begin with, from those of the program: just what is violated is given way to."""
+        """Initial unknowns from those of the program, with slack on violated rows only."""
         g, (least, greatest) = self.program.constraints(w)[self.soft], self.program.limits()
         over = np.maximum(g - greatest[self.soft], 0.0), np.maximum(least[self.soft] - g, 0.0)
         return np.concatenate([w, *over])

@@ -17,9 +17,9 @@ from spacerobot.elements.actuators.wheel_set import (
     WheelMotors,
     WheelSet,
     are_independent,
+    base_rotation_axes,
     names_of,
-    shares,
-    turning,
+    pseudo_inverse,
 )
 from spacerobot.elements.core.context import ActuatorContext, unit_load
 from spacerobot.elements.core.contribution import (
@@ -123,7 +123,7 @@ class ReactionWheels(WheelSet):
     def build(self, actuator: ActuatorContext) -> Contribution:
         """The wheels' angular momenta are states; motors press on wheels and base alike."""
         context, name = actuator.context, f"{actuator.robot}/{actuator.context.path.rpartition('.')[2]}"
-        columns, about = turning(actuator)
+        columns, about = base_rotation_axes(actuator)
         axes, inverse = self._geometry(actuator, about)
         spin = ca.SX(3, 1)
         spin[about] = actuator.plant.v[list(columns)]
@@ -134,7 +134,7 @@ class ReactionWheels(WheelSet):
         if self.seized:
             speed = speed * (1 - self._seized(actuator))
             momentum = inertia * (speed + carried)
-        friction = self.rub(actuator, speed)
+        friction = self.coulomb_friction(actuator, speed)
         viscous = context.once("viscous", context.parameters.sparse(f"{context.path}.viscous"))
         friction = friction + viscous * speed
         lost = (PowerTerm("wheel_friction", ca.dot(friction, speed)),) if friction.nnz() else ()
@@ -194,7 +194,7 @@ class ReactionWheels(WheelSet):
         ``J a . omega``: the base with its inertia about the axis.
         """
         plant, found = actuator.plant, Contribution()
-        columns, switches = list(turning(actuator)[0]), self._seized(actuator)
+        columns, switches = list(base_rotation_axes(actuator)[0]), self._seized(actuator)
         for wheel in self.seized:
             stopped = memory(f"{names_of(actuator, self.count)[wheel]}.stopped", ca.SX.zeros(1))
             unit = ca.SX(plant.v.size1(), 1)
@@ -230,7 +230,7 @@ class ReactionWheels(WheelSet):
             ]
             axes = ca.horzcat(*(vector / ca.norm_2(vector) for vector in vectors))
             inverse = ca.SX(self.count, 3)
-            inverse[:, about] = shares(axes[about, :])
+            inverse[:, about] = pseudo_inverse(axes[about, :])
         return context.once("axes", axes), context.once("shares", inverse)
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:

@@ -10,7 +10,13 @@ import casadi as ca
 from pydantic import Field
 
 from spacerobot.elements.actuators.joint_lock import held_joints
-from spacerobot.elements.actuators.wheel_set import WheelMotors, WheelSet, are_independent, shares, turning
+from spacerobot.elements.actuators.wheel_set import (
+    WheelMotors,
+    WheelSet,
+    are_independent,
+    base_rotation_axes,
+    pseudo_inverse,
+)
 from spacerobot.elements.core.context import ActuatorContext
 from spacerobot.elements.core.contribution import ActuatorDrive, Contribution, PowerTerm, concatenate
 from spacerobot.elements.core.registry import register
@@ -30,13 +36,13 @@ class WheelJoints(WheelSet):
         """Torques of the joints, whose momentum is their links' and viscous friction their damping."""
         plant, columns = actuator.plant, actuator.columns
         places = [columns[name] for name in self.owns(tuple(columns))]
-        base, about = turning(actuator)
+        base, about = base_rotation_axes(actuator)
         joints = [joint for joint in plant.kinematics.joints if joint.idx_v in places]
         axes = ca.horzcat(*(ca.mtimes(joint.rotation, joint.angular) for joint in joints))
-        inverse, speed, spin = shares(axes[about, :]), plant.v[places], ca.SX(3, 1)
+        inverse, speed, spin = pseudo_inverse(axes[about, :]), plant.v[places], ca.SX(3, 1)
         spin[about] = plant.v[list(base)]
-        rub = self.rub(actuator, speed)
-        friction = rub + plant.damping[places] * speed
+        coulomb = self.coulomb_friction(actuator, speed)
+        friction = coulomb + plant.damping[places] * speed
         own = (ca.mtimes(plant.inertias.rotational[j.index], j.angular) for j in joints)
         inertia = ca.vertcat(*(ca.dot(turned, j.angular) for turned, j in zip(own, joints, strict=True)))
         rotation = plant.placement(actuator.base_frame)[0]
@@ -49,13 +55,15 @@ class WheelJoints(WheelSet):
         def deliver(asked: ca.SX) -> ca.SX:
             found = motors(asked)
             left = asked[: len(base)] + ca.mtimes(axes[about, :], found.command)
-            return ca.vertcat(left, found.net + friction - rub)
+            return ca.vertcat(left, found.net + friction - coulomb)
 
         def answer(asked: ca.SX) -> Contribution:
             """Friction's power, what is observed of the wheels, and tests of whether they have failed."""
-            found, taken = motors(asked), ca.dot(rub, speed)
+            found, taken = motors(asked), ca.dot(coulomb, speed)
             lost = (
-                (PowerTerm("actuator", taken, "in"), PowerTerm("wheel_friction", taken)) if rub.nnz() else ()
+                (PowerTerm("actuator", taken, "in"), PowerTerm("wheel_friction", taken))
+                if coulomb.nnz()
+                else ()
             )
             tests = self.detected(actuator, found, speed, axes, inertia)
             seen = Contribution(

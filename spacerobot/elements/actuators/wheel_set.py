@@ -154,7 +154,7 @@ class WheelSet(Actuator):
         section, count, names = self.detection, speed.size1(), names_of(actuator, speed.size1())
         if section is None:
             return Contribution()
-        columns, about = turning(actuator)
+        columns, about = base_rotation_axes(actuator)
         context = actuator.context.at(f"{actuator.context.path}.detection")
         spin = ca.SX(3, 1)
         spin[about] = actuator.plant.v[list(columns)]
@@ -196,7 +196,7 @@ class WheelSet(Actuator):
             limits.append(f"{self.speed_limit:g} rad/s ({self.speed_limit * 30 / np.pi:.0f} rpm)")
         return f"each up to {' and '.join(limits)}" if limits else "torque and speed not limited"
 
-    def rub(self, actuator: ActuatorContext, speed: ca.SX) -> ca.SX:
+    def coulomb_friction(self, actuator: ActuatorContext, speed: ca.SX) -> ca.SX:
         """Coulomb friction against motion at these speeds (n x 1) [N m], smooth through zero."""
         path = f"{actuator.context.path}.coulomb"
         most = actuator.context.once("coulomb", actuator.context.parameters.sparse(path))
@@ -306,13 +306,13 @@ def names_of(actuator: ActuatorContext, count: int) -> list[str]:
     return [f"{actuator.robot}/{actuator.context.path.rpartition('.')[2]}.{i}" for i in range(count)]
 
 
-def turning(actuator: ActuatorContext) -> tuple[tuple[int, ...], list[int]]:
+def base_rotation_axes(actuator: ActuatorContext) -> tuple[tuple[int, ...], list[int]]:
     """Places in v of the base's angular velocity, and which of the root link's axes they are about."""
     columns = actuator.base_columns
     return (columns[2:], [2]) if len(columns) == 3 else (columns[3:], [0, 1, 2])
 
 
-def shares(axes: ca.SX) -> ca.SX:
+def pseudo_inverse(axes: ca.SX) -> ca.SX:
     """Pseudo-inverse (n x k) of independent rows, or else columns, of n wheels' axes (k x n).
 
     Rows that are structurally zero have no part in it.
@@ -342,7 +342,7 @@ def _taken_over(asked: ca.SX, axes: ca.SX, held: ca.SX) -> ca.SX:
 
 
 def are_independent(axes: Sequence[ArrayLike]) -> bool:
-    """Whether :func:`shares` is a pseudo-inverse, of the axes of n wheels (n, 3)."""
+    """Whether :func:`pseudo_inverse` is a pseudo-inverse, of the axes of n wheels (n, 3)."""
     found: Array = np.array(axes, dtype=float)
     found = found[:, found.any(axis=0)]
     return bool(np.linalg.matrix_rank(found, tol=1e-6) == min(found.shape))

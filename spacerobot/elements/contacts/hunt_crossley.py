@@ -88,12 +88,12 @@ class HuntCrossley(Contact):
             path = f"{context.path}.friction"
             coefficient = context.once("friction", context.parameters.sparse(path))
             if not coefficient.nnz():
-                rub = ca.SX(3, 1)
+                friction = ca.SX(3, 1)
             else:
                 sliding, slip = touch.sliding, context.number("slip_velocity")
-                rub = -coefficient * normal * sliding / ca.sqrt(ca.dot(sliding, sliding) + slip**2)
-            taken = (spring - normal) * touch.opening - ca.dot(rub, touch.velocity)
-            presses.append(ContactForce(normal * touch.normal + rub, normal, taken))
+                friction = -coefficient * normal * sliding / ca.sqrt(ca.dot(sliding, sliding) + slip**2)
+            taken = (spring - normal) * touch.opening - ca.dot(friction, touch.velocity)
+            presses.append(ContactForce(normal * touch.normal + friction, normal, taken))
             energy += spring * depth / (exponent + 1)
         pull = [dissipation * touch.opening - 1 for touch in touching] if dissipation.nnz() else []
         marks = watch(contact, touching, self, pull, rough=not self.exponent.is_integer())
@@ -101,7 +101,7 @@ class HuntCrossley(Contact):
         return dataclasses.replace(found, energy=energy, events=marks.events, fine=marks.fine)
 
     def assumptions(self) -> list[str]:
-        """How it acts."""
+        """Contact force and outputs."""
         found = ["one pair of opposite forces for each pair of shapes, at one point"]
         if self.friction:
             found.append(

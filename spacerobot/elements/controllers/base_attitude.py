@@ -90,7 +90,7 @@ class BaseAttitude(RobotController):
         return ArmReaction(sense, torque - cross(lever, force))
 
     def assumptions(self) -> list[str]:
-        """Of what it knows."""
+        """Assumptions of its model, for the user."""
         return ["feeds the motion of the arm forward as it is, without errors"]
 
     def reads(self) -> set[str]:

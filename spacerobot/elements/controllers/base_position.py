@@ -78,7 +78,7 @@ class BasePosition(RobotController):
         return ArmReaction(sense, drift)
 
     def assumptions(self) -> list[str]:
-        """Of what it knows."""
+        """Assumptions of its model, for the user."""
         return ["feeds the motion of the arm forward as it is, without errors"]
 
     def reads(self) -> set[str]:

@@ -99,7 +99,7 @@ class BaseTracking(RobotController):
                 yield "knots.axes", f"found {axis!r}, allowed for a planar base: {', '.join(PLANAR)}"
 
     def assumptions(self) -> list[str]:
-        """Of what it knows."""
+        """Assumptions of its model, for the user."""
         return ["knows the velocity and the spin of the base without errors"]
 
     def words(self) -> str:

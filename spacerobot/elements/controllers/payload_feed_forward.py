@@ -87,6 +87,6 @@ class PayloadFeedForward(TipController):
         return ["feeds the object's motion forward as its reference has it, not the arm's own"]
 
     def words(self) -> str:
-        """Whose mass it takes."""
+        """Source of the payload mass, for the user."""
         object_ = "the identified object" if self.mass is None else f"an object of {self.mass:g} kg"
         return f"payload_feed_forward {self.feed_forward:g} of {object_}"

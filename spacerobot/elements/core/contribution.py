@@ -302,7 +302,7 @@ class AccelerationConstraint:
     slip
         The relative velocity itself (n x 1).
     answer
-        From the reaction's force and torque on the target (3x1 each) to what is booked and observed of it.
+        Function of the reaction's force and torque on the target (3x1 each); returns powers and outputs.
     active
         Switch (1x1) that is 1 while it holds; None if it always does.
     struck

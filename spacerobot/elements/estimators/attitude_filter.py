@@ -118,7 +118,7 @@ class AttitudeFilter(Estimator):
         return _AttitudeFilterLaw(self, robot).contribution()
 
     def assumptions(self) -> list[str]:
-        """Of what it knows."""
+        """Assumptions of its model, for the user."""
         return ["begins with an attitude whose error is drawn, and with the gyro's bias unknown"]
 
     def words(self) -> str:

@@ -120,7 +120,7 @@ class InertiaFilter(Estimator):
         return {*NOISY.values(), *OTHERS}
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
-        """A base that is fixed, noise that nobody gives, samples that are not of its instants."""
+        """Reasons why it cannot run: a fixed base, missing noise, samples at other instants than its own."""
         if robot.base == "fixed":
             yield "", f"the base of {robot.name} is fixed, so momentum is not conserved; leave it out"
         for signal in (*NOISY.values(), *OTHERS):
@@ -142,7 +142,7 @@ class InertiaFilter(Estimator):
         return _InertiaFilterLaw(self, robot).contribution()
 
     def assumptions(self) -> list[str]:
-        """Of what it knows."""
+        """Assumptions of its model, for the user."""
         return [
             "knows the robot's own masses, and the impulse that the actuators of its base deliver; nothing "
             "else acts from outside"

@@ -120,7 +120,7 @@ class TargetFilter(Estimator):
         return _TargetFilterLaw(self, robot).contribution()
 
     def assumptions(self) -> list[str]:
-        """Of what it knows."""
+        """Assumptions of its model, for the user."""
         return [
             "knows where the camera is, and the target's centre of mass and principal axes",
             "the target drifts freely as one body; the first estimate has a drawn error",

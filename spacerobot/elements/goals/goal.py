@@ -107,7 +107,7 @@ class Goal(Element):
         Raises
         ------
         ScenarioError
-            If it names what there is not.
+            If it names an unknown body, link or joint.
         """
         raise NotImplementedError
 
@@ -152,7 +152,7 @@ class TipGoal(Goal):
         Raises
         ------
         ScenarioError
-            If it names what there is not.
+            If it names an unknown body, link or joint.
         """
         raise NotImplementedError
 

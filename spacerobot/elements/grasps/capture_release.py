@@ -1,4 +1,4 @@
-"""The life of a grasp: open, in its capture envelope, captured, released; the same for every kind."""
+"""Lifecycle of a grasp: open, in its capture envelope, captured, released; the same for every kind."""
 
 from __future__ import annotations
 
@@ -29,26 +29,26 @@ from spacerobot.elements.grasps.grasp import OBSERVED, Grasp, apart, only
 
 DEGREE = np.pi / 180
 TINY = 1e-12
-"""Added to what is drawn in [m, rad], so that it takes a time even where there is nothing to draw."""
+"""Lower bound of the draw-in distance, squared [m^2, rad^2]: the draw-in time stays above zero."""
 STATES = "0 open, 1 in its envelope, 2 captured, 3 released"
 
 
-def living(config: Grasp, grasp: GraspContext) -> Contribution:
+def grasp_lifecycle(config: Grasp, grasp: GraspContext) -> Contribution:
     """Contribution of a grasp to the closed loop, whether it is always closed or not."""
     if config.begins == "closed" and config.release is None and grasp.lets_go.is_zero():
         return config.build(grasp)
-    return _Life(config, grasp).contribution()
+    return _GraspLifecycle(config, grasp).contribution()
 
 
 @dataclass(frozen=True)
-class _Life:
+class _GraspLifecycle:
     """A grasp that opens or closes: its switches and memory, and what follows from them."""
 
     config: Grasp
     grasp: GraspContext
 
     def contribution(self) -> Contribution:
-        """The kind's own, while closed, and the events that close and open it."""
+        """Contribution of the kind while the grasp is closed, with the events that close and open it."""
         own = self.config.build(dataclasses.replace(self.grasp, hold=self.hold))
         acting = gated(own, self.closed, [name for name in OBSERVED if name != "grasp_gap"])
         loss = own.energy
@@ -69,7 +69,7 @@ class _Life:
 
     @functools.cached_property
     def closed(self) -> ca.SX:
-        """Switch (1x1): it holds."""
+        """Switch (1x1): nonzero while the grasp is closed."""
         return self.grasp.context.switch("closed", self.config.begins == "closed")
 
     @functools.cached_property
@@ -160,7 +160,7 @@ class _Life:
 
     @functools.cached_property
     def hold(self) -> GraspState:
-        """How it holds: as captured, or drawn in from there."""
+        """Pose that the grasp holds: as captured, or drawn in from there."""
         capture, plant = self.config.capture, self.grasp.plant
         if capture is None:
             return GraspState(self.closed, self.mated, STILL, STILL)

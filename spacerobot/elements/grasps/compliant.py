@@ -66,7 +66,7 @@ class Compliant(Grasp):
         )
 
     def assumptions(self) -> list[str]:
-        """How it acts, and where its springs are at rest."""
+        """Spring and damper forces, and the pose at which the springs are at rest."""
         found = ["one pair of opposite forces at the tip's point"]
         if self.rotational_stiffness and self.begins == "closed":
             found.append("rotational spring at rest in the initial relative orientation")

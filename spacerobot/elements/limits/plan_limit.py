@@ -120,7 +120,7 @@ class PlanLimit(Element):
         Raises
         ------
         ScenarioError
-            If it names what there is not.
+            If it names an unknown body, link or joint.
         """
         del instant
         yield from ()
