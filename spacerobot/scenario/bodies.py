@@ -27,7 +27,7 @@ JointPd = Annotated[RobotController, Family("robot_controller", only="joint_pd")
 
 
 class Base(Section):
-    """How a body's root link is connected to the world, and where it begins."""
+    """Joint between a body's root link and the world, and its initial pose and motion."""
 
     joint: Literal["planar", "free_flyer", "fixed"] = Field(
         default="free_flyer",
@@ -80,7 +80,7 @@ class Base(Section):
 
 
 class Link(Section):
-    """Mass properties of one link; what is not given comes from the URDF."""
+    """Mass properties of one link; missing values are those of the URDF."""
 
     mass: float | None = quantity("kg", "mass", default=None, ge=0)
     com: Vector | None = quantity("m", "centre of mass, link axes", default=None)
@@ -103,7 +103,7 @@ class Link(Section):
 
 
 class Joint(Section):
-    """Initial state and resistance of one joint; what is not given comes from the URDF."""
+    """Initial state and resistance of one joint; missing values are those of the URDF."""
 
     angle_deg: float | None = quantity("deg", "initial angle of a revolute or continuous joint", default=None)
     offset: float | None = quantity("m", "initial offset of a prismatic joint", default=None)
@@ -111,7 +111,7 @@ class Joint(Section):
     speed: float | None = quantity("m/s", "initial speed of a prismatic joint", default=None)
     damping: float | None = quantity("N m s/rad or N s/m", "viscous resistance R_j", default=None, ge=0)
     torque_limit: float | None = quantity(
-        "N m or N", "greatest torque or force of the actuator", default=None, gt=0
+        "N m or N", "maximum torque or force of the actuator", default=None, gt=0
     )
     locked: bool | None = Field(
         default=None, description="hold the joint where it begins, as if it were fixed"
@@ -125,7 +125,7 @@ class Joint(Section):
 
 
 class Placement(Section):
-    """Where a link stands on its parent, its joint at zero; what is not given comes from the URDF."""
+    """Placement of a link on its parent with its joint at zero; missing values are those of the URDF."""
 
     position: Vector | None = quantity("m", "of its joint, axes of the parent link", default=None)
     rotation_deg: Vector | None = quantity(
@@ -146,7 +146,7 @@ class Body(Section):
         description="URDF file: a path (relative to the scenario), or a shipped file's name",
     )
     expanded_urdf: str | None = _expanded_urdf()
-    base: Base = Field(default=Base(), description="how the root link is connected to the world")
+    base: Base = Field(default=Base(), description="joint between root link and world")
     links: dict[str, Link] = Field(
         default={},
         description="mass properties that differ from the URDF, by link name; `*` in a name "
@@ -292,7 +292,7 @@ class Robot(Body):
 
 
 class Target(Body):
-    """The object that is held."""
+    """Object that is captured, held or carried."""
 
     reference: Annotated[Reference, Family("reference")] | None = Field(
         default=None, description="the object's reference, from which tips derive theirs"

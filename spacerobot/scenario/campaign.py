@@ -30,7 +30,7 @@ EIGENVALUE = 1e-10  # least eigenvalue of a correlation matrix
 
 
 class UncertainParameter(Section):
-    """A number that is not known, in one place of the scenario or in several at once."""
+    """Uncertain number with its distribution, at one or several paths of the scenario."""
 
     paths: Paths = Field(
         description="dotted paths that take its value, `*` for every name: 'grasps.*.stiffness'"
@@ -45,8 +45,8 @@ class UncertainParameter(Section):
         description="what is drawn: the number itself, a factor of the scenario's number, or what is added "
         "to it; each in the paths' unit",
     )
-    lower: float | None = quantity("unit of the paths", "least value", default=None)
-    upper: float | None = quantity("unit of the paths", "greatest value", default=None)
+    lower: float | None = quantity("unit of the paths", "minimum value", default=None)
+    upper: float | None = quantity("unit of the paths", "maximum value", default=None)
     mean: float | None = quantity("unit of the paths", "mean", default=None)
     std: float | None = quantity("unit of the paths", "standard deviation", default=None, gt=0)
     median: float | None = quantity("unit of the paths", "median", default=None, gt=0)
@@ -85,7 +85,7 @@ class Limits(QuantityLimits):
 
 
 class Campaign(Section):
-    """Many rollouts over what is not known, and what is asked of them."""
+    """Monte Carlo campaign: simulations over uncertain parameters, with metrics and limits."""
 
     parameters: dict[Name, UncertainParameter] = Field(min_length=1, description="uncertain numbers by name")
     correlation: tuple[tuple[float, ...], ...] | None = Field(

@@ -15,13 +15,13 @@ END = "end"
 
 
 class Settled(Section):
-    """A body that hardly moves."""
+    """Condition that a body is nearly at rest."""
 
     of: Name = Field(
         default="target", description="a robot's name, or target: the body whose root link is meant"
     )
-    speed: float = quantity("m/s", "greatest speed of its root link", gt=0)
-    spin_deg: float | None = quantity("deg/s", "greatest spin", default=None, gt=0)
+    speed: float = quantity("m/s", "maximum speed of its root link", gt=0)
+    spin_deg: float | None = quantity("deg/s", "maximum spin", default=None, gt=0)
     dwell: float = quantity("s", "time for which both must hold", default=0.0, ge=0)
 
 
@@ -47,7 +47,7 @@ class Limit(Section):
 
 
 class PhaseEnd(Section):
-    """How a phase ends: by one of these."""
+    """End of a phase, by one of these conditions."""
 
     time: float | None = quantity("s", "time since the phase began", default=None, gt=0)
     captured: tuple[Name, ...] | None = Field(default=None, min_length=1, description="all these grasps hold")
@@ -79,20 +79,20 @@ class PhaseEnd(Section):
 
 
 class Phase(Section):
-    """A part of the time: what differs from the scenario, how it ends, and what follows."""
+    """Phase of a simulation: changes to the scenario, condition of its end, and the next phase."""
 
-    until: PhaseEnd | None = Field(default=None, description="how it ends")
+    until: PhaseEnd | None = Field(default=None, description="condition of its end")
     timeout: float | None = quantity("s", "it ends at the latest after so long", default=None, gt=0)
     next: Name | None = Field(
         default=None, description="phase that follows, or end; the next one, end for the last, if not given"
     )
     on_timeout: Name | None = Field(
-        default=None, description="what follows where it ends by `timeout`; as `next` if not given"
+        default=None, description="next phase after a `timeout`; as `next` if not given"
     )
     abort: Limit | None = Field(
         default=None, description="an output passes a limit, as of a detected failure: it ends at once"
     )
-    on_abort: Name | None = Field(default=None, description="what follows where it ends by `abort`")
+    on_abort: Name | None = Field(default=None, description="next phase after an `abort`")
     captures: tuple[Name, ...] | None = Field(
         default=None,
         description="grasps that may close in it, including released ones; if not given, every open grasp "
@@ -112,7 +112,7 @@ class Phase(Section):
         description="what differs, nested as in the scenario: references, numbers of controllers and "
         "sensors, null for a controller that rests; `*` in a name matches any letters",
     )
-    target: dict[str, Any] = Field(default={}, description="what differs: the object's reference")
+    target: dict[str, Any] = Field(default={}, description="changes: the reference of the object")
     grasps: dict[str, Any] = Field(default={}, description="numbers that differ")
 
     @model_validator(mode="after")

@@ -27,11 +27,11 @@ from spacerobot.section import Name, Paths, Section, Vector, is_number, quantity
 
 
 class TimeRange(Section):
-    """A time that is free between two limits; a number alone is a time that is given."""
+    """Duration that is free between two limits; a number alone is a fixed duration."""
 
     lower: float = quantity("s", "least", gt=0)
     upper: float = quantity("s", "greatest", gt=0, le=1e5)
-    guess: float | None = quantity("s", "where the search begins; halfway if not given", default=None, gt=0)
+    guess: float | None = quantity("s", "initial guess; the middle if not given", default=None, gt=0)
 
     @model_validator(mode="before")
     @classmethod
@@ -49,7 +49,7 @@ class TimeRange(Section):
 
 
 class JointStartRange(Section):
-    """How far from the scenario's own position a joint may begin, to both sides."""
+    """Distance, to both sides, from the scenario's position within which a joint may begin."""
 
     angle_deg: float | None = quantity("deg", "of a revolute or continuous joint", default=None, gt=0)
     offset: float | None = quantity("m", "of a prismatic joint", default=None, gt=0)
@@ -62,16 +62,18 @@ class JointStartRange(Section):
 
 
 class FreeStart(Section):
-    """Where a robot may begin: what of its posture and its base's placement is to be found too."""
+    """Range of the initial posture and placement within which the optimisation chooses."""
 
     joints: dict[str, JointStartRange] = Field(
         default={}, description="joints that may begin elsewhere, by name; `*` matches any letters"
     )
     position: Vector = quantity(
-        "m", "how far a floating base may begin from its place along each world axis", default=(0.0, 0.0, 0.0)
+        "m",
+        "distance along each world axis from its position within which a floating base may begin",
+        default=(0.0, 0.0, 0.0),
     )
     rotation_deg: float = quantity(
-        "deg", "how far a planar base may begin turned, to both sides", default=0.0, ge=0, lt=180
+        "deg", "angle, to both sides, within which a planar base may begin turned", default=0.0, ge=0, lt=180
     )
 
     @model_validator(mode="after")
@@ -115,7 +117,7 @@ PASSED = "passed"
 
 
 class PlanSection(Section):
-    """The planning problem, and how well it is to be solved."""
+    """Planning problem and accuracy of its solution."""
 
     duration: TimeRange = quantity(
         "s",
@@ -126,7 +128,8 @@ class PlanSection(Section):
         default={}, description="terminal conditions, by name; those of a phase are given in the phase"
     )
     start: dict[Name, FreeStart] = Field(
-        default={}, description="by robot: where it may begin, as far as that is to be found"
+        default={},
+        description="by robot: range of the initial posture and placement that the optimisation chooses",
     )
     costs: dict[Name, PlanCost] = Field(
         default={},
@@ -139,7 +142,7 @@ class PlanSection(Section):
         "kind where the section gives none. Ranges, rates and efforts of the URDFs hold in any case",
     )
     keep_out: dict[Name, Annotated[PlanLimit, Family("plan_limit", only="keep_out")]] = Field(
-        default={}, description="what stays apart, by name"
+        default={}, description="pairs of shapes that stay apart, by name"
     )
     approach_cones: dict[Name, Annotated[PlanLimit, Family("plan_limit", only="approach_cone")]] = Field(
         default={}, description="approach cones, by name"
@@ -166,7 +169,7 @@ class PlanSection(Section):
         default={}, description="numbers of the scenario that a design study is free to choose, by name"
     )
     choices: dict[Name, PlanChoice] = Field(
-        default={}, description="what is taken from a few values, by name: each is planned, the best is kept"
+        default={}, description="choices between a few values, by name: each is planned, the best is kept"
     )
     intervals: int = Field(default=16, ge=2, le=2000, description="intervals of the first mesh")
     max_intervals: int = Field(default=256, ge=2, le=4000, description="intervals of the finest mesh allowed")
@@ -174,14 +177,14 @@ class PlanSection(Section):
         default=6, description="order of the collocation: 4 is Hermite and Simpson's, 6 and 8 extend it"
     )
     tolerance: float = quantity(
-        "m", "greatest error of a tip when the plan's torques are replayed", default=1e-5, gt=0
+        "m", "maximum error of a tip when the plan's torques are replayed", default=1e-5, gt=0
     )
     open_loop: bool = Field(
         default=True,
         description="whether the tolerance holds without feedback too; false for long plans whose motion is "
         "unstable without it, as of an arm that pushes a heavy object for a minute",
     )
-    starts: int = Field(default=1, ge=1, le=1000, description="from how many guesses the search begins")
+    starts: int = Field(default=1, ge=1, le=1000, description="number of initial guesses of the search")
     iterations: int = Field(default=500, ge=1, description="of one search, at most")
     time_limit: float = quantity(
         "s",

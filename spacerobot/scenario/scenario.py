@@ -23,7 +23,7 @@ from spacerobot.section import MAX_SAMPLES, MAX_STEPS, Name, Section, Vector, qu
 
 
 class Simulation(Section):
-    """How long, how finely and by which engine."""
+    """Duration, step, output and engine of a simulation."""
 
     duration: float = quantity("s", "simulated time", default=10.0, gt=0, le=1e6)
     step: float | None = quantity(
@@ -38,7 +38,7 @@ class Simulation(Section):
         "s", "time between samples of the result", default=0.02, gt=0, recurs=MAX_SAMPLES
     )
     tolerance: float = quantity(
-        "1", "greatest relative error of the state that a chosen step may cause", default=1e-7, gt=0, le=1e-2
+        "1", "maximum relative error of the state that a chosen step may cause", default=1e-7, gt=0, le=1e-2
     )
     method: Literal["tanaka6", "verner7", "dop853", "rk4"] = Field(
         default="tanaka6",

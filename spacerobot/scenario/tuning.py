@@ -15,13 +15,13 @@ from spacerobot.section import MAX_STEPS, Name, OneOf, Paths, Section, quantity
 
 
 class DesignVariable(Section):
-    """A number that is free, in one place of the scenario or in several at once."""
+    """Free number of a tuning or design problem, at one or several paths of the scenario."""
 
     paths: Paths = Field(
         description="dotted paths that take its value, `*` for every name: 'robots.*.tips.tip.pid.kp'",
     )
-    lower: float = Field(description="least value, in the unit of the paths")
-    upper: float = Field(description="greatest value, in the unit of the paths")
+    lower: float = Field(description="minimum value, in the unit of the paths")
+    upper: float = Field(description="maximum value, in the unit of the paths")
     scale: Literal["linear", "log"] = Field(
         default="linear", description="log: equal ratios count as equal distances"
     )
@@ -68,7 +68,7 @@ class MarginRequirement(Section):
     at: float | str = quantity(
         "s", "time, or an event: the instants just before and just after it", default=0.0
     )
-    least: float | None = quantity("unit of the kind", "least margin", default=None, gt=0)
+    least: float | None = quantity("unit of the kind", "minimum margin", default=None, gt=0)
     weight: float | None = quantity(
         "objective/unit of the kind",
         "the objective falls by this weight times the margin of one loop",
@@ -84,19 +84,19 @@ class MarginRequirement(Section):
 
 
 class Robustness(Section):
-    """Plants never tuned for: their numbers are drawn evenly from within a spread of the nominal ones."""
+    """Perturbed plants for verification: numbers drawn uniformly around the nominal ones."""
 
     plants: int = Field(default=64, ge=1, le=100_000, description="how many")
     seed: int = Field(default=1, ge=0, description="of the draw")
     object: float = quantity("1", "spread of the object's mass and of its inertia", default=0.2, ge=0, lt=1)
     links: float = quantity("1", "spread of each link's mass", default=0.1, ge=0, lt=1)
     grip: float = quantity("1", "spread of each compliant grasp's stiffness", default=0.3, ge=0, lt=1)
-    tip_position_offset: float = quantity("m", "greatest sensor offset", default=2e-4, ge=0)
-    joint_rate_offset: float = quantity("rad/s", "greatest sensor offset", default=1e-5, ge=0)
+    tip_position_offset: float = quantity("m", "maximum sensor offset", default=2e-4, ge=0)
+    joint_rate_offset: float = quantity("rad/s", "maximum sensor offset", default=1e-5, ge=0)
 
 
 class Tuning(Section):
-    """The tuning problem, and how much may be spent on it."""
+    """Tuning problem and its budget."""
 
     variables: dict[Name, DesignVariable] = Field(min_length=1, description="free numbers by name")
     sets: dict[Name, tuple[Name, ...]] = Field(
@@ -108,8 +108,8 @@ class Tuning(Section):
     variants: dict[Name, dict[str, Any]] = Field(
         default={}, description="further changes, by name: each variant is a tuning problem of its own"
     )
-    objective: Objective = Field(default=Objective(), description="what is to become small")
-    constraints: Constraints = Field(default=Constraints(), description="what must not be exceeded")
+    objective: Objective = Field(default=Objective(), description="objective to be minimised")
+    constraints: Constraints = Field(default=Constraints(), description="upper bounds of quantities")
     margins: tuple[MarginRequirement, ...] = Field(default=(), description="stability margins of loops")
     robustness: Robustness = Field(default=Robustness(), description="plants on which the outcome is tried")
     methods: tuple[Annotated[str, OneOf(TUNING_METHODS.names)], ...] = Field(

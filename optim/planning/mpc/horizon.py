@@ -38,7 +38,7 @@ FEWEST = 4
 ROUNDING = 1e-9
 """Of numbers of intervals, and of times in parts of a period."""
 GOOD = 1e-4
-"""Greatest violation [m, rad, N or N m] of a plan that is flown before the solver is content."""
+"""Maximum violation [m, rad, N or N m] of a plan that is flown before the solver is content."""
 ROOM = 1e-6
 """By which a limit that is violated where a plan begins is wider than that."""
 

@@ -57,7 +57,7 @@ class ElasticProgram:
         return np.concatenate([w, *over])
 
     def violation(self, w: Array) -> float:
-        """Greatest violation of a soft constraint."""
+        """Maximum violation of a soft constraint."""
         return float(np.max(w[self.program.size :], initial=0.0))
 
     def bounds(self) -> tuple[Array, Array]:

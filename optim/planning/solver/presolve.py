@@ -23,7 +23,7 @@ Mask = npt.NDArray[np.bool_]
 STEPS = 12
 """Of Newton's method at most."""
 EXACT = 1e-11
-"""Greatest residual, and greatest violation of a limit, that count as none."""
+"""Maximum residual, and greatest violation of a limit, that count as none."""
 SINGULAR = 1e-12
 """Least pivot, as a part of the greatest, of equations that determine their unknowns."""
 

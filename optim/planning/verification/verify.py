@@ -20,7 +20,7 @@ from optim.planning.verification.second_order_conditions import descent_directio
 from spacerobot.arrays import Array
 
 RESIDUAL = 1e-6
-"""Greatest residual of the first-order conditions."""
+"""Maximum residual of the first-order conditions."""
 FINER = 10
 """Instants that are looked at for each interval."""
 RELATIVE = 1e-3
@@ -181,7 +181,7 @@ def verify(
 
 
 def first_order_residual(program: NonlinearProgram, solution: Solution, scale: float) -> float:
-    """Greatest residual of the first-order conditions, with the solver's multipliers and nothing else of it.
+    """Maximum residual of the first-order conditions, with the solver's multipliers and nothing else of it.
 
     That of the Lagrangian's slope, and the products of multipliers with the room that their limits leave, are
     relative to a cost; to these comes the constraints' violation.

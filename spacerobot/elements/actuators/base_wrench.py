@@ -26,11 +26,11 @@ class BaseWrench(Actuator):
 
     kind: Literal["base_wrench"] = "base_wrench"
     force: float | None = quantity(
-        "N", "greatest force along each axis of the root link; not limited if not given", default=None, gt=0
+        "N", "maximum force along each axis of the root link; not limited if not given", default=None, gt=0
     )
     torque: float | None = quantity(
         "N m",
-        "greatest torque about each axis of the root link; not limited if not given",
+        "maximum torque about each axis of the root link; not limited if not given",
         default=None,
         gt=0,
     )

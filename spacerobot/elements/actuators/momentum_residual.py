@@ -53,7 +53,7 @@ class ResidualSection(Protocol):
 
     @property
     def false_alarms(self) -> float:
-        """Greatest rate of false alarms [1/h]."""
+        """Maximum rate of false alarms [1/h]."""
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ from spacerobot.elements.references.reference import DEGREE
 from spacerobot.section import Section, Vector, quantity
 
 ACROSS = 1e-6
-"""Greatest cosine between a wheel's axis and one of the root link that it cannot turn about."""
+"""Maximum cosine between a wheel's axis and one of the root link that it cannot turn about."""
 
 
 class Pyramid(Section):

@@ -55,7 +55,7 @@ def _not_zero(value: Vector) -> Vector:
 
 
 class StuckValve(AllocatedFailure):
-    """A valve that stops obeying; where the allocation knows, others compensate what it gives."""
+    """Stuck valve of a thruster; if the failure is known, other thrusters compensate its force."""
 
     opening: float = quantity(
         "1", "part of the thrust from then on; 0: shut, 1: open, between: it leaks", default=0.0, ge=0, le=1
@@ -65,7 +65,7 @@ class StuckValve(AllocatedFailure):
 class Nozzle(Section):
     """One thruster; values that are not given are those of the whole set."""
 
-    position: Vector = quantity("m", "where its force acts, root link's axes")
+    position: Vector = quantity("m", "point where its force acts, root link's axes")
     direction: Annotated[Vector, AfterValidator(_not_zero)] = quantity(
         "1", "of its force on the base, root link's axes, of any length; the plume goes the other way"
     )
@@ -100,9 +100,9 @@ class Thrusters(Actuator):
         description="proportional: throttled from nothing to full thrust; pulsed: full thrust, for a part of "
         "each period",
     )
-    thrust: float = quantity("N", "greatest force of each", default=1.0, gt=0)
+    thrust: float = quantity("N", "maximum force of each", default=1.0, gt=0)
     period: float = quantity(
-        "s", "time between two decisions, where pulsed", default=0.5, gt=0, recurs=MAX_SAMPLES
+        "s", "time between two decisions in pulsed mode", default=0.5, gt=0, recurs=MAX_SAMPLES
     )
     minimum_on_time: float = quantity(
         "s", "shortest pulse; half of it and more is given as the whole", default=0.0, ge=0
@@ -122,7 +122,7 @@ class Thrusters(Actuator):
         default=None,
         ge=1,
         le=1000,
-        description="greatest number of steps by which the thrusters are chosen [1]; as many as their layout "
+        description="maximum number of steps by which the thrusters are chosen [1]; as many as their layout "
         "needs where not given",
     )
 

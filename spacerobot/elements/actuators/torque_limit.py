@@ -26,7 +26,7 @@ class TorqueLimit(Actuator):
     joints: str = Field(default="*", description="joint by name; `*` matches any letters")
     limit: float | None = quantity(
         "N m or N",
-        "greatest torque or force of each; the joint's `torque_limit`, or the URDF's effort, if not given",
+        "maximum torque or force of each; the joint's `torque_limit`, or the URDF's effort, if not given",
         default=None,
         gt=0,
     )

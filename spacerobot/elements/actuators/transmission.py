@@ -93,7 +93,7 @@ class Transmission(Actuator):
     stribeck_speed: float = quantity(
         "rad/s", "speed of the motor at which 1/e of it is left", default=5.0, gt=0
     )
-    torque_limit: float | None = quantity("N m", "greatest torque of the motor", default=None, gt=0)
+    torque_limit: float | None = quantity("N m", "maximum torque of the motor", default=None, gt=0)
     no_load_speed: float | None = quantity(
         "rad/s",
         "speed of the motor at which it can no longer drive, W; unlimited if not given",

@@ -94,9 +94,9 @@ class WheelSet(Actuator):
     base_wrench: ClassVar[frozenset[Part]] = frozenset({"torque"})
     has_wheels: ClassVar[bool] = True
 
-    torque_limit: float | None = quantity("N m", "greatest torque of each motor", default=None, gt=0)
+    torque_limit: float | None = quantity("N m", "maximum torque of each motor", default=None, gt=0)
     speed_limit: float | None = quantity(
-        "rad/s", "greatest speed relative to the base, 628 rad/s for 6000 rpm", default=None, gt=0
+        "rad/s", "maximum speed relative to the base, 628 rad/s for 6000 rpm", default=None, gt=0
     )
     coulomb: float = quantity("N m", "friction that does not depend on speed", default=0.0, ge=0)
     coulomb_speed: float = quantity(

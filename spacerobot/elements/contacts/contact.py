@@ -28,7 +28,7 @@ from spacerobot.shapes import CROWN
 OBSERVED = {
     "contact_force": ("N", "force of contacts on the second of the two that touch"),
     "contact_normal_force": ("N", "size of contacts' forces along their normals"),
-    "contact_gap": ("m", "least distance between the shapes of contacts, negative while they touch"),
+    "contact_gap": ("m", "minimum distance between the shapes of contacts, negative while they touch"),
     "contact_point": ("m", "where contacts act, or would first"),
     "contact_velocity": ("m/s", "velocity there of the second of the two relative to the first"),
     "contact_impulse": ("N s", "impulse of contacts on the second of the two since the start"),

@@ -35,7 +35,7 @@ class BaseAttitude(RobotController):
     kd: float = quantity("N m s/rad", "rate gain K_d", default=0.0, ge=0)
     feed_forward: float = quantity(
         "1",
-        "part that is added of what the arm's motion takes, the rate of its angular momentum",
+        "fraction of the arm's reaction (rate of its angular momentum) that is added",
         default=1.0,
         ge=0,
     )

@@ -34,7 +34,7 @@ class BasePosition(RobotController):
     kd: float = quantity("N s/m", "rate gain K_d", default=0.0, ge=0)
     feed_forward: float = quantity(
         "1",
-        "part that is added of what the arm's motion takes, the rate of its linear momentum",
+        "fraction of the arm's reaction (rate of its linear momentum) that is added",
         default=1.0,
         ge=0,
     )

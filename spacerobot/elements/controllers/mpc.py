@@ -34,10 +34,13 @@ class Mpc(JointPlanController):
     phase: None = Field(default=None, description="none: plans are of one phase")
     period: float = quantity("s", "time between two plans", default=0.5, gt=0, recurs=MAX_PLANS)
     min_horizon: float = quantity(
-        "s", "time that a plan looks ahead at least; the last one before the end is kept", default=1.0, gt=0
+        "s", "minimum horizon of a plan; the last plan before the end is continued", default=1.0, gt=0
     )
     delay: float = quantity(
-        "s", "time from what is sensed to the plan that is made from it being flown", default=0.0, ge=0
+        "s",
+        "time from the measurements to the start of the plan that is computed from them",
+        default=0.0,
+        ge=0,
     )
     iterations: int = Field(default=60, ge=1, description="of the solver, at most, for a plan in flight")
     begin: float = quantity("s", "when the plan in `knots` begins", default=0.0, ge=0)

@@ -44,7 +44,7 @@ from spacerobot.section import Vector, quantity
 
 @register
 class ResolvedRate(RobotController):
-    """Joint rates that lead the tips with the base's reaction in them; they may keep the base still first."""
+    """Joint rates that move the tips by the generalized Jacobian, optionally with the base at rest."""
 
     kind: Literal["resolved_rate"] = "resolved_rate"
     keeps: Literal["nothing", "attitude", "base"] = Field(

@@ -392,5 +392,5 @@ class _InertiaFilterLaw:
         for _ in range(3):
             power = ca.mtimes(power, power)
         worst = ca.sqrt(size * ca.trace(power) ** (1 / 8))
-        text = "greatest relative standard deviation, in any direction, of inertia filters"
+        text = "maximum relative standard deviation, in any direction, of inertia filters"
         yield Output("held_deviation", worst, "1", text, "body", name)

@@ -40,7 +40,7 @@ class InnovationMonitor(Estimator):
 
     kind: Literal["innovation_monitor"] = "innovation_monitor"
     filter: Name = Field(description="filter, by its key in `estimators`")
-    signal: str = Field(description="signal whose samples are tested, as `base_orientation`")
+    signal: str = Field(description="signal whose samples are tested, for example `base_orientation`")
     window: int = Field(default=10, ge=1, le=10_000, description="N, number of samples of one test [1]")
     false_alarms: float = quantity("1/h", "F, rate of false alarms", default=0.01, gt=0)
     silence: float | None = quantity(
@@ -111,7 +111,7 @@ class InnovationMonitor(Estimator):
         text = "sum of normalised innovations squared over the last window"
         outputs = (
             Output("innovation_sum", found.symbol, "1", text, "filter", who),
-            Output("innovation_limit", ca.SX(upper), "1", "greatest sum that is no alarm", "filter", who),
+            Output("innovation_limit", ca.SX(upper), "1", "maximum sum that is no alarm", "filter", who),
             Output("failures_detected", detected, "1", "failures that were detected", "body", robot.robot),
         )
         return Contribution(

@@ -60,7 +60,7 @@ class TargetFilter(Estimator):
     makes: ClassVar[tuple[str, ...]] = (PLACE, ATTITUDE, "target_velocity", "target_spin")
 
     tip: Name = Field(description="tip of the robot that carries the camera")
-    frame: str = Field(description="link of the target whose pose the camera shows")
+    frame: str = Field(description="link of the target whose pose the camera measures")
     position: float = quantity("m", "standard deviation of the initial position", default=0.1, gt=0)
     velocity: float = quantity("m/s", "standard deviation of the initial velocity", default=0.02, gt=0)
     attitude_deg: float = quantity("deg", "standard deviation of the initial attitude", default=5.0, gt=0)

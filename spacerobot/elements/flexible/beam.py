@@ -45,7 +45,9 @@ class FlexibleBeam(FlexibleLink):
     """A boom or a panel that bends as a beam, in segments: length, bending stiffness, mass per length."""
 
     kind: Literal["beam"] = "beam"
-    start: Vector = quantity("m", "where the beam is clamped, axes of the link", default=(0.0, 0.0, 0.0))
+    start: Vector = quantity(
+        "m", "point where the beam is clamped, axes of the link", default=(0.0, 0.0, 0.0)
+    )
     end: Vector = quantity("m", "its other end, axes of the link")
     segments: int = Field(default=4, ge=1, le=40, description="number of hinges, n")
     bending_stiffness: float | None = quantity(

@@ -25,10 +25,10 @@ class Still(Goal):
     still: Name = Field(description="robot, or target, whose root link is at rest at the end")
 
     speed_within: float | None = quantity(
-        "m/s", "greatest speed of the root link at the end; none if not given", default=None, gt=0
+        "m/s", "maximum speed of the root link at the end; none if not given", default=None, gt=0
     )
     spin_within_deg: float | None = quantity(
-        "deg/s", "greatest spin of the root link at the end; none if not given", default=None, gt=0
+        "deg/s", "maximum spin of the root link at the end; none if not given", default=None, gt=0
     )
 
     @property

@@ -26,7 +26,7 @@ class Attitude(Goal):
     attitude: Name = Field(description="robot whose root link has `rotation_deg` at the end")
     rotation_deg: Vector = quantity("deg", "roll, pitch, yaw of the root link at the end, world axes")
     rotation_within_deg: float | None = quantity(
-        "deg", "greatest rotation from `rotation_deg`; none if not given", default=None, gt=0
+        "deg", "maximum rotation from `rotation_deg`; none if not given", default=None, gt=0
     )
 
     @property

@@ -40,19 +40,19 @@ class Mated(TipGoal):
         "m/s", "speed along `axis` relative to the mating frame", default=0.0, ge=0
     )
     position_within: float | None = quantity(
-        "m", "greatest distance from there; none if not given", default=None, gt=0
+        "m", "maximum distance from there; none if not given", default=None, gt=0
     )
     orientation_within_deg: float | None = quantity(
-        "deg", "greatest angle from there; none if not given", default=None, gt=0
+        "deg", "maximum angle from there; none if not given", default=None, gt=0
     )
     speed_within: float | None = quantity(
         "m/s",
-        "greatest deviation of the velocity from `closing_speed`, for a rigid grasp; none if not given",
+        "maximum deviation of the velocity from `closing_speed`, for a rigid grasp; none if not given",
         default=None,
         gt=0,
     )
     spin_within_deg: float | None = quantity(
-        "deg/s", "greatest relative spin, likewise; none if not given", default=None, gt=0
+        "deg/s", "maximum relative spin, likewise; none if not given", default=None, gt=0
     )
     orientation: bool = Field(default=True, description="whether orientation and spin are matched too")
     settled: bool = Field(

@@ -29,10 +29,10 @@ class Placed(TipGoal):
     )
 
     position_within: float | None = quantity(
-        "m", "greatest distance from `position`; none if not given", default=None, gt=0
+        "m", "maximum distance from `position`; none if not given", default=None, gt=0
     )
     rotation_within_deg: float | None = quantity(
-        "deg", "greatest rotation from `rotation_deg`; none if not given", default=None, gt=0
+        "deg", "maximum rotation from `rotation_deg`; none if not given", default=None, gt=0
     )
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:

@@ -18,7 +18,7 @@ ROUNDING = 1e-9
 
 
 class End(Section):
-    """Where one joint shall be at the end."""
+    """Position of one joint at the end."""
 
     angle_deg: float | None = quantity("deg", "of a revolute or continuous joint", default=None)
     offset: float | None = quantity("m", "of a prismatic joint", default=None)

@@ -14,20 +14,20 @@ ENVELOPE = ("distance", "misalignment_deg", "closing_speed", "lateral_speed", "s
 
 
 class Capture(Section):
-    """Where an open grasp closes: inside an envelope for a while, or at a time."""
+    """Conditions under which an open grasp closes: an envelope for a dwell time, or a time."""
 
     at: float | None = quantity(
         "s", "time at which it closes wherever the tip is, instead of an envelope", default=None, ge=0
     )
-    distance: float | None = quantity("m", "greatest distance of tip and mating frame", default=None, gt=0)
+    distance: float | None = quantity("m", "maximum distance of tip and mating frame", default=None, gt=0)
     misalignment_deg: float | None = quantity(
-        "deg", "greatest angle between the tip and where it is mated", default=None, gt=0, le=180
+        "deg", "maximum angle between the tip and where it is mated", default=None, gt=0, le=180
     )
     closing_speed: float | None = quantity(
-        "m/s", "greatest speed of the tip along the axis, relative to the target", default=None, gt=0
+        "m/s", "maximum speed of the tip along the axis, relative to the target", default=None, gt=0
     )
-    lateral_speed: float | None = quantity("m/s", "greatest speed across the axis", default=None, gt=0)
-    spin_deg: float | None = quantity("deg/s", "greatest relative spin", default=None, gt=0)
+    lateral_speed: float | None = quantity("m/s", "maximum speed across the axis", default=None, gt=0)
+    spin_deg: float | None = quantity("deg/s", "maximum relative spin", default=None, gt=0)
     dwell: float = quantity("s", "time for which all limits must hold", default=0.0, ge=0)
     axis: Vector = quantity(
         "1", "direction in which a tip approaches, axes of the mating frame", default=(1.0, 0.0, 0.0)
@@ -37,13 +37,13 @@ class Capture(Section):
     )
     draw_in: float | None = quantity(
         "m/s",
-        "greatest rate at which the tip is drawn to the mating frame; as captured if not given",
+        "maximum rate at which the tip is drawn to the mating frame; as captured if not given",
         default=None,
         gt=0,
     )
     draw_in_deg: float | None = quantity(
         "deg/s",
-        "greatest rate at which it is turned to where it is mated; as captured if none",
+        "maximum rate at which it is turned to where it is mated; as captured if none",
         default=None,
         gt=0,
     )
@@ -82,10 +82,10 @@ class Release(Section):
 
     at: float | None = quantity("s", "time at which the grasp is released", default=None, ge=0)
     force: float | None = quantity(
-        "N", "greatest force that it transmits before it breaks away", default=None, gt=0
+        "N", "maximum force that it transmits before it breaks away", default=None, gt=0
     )
     torque: float | None = quantity(
-        "N m", "greatest torque that it transmits before it breaks away", default=None, gt=0
+        "N m", "maximum torque that it transmits before it breaks away", default=None, gt=0
     )
 
     @model_validator(mode="after")

@@ -71,7 +71,7 @@ class Grasp(Element):
     tip: str = Field(pattern=r"^[^/]+/[^/]+$", description="the tip, as robot/tip")
     frame: str = Field(min_length=1, description="mating frame: a link of the target's URDF")
     max_gap: float = quantity(
-        "m", "greatest distance of tip and mating frame at the start", default=0.01, ge=0
+        "m", "maximum distance of tip and mating frame at the start", default=0.01, ge=0
     )
 
     begins: Literal["closed", "open"] = Field(

@@ -20,7 +20,7 @@ class RigidGrasp(Grasp):
 
     max_gap: float = quantity(
         "m",
-        "greatest distance of tip and mating frame at the start, where no base moves to close it",
+        "maximum distance of tip and mating frame at the start, where no base moves to close it",
         default=1e-6,
         ge=0,
     )

@@ -1,4 +1,4 @@
-"""Greatest force on a floating base, by axis of its root link."""
+"""Maximum force on a floating base, by axis of its root link."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from spacerobot.section import quantity
 
 @register
 class BaseForceLimit(PlanLimit):
-    """Greatest force on a floating base, by axis of its root link."""
+    """Maximum force on a floating base, by axis of its root link."""
 
     kind: Literal["base_force"] = "base_force"
     upper: float = quantity(
         "N",
-        "greatest force along each axis that drives a floating base, 0 for none; that of its actuators if "
+        "maximum force along each axis that drives a floating base, 0 for none; that of its actuators if "
         "not given",
         ge=0,
     )

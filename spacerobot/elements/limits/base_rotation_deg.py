@@ -1,4 +1,4 @@
-"""Greatest rotation of any robot's base since the start."""
+"""Maximum rotation of any robot's base since the start."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from spacerobot.section import quantity
 
 @register
 class BaseRotationLimit(PlanLimit):
-    """Greatest rotation of any robot's base since the start."""
+    """Maximum rotation of any robot's base since the start."""
 
     relative_to_start: ClassVar[bool] = True
 
     kind: Literal["base_rotation_deg"] = "base_rotation_deg"
-    upper: float = quantity("deg", "greatest rotation of any robot's base since the start", gt=0, lt=180)
+    upper: float = quantity("deg", "maximum rotation of any robot's base since the start", gt=0, lt=180)
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """One for each base."""

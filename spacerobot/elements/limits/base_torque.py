@@ -1,4 +1,4 @@
-"""Greatest torque on a floating base, by axis of its root link."""
+"""Maximum torque on a floating base, by axis of its root link."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from spacerobot.section import quantity
 
 @register
 class BaseTorqueLimit(PlanLimit):
-    """Greatest torque on a floating base, by axis of its root link."""
+    """Maximum torque on a floating base, by axis of its root link."""
 
     kind: Literal["base_torque"] = "base_torque"
     upper: float = quantity(
-        "N m", "greatest torque about each axis that drives a floating base, 0 for none; likewise", ge=0
+        "N m", "maximum torque about each axis that drives a floating base, 0 for none; likewise", ge=0
     )
 
     def base_limits(self) -> Mapping[WrenchPart, float]:

@@ -1,4 +1,4 @@
-"""Greatest displacement of any robot's base since the start."""
+"""Maximum displacement of any robot's base since the start."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from spacerobot.section import quantity
 
 @register
 class BaseTranslationLimit(PlanLimit):
-    """Greatest displacement of any robot's base since the start."""
+    """Maximum displacement of any robot's base since the start."""
 
     relative_to_start: ClassVar[bool] = True
 
     kind: Literal["base_translation"] = "base_translation"
-    upper: float = quantity("m", "greatest displacement of any robot's base since the start", gt=0)
+    upper: float = quantity("m", "maximum displacement of any robot's base since the start", gt=0)
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """One for each base."""

@@ -1,4 +1,4 @@
-"""Greatest force of any grasp that holds."""
+"""Maximum force of any grasp that holds."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from spacerobot.section import quantity
 
 @register
 class GripForceLimit(PlanLimit):
-    """Greatest force of any grasp that holds."""
+    """Maximum force of any grasp that holds."""
 
     kind: Literal["grip_force"] = "grip_force"
-    upper: float = quantity("N", "greatest force of any grasp that holds", gt=0)
+    upper: float = quantity("N", "maximum force of any grasp that holds", gt=0)
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """One for each grasp."""

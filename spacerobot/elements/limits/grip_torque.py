@@ -1,4 +1,4 @@
-"""Greatest torque of any grasp that holds."""
+"""Maximum torque of any grasp that holds."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from spacerobot.section import quantity
 
 @register
 class GripTorqueLimit(PlanLimit):
-    """Greatest torque of any grasp that holds."""
+    """Maximum torque of any grasp that holds."""
 
     kind: Literal["grip_torque"] = "grip_torque"
-    upper: float = quantity("N m", "greatest torque of any grasp that holds", gt=0)
+    upper: float = quantity("N m", "maximum torque of any grasp that holds", gt=0)
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """One for each grasp."""

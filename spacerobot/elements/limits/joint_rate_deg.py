@@ -1,4 +1,4 @@
-"""Greatest rate of any revolute or continuous joint."""
+"""Maximum rate of any revolute or continuous joint."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from spacerobot.section import quantity
 
 @register
 class JointRateLimit(PlanLimit):
-    """Greatest rate of any revolute or continuous joint."""
+    """Maximum rate of any revolute or continuous joint."""
 
     kind: Literal["joint_rate_deg"] = "joint_rate_deg"
-    upper: float = quantity("deg/s", "greatest rate of any revolute or continuous joint", gt=0)
+    upper: float = quantity("deg/s", "maximum rate of any revolute or continuous joint", gt=0)
 
     def joint_limits(self, joint: PlannedJoint) -> Mapping[JointQuantity, float]:
         """Rate of a joint that turns."""

@@ -1,4 +1,4 @@
-"""Greatest speed of any prismatic joint."""
+"""Maximum speed of any prismatic joint."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from spacerobot.section import quantity
 
 @register
 class JointSpeedLimit(PlanLimit):
-    """Greatest speed of any prismatic joint."""
+    """Maximum speed of any prismatic joint."""
 
     kind: Literal["joint_speed"] = "joint_speed"
-    upper: float = quantity("m/s", "greatest speed of any prismatic joint", gt=0)
+    upper: float = quantity("m/s", "maximum speed of any prismatic joint", gt=0)
 
     def joint_limits(self, joint: PlannedJoint) -> Mapping[JointQuantity, float]:
         """Speed of a joint that slides."""

@@ -25,7 +25,7 @@ class KeepOut(PlanLimit):
         description="the pair, each the name of a pad, or robot/link or target/link for all collision shapes "
         "of a link; `*` in a link's name matches any letters"
     )
-    distance: float = quantity("m", "least distance", default=0.0, ge=0)
+    distance: float = quantity("m", "minimum distance", default=0.0, ge=0)
     wrap: Wrap | None = Field(
         default=None, description="shape around meshes and cylinders that replaces them"
     )

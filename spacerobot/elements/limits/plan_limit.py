@@ -91,12 +91,12 @@ class PlanLimit(Element):
     relative_to_start: ClassVar[bool] = False
 
     def joint_limits(self, joint: PlannedJoint) -> Mapping[JointQuantity, float]:
-        """Greatest rate [rad/s or m/s] and torque [N m or N] of a joint, where it limits them."""
+        """Maximum rate [rad/s or m/s] and torque [N m or N] of a joint, where it limits them."""
         del joint
         return {}
 
     def base_limits(self) -> Mapping[WrenchPart, float]:
-        """Greatest force [N] along and torque [N m] about each axis that drives a floating base."""
+        """Maximum force [N] along and torque [N m] about each axis that drives a floating base."""
         return {}
 
     @property

@@ -1,4 +1,4 @@
-"""Greatest torque or force of any joint."""
+"""Maximum torque or force of any joint."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from spacerobot.section import quantity
 
 @register
 class JointTorqueLimit(PlanLimit):
-    """Greatest torque or force of any joint."""
+    """Maximum torque or force of any joint."""
 
     kind: Literal["torque"] = "torque"
-    upper: float = quantity("N m or N", "greatest torque or force of any joint", gt=0)
+    upper: float = quantity("N m or N", "maximum torque or force of any joint", gt=0)
 
     def joint_limits(self, joint: PlannedJoint) -> Mapping[JointQuantity, float]:
         """Torque of every joint."""

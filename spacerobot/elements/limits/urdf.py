@@ -13,7 +13,7 @@ from spacerobot.elements.limits.plan_limit import PlanLimit, PlannedJoint
 
 @register
 class UrdfLimits(PlanLimit):
-    """Limits that every planned joint must have in its URDF; those that are there hold in any case."""
+    """Limits that every planned joint must have in its URDF; existing limits always apply."""
 
     short: ClassVar[str | None] = "required"
 

@@ -1,4 +1,4 @@
-"""Greatest angular momentum of any reaction wheel about its axis."""
+"""Maximum angular momentum of any reaction wheel about its axis."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from spacerobot.section import quantity
 
 @register
 class WheelMomentumLimit(PlanLimit):
-    """Greatest angular momentum of any reaction wheel about its axis."""
+    """Maximum angular momentum of any reaction wheel about its axis."""
 
     kind: Literal["wheel_momentum"] = "wheel_momentum"
     upper: float = quantity(
         "N m s",
-        "greatest angular momentum of any reaction wheel about its axis, where wheels alone turn a base",
+        "maximum angular momentum of any reaction wheel about its axis, where wheels alone turn a base",
         gt=0,
     )
 

@@ -16,18 +16,18 @@ from spacerobot.elements.references.reference import DEGREE, Reference, carried
 from spacerobot.section import quantity
 
 _LONGEST = 1.5
-"""Greatest slope of u^2 (3 - 2 u)."""
+"""Maximum slope of u^2 (3 - 2 u)."""
 _STILL = 1e-12
 """[m/s, rad/s] of which the square is added to that of a speed, so that none has a slope; and [s]."""
 
 
 @register
 class Brake(Reference):
-    """Come to rest from the velocity and spin at which it begins, as fast as two limits allow."""
+    """Come to rest from the initial velocity and spin, as fast as two deceleration limits allow."""
 
     kind: Literal["brake"] = "brake"
-    deceleration: float = quantity("m/s^2", "greatest deceleration", default=0.01, gt=0)
-    spin_deceleration_deg: float = quantity("deg/s^2", "greatest angular deceleration", default=1.0, gt=0)
+    deceleration: float = quantity("m/s^2", "maximum deceleration", default=0.01, gt=0)
+    spin_deceleration_deg: float = quantity("deg/s^2", "maximum angular deceleration", default=1.0, gt=0)
 
     def motion(
         self, context: ReferenceContext, start: InitialMotion, pivot: ca.SX | None = None

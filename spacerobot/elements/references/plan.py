@@ -25,7 +25,7 @@ from spacerobot.elements.references.reference import PLANE_TOLERANCE, Reference
 
 @register
 class PlanReference(Reference):
-    """Where a plan leads the tip, in the world, wherever the tip is when it begins."""
+    """Motion of the tip in a plan, in world axes, for any pose of the tip at the beginning."""
 
     kind: Literal["plan"] = "plan"
     fills: ClassVar[str | None] = "knots"

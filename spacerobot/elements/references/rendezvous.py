@@ -21,7 +21,7 @@ from spacerobot.elements.references.reference import DEGREE, Reference
 from spacerobot.section import Vector, quantity
 
 PEAK = 1.875
-"""Greatest slope of the smooth blend."""
+"""Maximum slope of the smooth blend."""
 
 
 @register
@@ -46,7 +46,7 @@ class Rendezvous(Reference):
         gt=0,
     )
     closing_speed: float | None = quantity(
-        "m/s", "greatest speed from the standoff to the end, in place of `duration`", default=None, gt=0
+        "m/s", "maximum speed from the standoff to the end, in place of `duration`", default=None, gt=0
     )
     end_distance: float = quantity(
         "m", "distance before the mating frame at the end; below 0 to press on beyond it", default=0.0

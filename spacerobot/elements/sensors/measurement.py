@@ -38,7 +38,7 @@ from spacerobot.section import MAX_SAMPLES, SIGNALS_UNIT, Section, Vector, quant
 
 
 class SensorErrors(Section):
-    """Sampling of a sensor, and its errors beside offset and scale."""
+    """Sampling of a sensor, and its errors in addition to offset and scale."""
 
     period: float = quantity(
         "s", "time between two samples, the first at the start", gt=0, recurs=MAX_SAMPLES
@@ -76,7 +76,7 @@ class SensorErrors(Section):
 
 
 class SensorFailure(Failure):
-    """Failure of a sensor, unknown to what reads it."""
+    """Failure of a sensor; controllers and filters do not know of it."""
 
     mode: Literal["frozen", "drifting", "lost"] = Field(
         default="frozen",

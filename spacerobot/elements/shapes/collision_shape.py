@@ -62,7 +62,9 @@ class CollisionShape(Element):
     urdf_geometry: ClassVar[str | None] = None
     wrap_order: ClassVar[int | None] = None
 
-    link: str = Field(pattern=r"^[^/]+/[^/]+$", description="what carries it, as robot/link or target/link")
+    link: str = Field(
+        pattern=r"^[^/]+/[^/]+$", description="link that carries the shape, as robot/link or target/link"
+    )
     position: Vector = quantity("m", "its own origin, link axes", default=(0.0, 0.0, 0.0))
     rotation_deg: Vector = quantity(
         "deg", "roll, pitch, yaw of its own axes in the link's", default=(0.0, 0.0, 0.0)

@@ -17,7 +17,7 @@ _TRANSLUCENT = 0.3
 
 @register
 class Plane(CollisionShape):
-    """Half-space: all that is below its own x-y plane."""
+    """Half-space below its own x-y plane."""
 
     is_halfspace: ClassVar[bool] = True
 
