@@ -168,9 +168,14 @@ def margins(
     found = samples(rollout, loop, along) if along else instants(rollout, loop, at)
     linear, loops = [], []
     for instant in found:
-        tell(f"margins at {instant.label}")
+        tell(f"linearising at {instant.label}")
         linear.append(lineariser.at(instant))
-        loops.append(tuple(loop_margins(linear[-1])))
+        rows, count = list[LoopMargins](), len(linear[-1].inputs)
+        tell(f"margins at {instant.label}: {count} loops")
+        for one in loop_margins(linear[-1]):
+            rows.append(one)
+            tell(f"margins at {instant.label}: {len(rows)} of {count} loops")
+        loops.append(tuple(rows))
     return MarginAnalysis(tuple(linear), tuple(loops), events_of(rollout, loop, ("captured", "released")))
 
 

@@ -218,3 +218,13 @@ def test_a_clock_that_ticks_once_has_no_period():
     found = margins(arm_scene(1, robot={"sensors": once}), backend="interpreted")
     assert [one.period_s for one in found.linearisations] == [0.05]
     assert expected.linearisations[0].period_s == 0.05
+
+
+def test_progress_counts_the_loops_of_each_instant():
+    stages = list[str]()
+    found = margins(arm_scene(1), [0.0, 0.5], backend="interpreted", progress=stages.append)
+    count = len(found.loops[0])
+    for label in ("0 s", "0.5 s"):
+        first = stages.index(f"linearising at {label}")
+        counted = [f"margins at {label}: {k} of {count} loops" for k in range(1, count + 1)]
+        assert stages[first + 2 : first + 2 + count] == counted
