@@ -1,7 +1,8 @@
 """Mangled scenarios: every shipped scenario and example with values, tags and nesting that do not belong.
 
 ``python -m tests.oracles.mangled --cases 10000 --seed 1`` tries so many and reports each that ends in
-anything but a scene or one line of :class:`~spacerobot.errors.SpaceRobotError`.
+anything but a scene or one line of :class:`~spacerobot.errors.SpaceRobotError`, or takes more than 15 s of
+processor time; with ``--rollouts`` small scenes, which are simulated too.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import copy
 import functools
 import random
 import re
+import signal
 import sys
 import traceback
 import warnings
@@ -28,10 +30,11 @@ from optim.planning.studies.design_study import design_variables
 from optim.problem.scene_recipe import tuning_of
 from optim.problem.variables import variables_of
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import SpaceRobotError
+from spacerobot.errors import DivergedError, SpaceRobotError
 from spacerobot.scenario.load import parse_yaml, to_document, validate
 from spacerobot.scene import build_scene
 from spacerobot.scene.overlaps import overlaps
+from spacerobot.simulation import simulate
 
 ROOT = Path(__file__).parents[2]
 SOURCES = tuple(
@@ -81,6 +84,14 @@ WRONG = (
 )
 """YAML for values that hardly any key allows."""
 
+FACTORS = (0.0, -1.0, 1e-15, 1e-9, 1e-4, 1e-2, 1e2, 1e4, 1e9, 1e15)
+"""Factors of numbers, which have the right type then."""
+MAX_CPU_S = 15.0
+"""Processor time that a case may take."""
+ROLLED = ("bounce.yaml", "drift.yaml", "reach.yaml", "checkcase-9b.yaml")
+"""Sources that are simulated in a moment."""
+MAX_DURATION_S = 0.05
+
 TAGS = ("float", "int", "bool", "null", "str", "seq", "map", "binary", "set", "timestamp", "merge", "value")
 NAMES = ("x", "tip", "target", "rpr1", "kp", "a.b", "", "*", "3", "body")
 
@@ -95,10 +106,17 @@ class Case:
         The file that it was made of.
     document
         What became of it: YAML, or what YAML holds.
+    is_simulated
+        Whether the scene is simulated, too.
     """
 
     source: Path
     document: Any
+    is_simulated: bool = False
+
+
+class OverrunError(Exception):
+    """More processor time than a case may take."""
 
 
 @functools.cache
@@ -140,6 +158,10 @@ def _mangled_document(rng: random.Random, document: Any) -> Any:
                 ]
         holder, key = rng.choice(places)
         value = holder[key]
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if is_number and rng.random() < 0.5:
+            holder[key] = value * rng.choice(FACTORS) if value else rng.choice(FACTORS)
+            continue
         match rng.choice(("wrong", "wrong", "wrong", "wrap", "drop", "rename", "transplant")):
             case "wrong":
                 holder[key] = copy.deepcopy(rng.choice(_wrong()))
@@ -222,24 +244,37 @@ def use(case: Case) -> None:
             each()
         except SpaceRobotError as fault:
             faults.append(fault)
+    if case.is_simulated:
+        simulate(scene, backend="interpreted")
     if faults:
         raise faults[0]
 
 
-def judged(case: Case) -> str | None:
-    """What is wrong with how a case ends; None if it is a scene, or an error of one line."""
+def judged(case: Case | Callable[[], object]) -> str | None:
+    """What is wrong with how a case ends; None if it is a scene, or an error of one line, in time."""
+
+    def overrun(*_: object) -> None:
+        raise OverrunError(f"more than {MAX_CPU_S:g} s of processor time")
+
+    # the handler runs as soon as a library that is at work returns
+    before = signal.signal(signal.SIGPROF, overrun)
+    signal.setitimer(signal.ITIMER_PROF, MAX_CPU_S)
     try:
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            use(case)
+            use(case) if isinstance(case, Case) else case()
     except SpaceRobotError as fault:
         text = str(fault)
-        if "\n" in text or not 10 < len(text) < 1500 or fault.exit_code != 2:
+        codes = (2, DivergedError.exit_code)  # a rollout that is not carried out diverged
+        if "\n" in text or not 10 < len(text) < 1500 or fault.exit_code not in codes:
             return f"not a line that a person can act on: {text!r}"
     except Exception as fault:
         trace = traceback.extract_tb(fault.__traceback__)
         own = [f"{Path(at.filename).name}:{at.lineno}" for at in trace if str(ROOT) in at.filename]
         return f"{type(fault).__name__}: {str(fault)[:150]} at {' '.join(own[-5:])}"
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
     return None
 
 
@@ -249,14 +284,31 @@ def cases(seed: int, count: int) -> Iterator[Case]:
     return (mangle(rng) for _ in range(count))
 
 
+def rollouts(seed: int, count: int) -> Iterator[Case]:
+    """So many cases of small scenes that are simulated; the same for the same seed."""
+    rng = random.Random(seed)
+    sources = [source for source in SOURCES if source.name in ROLLED]
+    for _ in range(count):
+        source = rng.choice(sources)
+        document = copy.deepcopy(filled(source))
+        document["simulation"] |= {"duration": MAX_DURATION_S, "output_step": MAX_DURATION_S / 5}
+        mangled = _mangled_document(rng, document)
+        section = mangled.get("simulation")
+        duration = section.get("duration") if isinstance(section, dict) else None
+        short = isinstance(duration, int | float) and duration <= 10 * MAX_DURATION_S
+        yield Case(source, mangled, is_simulated=short)
+
+
 def _main() -> int:
     options = argparse.ArgumentParser()
     options.add_argument("--cases", type=int, default=1000)
     options.add_argument("--seed", type=int, default=1)
+    options.add_argument("--rollouts", action="store_true", help="small scenes, which are simulated")
     options.add_argument("--keep", type=Path, help="folder for the texts that fail")
     chosen = options.parse_args()
     found: dict[str, list[int]] = collections.defaultdict(list)
-    for number, case in enumerate(cases(chosen.seed, chosen.cases)):
+    made = rollouts if chosen.rollouts else cases
+    for number, case in enumerate(made(chosen.seed, chosen.cases)):
         wrong = judged(case)
         if wrong is not None:
             found[wrong].append(number)
