@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, TypedDict, Unpack
 
 import casadi as ca
 import numpy as np
@@ -189,7 +189,9 @@ def gradient(
         If no step keeps to the tolerance.
     """
     chosen = [find_quantity(name) for name in ([quantities] if isinstance(quantities, str) else quantities)]
-    rollout, _ = build_quantity_rollout(scene, chosen, parameters, backend, many=False)
+    # each quantity once, and once more with half the step
+    rollouts = 3 * len(chosen)
+    rollout, _ = build_quantity_rollout(scene, chosen, parameters, backend, many=False, rollouts=rollouts)
     found = rollout.value_and_gradient(wrt=parameters)
     places = rollout.indices(parameters)
     names = [each.name for each in chosen]
@@ -248,7 +250,8 @@ def batch(
     lengths = {len(column) for column in columns.values()}
     if len(lengths) != 1:
         raise ScenarioError(f"values: one list of numbers for each parameter, all as long; found {lengths}")
-    rollout, labels = build_quantity_rollout(scene, chosen, list(columns), backend)
+    (count,) = lengths
+    rollout, labels = build_quantity_rollout(scene, chosen, list(columns), backend, rollouts=count)
     rows = np.column_stack(list(columns.values()))
     done = rollout.batch(list(columns), rows, threads=threads)
     duration = scene.scenario.simulation.duration
@@ -269,14 +272,30 @@ def batch(
     return BatchResult(xr.Dataset(data, coordinates))
 
 
+class RolloutRequest(TypedDict, total=False):
+    """Keyword arguments of :func:`build_quantity_rollout`.
+
+    Attributes
+    ----------
+    many
+        Whether it shall roll out many samples, also where plans are solved in each; true if left out.
+    step
+        Of the rollout [s]; the simulation's step and tolerance if None.
+    rollouts
+        As :class:`~spacerobot.rollout.build.Settings` has it.
+    """
+
+    many: bool
+    step: float | None
+    rollouts: int | None
+
+
 def build_quantity_rollout(
     scene: Scene,
     chosen: Sequence[Quantity],
     vary: Sequence[str],
     backend: Backend = "auto",
-    *,
-    many: bool = True,
-    step: float | None = None,
+    **request: Unpack[RolloutRequest],
 ) -> tuple[Any, dict[str, tuple[str, ...]]]:
     """Rollout whose measures and costs are quantities, and the labels of each one's components.
 
@@ -290,17 +309,16 @@ def build_quantity_rollout(
         Dotted paths of numbers that vary.
     backend
         ``auto``, ``compiled`` or ``interpreted``.
-    many
-        Whether it shall roll out many samples, also where plans are solved in each.
-    step
-        Of the rollout [s]; the simulation's step and tolerance if None.
+    **request
+        As :class:`RolloutRequest` has it.
 
     Raises
     ------
     ScenarioError
         If the scene has nothing that a quantity describes.
     """
-    flown = FlownScene.of(scene, vary) if many and mpc_controllers(scene) else None
+    step = request.get("step")
+    flown = FlownScene.of(scene, vary) if request.get("many", True) and mpc_controllers(scene) else None
     loop = cached_closed_loop(scene if flown is None else flown.scene, vary=vary)
     extended = with_added_states(loop, scene, chosen, JITTER_FREQUENCY_HZ)
     context = context_of(scene, extended)
@@ -324,6 +342,7 @@ def build_quantity_rollout(
         "tolerance": simulation.tolerance,
         "method": simulation.method,
         "backend": backend,
+        "rollouts": request.get("rollouts"),
     }
     if flown is not None:
         duration = flown.duration_s

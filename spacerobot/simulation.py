@@ -138,7 +138,7 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
             )
             run = _Run(scene, ready, trajectory, every)
         else:
-            rollout = _ready(scene, loop, backend, tell)
+            rollout = _ready(scene, loop, backend, tell, rollouts=1)
             tell("rolling out")
             run = _rolled(scene, rollout, {})
     return _result(run, loop, begin, built)
@@ -334,7 +334,12 @@ def fired_events(loop: ClosedLoop, checked: PinocchioTrajectory) -> tuple[FiredE
 
 
 def _ready(
-    scene: Scene, loop: ClosedLoop, backend: Backend, tell: Progress, measures: Measures | None = None
+    scene: Scene,
+    loop: ClosedLoop,
+    backend: Backend,
+    tell: Progress,
+    measures: Measures | None = None,
+    rollouts: int | None = None,
 ) -> Rollout:
     """Compiled or interpreted rollout, its step chosen if the scenario gives none."""
     simulation = scene.scenario.simulation
@@ -349,6 +354,7 @@ def _ready(
             method=simulation.method,
             backend=backend,
             measures=measures,
+            rollouts=rollouts,
             progress=tell,
         )
     except NoStepError as fault:

@@ -9,6 +9,8 @@ import signal
 
 import pytest
 
+from spacerobot.rollout.virtual_machine import load_loops
+
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell has it for what it runs in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -103,6 +105,7 @@ def _own_cache(tmp_path_factory, request):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SPACEROBOT_CACHE_DIR", str(place / "compiled"))
         patch.setenv("SPACEROBOT_COMPILER_FLAGS", f"-O0 {FLAGS}")  # of what the whole session shares
+        load_loops()  # while there is a compiler
         yield
 
 

@@ -62,7 +62,7 @@ def test_the_second_time_nothing_is_built_and_nothing_differs(file, folder, buil
     assert path.suffix == SUFFIX
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     one, two = (build_rollout(loop, duration_s=0.1, step_s=0.01) for loop in (built, again))
-    assert two.engines.single.library.cached  # the generated source is the same
+    assert two.engines.single.loops.library.cached  # the generated source is the same
     assert np.array_equal(one.run().state, two.run().state)
     assert [getattr(built, f) for f in ("variables", "works", "max_gaps", "jumps", "outside")] == [
         getattr(again, f) for f in ("variables", "works", "max_gaps", "jumps", "outside")

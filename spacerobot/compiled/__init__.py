@@ -4,6 +4,7 @@ This room knows nothing of robots, only :class:`casadi.Function`.
 """
 
 from spacerobot.compiled.build import usable_cores
+from spacerobot.compiled.codegen import statements_of
 from spacerobot.compiled.library import Library, compile_functions
 from spacerobot.compiled.numpy_function import numpy_function
 from spacerobot.compiled.toolchain import NO_COMPILER, Toolchain, find_toolchain
@@ -15,5 +16,6 @@ __all__ = [
     "compile_functions",
     "find_toolchain",
     "numpy_function",
+    "statements_of",
     "usable_cores",
 ]

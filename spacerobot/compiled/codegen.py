@@ -153,7 +153,7 @@ def _together(chain: Mapping[str, ca.Function]) -> tuple[list[str], list[CodePie
     first = next(iter(chain.values()))
     given = [ca.SX.sym(first.name_in(i), first.size1_in(i), first.size2_in(i)) for i in range(first.n_in())]
     values = [value for function in chain.values() for value in function.call(given)]
-    statements = _statements("together", ca.Function("together", given, values, {"cse": True}))
+    statements = statements_of("together", ca.Function("together", given, values, {"cse": True}))
     writes = [int(match.group(1)) if (match := _RESULT.match(line)) else -1 for line in statements]
     sections: list[CodeSection] = []
     begin, begun = 0, 0
@@ -183,7 +183,7 @@ def _together(chain: Mapping[str, ca.Function]) -> tuple[list[str], list[CodePie
 
 def _alone(name: str, function: ca.Function, cold: bool, lanes: int) -> tuple[str, list[CodePiece]]:
     """Member and pieces of one function."""
-    statements = _statements(name, function)
+    statements = statements_of(name, function)
     reads, writes = _parameters(function)
     parameters = (*reads, *writes)
     longest, size = (pieces.COLD_PIECE, pieces.COLD_PIECE) if cold else (pieces.LONGEST, pieces.PIECE)
@@ -199,8 +199,14 @@ def _alone(name: str, function: ca.Function, cold: bool, lanes: int) -> tuple[st
     return _member(name, function, parameters, [f"  real between[{slots + 1}];", *calls]), parts
 
 
-def _statements(name: str, function: ca.Function) -> list[str]:
-    """Body of the code that CasADi generates, adapted, one assignment a line."""
+def statements_of(name: str, function: ca.Function) -> list[str]:
+    """Body of the code that CasADi generates for an SX function, adapted, one assignment a line.
+
+    Raises
+    ------
+    CompileError
+        CasADi's code has an unknown form.
+    """
     generator = ca.CodeGenerator("generated.c", {"with_header": False})
     generator.add(function)
     match = _BODY.search(generator.dump())

@@ -51,9 +51,9 @@ MEMORY([])
 #endif
 #endif
 
-#ifdef __OPTIMIZE__
+#if defined(__OPTIMIZE__) && !defined(GENERIC)
 #define ALWAYS_INLINE __attribute__((always_inline))
-#else  // -O0 asks for code soon: to inline would be most of the compiler's work
+#else  // -O0 asks for code soon, and loops of every scene gain little: to inline would be most of the compiler's work
 #define ALWAYS_INLINE
 #endif
 #define INLINE static inline ALWAYS_INLINE

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -133,8 +133,8 @@ def compile_functions(
     # sources of about the same length, the longest first; the last holds everything but the pieces
     source = source_of(functions, cold=cold, lanes=lanes)
     vector_symbols = toolchain.vector_symbols if lanes == toolchain.lanes else {}
-    header = resources.files("spacerobot.compiled").joinpath("lanes.hpp").read_text(encoding="utf-8")
-    head = "\n".join([f"#define LANES {lanes}", header, maths_of(vector_symbols)])
+    lanes_hpp = resources.files("spacerobot.compiled").joinpath("lanes.hpp").read_text(encoding="utf-8")
+    head = "\n".join([f"#define LANES {lanes}", lanes_hpp, maths_of(vector_symbols)])
     bins: list[list[CodePiece]] = []
     for piece in sorted(source.pieces, key=lambda piece: (piece.cold, -len(piece.lines))):
         room = UNIT - sum(len(other.lines) for other in bins[-1]) if bins else 0
@@ -150,25 +150,49 @@ def compile_functions(
         for held in bins
     ]
     units.append(SourceUnit("\n".join([head, source.struct, tail, ""])))
-    folder = cache.cache_folder()
     told = " ".join([*toolchain.command, *toolchain.flags, *toolchain.libraries])
     parts = [*(unit.text for unit in units), toolchain.version, told, toolchain.processor]
+
+    def make(folder: Path) -> Path:
+        return build(units, toolchain, folder, progress or tell)
+
+    path, handle, cached = cached_library(parts, make)
+    return Library(dict(functions), lanes, toolchain, path, cached, time.perf_counter() - begin, handle)
+
+
+def cached_library(parts: Sequence[str], make: Callable[[Path], Path]) -> tuple[Path, ctypes.CDLL, bool]:
+    """Library from the cache, or made anew.
+
+    Parameters
+    ----------
+    parts
+        Everything that decides what it holds.
+    make
+        Makes it in a folder.
+
+    Returns
+    -------
+    tuple
+        The file, the loaded library, and whether it was found in the cache.
+
+    Raises
+    ------
+    CompileError
+        It cannot be made or loaded.
+    """
+    folder = cache.cache_folder()
     key = hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
     path = cache.find(folder, key)
-    handle = None
     if path is not None:
         try:
-            handle = ctypes.CDLL(str(path))
+            return path, ctypes.CDLL(str(path)), True
         except OSError:  # no library of this machine: made again
             path.unlink(missing_ok=True)
-    cached = handle is not None
     try:
-        if path is None or handle is None:
-            path = cache.store(folder, key, build(units, toolchain, folder, progress or tell))
-            handle = ctypes.CDLL(str(path))
+        path = cache.store(folder, key, make(folder))
+        return path, ctypes.CDLL(str(path)), False
     except OSError as error:
         raise CompileError(f"the compiled library cannot be made or loaded: {error}") from error
-    return Library(dict(functions), lanes, toolchain, path, cached, time.perf_counter() - begin, handle)
 
 
 UNIT = 3000

@@ -104,13 +104,18 @@ ZIG = (sys.executable, "-m", "ziglang", "c++")
 """The compiler that the package ``ziglang`` brings."""
 
 
-def find_toolchain() -> Toolchain | None:
+def find_toolchain(*, plain: bool = False) -> Toolchain | None:
     """The compiler named by ``SPACEROBOT_COMPILER`` or ``CXX``, else one that is installed; None without one.
 
     Looked for are g++, clang++, c++ and the package ``ziglang``, in this order. ``SPACEROBOT_COMPILER=none``
     says that nothing shall be compiled. ``SPACEROBOT_COMPILER_FLAGS`` holds further arguments for each
     source, which come last: with ``-O1`` libraries are made sooner and run slower, with ``-march=x86-64-v3``
     they run on every processor with AVX2, in four lanes.
+
+    Parameters
+    ----------
+    plain
+        Whether these further arguments are left out.
 
     Raises
     ------
@@ -121,7 +126,8 @@ def find_toolchain() -> Toolchain | None:
     if wish.lower() == "none":
         return None
     name = "SPACEROBOT_COMPILER" if wish else "CXX"
-    more = _words("SPACEROBOT_COMPILER_FLAGS", os.environ.get("SPACEROBOT_COMPILER_FLAGS", ""))
+    flags = "" if plain else os.environ.get("SPACEROBOT_COMPILER_FLAGS", "")
+    more = _words("SPACEROBOT_COMPILER_FLAGS", flags)
     return _toolchain(name, wish or os.environ.get("CXX", "").strip(), more)
 
 
@@ -157,25 +163,11 @@ def _words(variable: str, text: str) -> tuple[str, ...]:
 
 
 def _described(command: tuple[str, ...], version: str, more: tuple[str, ...]) -> Toolchain:
-    # Model and flags of the first processor; what Python knows about it where /proc does not exist.
     import ctypes
 
     from spacerobot.compiled.codegen import BINARY, UNARY
 
-    try:
-        text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        text = ""
-    wanted = re.compile(r"^(model name|flags|CPU implementer|CPU part|Features)\s*:\s*(.*)$", re.MULTILINE)
-    first = text.split("\n\n", 1)[0]
-    found = [value for _, value in wanted.findall(first)]
-    if not found and sys.platform == "darwin":
-        asked = ["sysctl", "-n", "machdep.cpu.brand_string", "machdep.cpu.features"]
-        done = subprocess.run(asked, capture_output=True, text=True, check=False)
-        found = done.stdout.lower().splitlines()
-    processor = " | ".join(
-        [platform.machine(), *found] if found else [platform.machine(), platform.processor()]
-    )
+    processor = processor_of_machine()
     sets = _targeted_sets(command, more) if any(flag.startswith("-m") for flag in more) else processor.split()
     lanes = 8 if "avx512f" in sets and "avx512dq" in sets else 4 if "avx" in sets else 2
     # symbols that the C library's vector maths offers for so many lanes, and how to link it
@@ -216,6 +208,23 @@ def _targeted_sets(command: tuple[str, ...], more: tuple[str, ...]) -> set[str]:
     except (OSError, subprocess.SubprocessError):
         return set()  # an argument that the compiler refuses is reported when it compiles
     return {name.lower() for name in re.findall(r"^#define __(\w+?)__ 1$", done.stdout, re.MULTILINE)}
+
+
+@functools.cache
+def processor_of_machine() -> str:
+    """Model and instruction sets of the first processor; without /proc, what Python knows about it."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        text = ""
+    wanted = re.compile(r"^(model name|flags|CPU implementer|CPU part|Features)\s*:\s*(.*)$", re.MULTILINE)
+    first = text.split("\n\n", 1)[0]
+    found = [value for _, value in wanted.findall(first)]
+    if not found and sys.platform == "darwin":
+        asked = ["sysctl", "-n", "machdep.cpu.brand_string", "machdep.cpu.features"]
+        done = subprocess.run(asked, capture_output=True, text=True, check=False)
+        found = done.stdout.lower().splitlines()
+    return " | ".join([platform.machine(), *found] if found else [platform.machine(), platform.processor()])
 
 
 def _version(command: tuple[str, ...]) -> str | None:

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
-from spacerobot.compiled import Library
 from spacerobot.errors import CompileError
-from spacerobot.rollout.adjoint_sweep import AdjointSweep
 from spacerobot.rollout.closed_loop_protocol import Array
-from spacerobot.rollout.engines import StopFlag, make_job
-from spacerobot.rollout.interpreted import InterpretedEngine
+from spacerobot.rollout.engines import Loops, StopFlag, make_job
 from spacerobot.rollout.kernel import Kernel, entries, slices, sx_function
 from spacerobot.rollout.parameter_dependent_events import moving_events
 from spacerobot.rollout.rollout_arrays import RolloutArrays
@@ -109,23 +106,28 @@ class _AdjointJob(ctypes.Structure):
         ("most", ctypes.c_int64),
         ("told", ctypes.c_void_p),
         ("instant", ctypes.c_void_p),
+        ("width", ctypes.c_int64),
     )
 
 
 @dataclass(frozen=True)
-class CompiledAdjoint:
-    """Forward sweep, tape and sweep back in machine code."""
+class AdjointEngine:
+    """Loops that evaluate a kernel with its reverse: forward sweep, tape and sweep back."""
 
     kernel: Kernel
-    library: Library
+    loops: Loops
     whole_bytes: int = WHOLE_BYTES
     segment_bytes: int = SEGMENT_BYTES
-    backend: str = field(default="compiled", init=False)
+
+    @property
+    def backend(self) -> str:
+        """``compiled`` or ``interpreted``."""
+        return self.loops.backend
 
     @property
     def lanes(self) -> int:
         """Rollouts carried at once."""
-        return self.library.lanes
+        return self.loops.lanes
 
     @property
     def bytes_per_step(self) -> int:
@@ -144,40 +146,10 @@ class CompiledAdjoint:
         segment = grid.steps + more if whole else min(grid.steps, max(1, self.segment_bytes // per_step))
         seeds = np.ascontiguousarray(seed)
         instants = raw.instants
-        told: tuple[int, int | None, int | None] = (0, None, None)
+        told: tuple[int, int | None, int | None, int] = (0, None, None, 0)
         if instants is not None:
-            told = (instants.found.shape[1], instants.told.ctypes.data, instants.found.ctypes.data)
+            found = instants.found
+            told = (found.shape[1], instants.told.ctypes.data, found.ctypes.data, found.itemsize // 8)
         adjoint = _AdjointJob(seeds.ctypes.data, gradient.ctypes.data, segment, *told)
-        entry = self.library.entry("gradients")
-        entry.restype = ctypes.c_int64
-        if entry(ctypes.byref(job), ctypes.byref(adjoint)) < 0:
+        if self.loops.run("gradients", job, adjoint) < 0:
             raise CompileError(f"no memory for a tape of {segment} steps")
-
-
-@dataclass(frozen=True)
-class InterpretedAdjoint:
-    """The same sweeps, step by step from Python: slow, the same numbers."""
-
-    kernel: Kernel
-    backend: str = field(default="interpreted", init=False)
-    lanes: int = field(default=1, init=False)
-
-    def gradients(
-        self, p: Array, seed: Array, grid: TimeGrid, raw: RolloutArrays, gradient: Array, stop: StopFlag
-    ) -> None:
-        """As :meth:`CompiledAdjoint.gradients`."""
-        engine, objective = InterpretedEngine(self.kernel), self.kernel.functions["objective"]
-        for i, row in enumerate(p):
-            if stop.is_set:
-                return
-            path = engine.path(row, grid)
-            engine.note(path, raw.part(slice(i, i + 1)))
-            if path.whole:
-                raw.r[i] = engine.reduce(path)
-                part = None if raw.instants is None else raw.instants.part(slice(i, i + 1))
-                gradient[i] = AdjointSweep(self.kernel, path, part).gradient(row, seed[i], raw.r[i])
-            raw.cost[i] = objective(raw.r[i], row).full().ravel()
-
-
-AdjointEngine = CompiledAdjoint | InterpretedAdjoint
-"""Evaluates costs and their gradients."""

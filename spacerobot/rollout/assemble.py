@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from spacerobot.rollout.closed_loop_protocol import Array
-from spacerobot.rollout.interpreted import KernelEngine
+from spacerobot.rollout.engines import Engine
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.rollout_arrays import AT_END, CHATTERING, COINCIDENT, ENDED, GRAZING, RolloutArrays
 from spacerobot.rollout.time_grid import TimeGrid
@@ -71,7 +71,7 @@ def trajectory_of(raw: RolloutArrays, kernel: Kernel, grid: TimeGrid, p: Array) 
 
 def batch_of(
     raw: RolloutArrays,
-    engine: KernelEngine,
+    engine: Engine,
     grid: TimeGrid,
     outputs: Sequence[str],
     threads: int,

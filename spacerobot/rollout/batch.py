@@ -14,8 +14,7 @@ from spacerobot.compiled import usable_cores
 from spacerobot.rollout.adjoint import AdjointEngine
 from spacerobot.rollout.closed_loop_protocol import Array
 from spacerobot.rollout.coincident_events import judge_orders
-from spacerobot.rollout.engines import StopFlag
-from spacerobot.rollout.interpreted import KernelEngine
+from spacerobot.rollout.engines import Engine, StopFlag
 from spacerobot.rollout.rollout_arrays import MOST_EVENTS, CoincidentInstants, Integers, RolloutArrays
 from spacerobot.rollout.time_grid import TimeGrid
 
@@ -100,10 +99,10 @@ class Control:
         """Whether derivatives are taken once more with half the step."""
         return self.orders if self.accuracy is None else self.accuracy
 
-    def on(self, backend: str) -> Control:
-        """The same with the number of threads that a backend takes."""
-        count = 1 if backend == "interpreted" else max(1, self.threads or usable_cores())
-        return replace(self, threads=count)
+    @property
+    def thread_count(self) -> int:
+        """How many threads there are."""
+        return max(1, self.threads or usable_cores())
 
 
 @dataclass(frozen=True)
@@ -123,7 +122,7 @@ class BatchArrays:
     wall_s: float
 
 
-def run_one(engine: KernelEngine, grid: TimeGrid, p: Array, estimate: bool) -> RolloutArrays:
+def run_one(engine: Engine, grid: TimeGrid, p: Array, estimate: bool) -> RolloutArrays:
     """One rollout of parameters p (np,) with every state and output, and the states at all of its events."""
     outputs = range(engine.kernel.size("outputs", "y"))
     raw = RolloutArrays.empty(engine.kernel, grid, 1, True, outputs)
@@ -140,7 +139,7 @@ def run_one(engine: KernelEngine, grid: TimeGrid, p: Array, estimate: bool) -> R
 
 
 def run_batch(
-    engine: KernelEngine,
+    engine: Engine,
     grid: TimeGrid,
     p: Callable[[slice], Array],
     total: int,
@@ -163,8 +162,8 @@ def run_batch(
         part.doubt_ties(engine.kernel, given)
         return raw.count(piece)
 
-    control = control.on(engine.backend)
-    pieces = fair_pieces(total, engine.lanes, max(1, TASK_STEPS // grid.steps), control.threads or 1)
+    longest = max(1, TASK_STEPS // grid.steps)
+    pieces = fair_pieces(total, engine.lanes, longest, control.thread_count)
     seconds = run_tasks(work, pieces, total, flag, control)
     raw.cost[~raw.completed] = np.nan
     if engine.kernel.rate is not None and control.orders and len(rows := raw.coincident):
@@ -172,7 +171,7 @@ def run_batch(
         other = replace(control, progress=None, orders=False, backwards=True)
         again = run_batch(engine, grid, given.__getitem__, len(rows), samples, other).raw
         raw.trust_same(rows, again, _derivatives(raw, rows), _derivatives(again, slice(None)))
-    return BatchArrays(raw, control.threads or 1, seconds)
+    return BatchArrays(raw, control.thread_count, seconds)
 
 
 def _derivatives(raw: RolloutArrays, rows: Integers | slice) -> Array:
@@ -185,7 +184,7 @@ def run_gradients(
     engine: AdjointEngine, grid: TimeGrid, p: Array, seed: Array, control: Control
 ) -> tuple[RolloutArrays, Array]:
     """Costs of every row of p (N, np), and gradients (N, k) of their sum weighted by ``seed`` (N, nj)."""
-    kernel, control = engine.kernel, control.on(engine.backend)
+    kernel = engine.kernel
     raw, flag = RolloutArrays.empty(kernel, grid, len(p), False, ()), StopFlag()
     raw = replace(raw, instants=CoincidentInstants.empty(len(p), kernel) if control.orders else None)
     gradient = np.full((len(p), kernel.size("setup_reverse", "pbar")), np.nan)
@@ -196,7 +195,7 @@ def run_gradients(
         part.judge_start(kernel.closure, p[piece])
         return raw.count(piece)
 
-    pieces = fair_pieces(len(p), engine.lanes, 1, control.threads or 1)
+    pieces = fair_pieces(len(p), engine.lanes, 1, control.thread_count)
     run_tasks(work, pieces, len(p), flag, control)
     lost = ~raw.completed
     raw.cost[lost], gradient[lost] = np.nan, np.nan
@@ -247,7 +246,7 @@ def run_tasks(
     control
         How many threads, who is told, and who may cancel.
     """
-    threads, progress, stop = control.threads or 1, control.progress, control.stop
+    threads, progress, stop = control.thread_count, control.progress, control.stop
     begin_s = time.perf_counter()
     done = 0
     with ThreadPoolExecutor(threads) as pool:

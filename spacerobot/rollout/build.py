@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal, TypedDict, Unpack
@@ -29,6 +30,7 @@ class Options(TypedDict, total=False):
     method: str
     backend: Backend
     many: bool
+    rollouts: float | None
 
 
 @dataclass(frozen=True)
@@ -48,9 +50,12 @@ class Settings:
     method
         Name of the numerical method, one of ``METHODS``.
     backend
-        ``auto`` compiles where a compiler is found and works, and interprets elsewhere.
+        ``auto`` compiles where a compiler is found and works, unless the few rollouts that are asked for are
+        done sooner by the virtual machine, and interprets elsewhere.
     many
         Whether what batches need is compiled now, instead of what a single rollout needs.
+    rollouts
+        How many rollouts or gradients will be asked for, each of the whole duration; many if None.
     """
 
     step_s: float | None = None
@@ -59,6 +64,7 @@ class Settings:
     method: str = DEFAULT
     backend: Backend = "auto"
     many: bool = False
+    rollouts: float | None = None
 
     def sample_s(self, duration_s: float) -> float | None:
         """Longest time between samples; None where each step is one."""
@@ -85,7 +91,7 @@ def build_rollout(
     progress
         Called with a few words while something is compiled, also later, and before each pilot rollout.
     **options
-        ``step_s``, ``output_step_s``, ``tolerance``, ``method``, ``backend`` and ``many``, as
+        ``step_s``, ``output_step_s``, ``tolerance``, ``method``, ``backend``, ``many`` and ``rollouts``, as
         :class:`Settings` has them.
 
     Raises
@@ -103,13 +109,15 @@ def build_rollout(
     if settings.method not in METHODS:
         raise SpaceRobotError(f"method '{settings.method}', allowed: {', '.join(METHODS)}")
     kernel = build_kernel(loop, measures, METHODS[settings.method])
-    engines, fallback = _engines(kernel, settings.backend, settings.many, progress)
-    rollout = Rollout(loop, kernel, grid, engines, fallback)
-    if step_s is not None:
-        return rollout
-    choice = rollout.choose_step(settings.tolerance, progress=progress)
-    grid = time_grid(duration_s, choice.step_s, sample_s)
-    return replace(rollout, grid=grid, choice=choice)
+    engines = _engines(kernel, settings, progress)
+    rollout = Rollout(loop, kernel, grid, engines)
+    if step_s is None:
+        choice = rollout.choose_step(settings.tolerance, progress=progress)
+        rollout = replace(rollout, grid=time_grid(duration_s, choice.step_s, sample_s), choice=choice)
+    if settings.rollouts is not None:
+        engines.expect(settings.rollouts * rollout.grid.steps)
+    _ = engines.batch if settings.many else engines.single  # made now, and not when it is first used
+    return rollout
 
 
 def choose_step(
@@ -139,22 +147,18 @@ def choose_step(
     return build_rollout(loop, duration_s=duration_s, **options).choose_step(tolerance, parameters)
 
 
-def _engines(
-    kernel: Kernel, backend: Backend, many: bool, progress: Callable[[str], None] | None
-) -> tuple[Engines, str]:
-    """Engines, and why they interpret although nobody asked for it."""
+def _engines(kernel: Kernel, settings: Settings, progress: Callable[[str], None] | None) -> Engines:
+    """Engines as the backend and the number of rollouts ask for."""
+    backend = settings.backend
     if backend not in ("auto", "compiled", "interpreted"):
         raise SpaceRobotError(f"backend '{backend}', allowed: auto, compiled, interpreted")
     toolchain = None if backend == "interpreted" else find_toolchain()
-    if toolchain is None:
-        if backend == "compiled":
-            raise CompileError(NO_COMPILER)
-        return Engines(kernel, None), NO_COMPILER if backend == "auto" else ""
-    engines = Engines(kernel, toolchain, progress)
-    try:
-        _ = engines.batch if many else engines.single  # compiled when first asked for
-    except CompileError as error:
-        if backend == "compiled":
-            raise
-        return Engines(kernel, None), error.message
-    return engines, ""
+    if toolchain is None and backend == "compiled":
+        raise CompileError(NO_COMPILER)
+    few = backend == "auto" and settings.rollouts is not None
+    engines = Engines(
+        kernel, toolchain, progress, steps=0 if few else math.inf, is_strict=backend == "compiled"
+    )
+    if toolchain is None and backend == "auto":
+        engines.fallback = NO_COMPILER
+    return engines

@@ -22,8 +22,6 @@ from spacerobot.rollout.rollout_arrays import (
     FAINT,
     SAME,
     THINGS,
-    TOGETHER,
-    CoincidentInstants,
     RolloutArrays,
 )
 from spacerobot.rollout.tables import Integers, fill, gather
@@ -33,80 +31,6 @@ BETWEEN, BEHIND = 1, 2
 
 ROUNDING = 1e-9
 """Part of what was added up within which a sum is zero."""
-
-
-@dataclass(frozen=True)
-class Occurrence:
-    """An event, or jump J as -1 - J, as the interpreted sweep back meets it.
-
-    Attributes
-    ----------
-    what
-        Which.
-    root
-        Whether its time is its own.
-    time_s
-        When.
-    x, c
-        State and constants before it.
-    near
-        How many other events are so close that they may change places with it.
-    """
-
-    what: int
-    root: bool
-    time_s: float
-    x: Array
-    c: Array
-    near: int = 0
-
-
-class SweepNotes:
-    """Records of an interpreted backward sweep about coincident events; see ``loops/adjoint.hpp``.
-
-    Parameters
-    ----------
-    kernel
-        The functions.
-    instants
-        Of one rollout.
-    """
-
-    def __init__(self, kernel: Kernel, instants: CoincidentInstants) -> None:
-        self._modes, self._instants = [*kernel.switches, *kernel.jumps], instants
-        self._moving, self._bars = kernel.moving, kernel.jump_bars
-        self._now, self._counts = np.zeros(1, dtype=instants.found.dtype)[0], False
-        self._moves = False  # whether parameters move anything that happened at the instant
-        self._now["first"] = np.inf
-
-    def note(self, thing: Occurrence, bar: Array, met: Array) -> None:
-        """Note a thing, behind which the state has a bar (nx,) and some peaks are met (peaks,)."""
-        now = self._now
-        if thing.time_s < now["first"] - TOGETHER:
-            self.close()
-            now["number"] = now["missed"] = 0
-            self._moves = False
-            now["last"], now["bar"], now["met"] = thing.time_s, bar, 0
-        number = int(now["number"])
-        now["met"][:-1][met] = BETWEEN if number else BEHIND
-        now["number"] += 1
-        behind = np.sum((now["thing"][:number] >= 0) & (now["root"][:number] != 0))
-        if number < THINGS:
-            now["thing"][number], now["root"][number] = thing.what, thing.root
-        now["first"], now["before"] = thing.time_s, thing.x
-        now["missed"] = now["missed"] or thing.near > behind
-        now["mode"][:-1] = thing.c[self._modes]
-        self._moves |= self._moving[thing.what] if thing.what >= 0 else self._bars[-1 - thing.what] >= 0
-        self._counts = self._moves and bool(number or now["missed"])
-
-    def close(self) -> None:
-        """Tell the instant that was met last, if more than one thing happened."""
-        told, found = self._instants.told, self._instants.found
-        if self._counts:
-            if told[0] < found.shape[1]:
-                found[0, told[0]] = self._now
-            told[0] += 1
-        self._counts = False
 
 
 @dataclass(frozen=True)

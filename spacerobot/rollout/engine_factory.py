@@ -2,25 +2,40 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from typing import TypeVar
 
-from spacerobot.compiled import Library, Toolchain
-from spacerobot.rollout.adjoint import AdjointEngine, CompiledAdjoint, InterpretedAdjoint, adjoint_kernel
-from spacerobot.rollout.engines import CompiledEngine, compile_kernel
-from spacerobot.rollout.interpreted import InterpretedEngine, KernelEngine
+from spacerobot.compiled import Toolchain
+from spacerobot.errors import CompileError
+from spacerobot.rollout.adjoint import AdjointEngine, adjoint_kernel
+from spacerobot.rollout.engines import CompiledLoops, Engine, InterpretedLoops, Loops, compile_kernel
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.sensitivity import sensitivity_kernel
+from spacerobot.rollout.virtual_machine import SceneProgram
 
 Made = TypeVar("Made")
 
 ADJOINT = "the closed loop's adjoint"
 """What it is called while it is compiled."""
 
+OPERATION_S = 1.2e-9
+"""Time that the virtual machine takes for an operation [s]."""
+
+COMPILE_START_S, COMPILE_OPERATION_S = 1.0, 1.2e-4
+"""Time that a compiler takes for the loops, and for each operation of a kernel's functions [s]."""
+
+INTERPRETED_SHARE = 0.5
+"""Part of the time to compile within which what is asked for is interpreted instead."""
+
 
 class Engines:
-    """Engines that evaluate a kernel: compiled with a toolchain, or interpreted without one.
+    """Engines that evaluate a kernel: compiled with a toolchain, or interpreted.
+
+    The virtual machine begins at once and is about eight times slower than compiled code. It is taken where
+    it needs at most half as long as the compiler would, by a count of operations and steps, not by a clock:
+    the same request gives the same bits, whatever is in the cache.
 
     Parameters
     ----------
@@ -30,59 +45,80 @@ class Engines:
         Compiler, or None.
     progress
         Called with a few words while something is compiled.
+    steps
+        Steps that will be asked for, as far as known; infinite where everything shall be compiled.
+    is_strict
+        Whether a compiler that fails is an error; else the kernel is interpreted.
     """
 
     def __init__(
-        self, kernel: Kernel, toolchain: Toolchain | None, progress: Callable[[str], None] | None = None
+        self,
+        kernel: Kernel,
+        toolchain: Toolchain | None,
+        progress: Callable[[str], None] | None = None,
+        *,
+        steps: float = math.inf,
+        is_strict: bool = False,
     ) -> None:
         self.kernel = kernel
         self.toolchain = toolchain
-        self._progress = progress
+        self.fallback = ""
+        """Why it is interpreted although it should be compiled; empty otherwise."""
+        self._progress, self._steps, self._is_strict = progress, steps, is_strict
         self._made: dict[tuple[object, ...], object] = {}
         self._lock = threading.Lock()
         self._locks: dict[tuple[object, ...], threading.Lock] = {}
 
-    @property
-    def single(self) -> KernelEngine:
-        """For one rollout at a time."""
-        return self._once(("forward", 1), lambda: self._forward(self.kernel, 1))
+    def expect(self, steps: float) -> None:
+        """Count steps that will be asked for in addition."""
+        self._steps += steps
 
     @property
-    def batch(self) -> KernelEngine:
+    def single(self) -> Engine:
+        """For one rollout at a time."""
+        return self._forward("forward", self.kernel, 1)
+
+    @property
+    def batch(self) -> Engine:
         """For many: as many lanes as the processor's vectors have."""
-        lanes = self._lanes
-        return self._once(("forward", lanes), lambda: self._forward(self.kernel, lanes))
+        return self._forward("forward", self.kernel, self._lanes)
 
     def adjoint(self, wrt: tuple[int, ...], *, many: bool) -> AdjointEngine:
         """For gradients with respect to some places in p, one at a time or many."""
+        kernel = self._once(("adjoint kernel", wrt), lambda: adjoint_kernel(self.kernel, wrt))
         lanes = self._lanes if many else 1
 
         def make() -> AdjointEngine:
-            kernel = adjoint_kernel(self.kernel, wrt)
-            if self.toolchain is None:
-                return InterpretedAdjoint(kernel)
-            return CompiledAdjoint(kernel, self._compiled(kernel, lanes, adjoint=True))
+            return AdjointEngine(kernel, self._loops(kernel, lanes, adjoint=True))
 
-        return self._once(("adjoint", wrt, lanes), make)
+        return self._once(("adjoint", wrt, lanes, self._is_interpreted(kernel)), make)
 
-    def sensitivity(self, wrt: tuple[int, ...], outputs: tuple[str, ...]) -> KernelEngine:
+    def sensitivity(self, wrt: tuple[int, ...], outputs: tuple[str, ...]) -> Engine:
         """For derivatives along directions, one in each lane; ``engine.kernel`` names what it returns."""
-
-        def make() -> KernelEngine:
-            return self._forward(sensitivity_kernel(self.kernel, wrt, outputs), self._lanes)
-
-        return self._once(("sensitivity", wrt, outputs), make)
+        key = ("sensitivity kernel", wrt, outputs)
+        kernel = self._once(key, lambda: sensitivity_kernel(self.kernel, wrt, outputs))
+        return self._forward(("sensitivity", wrt, outputs), kernel, self._lanes)
 
     @property
     def _lanes(self) -> int:
         return 1 if self.toolchain is None else self.toolchain.lanes
 
-    def _forward(self, kernel: Kernel, lanes: int) -> KernelEngine:
+    def _is_interpreted(self, kernel: Kernel) -> bool:
+        """Whether the virtual machine evaluates a kernel."""
         if self.toolchain is None:
-            return InterpretedEngine(kernel)
-        return CompiledEngine(kernel, self._compiled(kernel, lanes, adjoint=False))
+            return True
+        compile_s = COMPILE_START_S + COMPILE_OPERATION_S * operations(kernel)
+        return self._steps * operations_per_step(kernel) * OPERATION_S <= INTERPRETED_SHARE * compile_s
 
-    def _compiled(self, kernel: Kernel, lanes: int, *, adjoint: bool) -> Library:
+    def _forward(self, name: object, kernel: Kernel, lanes: int) -> Engine:
+        def make() -> Engine:
+            return Engine(kernel, self._loops(kernel, lanes, adjoint=False))
+
+        return self._once((name, lanes, self._is_interpreted(kernel)), make)
+
+    def _loops(self, kernel: Kernel, lanes: int, *, adjoint: bool) -> Loops:
+        if self.toolchain is None or self._is_interpreted(kernel):
+            return InterpretedLoops(SceneProgram(kernel))
         say = self._progress
         what = ADJOINT if adjoint else "the closed loop"
 
@@ -91,7 +127,14 @@ class Engines:
                 say(f"compiling {what}: {done} of {total} pieces done")
 
         progress = None if say is None else told
-        return compile_kernel(kernel, lanes, self.toolchain, adjoint=adjoint, progress=progress)
+        try:
+            library = compile_kernel(kernel, lanes, self.toolchain, adjoint=adjoint, progress=progress)
+        except CompileError as error:
+            if self._is_strict:
+                raise
+            self.toolchain, self.fallback = None, error.message
+            return InterpretedLoops(SceneProgram(kernel))
+        return CompiledLoops(library)
 
     def _once(self, key: tuple[object, ...], make: Callable[[], Made]) -> Made:
         """Value of a key, made by the first caller; others wait only if they request the same key."""
@@ -101,3 +144,24 @@ class Engines:
             if key not in self._made:
                 self._made[key] = make()
             return self._made[key]  # type: ignore[return-value]
+
+
+def operations(kernel: Kernel) -> int:
+    """Operations of all functions of a kernel."""
+    return sum(function.n_instructions() for function in kernel.functions.values())
+
+
+def operations_per_step(kernel: Kernel) -> int:
+    """Operations of a step: of its stages, of guards at four places, and of the sweep back if there is one.
+
+    The sweep back of a long rollout begins with the stages once more.
+    """
+
+    def size(name: str) -> int:
+        return int(kernel.functions[name].n_instructions()) if name in kernel.functions else 0
+
+    stages, once = kernel.method.stages, size("normalise") + 4 * size("values")
+    if "dynamics_reverse" in kernel.functions:
+        back = stages * size("dynamics_reverse") + size("normalise_reverse")
+        return 2 * (stages * size("dynamics") + once) + back
+    return len(kernel.method.nodes) * size("dynamics") + once

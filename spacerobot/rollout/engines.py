@@ -1,10 +1,9 @@
-"""Evaluate a kernel over rows of parameters, by machine code."""
+"""Evaluate a kernel over rows of parameters."""
 
 from __future__ import annotations
 
 import ctypes
-import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from typing import Any
@@ -16,8 +15,10 @@ from spacerobot.compiled import Library, Toolchain, compile_functions
 from spacerobot.errors import CompileError
 from spacerobot.rollout.closed_loop_protocol import Array
 from spacerobot.rollout.kernel import Kernel
+from spacerobot.rollout.kernel_tables import constants_of
 from spacerobot.rollout.rollout_arrays import RolloutArrays
 from spacerobot.rollout.time_grid import TimeGrid
+from spacerobot.rollout.virtual_machine import SceneProgram, call_loops
 
 
 class StopFlag:
@@ -104,54 +105,7 @@ def compile_kernel(
     parts = {"steps": True, "tables": kernel.tables, "events": kernel.events, "forward": True}
     names = [name for name, needed in (parts | {"adjoint": adjoint}).items() if needed]
     loops = [folder.joinpath(f"{name}.hpp").read_text(encoding="utf-8") for name in names]
-    # what the loops need to know of the kernel at compile time
-    sizes = {
-        "INTEGRALS": kernel.integrals,
-        "PEAKS": kernel.peaks,
-        "JUMPS": len(kernel.jumps),
-        "EVENTS": len(kernel.events),
-        "CLOCKS": sum(event.clock for event in kernel.events),
-        "SWITCHES": len(kernel.switches),
-        "FINES": len(kernel.fine),
-        "SEEING": len(kernel.seen),
-        "TABLES": len(kernel.tables),
-    }
-    lines = [f"#define {name} {size}" for name, size in sizes.items()]
-    if kernel.c_slopes:
-        lines.append("#define C_SLOPES")
-    if kernel.rate is not None:
-        lines.append(f"#define RATE {kernel.rate}")
-    sets = [{place: int(on) for place, on in event.sets} for event in kernel.events]
-    numbers: dict[str, Iterable[float]] = {
-        "int JUMP": kernel.jumps,
-        "int JUMP_BAR": kernel.jump_bars,
-        "int JUMP_SLOPE": kernel.jump_slopes,
-        "int SWITCH": kernel.switches,
-        "int ENDS": [event.ends for event in kernel.events],
-        "int KINK": [event.kink for event in kernel.events],
-        "int MOVES": kernel.moving or [False] * len(kernel.events),
-        "int GAP": kernel.gaps,
-        "int CLOCK": [event.clock for event in kernel.events],
-        "int SILENT": [event.silent for event in kernel.events],
-        "int ROUTINE": [event.routine for event in kernel.events],
-        "int FIXED": [not moves for moves in kernel.moving] or [False] * len(kernel.events),
-        "int SEEN": kernel.seen,
-        "int FINE": [place for place, _, _ in kernel.fine],
-        "int TABLE_CURSOR": [table.cursor for table in kernel.tables],
-        "int TABLE_FIRST": [table.first for table in kernel.tables],
-        "int TABLE_WINDOW": [table.window for table in kernel.tables],
-        "int TABLE_WIDTH": [table.width for table in kernel.tables],
-        "int TABLE_NOISE": [table.noise for table in kernel.tables],
-        "int C_BAR": kernel.c_bars,
-        "int C_SLOPE": kernel.c_slopes,
-        "double FINE_STEP": [step_s for _, step_s, _ in kernel.fine],
-        "double FINE_GROW": [grow for _, _, grow in kernel.fine],
-    }
-    lines += [f"static const {name}[] = {{{_listed(found)}}};" for name, found in numbers.items()]
-    rows = [_listed(row.get(place, -1) for place in range(len(kernel.switches))) for row in sets]
-    table = ", ".join(f"{{{row}}}" for row in [*rows, "-1"])
-    lines.append(f"static const int SETS[][SWITCHES + 1] = {{{table}}};")
-    tail = "\n".join([*lines, kernel.method.source(), *loops])
+    tail = "\n".join([constants_of(kernel), kernel.method.source(), *loops])
     often = {"update", "guards"} if any(event.clock for event in kernel.events) else set()
     cold = set(kernel.functions) - HOT - often
     return compile_functions(
@@ -159,16 +113,10 @@ def compile_kernel(
     )
 
 
-def _listed(numbers: Iterable[float]) -> str:
-    """Numbers as an initialiser, with one more, since an array has at least one."""
-    return ", ".join("INFINITY" if number == math.inf else repr(number + 0) for number in [*numbers, -1])
-
-
 @dataclass(frozen=True)
-class CompiledEngine:
-    """Machine code that carries ``library.lanes`` rollouts at once and runs without Python's lock."""
+class CompiledLoops:
+    """Loops compiled together with a kernel: ``library.lanes`` rollouts at once, without Python's lock."""
 
-    kernel: Kernel
     library: Library
     backend: str = field(default="compiled", init=False)
 
@@ -177,21 +125,60 @@ class CompiledEngine:
         """Rollouts carried at once."""
         return self.library.lanes
 
+    def run(self, name: str, *structures: ctypes.Structure) -> int:
+        """Call ``rollouts`` or ``gradients``; what it returns."""
+        entry = self.library.entry(name)
+        entry.restype = ctypes.c_int64
+        return int(entry(*map(ctypes.byref, structures)))
+
+
+@dataclass(frozen=True)
+class InterpretedLoops:
+    """The loops of every scene over a kernel that the virtual machine evaluates, without Python's lock."""
+
+    program: SceneProgram
+    backend: str = field(default="interpreted", init=False)
+    lanes: int = field(default=1, init=False)
+
+    def run(self, name: str, *structures: ctypes.Structure) -> int:
+        """As :meth:`CompiledLoops.run`."""
+        scene = ctypes.c_void_p(self.program.address)
+        return call_loops(f"{name}_of", scene, *map(ctypes.byref, structures))
+
+
+Loops = CompiledLoops | InterpretedLoops
+
+
+@dataclass(frozen=True)
+class Engine:
+    """Loops that evaluate a kernel."""
+
+    kernel: Kernel
+    loops: Loops
+
+    @property
+    def backend(self) -> str:
+        """``compiled`` or ``interpreted``."""
+        return self.loops.backend
+
+    @property
+    def lanes(self) -> int:
+        """Rollouts carried at once."""
+        return self.loops.lanes
+
     def rollouts(
         self, p: Array, grid: TimeGrid, raw: RolloutArrays, rows: Sequence[int], stop: StopFlag
     ) -> None:
         """Roll out every row of parameters (N, np) into ``raw``, recording outputs ``rows``."""
         job, _keep = make_job(self.kernel, p, grid, raw, rows, stop)
-        entry = self.library.entry("rollouts")
-        entry.restype = ctypes.c_int64
-        if entry(ctypes.byref(job)) < 0:
+        if self.loops.run("rollouts", job) < 0:
             raise CompileError(f"no memory for {self.lanes} rollouts at once")
 
 
 def make_job(
     kernel: Kernel, p: Array, grid: TimeGrid, raw: RolloutArrays, rows: Sequence[int], stop: StopFlag
 ) -> tuple[_EngineCall, list[Any]]:
-    """The structure that the compiled loops read, and the arrays that must outlive the call."""
+    """The structure that the loops read, and the arrays that must outlive the call."""
     given = np.ascontiguousarray(p, dtype=float)
     row = np.ascontiguousarray(rows, dtype=np.int64)
     noise = np.ascontiguousarray(kernel.noise.drawn(given))

@@ -46,8 +46,6 @@ class Rollout:
         Steps and samples.
     engines
         What evaluates them.
-    fallback
-        Why it is interpreted although nobody asked for it; empty otherwise.
     choice
         How the step was chosen, if it was.
     """
@@ -56,7 +54,6 @@ class Rollout:
     kernel: Kernel
     grid: TimeGrid
     engines: Engines
-    fallback: str = ""
     choice: StepChoice | None = None
 
     def __repr__(self) -> str:
@@ -75,9 +72,14 @@ class Rollout:
     def summary(self) -> str:
         """One line that says what runs."""
         steps = f"{self.grid.steps} steps of {self.grid.step_s:.6g} s by {self.kernel.method.name}"
-        if self.engines.toolchain is not None:
+        if self.backend == "compiled" and self.engines.toolchain is not None:
             return f"{steps}, compiled: {self.engines.toolchain.summary}"
-        return f"{steps}, interpreted by CasADi" + (f" ({self.fallback})" if self.fallback else "")
+        return f"{steps}, interpreted" + (f" ({self.fallback})" if self.fallback else "")
+
+    @property
+    def fallback(self) -> str:
+        """Why it is interpreted although it should be compiled; empty otherwise."""
+        return self.engines.fallback
 
     def choose_step(
         self,
@@ -101,7 +103,9 @@ class Rollout:
         sample_s = grid.every * grid.step_s
 
         def pilot(step_s: float) -> Trajectory:
-            return replace(self, grid=time_grid(grid.duration_s, step_s, sample_s)).run(p, estimate=True)
+            pilot_grid = time_grid(grid.duration_s, step_s, sample_s)
+            self.engines.expect(pilot_grid.steps)
+            return replace(self, grid=pilot_grid).run(p, estimate=True)
 
         order = self.kernel.method.order
         return search_step(pilot, grid.duration_s, sample_s, tolerance, order, progress)

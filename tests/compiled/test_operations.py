@@ -1,4 +1,4 @@
-"""Every operation of CasADi's SX, compiled over one and over many lanes, against CasADi's own interpreter."""
+"""Every operation of CasADi's SX, compiled and by the virtual machine, against CasADi's own interpreter."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from spacerobot.compiled import compile_functions, find_toolchain
 from spacerobot.errors import CompileError
+from spacerobot.rollout.virtual_machine import Program
 
 X, Y = ca.SX.sym("x"), ca.SX.sym("y")
 ARITHMETIC = {
@@ -78,6 +79,11 @@ def libraries():
     return {lanes: compile_functions({"all": FUNCTION}, lanes=lanes) for lanes in LANES}
 
 
+@pytest.fixture(scope="module")
+def program():
+    return Program("all", FUNCTION)
+
+
 @settings(deadline=None, max_examples=150, derandomize=True)
 @given(x=st.lists(number, min_size=8, max_size=8), y=st.lists(number, min_size=8, max_size=8))
 def test_every_operation_in_every_lane(libraries, x, y):
@@ -86,6 +92,13 @@ def test_every_operation_in_every_lane(libraries, x, y):
         found = library("all", np.array([x[:lanes]]), np.array([y[:lanes]]))[0]
         for name, row, wanted in zip(NAMES, found, expected[:, :lanes], strict=True):
             np.testing.assert_allclose(row, wanted, rtol=4e-15, atol=5e-324, equal_nan=True, err_msg=name)
+
+
+@settings(deadline=None, max_examples=150, derandomize=True)
+@given(x=number, y=number)
+def test_every_operation_of_the_virtual_machine(program, x, y):
+    for name, one, wanted in zip(NAMES, program(x, y)[0], FUNCTION(x, y).full().ravel(), strict=True):
+        np.testing.assert_allclose(one, wanted, rtol=4e-15, atol=5e-324, equal_nan=True, err_msg=name)
 
 
 @pytest.mark.parametrize("lanes", [1, 8])

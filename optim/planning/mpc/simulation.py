@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -167,6 +168,7 @@ def simulate_mpc(scene: Scene, *, backend: str = "auto", progress: Progress | No
         tolerance=simulation.tolerance,
         method=simulation.method,
         backend=backend,  # type: ignore[arg-type]
+        rollouts=2 * math.ceil(flown.duration_s / flown.settings.period),
     )
     checked = simulation.engine == "pinocchio"
     plant = (

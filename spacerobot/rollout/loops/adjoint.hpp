@@ -11,7 +11,9 @@
 // segments, that is jumps or events; tbar is empty otherwise, and that of final_reverse where there are no events.
 // JUMP_BAR holds the places of the jumps in cbar, -1 for one that stays. cbar of setup_reverse goes on with the rows of
 // tables, which no other function sees; C_BAR holds the place in it of each constant, or -1.
+#ifndef GENERIC
 enum { NW = G::dynamics_reverse_cbar, NB = G::setup_reverse_cbar, NG = G::setup_reverse_pbar, MOVING = G::dynamics_reverse_tbar };
+#endif
 
 // An instant at which several things happened, or an event with others close by. Whether their order counts is judged
 // elsewhere, by these: when it began and ended; truth where a close event did not fire; how many things happened, and
@@ -21,8 +23,20 @@ enum { NW = G::dynamics_reverse_cbar, NB = G::setup_reverse_cbar, NG = G::setup_
 enum { THINGS = 16 };
 enum Met { ELSEWHERE, BETWEEN, BEHIND };
 struct Instant {
-  double first, last, missed, number, thing[THINGS], root[THINGS], mode[SWITCHES + JUMPS + 1], met[PEAKS + 1];
-  double before[NX], bar[NX];
+  double first, last, missed, number, thing[THINGS], root[THINGS];
+  ROW(double, mode, SWITCHES + JUMPS + 1);
+  ROW(double, met, PEAKS + 1);
+  ROW(double, before, NX);
+  ROW(double, bar, NX);
+
+  // All of these, one after the other.
+  void write(double* to) const {
+    const double single[] = {first, last, missed, number};
+    const double* const part[] = {single, thing, root, mode, met, before, bar};
+    const int size[] = {4, THINGS, THINGS, SWITCHES + JUMPS + 1, PEAKS + 1, NX, NX};
+    for (int k = 0; k < 7; ++k)
+      for (int i = 0; i < size[k]; ++i) *to++ = part[k][i];
+  }
 };
 
 struct AdjointJob {
@@ -31,16 +45,19 @@ struct AdjointJob {
   int64_t segment;     // steps between checkpoints
   int64_t most;        // instants to be told of each rollout
   int64_t* told;       // (count), instants in all
-  Instant* instant;    // (count, most)
+  double* instant;     // (count, most, width), as Instant writes them
+  int64_t width;
 };
 
 // What flows back; t and h are those of a step's beginning and length, `begin` that of a segment's beginning where an
 // event was.
 struct Bars {
-  real x[NX], c[NB + 1], t, h, begin;
+  ROW(real, x, NX);
+  ROW(real, c, NB + 1);
+  real t, h, begin;
 };
 
-#if TABLES
+#ifdef WITH_TABLES
 // Let windows show again what they showed during a step, if one is given; what flowed back to them meanwhile belongs to
 // their rows.
 static void turn_back(Trajectory& at, const real* row, Bars& bar) {
@@ -65,41 +82,39 @@ INLINE void accumulate(real* sum, const real* part, int n) {
   for (int i = 0; i < n; ++i) sum[i] = sum[i] + part[i];
 }
 
-// Through the stages from S down to the first; `sum` is the bar of the solution before it is normalised, `stage` has
-// room for those of the stages' states.
-template <int S>
+// Through the stages from the last down to the first; `sum` is the bar of the solution before it is normalised, `stage`
+// has room for those of the stages' states.
 INLINE void stages_reverse(const Record& past, const real* c, const real* sum, real* stage, Bars& bar) {
-  if constexpr (S >= 0) {
+  for_stages_back(NEEDED_STAGES, [&](auto s) {
     real x[NX], seed[NX], part[NW + 1], tbar[2];
-    const real h = past.step.h, t[1] = {past.step.t + M::C[S] * h}, *k = past.slope + S * NX;
+    const real h = past.step.h, t[1] = {past.step.t + method.C[s] * h}, *k = past.slope + s * NX;
     real length = 0.;
     for (int i = 0; i < NX; ++i) {
-      real total = M::B[S] * sum[i];
+      real total = method.B[s] * sum[i];
 #pragma GCC unroll 16
-      for (int j = S + 1; j < M::STAGES; ++j)
-        if (M::A[j][S] != 0) total = total + M::A[j][S] * stage[j * NX + i];
+      for (int j = s + 1; j < method.STAGES; ++j)
+        if (method.A[j][s] != 0) total = total + method.A[j][s] * stage[j * NX + i];
       if (MOVING) length = length + total * k[i];
       seed[i] = h * total;
     }
-    if (S > 0) combine<S, false>(h, past.x, past.slope, x);
-    G::dynamics_reverse(t, S > 0 ? x : past.x, c, seed, stage + S * NX, part, tbar);
-    accumulate(bar.x, stage + S * NX, NX);
+    if (s > 0) combine<false>(s, h, past.x, past.slope, x);
+    G::dynamics_reverse(t, s > 0 ? x : past.x, c, seed, stage + s * NX, part, tbar);
+    accumulate(bar.x, stage + s * NX, NX);
     accumulate(bar.c, part, NW);
-    if (MOVING) bar.t = bar.t + tbar[0], bar.h = bar.h + length + M::C[S] * tbar[0];
-    stages_reverse<S - 1>(past, c, sum, stage, bar);
-  }
+    if (MOVING) bar.t = bar.t + tbar[0], bar.h = bar.h + length + method.C[s] * tbar[0];
+  });
 }
 
 // bar.x at the end of a step becomes bar.x at its beginning; a lane that waited keeps it.
 static void step_reverse(const Record& past, const real* c, Bars& bar) {
-  real sum[NX], raw[NX], stage[M::STAGES * NX], kept[NX];
-  combine<SOLUTION, false>(past.step.h, past.x, past.slope, raw);
+  real sum[NX], raw[NX], stage[method.STAGES * NX], kept[NX];
+  combine<false>(SOLUTION, past.step.h, past.x, past.slope, raw);
   G::normalise_reverse(raw, bar.x, sum);
   for (int i = 0; i < NX; ++i) {
     kept[i] = bar.x[i];
     bar.x[i] = sum[i] = select(past.step.busy, sum[i], 0.);
   }
-  stages_reverse<M::STAGES - 1>(past, c, sum, stage, bar);
+  stages_reverse(past, c, sum, stage, bar);
   for (int i = 0; i < NX; ++i) bar.x[i] = select(past.step.busy, bar.x[i], kept[i]);
 }
 
@@ -138,7 +153,7 @@ static void ends_reverse(const Step& s, Trajectory& at, Bars& bar) {
   bar.t = bar.h = 0.;
 }
 
-#if EVENTS
+#ifdef WITH_EVENTS
 INLINE void set_switches(Trajectory& at, const real* mode) {
   for (int i = 0; i < SWITCHES; ++i) at.c[SWITCH[i]] = mode[i];
 }
@@ -153,7 +168,7 @@ static void happened_reverse(const Record& past, Trajectory& at, Bars& bar) {
   const real t[1] = {select(found.waits, s.t, fmin(s.t + s.h, s.end))}, e[1] = {found.event};
   real before[NX], raw[NX], xpart[NX], cpart[NW + 1], tpart[2], seed[EVENTS], moved = 0.;
   if (any(fires)) {
-    combine<SOLUTION, false>(s.h, past.x, past.slope, raw);
+    combine<false>(SOLUTION, s.h, past.x, past.slope, raw);
     G::normalise(raw, before);
     for (int i = 0; i < NX; ++i) before[i] = select(found.waits, past.x[i], before[i]);
     G::update_reverse(t, before, at.c, e, bar.x, xpart, cpart, tpart);
@@ -186,32 +201,32 @@ static void happened_reverse(const Record& past, Trajectory& at, Bars& bar) {
 // Do the steps of a segment of the tape once more, from where it began.
 static void again(const Job& job, Trajectory& at, const Position& begin, Record* tape, int64_t number) {
   real m[NM + 1], next[NX], c[NC + 1];
-#if TABLES
-  real row[CURSORS];  // whose bars the windows hold
-  std::memcpy(row, at.now.row, sizeof row);
+#ifdef WITH_TABLES
+  real row[CURSORS + 1];  // whose bars the windows hold
+  copy(row, at.now.row, CURSORS);
 #endif
   at.now = begin;
   for (int l = 0; l < LANES; ++l) set_sides(at, l);
-#if TABLES
+#ifdef WITH_TABLES
   for (int l = 0; l < LANES; ++l) fill(at, l);
 #endif
-#if EVENTS
+#ifdef WITH_EVENTS
   set_switches(at, at.now.watch.mode);
 #endif
   for (int64_t k = 0; k < number; ++k) {
     ready(job, at);  // a checkpoint was taken when a step was ready
-#if EVENTS
-    aim(job, at);
+#ifdef WITH_EVENTS
+    if (EVENTS) aim(job, at);
 #endif
     record_step(tape[k], at, m, next);
-    if (k == number - 1) std::memcpy(c, at.c, sizeof c);
+    if (k == number - 1) copy(c, at.c, NC + 1);
     settle<false>(job, at, tape[k].slope, next, &tape[k], true);
   }
-  std::memcpy(at.c, c, sizeof c);  // the sides of jumps during the last step, where the sweep back goes on
-#if TABLES
-  std::memcpy(at.now.row, row, sizeof row);
+  copy(at.c, c, NC + 1);  // the sides of jumps during the last step, where the sweep back goes on
+#ifdef WITH_TABLES
+  copy(at.now.row, row, CURSORS);
 #endif
-#if EVENTS
+#ifdef WITH_EVENTS
   set_switches(at, at.now.watch.mode);
 #endif
 }
@@ -227,7 +242,7 @@ struct Instants {
   }
   void close(const Job& job, const AdjointJob& adjoint, int64_t rollout, int l) {
     if (!counts[l] || rollout >= job.count) return;
-    if (told[l] < adjoint.most) adjoint.instant[rollout * adjoint.most + told[l]] = now[l];
+    if (told[l] < adjoint.most) now[l].write(adjoint.instant + (rollout * adjoint.most + told[l]) * adjoint.width);
     adjoint.told[rollout] = ++told[l];
   }
 };
@@ -243,7 +258,7 @@ static void note_instants(const Job& job, const AdjointJob& adjoint, int64_t fir
     const bool done = lane(s.busy, l) != 0, over = lane(s.index, l) + 1 >= lane(s.number, l);
     double thing = -1. - to, root = 1., t = lane(s.end, l), near = 0.;
     bool waits = false, happens = done && to >= 0 && over;
-#if EVENTS
+#ifdef WITH_EVENTS
     const Happened& found = past.happened;
     waits = lane(found.waits, l) != 0;
     const bool fires = lane(found.event, l) >= 0 && (done || waits), cut = lane(found.cut, l) != 0;
@@ -254,7 +269,7 @@ static void note_instants(const Job& job, const AdjointJob& adjoint, int64_t fir
     const double next = double(all.taken[l]);
     if (done) all.taken[l] = k;
     if (!happens) continue;
-    if (!known) combine<SOLUTION, false>(s.h, past.x, past.slope, raw), G::normalise(raw, end), known = true;
+    if (!known) combine<false>(SOLUTION, s.h, past.x, past.slope, raw), G::normalise(raw, end), known = true;
     Instant& now = all.now[l];
     if (t < now.first - TOGETHER) {
       all.close(job, adjoint, first + l, l);
@@ -270,13 +285,13 @@ static void note_instants(const Job& job, const AdjointJob& adjoint, int64_t fir
     if (number < THINGS) now.thing[number] = thing, now.root[number] = root;
     now.first = t, now.missed = now.missed != 0 || near > behind;
     bool moves = thing < 0 && JUMP_BAR[int(-1 - thing)] >= 0;
-#if EVENTS
+#ifdef WITH_EVENTS
     moves = moves || (thing >= 0 && !FIXED[int(thing)]);
 #endif
     all.moves[l] = all.moves[l] || moves;
     all.counts[l] = all.moves[l] && (number > 0 || now.missed != 0);
     for (int i = 0; i < NX; ++i) now.before[i] = lane((waits ? past.x : end)[i], l);
-#if EVENTS
+#ifdef WITH_EVENTS
     for (int i = 0; i < SWITCHES; ++i) now.mode[i] = lane(found.mode[i], l);
 #endif
     for (int i = 0; i < JUMPS; ++i) now.mode[SWITCHES + i] = lane(at.c[JUMP[i]], l);
@@ -292,7 +307,7 @@ extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
   Room<Bars> bars(1);
   Room<Instants> instants(1);
   Room<real> parameters(NP + 1), wanted(2 * (NG + 1));
-  if (!parameters.at || !wanted.at || !tape.at || !trajectory.at || !bars.at || !instants.at) return NO_MEMORY;
+  if (!parameters.at || !wanted.at || !tape.at || !trajectory.at || !bars.at || !instants.at || EXHAUSTED) return NO_MEMORY;
   Trajectory& at = *trajectory.at;
   Bars& bar = *bars.at;
   real *const p = parameters.at, *const pbar = wanted.at, *const direct = wanted.at + NG + 1;
@@ -321,12 +336,12 @@ extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
       for (int64_t k = number - 1; k >= 0; --k) {
         if (*job.stop) return first;
         const Record& past = tape.at[k];
-#if TABLES
-        turn_back(at, past.row, bar);
+#ifdef WITH_TABLES
+        if (TABLES) turn_back(at, past.row, bar);
 #endif
         if (MOVING && adjoint->most) note_instants(job, *adjoint, first, begin + k, past, at, bar, *instants.at);
-#if EVENTS
-        if (any(past.happened.cut || past.happened.event >= 0.)) happened_reverse(past, at, bar);
+#ifdef WITH_EVENTS
+        if (EVENTS && any(past.happened.cut || past.happened.event >= 0.)) happened_reverse(past, at, bar);
         else
 #endif
           step_reverse(past, at.c, bar);
@@ -334,8 +349,8 @@ extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
         ends_reverse(past.step, at, bar);
       }
     }
-#if TABLES
-    turn_back(at, nullptr, bar);
+#ifdef WITH_TABLES
+    if (TABLES) turn_back(at, nullptr, bar);
 #endif
     for (int l = 0; l < LANES; ++l) instants.at->close(job, *adjoint, first + l, l);
     G::setup_reverse(p, bar.x, bar.c, pbar);

@@ -22,7 +22,9 @@
 // Of guards that rise within one and the same step, the second fires with a step of length zero that ends at its own
 // root, so that its time moves with the parameters as its own guard has it. A job done `backwards` lets what is together
 // fire the other way round: sensitivities that are the same do not depend on the order.
-static_assert(M::B[0] != 0, "the first slope of a step must be there at its end");
+#ifndef GENERIC
+static_assert(Method::B[0] != 0, "the first slope of a step must be there at its end");
+#endif
 
 constexpr double TOLERANCE = 1e-12;   // of an event's time, s; backwards it is found behind all that is together
 constexpr double SHORTEST = 1e-4;     // part of a step after which a guard's peak is looked for
@@ -41,8 +43,9 @@ enum Doubt { NONE, GRAZING, COINCIDENT, AT_END };
 // What came of a step: truth where it was not done, truth where it was cut short, the event that fired at its end (or,
 // where it was not done, at its beginning) or -1, how many others are close to that, and the switches during the step.
 struct Happened {
-  real waits, cut, event, near, mode[SWITCHES + 1];
-#ifdef RATE
+  real waits, cut, event, near;
+  ROW(real, mode, SWITCHES + 1);
+#ifdef WITH_RATE
   real slope;  // derivative of the event's time
 #endif
 };
@@ -56,7 +59,7 @@ INLINE void values(Trajectory& at, real t, const real* x, real* g, real* speed) 
 // The guards at a state, their rates along xdot, and for sensitivities their derivatives along the lane's direction.
 INLINE void guards(Trajectory& at, real t, const real* x, const real* xdot, real* g, real* rate, real* slope) {
   const real instant[1] = {t};
-#ifdef RATE
+#ifdef WITH_RATE
   G::guards(instant, x, at.c, xdot, g, rate, slope);
 #else
   G::guards(instant, x, at.c, xdot, g, rate);
@@ -144,8 +147,13 @@ struct Guard {
 // The guards of a step that was tried, from their levels: at its beginning, with their rates, inside, and at its end;
 // bounds of the rates of gaps there; and the part of the step at which a gap is closed, or half where none is sure.
 struct Tried {
-  real g0[EVENTS], rate[EVENTS], inner[3][EVENTS], g1[EVENTS];
-  real fast[3][GAPS + 1], fast1[GAPS + 1], meets;
+  ROW(real, g0, EVENTS);
+  ROW(real, rate, EVENTS);
+  THREE_ROWS(real, inner, EVENTS);
+  ROW(real, g1, EVENTS);
+  THREE_ROWS(real, fast, GAPS + 1);
+  ROW(real, fast1, GAPS + 1);
+  real meets;
 };
 
 // Doubts in a gradient through event e at the end of a step of length h: that the guard turns back soon, or that
@@ -187,7 +195,7 @@ template <class T> struct Cubic {
 
 // Truth where a guard may be above its level within a step since the cubic is wrong.
 template <class T> INLINE T unsure(const Cubic<T>& g, T check) {
-  const T wrong = fabs(check - g.at(T(M::INSIDE[CHECK])));
+  const T wrong = fabs(check - g.at(T(method.INSIDE[CHECK])));
   const T seen = fmax(fmax(fmax(g.b[0], g.b[1]), fmax(g.b[2], g.b[3])), check);
   return wrong > UNSURE * g.bend() + TOGETHER * (fabs(g.b[0]) + fabs(g.b[3])) && seen + WRONG * wrong > 0.;
 }
@@ -295,12 +303,12 @@ template <bool SHARED, class Weight>
 INLINE void look_inside(Trajectory& at, const real* k, real part, Weight weight, real* g, real* speed) {
   const Step& s = at.now.step;
   real x[NX];
-  std::memcpy(x, at.now.x, sizeof x);
+  copy(x, at.now.x, NX);
   for (int n = 0; n < SEEING; ++n) {
     real sum = 0.;
 #pragma GCC unroll 16
-    for (int j = 0; j < M::STAGES; ++j)
-      if (M::B[j] != 0) sum = sum + weight(j) * k[place_of<SHARED>(j) + SEEN[n]];
+    for (int j = 0; j < method.STAGES; ++j)
+      if (method.B[j] != 0) sum = sum + weight(j) * k[place_of<SHARED>(j) + SEEN[n]];
     x[SEEN[n]] = x[SEEN[n]] + s.h * sum;
   }
   values(at, s.t + part * s.h, x, g, speed);
@@ -308,7 +316,7 @@ INLINE void look_inside(Trajectory& at, const real* k, real part, Weight weight,
 
 // The places inside a step.
 template <bool SHARED, int PART> INLINE void look_inside(Trajectory& at, const real* k, Tried& tried) {
-  look_inside<SHARED>(at, k, M::INSIDE[PART], [](int j) { return M::INNER[PART][j]; }, tried.inner[PART], tried.fast[PART]);
+  look_inside<SHARED>(at, k, method.INSIDE[PART], [](int j) { return method.INNER[PART][j]; }, tried.inner[PART], tried.fast[PART]);
 }
 
 // Bodies do not pass each other between two places at which their gap is seen. `speed` bounds the gap's rate wherever
@@ -319,7 +327,10 @@ struct Gap {
   real a[5], reach;  // at the places of a step; how far it may change in one
 };
 
-constexpr double SEEN_AT[] = {0., M::INSIDE[0], M::INSIDE[CHECK], M::INSIDE[1], 1.};
+INLINE double seen_at(int place) {
+  const double all[] = {0., method.INSIDE[0], method.INSIDE[CHECK], method.INSIDE[1], 1.};
+  return all[place];
+}
 
 INLINE Gap gap_of(const Watch& w, const Step& s, const Tried& tried, int n) {
   const int i = GAP[n];
@@ -334,7 +345,7 @@ INLINE Gap gap_of(const Watch& w, const Step& s, const Tried& tried, int n) {
 INLINE real may_close(const Gap& gap) {
   real found = 0.;
   for (int p = 0; p < 4; ++p)
-    found = found || gap.a[p] + gap.a[p + 1] + 2 * DEEP < gap.reach * (SEEN_AT[p + 1] - SEEN_AT[p]);
+    found = found || gap.a[p] + gap.a[p + 1] + 2 * DEEP < gap.reach * (seen_at(p + 1) - seen_at(p));
   return found;
 }
 
@@ -342,11 +353,11 @@ INLINE real may_close(const Gap& gap) {
 // of the step is enough, and from there as far as the last gaps allow.
 static double advanced(const Gap* gaps, int l, double to, real* now) {
   for (int p = 1; p < 5; ++p) {
-    if (to >= SEEN_AT[p]) continue;
+    if (to >= seen_at(p)) continue;
     for (int n = 0; n < GAPS; ++n)
-      if (lane(now[n], l) + lane(gaps[n].a[p], l) + 2 * DEEP < lane(gaps[n].reach, l) * (SEEN_AT[p] - to)) p = 5;
+      if (lane(now[n], l) + lane(gaps[n].a[p], l) + 2 * DEEP < lane(gaps[n].reach, l) * (seen_at(p) - to)) p = 5;
     if (p == 5) break;
-    to = SEEN_AT[p];
+    to = seen_at(p);
     for (int n = 0; n < GAPS; ++n) lane(now[n], l) = lane(gaps[n].a[p], l);
   }
   double ahead = 1 - to;
@@ -364,7 +375,7 @@ static void advance_gaps(Trajectory& at, const real* k, const Gap* gaps, real do
   const Step& s = at.now.step;
   real g[EVENTS], speed[GAPS + 1], now[GAPS + 1], wrong[GAPS + 1], part = 1.;
   const auto weight = [&part](int j) {
-    return part * (M::DENSE[j][0] + part * (M::DENSE[j][1] + part * (M::DENSE[j][2] + part * M::DENSE[j][3])));
+    return part * (method.DENSE[j][0] + part * (method.DENSE[j][1] + part * (method.DENSE[j][2] + part * method.DENSE[j][3])));
   };
   look_inside<SHARED>(at, k, part, weight, g, speed);
   for (int n = 0; n < GAPS; ++n) {
@@ -422,11 +433,11 @@ INLINE void judge(const Job& job, Trajectory& at, const real* k, const real* nex
     stirs = stirs || unsure(g, tried.inner[CHECK][i]);
     const real left = g1 / (3. * (g.b[2] - g1)) * s.h;
     for (int f = 0; f < FINES; ++f)
-      if (SETS[i][FINE[f]] == 0) off[f] = select(left > 0., fmin(off[f], s.t + s.h + left), off[f]);
+      if (SETS[i * (SWITCHES + 1) + FINE[f]] == 0) off[f] = select(left > 0., fmin(off[f], s.t + s.h + left), off[f]);
   }
   tried.meets = 1.;
-  if constexpr (GAPS > 0) {
-    Gap gaps[GAPS];
+  if (GAPS > 0) {
+    Gap gaps[GAPS + 1];
     real doubt = 0.;
     for (int n = 0; n < GAPS; ++n) gaps[n] = gap_of(w, s, tried, n), doubt = doubt || may_close(gaps[n]);
     doubt = doubt && count && s.h > w.clear && w.high == real(INFINITY);
@@ -458,18 +469,18 @@ INLINE void judge(const Job& job, Trajectory& at, const real* k, const real* nex
   found.cut = found.cut || (done && w.graded);
 }
 
-#ifdef RATE
+#ifdef WITH_RATE
 // Let steps that were cut short stretch with their events: the tangent is affine in the derivative of a step's length,
 // and the guard's is zero at its root.
 static void stretch(Trajectory& at, Happened& found, real* next) {
   const Step& s = at.now.step;
-  real dt, dh, end[2][NX], slope[2], k[M::TOTAL * NX], m[NM + 1];
+  real dt, dh, end[2][NX], slope[2], k[method.TOTAL * NX], m[NM + 1];
   moved(at, dt, dh);
   found.slope = dt;
   if (!any(found.cut && (!at.now.watch.graded || found.event >= 0.))) return;
   for (int d = 0; d < 2; ++d) {
     real g[EVENTS], rate[EVENTS], along[EVENTS];
-    step<false>(at, at.now.x, k, m, end[d], dt, real(double(d)));
+    step<false>(NEEDED_STAGES, at, at.now.x, k, m, end[d], dt, real(double(d)));
     at.c[RATE] = dt + double(d);
     guards(at, s.t + s.h, end[d], k, g, rate, along);
     at.c[RATE] = slope[d] = 0.;
@@ -519,18 +530,18 @@ static void happen(const Job& job, Trajectory& at, const Happened& found, bool a
   if (any(fires)) {
     for (int l = 0; l < LANES; ++l) {
       if (lane(fires, l) == 0) continue;
-      const int* sets = SETS[int(lane(e[0], l))];
+      const auto* sets = SETS + int(lane(e[0], l)) * (SWITCHES + 1);
       for (int i = 0; i < SWITCHES; ++i)
         if (sets[i] >= 0) lane(w.mode[i], l) = lane(at.c[SWITCH[i]], l) = sets[i];
       for (int f = 0; f < FINES; ++f)
         if (sets[FINE[f]] > 0) lane(w.on[f], l) = lane(t[0], l), lane(w.off[f], l) = INFINITY;
     }
-#ifdef RATE
-    at.c[RATE] = found.slope;
+#ifdef WITH_RATE
+    if (RATE >= 0) at.c[RATE] = found.slope;
 #endif
     G::update(t, at.now.x, at.c, e, next);
-#ifdef RATE
-    at.c[RATE] = 0.;
+#ifdef WITH_RATE
+    if (RATE >= 0) at.c[RATE] = 0.;
 #endif
     at.now.alive = at.now.alive && (is_sound(next, at.begin, job.scale) || !fires);
   }
@@ -538,15 +549,15 @@ static void happen(const Job& job, Trajectory& at, const Happened& found, bool a
     if (lane(fires, l) == 0 && lane(found.cut, l) == 0) continue;
     const double instant = lane(t[0], l);
     cut_segment(job, at, l, instant, lane(found.cut, l) != 0);
-#ifdef RATE
-    if (lane(found.cut, l) != 0) lane(w.began, l) = lane(found.slope, l);
+#ifdef WITH_RATE
+    if (RATE >= 0 && lane(found.cut, l) != 0) lane(w.began, l) = lane(found.slope, l);
 #endif
     if (lane(fires, l) == 0 || lane(at.now.alive, l) == 0) continue;
     const int event = int(lane(e[0], l));
     if (!again && !SILENT[event] && (job.jump || !ROUTINE[event])) tell_event(job, at, l, event, instant, next), ++at.fired[l];
     for (int i = 0; i < NX; ++i) lane(at.now.x[i], l) = lane(next[i], l);
     lane(w.last, l) = event, lane(w.fresh, l) = 1.;
-#if TABLES
+#ifdef WITH_TABLES
     lane(at.now.turned, l) = 1.;
 #endif
     const bool close = instant - lane(w.since, l) <= job.h;

@@ -26,8 +26,8 @@ INLINE bool ready(const Job& job, Trajectory& at) {
   if (at.now.interval == job.intervals) return false;
   ++at.now.interval;
   for (int l = 0; l < LANES; ++l) next_segment(job, at, l);
-#if TABLES
-  look_up(at);
+#ifdef WITH_TABLES
+  if (TABLES) look_up(at);
 #endif
   return true;
 }
@@ -35,22 +35,23 @@ INLINE bool ready(const Job& job, Trajectory& at) {
 // What the adjoint remembers of a step, and of what happened with it. No lane is busy with a step that it did not do.
 struct Record {
   Step step;
-#if TABLES
-  real row[CURSORS];
+#ifdef WITH_TABLES
+  ROW(real, row, CURSORS);
 #endif
-  real x[NX], slope[M::STAGES * NX];
-#if EVENTS
+  ROW(real, x, NX);
+  ROW(real, slope, method.STAGES * NX);
+#ifdef WITH_EVENTS
   Happened happened;
 #endif
 };
 
 static void record_step(Record& record, Trajectory& at, real* m, real* next) {
   record.step = at.now.step;
-#if TABLES
-  std::memcpy(record.row, at.now.row, sizeof record.row);
+#ifdef WITH_TABLES
+  copy(record.row, at.now.row, CURSORS);
 #endif
-  std::memcpy(record.x, at.now.x, sizeof at.now.x);
-  step<false>(at, at.now.x, record.slope, m, next);
+  copy(record.x, at.now.x, NX);
+  step<false>(NEEDED_STAGES, at, at.now.x, record.slope, m, next);
 }
 
 // Positions before every so many steps; as many as it takes, since events take steps that nobody foresees.
@@ -61,8 +62,8 @@ struct Checkpoints {
     if (place >= room) {
       const int64_t more = 2 * room + 16;
       Room<Position> larger(more);
-      if (!larger.at) return false;
-      if (room) std::memcpy(static_cast<void*>(larger.at), kept.at, room * sizeof(Position));
+      if (!larger.at || EXHAUSTED) return false;
+      for (int64_t i = 0; i < room; ++i) larger.at[i] = kept.at[i];
       kept.swap(larger), room = more;
     }
     kept.at[place] = now;
@@ -77,24 +78,28 @@ template <bool SHARED> INLINE real settle(const Job& job, Trajectory& at, const 
   Position& now = at.now;
   const real goes = now.alive && now.step.busy, sound = is_sound(next, at.begin, job.scale);
   real moved = now.step.busy, onward = moved;
-#if EVENTS
+#ifdef WITH_EVENTS
   Happened happened;
-  judge<SHARED>(job, at, k, next, goes && sound, happened);
-  moved = moved && !happened.waits, onward = moved && !happened.cut;
-#ifdef RATE
-  stretch(at, happened, next);
+  if (EVENTS) {
+    judge<SHARED>(job, at, k, next, goes && sound, happened);
+    moved = moved && !happened.waits, onward = moved && !happened.cut;
+#ifdef WITH_RATE
+    if (RATE >= 0) stretch(at, happened, next);
 #endif
+  } else {
+    happened.waits = happened.cut = happened.near = 0., happened.event = -1.;
+  }
   if (record) record->happened = happened, record->step.busy = goes && moved;
 #endif
   const real good = goes && moved && sound;
   now.alive = now.alive && (good || !moved);
   for (int i = 0; i < NX; ++i) now.x[i] = select(good, next[i], now.x[i]);
-#if EVENTS
-  happen(job, at, happened, again);
+#ifdef WITH_EVENTS
+  if (EVENTS) happen(job, at, happened, again);
 #endif
   advance(job, at, onward);
-#if TABLES
-  look_up(at);
+#ifdef WITH_TABLES
+  if (TABLES) look_up(at);
 #endif
   if (!again) at.done = at.done + good, at.reached = select(good, now.step.t, at.reached);
   return goes && moved;
@@ -106,20 +111,21 @@ static void set_out(const Job& job, int64_t first, const real* p, Trajectory& at
   std::memset(&now.step, 0, sizeof now.step);
   now.interval = 0, now.step.to = -1., now.alive = 1.;
   G::setup(p, now.x, at.c);
-  std::memcpy(at.begin, now.x, sizeof at.begin);
-#ifdef RATE
-  at.c[RATE] = 0.;
+  copy(at.begin, now.x, NX);
+#ifdef WITH_RATE
+  if (RATE >= 0) at.c[RATE] = 0.;
 #endif
   at.first = first, at.done = at.reached = 0.;
   for (int l = 0; l < LANES; ++l)
     at.noise[l] = job.noise + (first + l < job.count ? first + l : job.count - 1) * job.noises;
   for (int l = 0; l < LANES; ++l) at.fate[l] = COMPLETED;
-#if EVENTS
+#ifdef WITH_EVENTS
   watch(at);
 #endif
   sort_jumps(job, at);
-#if TABLES
-  now.turned = 1., look_up(at);
+#ifdef WITH_TABLES
+  now.turned = 1.;
+  if (TABLES) look_up(at);
 #endif
   for (int i = 0; i < NX; ++i) at.error[i] = 0., at.size[i] = fabs(now.x[i]);
   for (int i = 0; i < NM; ++i) at.r[INTEGRALS + i] = -INFINITY;
@@ -140,10 +146,10 @@ static void reduce(const Job& job, Trajectory& at, int64_t k) {
   at.whole = at.now.alive;
   for (int l = 0; l < LANES; ++l)
     if (at.fate[l] == ENDED) lane(at.whole, l) = 1.;
-#ifdef RATE
-  real dt, dh;
-  moved(at, dt, dh);
-  for (int l = 0; l < LANES; ++l) lane(at.c[RATE], l) = at.fate[l] == ENDED ? lane(dt, l) : 0.;
+#ifdef WITH_RATE
+  real dt = 0., dh = 0.;
+  if (RATE >= 0) moved(at, dt, dh);
+  for (int l = 0; RATE >= 0 && l < LANES; ++l) lane(at.c[RATE], l) = at.fate[l] == ENDED ? lane(dt, l) : 0.;
 #endif
   if (PEAKS) {
     G::dynamics(t, at.now.x, at.c, ignored, m);
@@ -159,7 +165,7 @@ static void reduce(const Job& job, Trajectory& at, int64_t k) {
 enum { STOPPED = -1, NO_MEMORY = -2 };
 static int64_t integrate(const Job& job, int64_t first, const real* p, Trajectory& at, Record* tape, int64_t segment,
                          Checkpoints* checkpoints) {
-  real slopes[(LANES == 1 ? int(M::TOTAL) : int(M::PLACES)) * NX], m[NM + 1], next[NX];
+  real slopes[(LANES == 1 ? int(method.TOTAL) : int(method.PLACES)) * NX], m[NM + 1], next[NX];
   Position& now = at.now;
   set_out(job, first, p, at);
   int64_t k = 0;
@@ -169,8 +175,8 @@ static int64_t integrate(const Job& job, int64_t first, const real* p, Trajector
     if (!ready(job, at)) break;
     Record* record = tape ? tape + k % segment : nullptr;
     const bool estimates = LANES == 1 && job.error && !record;
-#if EVENTS
-    aim(job, at);
+#ifdef WITH_EVENTS
+    if (EVENTS) aim(job, at);
 #endif
     const real h = now.step.h;
     real took;
@@ -179,10 +185,10 @@ static int64_t integrate(const Job& job, int64_t first, const real* p, Trajector
       record_step(*record, at, m, next);
       took = settle<false>(job, at, record->slope, next, record, false);
     } else if (estimates) {
-      step<false, M::TOTAL>(at, now.x, slopes, m, next);
+      step<false>(ALL_STAGES, at, now.x, slopes, m, next);
       took = settle<false>(job, at, slopes, next, nullptr, false);
     } else {
-      step<true>(at, now.x, slopes, m, next);
+      step<true>(NEEDED_STAGES, at, now.x, slopes, m, next);
       took = settle<true>(job, at, slopes, next, nullptr, false);
     }
     if (PEAKS) compete(m, took, k, at.r + INTEGRALS, at.when);
@@ -202,7 +208,7 @@ static void store(const Job& job, int64_t first, const Trajectory& at, const rea
     const bool lost = lane(at.now.alive, l) == 0 && at.fate[l] == COMPLETED;
     job.done[first + l] = int64_t(lane(at.done, l));
     job.fate[first + l] = lost ? int64_t(DIVERGED) : at.fate[l];
-#if EVENTS
+#ifdef WITH_EVENTS
     job.fired[first + l] = at.fired[l];
     job.doubt[2 * (first + l)] = at.doubt[l], job.doubt[2 * (first + l) + 1] = at.doubted[l];
 #endif
@@ -213,7 +219,7 @@ extern "C" int64_t rollouts(const Job* given) {
   const Job& job = *given;
   Room<Trajectory> trajectory(1);
   Room<real> parameters(NP + 1);
-  if (!trajectory.at || !parameters.at) return NO_MEMORY;
+  if (!trajectory.at || !parameters.at || EXHAUSTED) return NO_MEMORY;
   Trajectory& at = *trajectory.at;
   real* const p = parameters.at;
   for (int64_t first = 0; first < job.count; first += LANES) {

@@ -23,13 +23,35 @@
 // lies behind. Each lane has segments of its own; one that has reached the end of a sample interval waits for the
 // others and keeps its bits.
 typedef Generated G;
-typedef Method M;
+#ifndef GENERIC
+constexpr Method method;
 enum {
   NP = G::setup_p, NX = G::dynamics_x, NC = G::dynamics_c, NM = G::dynamics_m, NY = G::outputs_y, NE = G::final_e,
   NJ = G::objective_J, NR = INTEGRALS + NM + NE
 };
-#if TABLES
+#ifdef WITH_TABLES
 enum { CURSORS = G::rows_row };
+#endif
+#ifdef WITH_EVENTS
+enum { GAPS = G::values_speed };
+#endif
+// Members of a struct whose number depends on the scene.
+#define ROW(type, name, number) type name[number]
+#define THREE_ROWS(type, name, number) type name[3][number]
+#define EXHAUSTED false
+// A stage of the method. Each has code of its own, in which the tableau's numbers are constants.
+template <int S> struct Stage {
+  constexpr operator int() const { return S; }
+};
+constexpr Stage<Method::STAGES> NEEDED_STAGES;  // of the solution
+constexpr Stage<Method::TOTAL> ALL_STAGES;      // of the error estimate as well
+constexpr Stage<Method::TOTAL> SOLUTION;        // stage after the last
+template <int S = 0, int LAST, class Body> INLINE void for_stages(Stage<LAST> last, const Body& body) {
+  if constexpr (S < LAST) body(Stage<S>()), for_stages<S + 1>(last, body);
+}
+template <int LAST, class Body> INLINE void for_stages_back(Stage<LAST>, const Body& body) {
+  if constexpr (LAST > 0) body(Stage<LAST - 1>()), for_stages_back(Stage<LAST - 1>(), body);
+}
 #endif
 
 struct Job {
@@ -67,6 +89,8 @@ INLINE bool any(real condition) {
   return found;
 }
 
+INLINE void copy(real* to, const real* from, int number) { std::memcpy(to, from, number * sizeof(real)); }
+
 // One row of parameters into each lane; lanes beyond the last row hold copies of it.
 static void gather(const double* rows, int64_t first, int64_t count, int width, real* to) {
   for (int l = 0; l < LANES; ++l) {
@@ -89,23 +113,24 @@ struct Step {
 enum { HERE = -2 };
 constexpr double TOGETHER = 1e-9;  // what is so close may change places, s
 
-#if EVENTS
-enum { GAPS = G::values_speed };
+#ifdef WITH_EVENTS
 // How far each lane is with its next event; `events.hpp` tells more. Guards count from their levels.
 struct Watch {
-  real mode[SWITCHES + 1];             // the switches
-  real level[EVENTS];                  // what each guard must rise above
-  real first[EVENTS];                  // the guards where the step begins, from zero; not there yet while `fresh`
-  real speed[GAPS + 1];                // bounds of the rates of gaps where the step begins
+  ROW(real, mode, SWITCHES + 1);       // the switches
+  ROW(real, level, EVENTS);            // what each guard must rise above
+  ROW(real, first, EVENTS);            // the guards where the step begins, from zero; not there yet while `fresh`
+  ROW(real, speed, GAPS + 1);          // bounds of the rates of gaps where the step begins
   real clear;                          // length of the step within which no gap closes
-  real crossed[EVENTS];                // truth where a guard rose above its level in the last step, with an event
+  ROW(real, crossed, EVENTS);          // truth where a guard rose above its level in the last step, with an event
   real last;                           // event that fired last, until a step is done; or -1
   real fresh;                          // truth where a guard above its level fires at once
   real peak;                           // lengths tried that end at a guard's peak; a half where one ends at a clock
   real low, high, tries;               // lengths without and with a guard above its level; lengths tried
-  real before[EVENTS], after[EVENTS];  // the guards there
+  ROW(real, before, EVENTS);           // the guards without,
+  ROW(real, after, EVENTS);            // and with one above its level
   real burst, since;                   // events in turn that were close to each other, and when they began
-  real on[FINES + 1], off[FINES + 1];  // when each of FINE was turned on; when, by its guards, it will be off
+  ROW(real, on, FINES + 1);            // when each of FINE was turned on
+  ROW(real, off, FINES + 1);           // when, by its guards, it will be off
   real graded;                         // truth where the step is short since one of these is near
   real began;                          // sensitivities: derivative of the time at which an event began the segment
 };
@@ -113,14 +138,16 @@ struct Watch {
 
 // Where one group of LANES rollouts is.
 struct Position {
-  real x[NX], alive;
+  ROW(real, x, NX);
+  real alive;
   Step step;
   int64_t interval;   // sample intervals begun
   int passed[LANES];  // jumps behind each lane
-#if TABLES
-  real row[CURSORS], turned;  // rows that windows show; truth where they may be others now
+#ifdef WITH_TABLES
+  ROW(real, row, CURSORS);  // rows that windows show
+  real turned;              // truth where they may be others now
 #endif
-#if EVENTS
+#ifdef WITH_EVENTS
   Watch watch;
 #endif
 };
@@ -128,14 +155,21 @@ struct Position {
 // What it has come to. `jump` holds the jumps' times, `order` those that each lane meets, in turn.
 struct Trajectory {
   Position now;
-  real c[NC + 1], begin[NX], r[NR + 1], when[PEAKS + 1], done, reached, whole, jump[JUMPS + 1];
-  int order[LANES][JUMPS + 1], jumps[LANES];
+  ROW(real, c, NC + 1);
+  ROW(real, begin, NX);
+  ROW(real, r, NR + 1);
+  ROW(real, when, PEAKS + 1);
+  ROW(real, jump, JUMPS + 1);
+  ROW(int, order, (JUMPS + 1) * LANES);  // jump k of lane l is at k * LANES + l
+  int jumps[LANES];
+  real done, reached, whole;
   const double* noise[LANES];  // random numbers of each lane
   int64_t first, fate[LANES];  // which rollout the first lane's is; how each ended
-#if EVENTS
+#ifdef WITH_EVENTS
   int64_t fired[LANES], doubt[LANES], doubted[LANES];  // events; why gradients may not hold, at which event
 #endif
-  real error[NX], size[NX];  // largest estimate of a step's error, and largest size, of each state
+  ROW(real, error, NX);  // largest estimate of a step's error in each state
+  ROW(real, size, NX);   // largest size of each state
 };
 
 // How a rollout ended: at its last sample, lost, by an event, or with too many events.
@@ -144,7 +178,7 @@ enum Fate { COMPLETED, DIVERGED, ENDED, CHATTERING };
 // Tell the constants of a lane on which side of each jump it is.
 static void set_sides(Trajectory& at, int l) {
   for (int e = 0; e < JUMPS; ++e) lane(at.c[JUMP[e]], l) = lane(at.jump[e], l) <= 0 ? -INFINITY : INFINITY;
-  for (int k = 0; k < at.now.passed[l]; ++k) lane(at.c[JUMP[at.order[l][k]]], l) = -INFINITY;
+  for (int k = 0; k < at.now.passed[l]; ++k) lane(at.c[JUMP[at.order[k * LANES + l]]], l) = -INFINITY;
 }
 
 // Find the jumps that each lane meets before the end, in turn; backwards those at one instant the other way round.
@@ -157,11 +191,11 @@ static void sort_jumps(const Job& job, Trajectory& at) {
       if (!(when > 0 && when < job.time(job.intervals))) continue;
       int k = at.jumps[l]++;
       for (; k > 0; --k) {
-        const double other = lane(at.jump[at.order[l][k - 1]], l);
+        const double other = lane(at.jump[at.order[(k - 1) * LANES + l]], l);
         if (!(other > when || (job.backwards && other == when))) break;
-        at.order[l][k] = at.order[l][k - 1];
+        at.order[k * LANES + l] = at.order[(k - 1) * LANES + l];
       }
-      at.order[l][k] = e;
+      at.order[k * LANES + l] = e;
     }
     set_sides(at, l);
   }
@@ -170,7 +204,7 @@ static void sort_jumps(const Job& job, Trajectory& at) {
 // Longest step of a lane.
 INLINE double longest(const Job& job, const Trajectory& at, int l) {
   double h = job.h;
-#if EVENTS
+#ifdef WITH_EVENTS
   for (int f = 0; f < FINES; ++f)
     if (lane(at.now.watch.mode[FINE[f]], l) != 0) h = ::fmin(h, FINE_STEP[f] * job.finer);
 #endif
@@ -181,7 +215,7 @@ INLINE double longest(const Job& job, const Trajectory& at, int l) {
 // within a window W, steps are no longer than h (d / W)^(2/3), which keeps a method's order up to 3 (n + 1) for t^n. They
 // are h over powers of two, so that their lengths do not move with parameters.
 static void grade(const Job& job, Trajectory& at, int l) {
-#if EVENTS
+#ifdef WITH_EVENTS
   Step& s = at.now.step;
   Watch& w = at.now.watch;
   lane(w.graded, l) = 0.;
@@ -212,10 +246,10 @@ static void next_segment(const Job& job, Trajectory& at, int l) {
   if (JUMPS && lane(s.to, l) >= 0) {
     lane(at.c[JUMP[int(lane(s.to, l))]], l) = -INFINITY;
     ++at.now.passed[l];
-#if TABLES
+#ifdef WITH_TABLES
     lane(at.now.turned, l) = 1.;
 #endif
-#if EVENTS
+#ifdef WITH_EVENTS
     lane(at.now.watch.fresh, l) = 1.;
 #endif
   }
@@ -224,7 +258,7 @@ static void next_segment(const Job& job, Trajectory& at, int l) {
   double end = until;
   lane(s.from, l) = lane(s.to, l), lane(s.to, l) = -1.;
   if (JUMPS && at.now.passed[l] < at.jumps[l]) {
-    const int e = at.order[l][at.now.passed[l]];
+    const int e = at.order[at.now.passed[l] * LANES + l];
     if (lane(at.jump[e], l) <= until) end = lane(at.jump[e], l), lane(s.to, l) = e;
   }
   const bool whole = begin == from && end == until && h == job.h;
@@ -255,41 +289,40 @@ INLINE void advance(const Job& job, Trajectory& at, real moved) {
 }
 
 // Weight of slope j in stage s; the stage after the last is the solution.
-constexpr double weight(int s, int j) { return s < M::TOTAL ? M::A[s < M::TOTAL ? s : 0][j] : M::B[j]; }
-constexpr int length(int s) { return s < M::TOTAL ? s : M::STAGES; }
-enum { SOLUTION = M::TOTAL };
+INLINE double weight(int s, int j) { return s < method.TOTAL ? method.A[s < method.TOTAL ? s : 0][j] : method.B[j]; }
+INLINE int length(int s) { return s < method.TOTAL ? s : method.STAGES; }
 
 // Where the slopes of the stages go. A plain rollout lets them share places, which then stay in the nearest cache; what
 // looks at them later (the adjoint, the error estimate) keeps them all.
-template <bool SHARED> constexpr int place_of(int s) { return (SHARED ? M::PLACE[s] : s) * NX; }
+template <bool SHARED> INLINE int place_of(int s) { return (SHARED ? method.PLACE[s] : s) * NX; }
 
 // x + h (sum of weights times slopes).
-template <int S, bool SHARED>
-INLINE void combine(real h, const real* __restrict x, const real* __restrict k, real* __restrict to) {
-  constexpr int n = length(S);
-  real w[n + 1];
+template <bool SHARED, class S>
+INLINE void combine(S s, real h, const real* __restrict x, const real* __restrict k, real* __restrict to) {
+  const int n = length(s);
+  real w[method.TOTAL + 1];
 #pragma GCC unroll 16
-  for (int j = 0; j < n; ++j) w[j] = h * weight(S, j);
+  for (int j = 0; j < n; ++j) w[j] = h * weight(s, j);
   for (int i = 0; i < NX; ++i) {
     real sum = x[i];
 #pragma GCC unroll 16
     for (int j = 0; j < n; ++j)
-      if (weight(S, j) != 0) sum = sum + w[j] * k[place_of<SHARED>(j) + i];
+      if (weight(s, j) != 0) sum = sum + w[j] * k[place_of<SHARED>(j) + i];
     to[i] = sum;
   }
 }
 
-#ifdef RATE
+#ifdef WITH_RATE
 // Forward sensitivities of a step whose place and length depend on the parameters: the state holds (x, x', integrals,
 // integrals'), a dash being the derivative along the lane's direction, and c[RATE] the derivative of time itself.
-template <int S, bool SHARED> INLINE void shear(real dh, const real* __restrict k, real* __restrict to) {
-  constexpr int n = (NX - INTEGRALS) / 2, m = INTEGRALS / 2;
+template <bool SHARED, class S> INLINE void shear(S s, real dh, const real* __restrict k, real* __restrict to) {
+  const int n = (NX - INTEGRALS) / 2, m = INTEGRALS / 2;
   for (int i = 0; i < n + m; ++i) {
     const int from = i < n ? i : i + n, dashed = i < n ? i + n : i + n + m;
     real sum = to[dashed];
 #pragma GCC unroll 16
-    for (int j = 0; j < length(S); ++j)
-      if (weight(S, j) != 0) sum = sum + (dh * weight(S, j)) * k[place_of<SHARED>(j) + from];
+    for (int j = 0; j < length(s); ++j)
+      if (weight(s, j) != 0) sum = sum + (dh * weight(s, j)) * k[place_of<SHARED>(j) + from];
     to[dashed] = sum;
   }
 }
@@ -300,73 +333,71 @@ static void moved(const Trajectory& at, real& dt, real& dh) {
   for (int l = 0; l < LANES; ++l) {
     const int from = int(lane(s.from, l)), to = int(lane(s.to, l));
     double begin = from >= 0 && JUMP_SLOPE[from] >= 0 ? lane(at.c[JUMP_SLOPE[from]], l) : 0.;
-#if EVENTS
+#ifdef WITH_EVENTS
     if (from == HERE) begin = lane(at.now.watch.began, l);
 #endif
     const double end = to >= 0 && JUMP_SLOPE[to] >= 0 ? lane(at.c[JUMP_SLOPE[to]], l) : 0.;
     lane(dh, l) = (end - begin) / lane(s.number, l);
     lane(dt, l) = begin + lane(s.index, l) * lane(dh, l);
-#if EVENTS
-    if (lane(at.now.watch.graded, l) != 0) lane(dh, l) = 0.;
+#ifdef WITH_EVENTS
+    if (EVENTS && lane(at.now.watch.graded, l) != 0) lane(dh, l) = 0.;
 #endif
   }
 }
 #endif
 
-// Slopes of the stages from S to LAST - 1 of a step from x.
-template <int S, int LAST, bool SHARED>
-INLINE void stages(Trajectory& at, real dt, real dh, const real* x, real* k, real* m) {
-  if constexpr (S < LAST) {
+// Slopes of a step's stages up to the last one, from x.
+template <bool SHARED, class Last>
+INLINE void stages(Last last, Trajectory& at, real dt, real dh, const real* x, real* k, real* m) {
+  for_stages(last, [&](auto s) {
     real stage[NX], ignored[NM + 1];
-    const Step& s = at.now.step;
-    const real t[1] = {s.t + M::C[S] * s.h};
-    if (S > 0) combine<S, SHARED>(s.h, x, k, stage);
-#ifdef RATE
-    if (S > 0) shear<S, SHARED>(dh, k, stage);
-    at.c[RATE] = dt + M::C[S] * dh;
+    const Step& now = at.now.step;
+    const real t[1] = {now.t + method.C[s] * now.h};
+    if (s > 0) combine<SHARED>(s, now.h, x, k, stage);
+#ifdef WITH_RATE
+    if (s > 0 && RATE >= 0) shear<SHARED>(s, dh, k, stage);
+    if (RATE >= 0) at.c[RATE] = dt + method.C[s] * dh;
 #endif
-    G::dynamics(t, S > 0 ? stage : x, at.c, k + place_of<SHARED>(S), S > 0 ? ignored : m);
-    stages<S + 1, LAST, SHARED>(at, dt, dh, x, k, m);
-  }
+    G::dynamics(t, s > 0 ? stage : x, at.c, k + place_of<SHARED>(s), s > 0 ? ignored : m);
+  });
 }
 
 // One step from x to `next`; `k` has room for the slopes. Its beginning and length have the derivatives dt and dh. Where
 // every lane's length is zero (events at one instant) all slopes are the first.
-template <bool SHARED, int LAST = M::STAGES>
-INLINE void step(Trajectory& at, const real* x, real* k, real* m, real* next, real dt, real dh) {
+template <bool SHARED, class Last>
+INLINE void step(Last last, Trajectory& at, const real* x, real* k, real* m, real* next, real dt, real dh) {
   real sum[NX];
-#if EVENTS && !defined(RATE)
-  if (!any(at.now.step.h > 0.)) {
-    stages<0, 1, SHARED>(at, dt, dh, x, k, m);
-    for (int s = 1; s < (SHARED ? int(M::PLACES) : LAST); ++s)
-      if (s * NX != place_of<SHARED>(0)) std::memcpy(k + s * NX, k + place_of<SHARED>(0), sizeof sum);
+#if defined(WITH_EVENTS) && (defined(GENERIC) || !defined(WITH_RATE))
+  if (EVENTS && RATE < 0 && !any(at.now.step.h > 0.)) {
+    G::dynamics(&at.now.step.t, x, at.c, k + place_of<SHARED>(0), m);
+    for (int s = 1; s < (SHARED ? int(method.PLACES) : int(last)); ++s)
+      if (s * NX != place_of<SHARED>(0)) copy(k + s * NX, k + place_of<SHARED>(0), NX);
     G::normalise(x, next);
     return;
   }
 #endif
-  stages<0, LAST, SHARED>(at, dt, dh, x, k, m);
-  combine<SOLUTION, SHARED>(at.now.step.h, x, k, sum);
-#ifdef RATE
-  shear<SOLUTION, SHARED>(dh, k, sum);
-  at.c[RATE] = 0.;
+  stages<SHARED>(last, at, dt, dh, x, k, m);
+  combine<SHARED>(SOLUTION, at.now.step.h, x, k, sum);
+#ifdef WITH_RATE
+  if (RATE >= 0) shear<SHARED>(SOLUTION, dh, k, sum), at.c[RATE] = 0.;
 #endif
   G::normalise(sum, next);
 }
 
-template <bool SHARED, int LAST = M::STAGES>
-INLINE void step(Trajectory& at, const real* x, real* k, real* m, real* next) {
+template <bool SHARED, class Last>
+INLINE void step(Last last, Trajectory& at, const real* x, real* k, real* m, real* next) {
   real dt = 0., dh = 0.;
-#ifdef RATE
-  moved(at, dt, dh);
+#ifdef WITH_RATE
+  if (RATE >= 0) moved(at, dt, dh);
 #endif
-  step<SHARED, LAST>(at, x, k, m, next, dt, dh);
+  step<SHARED>(last, at, x, k, m, next, dt, dh);
 }
 
 // Note the estimated error of a step of length h to `next` in the lanes that `took` it.
 static void note_error(Trajectory& at, real h, const real* k, const real* next, real took) {
   for (int i = 0; i < NX - INTEGRALS; ++i) {
     real sum = 0.;
-    for (int s = 0; s < M::TOTAL; ++s) sum = sum + M::E[s] * k[place_of<false>(s) + i];
+    for (int s = 0; s < method.TOTAL; ++s) sum = sum + method.E[s] * k[place_of<false>(s) + i];
     at.error[i] = select(took, fmax(at.error[i], fabs(h * sum)), at.error[i]);
     at.size[i] = select(took, fmax(at.size[i], fabs(next[i])), at.size[i]);
   }

@@ -18,7 +18,8 @@ static void fill(Trajectory& at, int l) {
     const int from = TABLE_FIRST[i] + int(lane(at.now.row[TABLE_CURSOR[i]], l)) * TABLE_WIDTH[i], to = TABLE_WINDOW[i];
     for (int j = 0; j < TABLE_WIDTH[i]; ++j) {
       lane(at.c[to + j], l) = lane(at.c[from + j], l);
-#ifdef C_SLOPES
+#ifdef WITH_RATE
+      if (!C_SLOPES) continue;
       const int slope = C_SLOPE[from + j];
       if (C_SLOPE[to + j] >= 0) lane(at.c[C_SLOPE[to + j]], l) = slope < 0 ? 0. : lane(at.c[slope], l);
 #endif
