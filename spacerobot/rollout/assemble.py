@@ -20,7 +20,8 @@ def trajectory_of(raw: RolloutArrays, kernel: Kernel, grid: TimeGrid, p: Array) 
     (cause,) = kernel.closure.told(raw.gaps)
     lost: Status = "chattering" if raw.fate[0] == CHATTERING else "diverged"
     status: Status = "unclosed" if cause else "completed" if raw.completed[0] else lost
-    samples = int(np.searchsorted(grid.time, raw.reached[0], side="left" if ended else "right"))
+    # the first sample is there also where an event ends the rollout at once
+    samples = max(1, int(np.searchsorted(grid.time, raw.reached[0], side="left" if ended else "right")))
     if status == "diverged" and raw.x is not None and samples:
         # the states without a finite rate at that time, else the state that grows fastest, its rate
         # compared with how far it may go
