@@ -91,7 +91,7 @@ class Engines:
         def make() -> AdjointEngine:
             return AdjointEngine(kernel, self._loops(kernel, lanes, adjoint=True))
 
-        return self._once(("adjoint", wrt, lanes, self._is_interpreted(kernel)), make)
+        return self._once(("adjoint", wrt, lanes), make)
 
     def sensitivity(self, wrt: tuple[int, ...], outputs: tuple[str, ...]) -> Engine:
         """For derivatives along directions, one in each lane; ``engine.kernel`` names what it returns."""
