@@ -1,6 +1,8 @@
 """Figures of plans, and pages that show a plan beside what was flown of it."""
 
 import dataclasses
+import html
+import re
 
 import numpy as np
 import pytest
@@ -23,6 +25,7 @@ from tests.optim.planning.conftest import REACH
 from viz.figures.plan import plan_constraints, plan_joints
 from viz.figures.style import lay_out
 from viz.page.plan_overlay import beside_its_plan
+from viz.report.plan_section import binding, plan_report
 
 PLAN = REACH["plan"] | {
     "intervals": 4,
@@ -181,3 +184,28 @@ def test_a_plan_lies_pale_under_its_flight(folders):
     other = dataclasses.replace(flown, data=flown.data.isel(configuration=slice(1, None)))
     with pytest.raises(ResultError, match="was not flown by this plan"):
         beside_its_plan(other, load_scene(folders[0] / SCENARIO), plan)
+
+
+def test_a_report_of_a_plan_says_where_limits_bind_and_what_the_cost_depends_on(folders, tmp_path):
+    """Active limits are those that the multipliers of the optimum say: the torque bounds are not."""
+    plan, summary = read(folders[0])
+    found = {name: periods for name, _, periods in binding(plan)}
+    assert any("rotation of one's base" in name for name in found)
+    for periods in found.values():
+        assert all(0 <= begin <= end <= 2 for begin, end in periods)
+    flown = Result.load(folders[1])
+    data = beside_its_plan(flown, load_scene(folders[0] / SCENARIO), plan)
+    slopes = {"cost_sensitivities": {"plan.limits.torque": -0.0123}}
+    text = plan_report(plan, summary | slopes, flown, data)
+    sections = re.findall(r'<section id="(\w+)">', text)
+    assert sections == ["verdict", "limits", "cost", "replay", "mesh", "figures"]
+    assert text.index("Verified") < text.index("data:image/png") < text.index("<iframe")
+    for words in (*found, f"{summary['unknowns']} unknowns", "plan.limits.torque", "-0.0123"):
+        assert html.escape(words) in text
+
+
+def test_the_command_reports_a_plan_and_keeps_its_sensitivities(folders, tmp_path, monkeypatch):
+    monkeypatch.setattr(simulation, "simulate", lambda *_, **__: Result.load(folders[1]))
+    done = CliRunner().invoke(app, ["report", str(folders[0]), "--out", str(tmp_path / "report.html")])
+    assert done.exit_code == 0, done.output
+    assert "Plan of reach" in (tmp_path / "report.html").read_text()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from spacerobot.errors import ResultError, near_names
@@ -34,9 +35,10 @@ def draw_all(
     Raises
     ------
     ResultError
-        If there is no figure of a wanted name, or the results have different tips.
+        If there is no figure of a wanted name, or some results are planar and others spatial.
     """
     check_comparable(results)
+    common = with_common_tips(results)
     known = figure_kinds()
     for name in names or ():
         if all(kind.name != name for kind in known):
@@ -45,8 +47,8 @@ def draw_all(
         if names is not None and kind.name not in names:
             continue
         if kind.compares:
-            if all(kind.applies(result) for result in results):
-                yield kind.name, kind, kind.draw(*results)
+            if common and all(kind.applies(result) for result in common):
+                yield kind.name, kind, kind.draw(*common)
             continue
         for k, result in enumerate(results):
             if kind.applies(result):
@@ -54,22 +56,31 @@ def draw_all(
 
 
 def check_comparable(results: Sequence[Result]) -> None:
-    """Refuse results that cannot be drawn over each other.
+    """Refuse planar results together with spatial ones, which have other axes.
 
     Raises
     ------
     ResultError
-        If their tips or axes differ.
+        If there are both.
     """
     first = results[0]
     for other in results[1:]:
-        same_tips = list(first.data.tip.values) == list(other.data.tip.values)
-        same_kind = ("body_angle" in first.data) == ("body_angle" in other.data)
-        if not (same_tips and same_kind):
+        kinds = ["planar" if "body_angle" in each.data else "spatial" for each in (first, other)]
+        if kinds[0] != kinds[1]:
             raise ResultError(
-                f"cannot be compared with {first.folder or first.scenario.name}: other tips or dimensions",
+                f"is {kinds[1]} and cannot be compared with {first.folder or first.scenario.name}, "
+                f"which is {kinds[0]}",
                 source=other.folder,
             )
+
+
+def with_common_tips(results: Sequence[Result]) -> tuple[Result, ...]:
+    """Results with the data of the tips that all of them have, in the first one's order; none without any."""
+    tips = [list(result.data.tip.values) for result in results]
+    if all(own == tips[0] for own in tips):
+        return tuple(results)
+    common = [tip for tip in tips[0] if all(tip in own for own in tips)]
+    return tuple(replace(r, data=r.data.sel(tip=common)) for r in results) if common else ()
 
 
 def save_figures(

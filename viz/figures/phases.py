@@ -7,11 +7,13 @@ from itertools import pairwise
 from typing import Any
 
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from spacerobot.result import Result
 from spacerobot.result.events import WORDS
 
-_SHADE, _TEXT = "#F1F3F6", "#7A8794"
+_SHADE, _TEXT = "#F1F3F6", "#5F6B77"
+_LINE_PT, _LETTER_PT = 9.0, 4.6  # height of a line of 7 pt, and width of a letter
 _MARKS = {"captured": "#4F8F77", "released": "#8C96A0", "slipped": "#B05A4A"}
 
 
@@ -37,11 +39,26 @@ def mark_phases(axes: Axes, result: Result, *, named: bool = False) -> None:
 
 
 def shade(axes: Axes, phases: Sequence[tuple[str, float, float]], *, named: bool = False) -> None:
-    """Shade every second one of phases, name, begin and end [s] each; ``named`` writes their names."""
+    """Shade every second one of phases, name, begin and end [s] each; ``named`` writes their names.
+
+    A name reads upwards from the beginning of its phase, over a light ground in front of the curves. One that
+    begins less than a line's width after another one stands below it.
+    """
+    span = max((end for _, _, end in phases), default=0.0) - min(
+        (begin for _, begin, _ in phases), default=0.0
+    )
+    figure = axes.figure
+    width_in = figure.get_size_inches()[0] if isinstance(figure, Figure) else 0.0
+    width_pt = 72 * width_in * axes.get_position().width
+    lines: list[tuple[float, float]] = []  # begin [pt] and foot [pt below the panel's top] of each name
     for k, (name, begin, end) in enumerate(phases):
         if k % 2:
             axes.axvspan(begin, end, color=_SHADE, linewidth=0, zorder=0)
         if named:
-            place: dict[str, Any] = {"xytext": (1, -2), "textcoords": "offset points", "va": "top"}
-            look: dict[str, Any] = {"rotation": 90, "fontsize": 7, "color": _TEXT, "zorder": 1}
+            left = begin / span * width_pt if span > 0 else 0.0
+            top = max((foot for other, foot in lines if abs(left - other) < _LINE_PT), default=2.0)
+            lines.append((left, top + _LETTER_PT * len(name) + 4))
+            place: dict[str, Any] = {"xytext": (1, -top), "textcoords": "offset points", "va": "top"}
+            look: dict[str, Any] = {"rotation": 90, "fontsize": 7, "color": _TEXT, "zorder": 5}
+            look["bbox"] = {"facecolor": "white", "alpha": 0.75, "linewidth": 0, "pad": 0.6}
             axes.annotate(name, (begin, 1.0), xycoords=("data", "axes fraction"), **place, **look)

@@ -48,7 +48,7 @@ def embed(*results: Result, height_px: int = 600) -> EmbeddedPage:
 def frame(page: str, height_px: int) -> str:
     """Frame element that holds a whole page; its scripts can touch nothing outside it."""
     return (
-        f'<iframe sandbox="allow-scripts allow-downloads" title="animation" '
+        f'<iframe loading="lazy" sandbox="allow-scripts allow-downloads" title="animation" '
         f'style="width:100%;height:{height_px}px;border:0" '
         f'srcdoc="{html.escape(page)}"></iframe>'
     )

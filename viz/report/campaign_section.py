@@ -21,7 +21,6 @@ from viz.figures import (
 )
 from viz.figures.style import Drawing, unit_scale
 from viz.page.animation import animation
-from viz.page.notebook import frame
 from viz.page.page import page as animated
 from viz.report.campaign_text import (
     capturing,
@@ -38,7 +37,7 @@ from viz.report.campaign_text import (
     with_gains,
 )
 from viz.report.report import SECTIONS, ReportSection, page, report
-from viz.report.sections import escape, picture, table
+from viz.report.sections import escape, picture, playable, still_png, table
 
 if TYPE_CHECKING:
     from optim.campaign import QuantileBands
@@ -97,8 +96,8 @@ def campaign_report(shown: CampaignReport) -> str:
     results = [replace(result, folder=None) for result in shown.worst.values()]
     if not results:
         return page(title, own)
-    text = '<p class="onpaper">The animation plays on a screen; its frames are among the figures.</p>'
-    text += frame(animated(animated_worst(shown)), 640)
+    stills = [still_png(result, (640, 400)) for result in list(shown.worst.values())[:MOST_ANIMATED]]
+    text = playable(animated(animated_worst(shown)), stills, 640)
     left = list(shown.worst)[MOST_ANIMATED:]
     text += f"<p>Not animated: the worst samples of {escape(', '.join(left))}.</p>" if left else ""
     rest = [
@@ -106,7 +105,9 @@ def campaign_report(shown: CampaignReport) -> str:
         for part in SECTIONS
         if part.name in KEPT
     ]
-    sections = [part for part, _ in own] + [section("animation", "Worst samples, animated", text), *rest]
+    # the verdict first, then the picture
+    first, *others = (part for part, _ in own)
+    sections = [first, section("animation", "Worst samples, animated", text), *others, *rest]
     return report(*results, title=title, sections=sections)
 
 

@@ -51,8 +51,9 @@ def comparison_section(folder: Path) -> ReportSection:
 def _text(folder: Path) -> str:
     with _whole(folder):
         data = _read(folder)
-        text = f"<p><strong>{escape(data['conclusion'])}</strong></p>{_table(tables.summary_table(data))}"
+        text = f"<p class='verdict'><strong>{escape(data['conclusion'])}</strong></p>"
         text += _drawing(folder / "figures" / f"{PROFILES}.svg", PROFILES, PROFILE_TITLE)
+        text += _table(tables.summary_table(data))
         for benchmark in data["problems"]:
             name, precisions = benchmark["name"], data["precisions"]
             made = tables.tables_of(benchmark, precisions)

@@ -40,11 +40,11 @@ class ReportSection:
 
 SECTIONS = (
     ReportSection("warnings", "Look at this first", parts.warnings),
-    ReportSection("run", "What was run", parts.what_was_run),
+    ReportSection("verdict", "In short", parts.in_short),
     ReportSection("numbers", "Headline numbers", parts.numbers),
     ReportSection("events", "Events", parts.events),
+    ReportSection("run", "What was run", parts.what_was_run),
     ReportSection("paper", "Against the paper", parts.against_the_paper),
-    ReportSection("animation", "Animation", parts.moving),
     ReportSection("figures", "Figures", parts.figures),
     ReportSection("ledger", "Ledger", parts.ledger),
     ReportSection("assumptions", "Assumptions", parts.assumptions),

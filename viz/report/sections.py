@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import base64
 import html
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from spacerobot.paper import AXES, FIGURE_7_MM, FIGURE_10_MM, PID_ONLY_MM, error_bands_mm, is_of_the_paper
 from spacerobot.result import Result
@@ -18,6 +21,8 @@ from viz.page.animation import notices
 from viz.page.notebook import frame
 from viz.page.page import animation_page
 from viz.page.panel import differences
+from viz.record import frames
+from viz.report.verdict import verdict
 
 MOST_COMPARED = 4
 """More results than these are listed in tables, but not drawn over each other."""
@@ -57,13 +62,25 @@ def warnings(subject: Subject) -> str | None:
     return _list(items, "warnings") if items else None
 
 
+def in_short(subject: Subject) -> str | None:
+    """Verdict on each result, and its motion: a still picture that plays on demand."""
+    lines = [
+        f"<p class='verdict'>{f'<strong>{escape(label)}</strong>: ' if len(subject.labels) > 1 else ''}"
+        f"{escape(verdict(result))}</p>"
+        for result, label in zip(subject.results, subject.labels, strict=True)
+    ]
+    shown = subject.results[:2] if len(subject.results) == 2 else subject.results[:1]
+    return "".join(lines) + playable(animation_page(*shown), [still_png(each) for each in shown], 720)
+
+
 def what_was_run(subject: Subject) -> str | None:
     """The scenarios, and where they differ."""
     parts = []
     for name, description in dict.fromkeys(
         (r.scenario.name, r.scenario.description) for r in subject.results
     ):
-        parts.append(f"<p><strong>{escape(name)}</strong>: {escape(description or 'no description')}</p>")
+        text = f": {escape(description)}" if description else ""
+        parts.append(f"<p><strong>{escape(name)}</strong>{text}</p>")
     rows = [
         [label, status_text(r.summary["status"])]
         for r, label in zip(subject.results, subject.labels, strict=True)
@@ -133,13 +150,6 @@ def against_the_paper(subject: Subject) -> str | None:
         "numbers that its text prints.</p>"
     )
     return table(headings, rows) + note
-
-
-def moving(subject: Subject) -> str | None:
-    """The animation; on paper the docking's frames stand for it."""
-    shown = subject.results[:2] if len(subject.results) == 2 else subject.results[:1]
-    text = '<p class="onpaper">The animation plays on a screen; its frames are among the figures.</p>'
-    return text + frame(animation_page(*shown, autoplay=False), 720)
 
 
 def figures(subject: Subject) -> str | None:
@@ -224,6 +234,42 @@ def picture(name: str, title: str, svg: bytes) -> str:
     image = f'<img alt="{escape(title)}" src="{source}">'
     anchor = f' id="{escape(name)}"' if name else ""
     return f"<figure{anchor}>{image}<figcaption>{escape(title)}</figcaption></figure>"
+
+
+def still_png(result: Result, size_px: tuple[int, int] = (900, 540)) -> bytes:
+    """Picture of a result at its first capture, or in the middle, by the built-in renderer."""
+    end = float(result.data.time.values[-1])
+    captures = [e["time_s"] for e in result.summary.get("events", ()) if e["kind"] == "captured"]
+    pictures = frames(result, rate_hz=200.0 / max(end, 1e-9), size_px=size_px)
+    index = int(np.abs(pictures.motion.time - min(captures, default=end / 2)).argmin())
+    buffer = io.BytesIO()
+    pictures.picture(index).save(buffer, "PNG", optimize=True)
+    return buffer.getvalue()
+
+
+def playable(page: str, stills: Sequence[bytes], height_px: int) -> str:
+    """HTML of still pictures in whose place an animated page comes when they are clicked; paper keeps them.
+
+    No script is needed: the frame of a box that is not ticked is not displayed, and a frame that is loaded
+    lazily is not loaded before it is displayed.
+
+    Parameters
+    ----------
+    page
+        HTML of the animated page; it plays when it is loaded.
+    stills
+        Pictures, PNG.
+    height_px
+        Height of the frame.
+    """
+    images = "".join(
+        f'<img alt="the scene" src="data:image/png;base64,{base64.b64encode(one).decode("ascii")}">'
+        for one in stills
+    )
+    return (
+        '<div class="playable"><label><input type="checkbox" aria-label="Play the animation">'
+        f"<span>&#9654; play</span>{images}</label>{frame(page, height_px)}</div>"
+    )
 
 
 def escape(text: str) -> str:

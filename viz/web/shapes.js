@@ -213,7 +213,7 @@ export function boxesOf(node) {
   const box = new THREE.Box3(), none = new THREE.Box3(new THREE.Vector3(), new THREE.Vector3()), size = new THREE.Vector3();
   let [main, most] = [none, -1];
   for (const { geometry, matrix, userData } of node.children) {
-    if (!userData.colours) continue; // neither axes nor names
+    if (!userData.colours || (userData.opacity < 0.5 && main !== none)) continue; // neither axes and names, nor keep-out shapes and cones
     geometry.computeBoundingBox();
     const own = geometry.boundingBox.clone().applyMatrix4(matrix), volume = own.getSize(size).x * size.y * size.z;
     if (volume > most) [main, most] = [own, volume];

@@ -239,8 +239,18 @@ def summary(planned: PlanSolution) -> dict[str, Any]:
     }
 
 
-def write(planned: PlanSolution, folder: StrPath) -> None:
+def write(planned: PlanSolution, folder: StrPath, sensitivities: Mapping[str, float] | None = None) -> None:
     """Write a plan; one that is there already is replaced.
+
+    Parameters
+    ----------
+    planned
+        The plan.
+    folder
+        Its folder.
+    sensitivities
+        Derivatives of its optimal cost by numbers of its scenario, by dotted path; kept in its summary as
+        ``cost_sensitivities``.
 
     Raises
     ------
@@ -255,7 +265,8 @@ def write(planned: PlanSolution, folder: StrPath) -> None:
             encoding = {str(name): {"zlib": True, "complevel": 1} for name in found.data_vars}
             found.to_netcdf(stage / PLAN, engine="netcdf4", encoding=encoding)
             (stage / PLAN).replace(folder / PLAN)
-            text = json.dumps(plain(summary(planned)), indent=1, allow_nan=False)
+            told = summary(planned) | ({"cost_sensitivities": dict(sensitivities)} if sensitivities else {})
+            text = json.dumps(plain(told), indent=1, allow_nan=False)
             write_text(folder / SUMMARY, text + "\n")
             notes = "".join(f"# {line}\n" for line in handover_warnings(planned))
             write_text(folder / FOLLOWED, notes + to_yaml(following_scenario(planned)))

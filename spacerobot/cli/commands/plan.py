@@ -168,7 +168,7 @@ def _plan(
     if out is not None:
         from viz.figures.plan import write_plan_figures
 
-        write(planned, out)
+        write(planned, out, found)
         how["progress"]("drawing")
         write_plan_figures(*read(out), out / "figures")
 

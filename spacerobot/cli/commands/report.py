@@ -17,7 +17,8 @@ from spacerobot.errors import ResultError
 Folders = Annotated[
     list[Path],
     typer.Argument(
-        metavar="DIR...", help="Folders of results, or one that holds several; or one comparison or campaign."
+        metavar="DIR...",
+        help="Folders of results, or one that holds several; or one comparison, campaign or plan.",
     ),
 ]
 Out = Annotated[
@@ -28,10 +29,11 @@ Out = Annotated[
 
 @Command.of("report", place=6)
 def command(folders: Folders, out: Out = None) -> None:
-    """Write one self-contained page: scenario, headline numbers, animation, figures, ledger, warnings.
+    """Write one self-contained page: verdict, animation, headline numbers, figures, ledger, warnings.
 
     For a folder written by `spacerobot compare` the page compares the tuning methods; for one written by
-    `spacerobot campaign` it reports the campaign, finished or not, with the worst samples animated.
+    `spacerobot campaign` it reports the campaign, finished or not, with the worst samples animated; for one
+    written by `spacerobot plan` the motion, the limits that bind, the cost and the replay.
 
     Examples:
 
@@ -42,6 +44,8 @@ def command(folders: Folders, out: Out = None) -> None:
         spacerobot report out/compare
 
         spacerobot report out/campaign
+
+        spacerobot report out/plan
     """
     from spacerobot.files import write_text
     from viz.report.report import find_results, write_report
@@ -58,16 +62,16 @@ def command(folders: Folders, out: Out = None) -> None:
     console().print(f"report in {path}", markup=False, soft_wrap=True)
 
 
-Maker = Callable[[Path, Callable[[str], object]], str]
+Maker = Callable[[Path, Callable[[str], None]], str]
 
 
-def _special_page(folders: list[Path], tell: Callable[[str], object]) -> str | None:
-    """Page about one comparison or one campaign; None for results.
+def _special_page(folders: list[Path], tell: Callable[[str], None]) -> str | None:
+    """Page about one comparison, campaign or plan; None for results.
 
     Raises
     ------
     ResultError
-        If a comparison or a campaign is named with others.
+        If one of them is named with others.
     """
     from spacerobot.result.store import DATA
 
@@ -85,12 +89,25 @@ def _special_page(folders: list[Path], tell: Callable[[str], object]) -> str | N
 
 
 def _special(folder: Path) -> tuple[str, Maker] | None:
-    """Whether a folder holds no result but a comparison or a campaign, and what makes its page."""
+    """Whether a folder holds no result but a comparison, a campaign or a plan, and what makes its page."""
     from optim.campaign.store.folder import HEAD
+    from optim.planning.output.plan_folder import is_plan
     from viz.report.comparison_section import COMPARISON, comparison_report
 
     if (folder / COMPARISON).is_file():
         return "comparison", lambda folder, _: comparison_report(folder)
     if (folder / HEAD).is_file():
         return "campaign", campaign_page
+    if is_plan(folder):
+        return "plan", _plan_page
     return None
+
+
+def _plan_page(folder: Path, tell: Callable[[str], None]) -> str:
+    """Page about a plan, and the simulation of the scenario that follows it."""
+    from optim.planning.output.plan_folder import read
+    from spacerobot.cli.page_data import plan
+    from viz.report.plan_section import plan_report
+
+    shown = plan(folder, tell)
+    return plan_report(*read(folder), shown.results[0], shown.data)

@@ -1,20 +1,26 @@
 """The report: complete, escaped, self-contained, and true."""
 
 import dataclasses
+import itertools
 import re
 import time
 
 import pytest
 import typer
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from typer.testing import CliRunner
 
 from spacerobot.errors import ResultError
 from spacerobot.registry import COMMANDS
 from spacerobot.result.result import Result
-from viz.figures import figure_kinds
+from viz.figures import draw_all, figure_kinds
+from viz.figures.collect import with_common_tips
+from viz.figures.phases import shade
+from viz.figures.style import panels
 from viz.report.report import SECTIONS, ReportSection, find_results, write_report
 from viz.report.report import report as report_page
 from viz.report.sections import differences
+from viz.report.verdict import verdict
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +62,8 @@ def test_it_opens_without_a_network_and_plays(browser, comparison, tmp_path):
         assert browser.evaluate(
             "[...document.images].every((image) => image.complete && image.naturalWidth > 0)"
         )
-        browser.evaluate("document.querySelector('iframe').scrollIntoView()")
+        browser.evaluate("document.querySelector('.playable').scrollIntoView()")
+        browser.evaluate("document.querySelector('.playable input:not(:checked)')?.click()")
         end = time.monotonic() + 15
         # the player's blue panels and gold bases, drawn by the scripts of a page within the page
         while _share_of_gold(browser.picture()) < 0.005:
@@ -83,7 +90,7 @@ def test_texts_from_files_are_escaped(paper, undrawn):
 def test_a_diverged_result_says_so_first(diverged):
     text = report_page(diverged, sections=SECTIONS[:2])
     assert "diverged after 0.42 s of 10 s" in text
-    assert text.index('id="warnings"') < text.index('id="run"')
+    assert text.index('id="warnings"') < text.index('id="verdict"')
 
 
 def test_only_the_papers_robots_are_held_against_its_figures(paper, monkeypatch):
@@ -152,3 +159,38 @@ def test_the_commands_write_what_they_say(paper, blind, tmp_path, undrawn):
     done = run(app, ["report", first, "--out", str(tmp_path / "r.html")])
     assert "r.html" in done.output.replace("\n", "")
     assert (tmp_path / "r.html").exists()
+
+
+def test_it_begins_with_the_verdict_and_a_picture(docked, diverged, undrawn):
+    """The outcome is read before anything else; the picture is there without a script, and on paper."""
+    text = report_page(docked)
+    (capture,) = (event["time_s"] for event in docked.summary["events"] if event["kind"] == "captured")
+    assert f"Captured: left at {capture:.4g} s." in verdict(docked)
+    body = text[text.index("<main>") :]
+    assert body.index(verdict(docked)) < body.index("data:image/png") < body.index("<table")
+    assert "no description" not in text
+    assert verdict(diverged).startswith("Not completed: diverged after 0.42 s")
+
+
+def test_results_with_other_tips_are_compared_in_those_they_share(paper, blind):
+    alone = dataclasses.replace(blind, data=blind.data.isel(tip=[1]))
+    both = with_common_tips((paper, alone))
+    assert [list(result.data.tip.values) for result in both] == [["rpr2/tip"]] * 2
+    names = [name for name, *_ in draw_all(paper, alone, names=["tip_errors"])]
+    assert names == ["tip_errors"]
+    assert with_common_tips((paper, paper)) == (paper, paper)
+    assert with_common_tips((paper, dataclasses.replace(blind, data=blind.data.isel(tip=[])))) == ()
+
+
+def test_names_of_phases_do_not_lie_over_each_other():
+    figure, axes = panels(1, 1)
+    shade(
+        axes[0, 0], [("approach", 0, 0.1), ("stop", 0.1, 0.2), ("carry", 0.2, 9), ("part", 9, 10)], named=True
+    )
+    axes[0, 0].set_xlim(0, 10)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    boxes = [text.get_window_extent() for text in axes[0, 0].texts]
+    assert len(boxes) == 4
+    for one, other in itertools.combinations(boxes, 2):
+        assert not one.overlaps(other)

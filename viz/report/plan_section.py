@@ -1,0 +1,186 @@
+"""A plan in a report: verdict and motion, where limits bind, what the cost depends on, replay and mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from spacerobot.arrays import Array
+from spacerobot.result import Result
+from viz.figures import to_bytes
+from viz.figures.plan import ACTIVE, plan_figures
+from viz.page.page import page as animated
+from viz.report.report import ReportSection, page
+from viz.report.sections import escape, picture, playable, still_png, table
+
+TITLES = {
+    "plan_joints": "Joints: positions, rates and torques with their limits; squares where a limit is active; "
+    "dotted: as flown",
+    "plan_bases": "Motion of the bases, and what drives them",
+    "plan_constraints": "Distances, cones and other constraints with their limits",
+    "convergence": "Convergence of the solver",
+}
+LIMITED = {
+    "joint_position": ("position", "joint_position_limit"),
+    "joint_rate": ("rate", "joint_rate_limit"),
+    "torque": ("torque", "torque_limit"),
+}
+"""By variable of the joints: what it is called, and the variable of its limits."""
+
+
+def plan_report(plan: xr.Dataset, summary: Mapping[str, Any], flown: Result, data: Mapping[str, Any]) -> str:
+    """HTML of a report about a plan.
+
+    Parameters
+    ----------
+    plan, summary
+        What stands in ``plan.nc`` and ``plan.json``.
+    flown
+        Result of the scenario that follows the plan.
+    data
+        Of the animated page of both.
+    """
+    figures = "".join(
+        picture(name, TITLES.get(name, name), to_bytes(drawing, "svg"))
+        for name, drawing in plan_figures(plan, summary, flown)
+    )
+    texts = {
+        "verdict": ("In short", _in_short(summary, flown, data)),
+        "limits": ("Limits, and where they bind", _limits(plan)),
+        "cost": ("Cost", _cost(summary)),
+        "replay": ("Replay", _replay(summary)),
+        "mesh": ("Mesh and solver", _mesh(summary)),
+        "figures": ("Figures", figures),
+    }
+    sections = [
+        (ReportSection(name, title, lambda _: None), text) for name, (title, text) in texts.items() if text
+    ]
+    return page(f"Plan of {summary['scenario']}", sections)
+
+
+def _in_short(summary: Mapping[str, Any], flown: Result, data: Mapping[str, Any]) -> str:
+    verification = summary["verification"]
+    allowed = verification["tolerance_m"]
+    open_loop, closed = (
+        max(verification[f"{how}_error_m"].values(), default=0.0) for how in ("replay", "followed")
+    )
+    exceeded = [v for v in verification["violations"] if v["amount"] > v["allowed"]]
+    words = f"A motion of {summary['duration_s']:.4g} s with the cost {summary['cost']:.4g}. "
+    if min(open_loop, closed) <= allowed and not exceeded:
+        words += f"Verified: its simulation ends {1e3 * min(open_loop, closed):.2g} mm from the plan"
+        words += f" ({1e3 * allowed:g} mm are allowed), and all limits hold between the points of the mesh."
+    elif exceeded:
+        worst = exceeded[0]
+        words += f"Not verified: {worst['name']} is violated by {worst['amount']:.2g} {worst['unit']}."
+    else:
+        words += f"Not verified: its simulation ends {1e3 * min(open_loop, closed):.2g} mm from the plan."
+    if verification["second_order"] == "saddle":
+        words += " It is a saddle point: nearby motions cost less."
+    text = f"<p class='verdict'>{escape(words)}</p>"
+    return text + playable(animated({**data, "autoplay": True}), [still_png(flown)], 720)
+
+
+def binding(plan: xr.Dataset) -> Iterator[tuple[str, str, list[tuple[float, float]]]]:
+    """Limits that are active: what is limited, which limit, and the periods [s] in which it binds.
+
+    Parameters
+    ----------
+    plan
+        What stands in ``plan.nc``.
+    """
+    time = plan.time.values
+    for variable, (word, limits) in LIMITED.items():
+        if limits not in plan:
+            continue
+        for joint in plan.joint.values:
+            values, ends = plan[variable].sel(joint=joint).values, plan[limits].sel(joint=joint).values
+            yield from _active(f"{word} of {joint}", time, values, ends)
+    for name in plan.constraint_name.values if "constraint" in plan else ():
+        own = plan.sel(constraint_name=name)
+        yield from _active(str(name), time, own.constraint.values, own.constraint_limit.values)
+
+
+def _active(
+    name: str, time: Array, values: Array, limits: Array
+) -> Iterator[tuple[str, str, list[tuple[float, float]]]]:
+    finite = limits[np.isfinite(limits)]
+    size = max(float(np.abs(finite).max(initial=0.0)), float(np.ptp(finite)) if len(finite) else 0.0)
+    for side, limit in zip(("lower", "upper"), limits, strict=True):
+        near = (
+            np.abs(values - limit) <= ACTIVE * size
+            if np.isfinite(limit) and size
+            else np.zeros(len(time), bool)
+        )
+        if not near.any():
+            continue
+        # where periods of active points begin and end
+        steps = np.flatnonzero(np.diff(np.concatenate([[0], near.astype(int), [0]])))
+        yield (
+            name,
+            f"{side}, {limit:.4g}",
+            [(float(time[a]), float(time[b - 1])) for a, b in steps.reshape(-1, 2)],
+        )
+
+
+def _limits(plan: xr.Dataset) -> str:
+    rows = [
+        [name, limit, ", ".join(f"{a:.3g} s" if a == b else f"{a:.3g} to {b:.3g} s" for a, b in periods)]
+        for name, limit, periods in binding(plan)
+    ]
+    if not rows:
+        return "<p>No limit is active: the motion would be the same without them.</p>"
+    return table(["limit of", "bound (SI)", "active at"], rows)
+
+
+def _cost(summary: Mapping[str, Any]) -> str:
+    rows = [
+        [
+            name.replace("_", " "),
+            f"{value:.4g}",
+            f"{100 * value / summary['cost']:.3g} %" if summary["cost"] else "",
+        ]
+        for name, value in summary["terms"].items()
+    ]
+    text = table(["term", "cost", "share"], rows)
+    if slopes := summary.get("cost_sensitivities"):
+        cells = [[path, f"{slope:+.4g}"] for path, slope in slopes.items()]
+        return f"{text}<h3>Sensitivities of the optimal cost</h3>{table(['parameter', 'per unit'], cells)}"
+    return (
+        f"{text}<p>Sensitivities of the optimal cost are listed here after "
+        "<code>spacerobot plan SCENARIO --out DIR --sensitivities PATH,PATH</code>.</p>"
+    )
+
+
+def _replay(summary: Mapping[str, Any]) -> str:
+    verification = summary["verification"]
+    rows = [
+        [tip, f"{1e3 * error:.2g}", f"{1e3 * verification['followed_error_m'][tip]:.2g}"]
+        for tip, error in verification["replay_error_m"].items()
+    ]
+    text = table(["tip", "error of the replay, open loop [mm]", "with feedback [mm]"], rows) if rows else ""
+    worst = [
+        [v["name"], f"{v['amount']:.2g} {v['unit']}", f"{v['allowed']:.2g} {v['unit']}"]
+        for v in verification["violations"]
+    ]
+    between = table(["between the points of the mesh", "violation", "allowed"], worst) if worst else ""
+    return text + between
+
+
+def _mesh(summary: Mapping[str, Any]) -> str:
+    words = f"{summary['intervals']} intervals of order {summary['order']}, {summary['unknowns']} unknowns."
+    heads = ["start", "intervals", "cost", "iterations", "time [s]", "status"]
+    rows = [
+        [
+            str(run["start"] + 1),
+            str(run["intervals"]),
+            f"{run['cost']:.6g}",
+            str(run["iterations"]),
+            f"{run['seconds']:.3g}",
+            run["status"].replace("_", " ").lower(),
+        ]
+        for run in summary["solver_runs"]
+    ]
+    return f"<p>{escape(words)}</p>{table(heads, rows)}"

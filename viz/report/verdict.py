@@ -1,0 +1,37 @@
+"""First lines of a report: what came of a run, in a sentence or two."""
+
+from __future__ import annotations
+
+from spacerobot.result import Result
+from spacerobot.result.table import status_text
+from viz.figures.style import unit_scale
+
+
+def verdict(result: Result) -> str:
+    """Outcome, time of each capture or reason of each miss, largest tip error, and whether to trust it."""
+    summary, sentences = result.summary, []
+    times: dict[str, float] = {}
+    for event in summary.get("events", ()):
+        if event["kind"] == "captured":
+            times.setdefault(event["who"], event["time_s"])
+    if not result.completed:
+        sentences.append(f"Not completed: {status_text(summary['status'])}.")
+    elif summary.get("outcome"):
+        grasps = ", ".join(f"{grasp} at {time:.4g} s" for grasp, time in times.items())
+        outcome = str(summary["outcome"])
+        sentences.append(f"{outcome[:1].upper()}{outcome[1:]}{f': {grasps}' if grasps else ''}.")
+    else:
+        sentences.append(f"Completed, {float(result.data.time.values[-1]):.4g} s.")
+    sentences += [f"{grasp}: {why['words']}." for grasp, why in summary.get("missed", {}).items()]
+    tips = {tip: summary["tip_error"][tip]["norm"]["rms_m"] for tip in result.led_tips}
+    if tips and result.completed:
+        tip = max(tips, key=lambda each: tips[each])
+        factor, unit = unit_scale("m")
+        of = f" of {tip}, the largest" if len(tips) > 1 else f" of {tip}"
+        sentences.append(f"RMS tip error{of}: {tips[tip] * factor:.3g} {unit}.")
+    if result.completed:
+        trusted = summary["status"].get("trusted", True)
+        sentences.append(
+            "Momentum and energy are balanced." if trusted else "The ledger is open: see the warnings."
+        )
+    return " ".join(sentence.replace("..", ".") for sentence in sentences)
