@@ -212,7 +212,7 @@ BUILT_ON = {
         "optim.planning.output",
         "optim.planning.search",
     },
-    "viz.report": {"viz.page", "viz.figures", "optim.campaign", "optim.comparison"},
+    "viz.report": {"viz.page", "viz.figures", "viz.record", "optim.campaign", "optim.comparison"},
 }
 """What each room of tuning and of pictures may import beside the library."""
 
