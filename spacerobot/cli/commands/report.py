@@ -29,7 +29,7 @@ Out = Annotated[
 
 @Command.of("report", place=6)
 def command(folders: Folders, out: Out = None) -> None:
-    """Write one self-contained page: verdict, animation, headline numbers, figures, ledger, warnings.
+    """Write one self-contained page: outcome, animation, headline numbers, figures, ledger, warnings.
 
     For a folder written by `spacerobot compare` the page compares the tuning methods; for one written by
     `spacerobot campaign` it reports the campaign, finished or not, with the worst samples animated; for one
