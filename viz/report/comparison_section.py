@@ -51,7 +51,7 @@ def comparison_section(folder: Path) -> ReportSection:
 def _text(folder: Path) -> str:
     with _whole(folder):
         data = _read(folder)
-        text = f"<p class='verdict'><strong>{escape(data['conclusion'])}</strong></p>"
+        text = f"<p class='outcome'><strong>{escape(data['conclusion'])}</strong></p>"
         text += _drawing(folder / "figures" / f"{PROFILES}.svg", PROFILES, PROFILE_TITLE)
         text += _table(tables.summary_table(data))
         for benchmark in data["problems"]:

@@ -79,7 +79,7 @@ def _in_short(summary: Mapping[str, Any], flown: Result, data: Mapping[str, Any]
         words += f"Not verified: its simulation ends {1e3 * min(open_loop, closed):.2g} mm from the plan."
     if verification["second_order"] == "saddle":
         words += " It is a saddle point: nearby motions cost less."
-    text = f"<p class='verdict'>{escape(words)}</p>"
+    text = f"<p class='outcome'>{escape(words)}</p>"
     return text + playable(animated({**data, "autoplay": True}), [still_png(flown)], 720)
 
 

@@ -65,7 +65,7 @@ def warnings(subject: Subject) -> str | None:
 def in_short(subject: Subject) -> str | None:
     """Verdict on each result, and its motion: a still picture that plays on demand."""
     lines = [
-        f"<p class='verdict'>{f'<strong>{escape(label)}</strong>: ' if len(subject.labels) > 1 else ''}"
+        f"<p class='outcome'>{f'<strong>{escape(label)}</strong>: ' if len(subject.labels) > 1 else ''}"
         f"{escape(verdict(result))}</p>"
         for result, label in zip(subject.results, subject.labels, strict=True)
     ]
