@@ -17,8 +17,13 @@ from spacerobot.rollout.closed_loop_protocol import Array
 INACCURATE = 0.01
 """Part of a derivative by which half the step may change it."""
 
-SMALL = 0.01
-"""A derivative counts as if it were no less than so much of the value over its parameter."""
+SMALL = 1e-4
+"""A derivative counts as if it were no less than so much of the value over its parameter.
+
+A change by half the step therefore counts from 1e-6 of the value over the parameter. At an optimum, where
+derivatives vanish, the error of a certified step stays below that. A larger number passes, as exact, wrong
+derivatives by parameters of little effect such as coefficients of friction.
+"""
 
 
 def inaccurate(
