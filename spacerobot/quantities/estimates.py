@@ -66,6 +66,16 @@ QUANTITIES = (
         NO_ATTITUDE,
     ),
     _final(
+        "attitude_nis_dof",
+        (
+            "degrees of freedom of attitude_nis",
+            "components of the innovation of the last star tracker sample that the attitude filter used",
+        ),
+        "1",
+        "attitude_nis_dof",
+        NO_ATTITUDE,
+    ),
+    _final(
         "target_estimate_error",
         ("target estimate error", "distance from the estimated to the true centre of mass at the end"),
         "m",
@@ -84,6 +94,16 @@ QUANTITIES = (
         ("NIS of the target filter", "normalised innovation squared of the last pose"),
         "1",
         "target_nis",
+        NO_TARGET,
+    ),
+    _final(
+        "target_nis_dof",
+        (
+            "degrees of freedom of target_nis",
+            "components of the innovation of the last pose that the target filter used",
+        ),
+        "1",
+        "target_nis_dof",
         NO_TARGET,
     ),
     _final(

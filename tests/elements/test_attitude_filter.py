@@ -109,6 +109,17 @@ def test_errors_in_space_are_as_large_as_the_covariance_says():
         assert abs(inside - 0.95) < 3 * np.sqrt(0.95 * 0.05 / len(values))
 
 
+def test_the_nis_has_no_degrees_of_freedom_until_a_sample_is_used():
+    changes = filtered(0.1) | {"robots.chaser.sensors.base_orientation.errors.dropout": 0.8}
+    rollout = rolled(BOX, changes, 2.0, backend="interpreted", output_step_s=PERIOD / 2)
+    run = rollout.run()
+    used = states(rollout, run, ".used")[:, 0]
+    assert used[0] < 0
+    assert used[-1] > 0
+    np.testing.assert_array_equal(run.outputs["attitude_nis_dof"][:, 0], np.where(used < 0, 0, 3))
+    np.testing.assert_array_equal(run.outputs["attitude_nis"][used < 0], 0)
+
+
 def test_an_estimate_that_nobody_makes_is_refused():
     with pytest.raises(ScenarioError, match=r"attitude_nees: no robot .* estimator of kind attitude_filter"):
         sr.batch(small_scene(PLATE, {}), "attitude_nees", {"robots.chaser.base.spin_deg.2": [8.0]})

@@ -174,6 +174,17 @@ def test_limits_rates_and_steps_of_the_output_hold():
     assert len(np.unique(held.round(9))) > 3
 
 
+def test_rounding_does_not_exceed_the_limit_of_the_output():
+    """A limit of 7.6 steps, which rounds up to 8."""
+    form = {"limit": 0.38, "resolution": 0.05}
+    _, rollout = rolled(plate(kp=40, kd=10, **sampled(0.02, **form)), output_step_s=0.02)
+    held = rollout.run().state[:, rollout.loop.state_names.index("one/controllers.turn.held[0]")]
+    assert np.abs(held).max() == pytest.approx(0.38, rel=1e-14)
+    inside = held[np.abs(held) < 0.37] / 0.05
+    assert len(np.unique(inside.round())) == 3
+    np.testing.assert_allclose(inside, np.round(inside), atol=1e-9)
+
+
 def test_the_rate_of_the_output_is_limited_both_ways():
     _, rollout = rolled(
         plate(kp=4000, kd=400, **sampled(0.02, rate_limit=5.0)), duration_s=2.0, output_step_s=0.02

@@ -136,6 +136,36 @@ def test_errors_are_as_large_as_the_covariance_says():
         assert consistent(found[name].values.ravel(), freedoms)
 
 
+@pytest.mark.parametrize(
+    ("delay_s", "lost"),
+    [(0.0, {"position": 0.4, "orientation": 0.4}), (0.3, {"position": 0.5}), (0.3, {"orientation": 0.5})],
+)
+def test_samples_that_drop_out_reduce_the_degrees_of_freedom_of_the_nis(delay_s, lost):
+    """Counted from the recorded samples: position has two components, angle one; NIS inside those bounds."""
+    changes = filtered("mate_2", delay_s)
+    for name, probability in lost.items():
+        changes[f"robots.chaser.sensors.target_{name}.errors.dropout"] = probability
+    rollout = rolled(PLATES, changes, 10.0, backend="interpreted")
+    sums, counts = [], []
+    for draw in range(6):
+        run = rollout.run({DRAW: float(draw)})
+        after = slice(2, None, 2) if delay_s else slice(1, None, 2)  # after each arrival
+        wanted = 0
+        for name, size in (("position", 2), ("orientation", 1)):
+            stamps = states(rollout, run, f".target_{name}.measured")[after, -1]
+            wanted = wanted + size * (np.diff(stamps, prepend=-1) > PERIOD / 2)
+        found = run.outputs["target_nis_dof"][after, 0]
+        np.testing.assert_array_equal(found, wanted)
+        squares = run.outputs["target_nis"][after, 0]
+        assert np.all(squares[wanted == 0] == 0)
+        sums.append(squares.sum())
+        counts.append(wanted.sum())
+    assert {*wanted} >= ({0, 3} if len(lost) == 2 else {2, 3} if "orientation" in lost else {1, 3})
+    low, high = chi2.ppf([0.025, 0.975], sum(counts))
+    assert low < sum(sums) < high
+    assert sum(sums) < chi2.ppf(0.025, 3 * len(wanted) * len(sums))  # as three each, it seems inconsistent
+
+
 def test_in_space_it_finds_the_inertia_ratios():
     """Of four draws: NEES inside its bounds, and errors of the ratios a fifth of the first ones.
 

@@ -17,9 +17,11 @@ $K_d > m$.) A controller without a model uses ``derivative: filtered``.
 
 What is held are generalized forces: a tip's controller computes $u_k$ at its tip, maps it to joint torques
 by the Jacobian of the instant, $\tau_k = J(q_k)^\top u_k$, and holds $\tau_k$ although the posture changes.
-The torques pass the limit, the rate limit, the quantisation and the delay, in this order: a shift register
-takes each sample at its instant, and a second clock, later by the delay, puts it into effect. Torques in
-the null space of tips are held before their projection, which follows the posture.
+The torques pass the limit, the rate limit, the quantisation and the delay, in this order, so that the rate
+limit starts from the limit, not from a command beyond it. Rounding may exceed the limit by half a step: what
+is rounded is limited again. A shift register takes each sample at its instant, and a second clock, later by
+the delay, puts it into effect. Torques in the null space of tips are held before their projection, which
+follows the posture.
 """
 
 from __future__ import annotations
@@ -129,8 +131,8 @@ def periodic(config: Sampling, context: SectionContext, name: str, continuous: C
         # output (n x 1) after its limits and quantisation, and the states that this takes
         value = asked[rows]
         kept = []
-        if config.limit is not None:
-            limit = context.number("limit")
+        limit = None if config.limit is None else context.number("limit")
+        if limit is not None:
             value = ca.fmin(ca.fmax(value, -limit), limit)
         if config.rate_limit is not None:
             last = memory(f"{own}.last", ca.SX.zeros(value.size1()))
@@ -140,6 +142,8 @@ def periodic(config: Sampling, context: SectionContext, name: str, continuous: C
         if not context.is_zero("resolution"):
             step = context.number("resolution")
             value = step * ca.floor(value / step + 0.5)
+            if limit is not None:
+                value = ca.fmin(ca.fmax(value, -limit), limit)
         states += [*kept, held]
         updates |= {state.name: value for state in kept}
         if context.is_zero("delay"):

@@ -287,3 +287,5 @@ class _AttitudeFilterLaw:
         yield Output("attitude_nees", nees, "1", "normalised error squared of attitude filters", "body", name)
         text = "normalised innovation squared of attitude filters"
         yield Output("attitude_nis", self.nis.symbol, "1", text, "body", name)
+        text = "degrees of freedom of attitude_nis, 0 until a sample of the star tracker is used"
+        yield Output("attitude_nis_dof", n * (self.used.symbol >= 0), "1", text, "body", name)

@@ -457,6 +457,11 @@ class _TargetFilterLaw:
         yield Output("target_nees", nees, "1", text, "body", name)
         text = "normalised innovation squared of target filters"
         yield Output("target_nis", ca.sum1(self.nis.symbol), "1", text, "body", name)
+        # A dropout leaves the time of the last used sample a whole period or more before the last instant.
+        used = self.used.symbol > (self.arrived - 1.5) * errors.steady("period")
+        freedoms = ca.dot(used, ca.SX([m, n]))
+        text = "degrees of freedom of target_nis: components of the innovation used in the last update"
+        yield Output("target_nis_dof", freedoms, "1", text, "body", name)
 
 
 def _summed(sizes: list[int]) -> list[int]:
