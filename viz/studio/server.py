@@ -13,6 +13,7 @@ import tornado.web
 
 from spacerobot.files import StrPath
 from spacerobot.scene import Scene
+from viz.page.animation import still
 from viz.page.loopback import FIRST_PORT, LocalRequestHandler, Loopback, Stream
 from viz.page.page import page
 from viz.studio.messages import MOST_BYTES
@@ -119,9 +120,9 @@ class _StudioPage(_TokenHolder):
     def get(self) -> None:
         self.set_header("Cache-Control", "no-store")
         self.set_header("Referrer-Policy", "no-referrer")
-        title = self.server.session.origin.scene.scenario.name
-        waiting = {"title": title, "about": "connecting", "runs": [], "studio": True}
-        self.write(page(waiting, connect=f"ws://{self.request.host}"))
+        # the scene as it begins, until its motion is there
+        waiting = still(self.server.session.origin.scene, about="the motion is being simulated")
+        self.write(page(waiting | {"studio": True}, connect=f"ws://{self.request.host}"))
 
 
 class Peer:

@@ -301,7 +301,7 @@ def test_a_campaign_is_told_by_its_distribution_bands_and_cloud(browser, tmp_pat
         page.evaluate(f"location.hash = '#t=0.5&signals={chosen}'")
         page.wait_for(f"{CURVES}.includes('{chosen} [')")
         assert "bands: 5, 25, 50, 75, 95 % quantiles of samples" in page.evaluate(CURVES)
-    assert "campaign's samples" in page.evaluate("legend.innerText")
+    assert "campaign's samples" in page.evaluate("legend.textContent")
     assert page.errors == []
 
 

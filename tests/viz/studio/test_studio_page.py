@@ -3,6 +3,7 @@
 import itertools
 import json
 import re
+import urllib.request
 
 import numpy as np
 import pytest
@@ -63,6 +64,18 @@ def _bookmark(page, name):
     page.evaluate("document.querySelector('#designs button').click()")
 
 
+def test_the_page_has_the_scene_before_its_motion_and_says_what_it_waits_for(studio, opened):
+    """What the server sends first, before any simulation, is the scene as it begins."""
+    with urllib.request.urlopen(studio.url) as answer:
+        text = answer.read().decode()
+    payload = json.loads(re.search(r'<script type="application/json" id="payload">(.*?)</script>', text)[1])
+    assert payload["about"] == "the motion is being simulated"
+    assert sum(len(node["solids"]) for node in payload["runs"][0]["nodes"]) > 0
+    page = opened()
+    assert page.evaluate("document.getElementById('busy').hidden")
+    assert page.evaluate("document.getElementById('about').textContent") != payload["about"]
+
+
 def test_a_slider_moves_picture_curves_and_metrics(opened, studio):
     page = opened("#t=1&play=0")
     page.evaluate("document.querySelector('#picker details').open = true")
@@ -80,7 +93,7 @@ def test_a_slider_moves_picture_curves_and_metrics(opened, studio):
     error = float(np.linalg.norm(result.data.tip_error.values[-1, 0]) * 1e3)
     assert said != words
     assert float(re.search(r"error ([\d.]+) mm", said)[1]) == pytest.approx(error, rel=6e-3)
-    assert "previous design" in page.evaluate("legend.innerText")
+    assert "previous design" in page.evaluate("legend.textContent")
     assert "before (dashed)" in page.evaluate("document.querySelector('#chart').innerText")
     page.wait_for(
         f"{BAR}.closest('.slider').querySelector('.gradient').textContent.includes('for +10 %')", 60
@@ -166,7 +179,7 @@ def test_a_campaign_draws_its_samples(opened):
     assert "over 16 samples" in page.evaluate(
         "document.querySelector('#jobs .plot').getAttribute('aria-label')"
     )
-    assert "campaign's samples" in page.evaluate("legend.innerText")
+    assert "campaign's samples" in page.evaluate("legend.textContent")
     assert "bands: 5, 25, 50, 75, 95 % quantiles of samples" in page.evaluate("chart.innerText")
     colours = "(() => { const c = document.querySelector('.panel canvas'), p = c.getContext('2d'); "
     colours += (

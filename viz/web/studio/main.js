@@ -4,6 +4,7 @@ import { Player } from "../player.js";
 import { Studio } from "./studio.js";
 
 const player = new Player();
-player.wait(JSON.parse($("payload").textContent));
+player.load(JSON.parse($("payload").textContent)); // the scene as it begins
+player.busy.say("simulating the motion; the first time its model is compiled");
 new Studio(player, `ws://${location.host}/studio${location.search}`);
 document.body.dataset.ready = "true";

@@ -39,7 +39,7 @@ export class Studio {
     this.sliders = new Map();
     this.slopes = {};
     this.rollouts = new Rollouts((message) => this.wire.send(message), (values, entry) => this.arrived(values, entry));
-    this.wire = new Wire(address, (message) => this.hear(message), () => this.say("the studio's program has ended; this page keeps what it has"));
+    this.wire = new Wire(address, (message) => this.hear(message), () => { player.busy.end(); this.say("the studio's program has ended; this page keeps what it has"); });
     player.link.join({ read: () => this.state(), apply: (wanted) => this.become(wanted) });
     this.listen();
   }
@@ -62,6 +62,7 @@ export class Studio {
         location.reload();
       },
     }[message.type];
+    if (["hello", "failed"].includes(message.type)) this.player.busy.end();
     if (act) act();
   }
 
@@ -89,6 +90,7 @@ export class Studio {
 
   // The page shows this structure: its bodies and its numbers.
   wear(hello) {
+    const first = !this.worn;
     this.worn = hello;
     this.drawn = null;
     this.player.cloud(null);
@@ -100,7 +102,7 @@ export class Studio {
     this.bookmarks.load(this.designs);
     this.jobs.load(hello.methods, hello.plans);
     this.keep.load(hello);
-    const shown = new URLSearchParams(this.player.payload ? this.player.state().filter(([, value]) => value) : []);
+    const shown = new URLSearchParams(first ? [] : this.player.state().filter(([, value]) => value));
     this.player.load(hello.show);
     this.player.scene.over = true; // the design before lies under the one in the hand
     this.player.become(shown);
