@@ -137,19 +137,19 @@ def build_perturbed_loop(
         for row, name in zip(driven, names, strict=True):
             added[row] = points.inputs.setdefault(name, ca.SX.sym(name))
         perturbed = Contribution(torques=(CommandedTorque("", added),))
-        found = solve_accelerations(plant, concatenate([acting, perturbed]))
+        solution = solve_accelerations(plant, concatenate([acting, perturbed]))
         for row, name in zip(driven, names, strict=True):
-            points.signals.setdefault(name, found.commanded[row] - added[row])
-        return found
+            points.signals.setdefault(name, solution.commanded[row] - added[row])
+        return solution
 
-    found = evaluate(builder, solve)
-    z = ca.vertcat(*(state.symbol for state in found.acting.states))
+    loop = evaluate(builder, solve)
+    z = ca.vertcat(*(state.symbol for state in loop.acting.states))
     t, x, c, w = context.time, ca.vertcat(plant.q, plant.v, z), context.constants.symbols, ca.SX(0, 1)
     w = ca.vertcat(w, *points.inputs.values())
     velocity = configuration_derivative(plant.model, plant.q, plant.v)
-    rates = ca.vertcat(velocity, found.acceleration, *(state.derivative for state in found.acting.states))
+    rates = ca.vertcat(velocity, loop.acceleration, *(state.derivative for state in loop.acting.states))
     more = {
-        f"{name}[{i}]": found.outputs[name][i] for name in outputs for i in range(found.outputs[name].size1())
+        f"{name}[{i}]": loop.outputs[name][i] for name in outputs for i in range(loop.outputs[name].size1())
     }
     y = ca.vertcat(ca.SX(0, 1), *(points.signals[name] for name in points.inputs), *more.values())
     zero = ca.SX.zeros(w.size1())
@@ -162,14 +162,14 @@ def build_perturbed_loop(
     turn = ca.jacobian(velocity, plant.v)
     turning = ca.reshape(ca.jtimes(ca.vec(ca.densify(turn)), plant.q, velocity), *turn.shape)
     relative = np.eye(scene.model.nv) - scene.spread  # v_i - k v_j of joints that mimic others
-    slips = [masked(one.slip, one.active) for one in found.acting.constraints if one.compliance is None]
+    slips = [masked(one.slip, one.active) for one in loop.acting.constraints if one.compliance is None]
     slips += [ca.mtimes(relative[[scene.model.idx_vs[tie.joint]], :], plant.v) for tie in scene.ties]
     slip = ca.vertcat(ca.SX(0, 1), *slips)
     which = ca.SX.sym("e")
-    after = update_of(plant, found.acting, which)
+    after = update_of(plant, loop.acting, which)
     arguments = [t, x, c]
     return PerturbedLoop(
-        state_names=state_names(plant.model, found.acting.states),
+        state_names=state_names(plant.model, loop.acting.states),
         coordinates=tuple(columns),
         inputs=tuple(points.inputs),
         outputs=(*points.inputs, *more),

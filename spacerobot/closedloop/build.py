@@ -124,9 +124,9 @@ def evaluate(
         *impulse.outputs,
         *base_wrenches(scene, plant, delivered),
     ]
-    seen = added_up(declared)
-    phases = phased(builder, seen)
-    variables, outputs = combine(scene, [*seen, *phases.outputs])
+    combined = added_up(declared)
+    phases = phased(builder, combined)
+    variables, outputs = combine(scene, [*combined, *phases.outputs])
     states = (*acting.states, *pushed, *impulse.states, *(work.state for work in works), *phases.states)
     measured = [event for event in phases.events if event.kind == "measured"]
     rest = [event for event in phases.events if event.kind != "measured"]
@@ -159,8 +159,8 @@ def _beginning(builder: LoopBuilder, acting: Contribution, x: ca.SX) -> tuple[In
     initial = ca.vertcat(*(state.initial for state in acting.states))
     z = at_start(initial, start.q, start.v, zeros)
     if any(state.remembers for state in acting.states):
-        kept = [ca.SX.ones(state.symbol.size1()) * state.remembers for state in acting.states]
-        z = at_start(initial, start.q, start.v, z * ca.vertcat(*kept))
+        remembered = [ca.SX.ones(state.symbol.size1()) * state.remembers for state in acting.states]
+        z = at_start(initial, start.q, start.v, z * ca.vertcat(*remembered))
     return start, ca.vertcat(start.q, start.v, z)
 
 

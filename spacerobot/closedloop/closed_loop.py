@@ -136,16 +136,16 @@ class ClosedLoop:
             Time [s], state and constants, numbers or symbols.
         """
         rows = self.rows(t, x, c)
-        found = type(rows)(c)
+        constants = type(rows)(c)
         for table in self.tables:
             if table.noise >= 0:
                 continue
-            block = ca.reshape(found[table.first : table.window], table.width, table.count)
-            shown = block[:, 0]
+            block = ca.reshape(constants[table.first : table.window], table.width, table.count)
+            row = block[:, 0]
             for k in range(1, table.count):
-                shown = ca.if_else(rows[table.cursor] == k, block[:, k], shown)
-            found[table.window : table.window + table.width] = shown
-        return found
+                row = ca.if_else(rows[table.cursor] == k, block[:, k], row)
+            constants[table.window : table.window + table.width] = row
+        return constants
 
     @property
     def breakpoints(self) -> tuple[float, ...]:

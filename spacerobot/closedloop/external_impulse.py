@@ -53,12 +53,12 @@ def pushes_of(plant: Plant, wrenches: Sequence[Wrench], counted: Mapping[int, ca
     counted
         Symbols of the states by the base's joint, of components in which the scene moves.
     """
-    axes, found = [*plant.translation_axes, *(axis + 3 for axis in plant.rotation_axes)], []
+    axes, states = [*plant.translation_axes, *(axis + 3 for axis in plant.rotation_axes)], []
     for joint, symbol in counted.items():
         rate = ca.vertcat(*_about_origin([wrench for wrench in wrenches if wrench.joint_id == joint]))
         none = ca.SX.zeros(symbol.numel())
-        found.append(State(symbol[0].name().rpartition("_")[0], symbol, none, ca.densify(rate[axes])))
-    return tuple(found)
+        states.append(State(symbol[0].name().rpartition("_")[0], symbol, none, ca.densify(rate[axes])))
+    return tuple(states)
 
 
 def _about_origin(wrenches: Iterable[Wrench]) -> tuple[ca.SX, ca.SX]:
@@ -78,10 +78,10 @@ def base_wrenches(scene: Scene, plant: Plant, wrenches: Sequence[Wrench]) -> Ite
         The scene, its mechanics, and what actuators deliver to bases from outside.
     """
     for body in scene.bodies:
-        own = [wrench for wrench in wrenches if wrench.joint_id == body.root_joint]
-        if not own or not body.root_joint:
+        acting = [wrench for wrench in wrenches if wrench.joint_id == body.root_joint]
+        if not acting or not body.root_joint:
             continue
-        force, torque = _about_origin(own)
+        force, torque = _about_origin(acting)
         torque = torque - cross(plant.kinematics.origin[body.root_joint], force)
         into = plant.kinematics.rotation[body.root_joint].T
         for name, unit, value in (("force", "N", force), ("torque", "N m", torque)):
@@ -95,13 +95,13 @@ def on_bases(scene: Scene, plant: Plant, torque: ca.SX) -> Iterator[Wrench]:
         if not body.root_joint:
             continue
         first = int(plant.model.idx_vs[body.root_joint])
-        own = ca.sparsify(torque[first : first + int(plant.model.nvs[body.root_joint])])
-        if not own.nnz():
+        wrench = ca.sparsify(torque[first : first + int(plant.model.nvs[body.root_joint])])
+        if not wrench.nnz():
             continue
         rotation, none = plant.kinematics.rotation[body.root_joint], ca.SX(1, 1)
-        flat = own.size1() == 3
-        force = ca.vertcat(own[:2], none) if flat else own[:3]
-        couple = ca.vertcat(none, none, own[2]) if flat else own[3:]
+        flat = wrench.size1() == 3
+        force = ca.vertcat(wrench[:2], none) if flat else wrench[:3]
+        couple = ca.vertcat(none, none, wrench[2]) if flat else wrench[3:]
         yield Wrench(
             body.root_joint,
             ca.mtimes(rotation, force),
@@ -112,9 +112,9 @@ def on_bases(scene: Scene, plant: Plant, torque: ca.SX) -> Iterator[Wrench]:
 
 def unbooked(scene: Scene) -> tuple[str, ...]:
     """Why momentum is not conserved although the impulse from outside is booked, in words."""
-    found = []
+    causes = []
     if any(body.base.joint == "fixed" for body in scene.bodies):
-        found.append("a base is fixed")
+        causes.append("a base is fixed")
     if any(scene.scenario.gravity):
-        found.append("gravity acts")
-    return tuple(found)
+        causes.append("gravity acts")
+    return tuple(causes)

@@ -110,8 +110,8 @@ def solve_accelerations(plant: Plant, acting: Contribution) -> ForwardDynamicsRe
     for connection, reaction in zip(held, reactions, strict=True):
         driven = driven + ca.mtimes(connection.sense, reaction)
     acceleration = plant.articulated.motion(driven)
-    own = zip(acting.constraints, reactions[: len(acting.constraints)], strict=True)
-    on_targets = tuple(constraint.on_target(along) for constraint, along in own)
+    pairs = zip(acting.constraints, reactions[: len(acting.constraints)], strict=True)
+    on_targets = tuple(constraint.on_target(along) for constraint, along in pairs)
     laws = jointly(acting.sampled)
     sampled = tuple(_at_instant(plant, acting, law, commanded, (ideal, held)) for law in laws)
     answers = concatenate([early, answer])
@@ -132,8 +132,8 @@ def _at_instant(
     torque, answers = deliver(commanded - law.held, law.others(acting.drives))
     wrenches = [*acting.wrenches, *acting.outside, *answers.wrenches, *answers.outside]
     outputs, _ = _solve(plant, plant.reduced_moving(torque, wrenches), [*law.channels, *ideal], held)
-    found: ca.SX = law.of(ca.vertcat(*outputs[: len(law.channels)]))
-    return found
+    output: ca.SX = law.of(ca.vertcat(*outputs[: len(law.channels)]))
+    return output
 
 
 @dataclass(frozen=True)
@@ -157,11 +157,11 @@ class _Held:
 
 def known_locks(constraints: Iterable[AccelerationConstraint]) -> list[AccelerationConstraint]:
     """Constraints of joints that are held, active while controllers know of it."""
-    found = []
+    locks = []
     for one in constraints:
         if one.known is not None and one.active is not None:
-            found.append(replace(one, active=both(one.active, one.known)))
-    return found
+            locks.append(replace(one, active=both(one.active, one.known)))
+    return locks
 
 
 def _projected(plant: Plant, asked: CommandedTorque, acting: Contribution) -> ca.SX:
@@ -170,14 +170,14 @@ def _projected(plant: Plant, asked: CommandedTorque, acting: Contribution) -> ca
     Subtracted is ``J^T F`` with the tip force F that cancels the acceleration the tips' feedback would see,
     with joints held that are known to be.
     """
-    own = [channel for channel in acting.channels if channel.robot == asked.robot and channel.moves_tip]
-    if not asked.null_space or not own:
+    channels = [channel for channel in acting.channels if channel.robot == asked.robot and channel.moves_tip]
+    if not asked.null_space or not channels:
         return asked.value
     locks = [_Held.of(lock) for lock in known_locks(acting.constraints)]
     held = [plant.ties, *(lock.sense for lock in locks)]
-    sense = ca.horzcat(*(channel.sense for channel in own), *held)
-    actuation = ca.horzcat(*(channel.actuation for channel in own))
-    drive = ca.horzcat(*(channel.drive for channel in own), *held)
+    sense = ca.horzcat(*(channel.sense for channel in channels), *held)
+    actuation = ca.horzcat(*(channel.actuation for channel in channels))
+    drive = ca.horzcat(*(channel.drive for channel in channels), *held)
     mobility = plant.articulated.negated_mobility
     matrix = mobility(sense, drive)
     first = matrix.size1() - len(locks)
@@ -206,9 +206,9 @@ def _solve(
         rows.append(mobility(connection.sense, unknown))
         right.append(connection.drift - mobility(connection.sense, driven))
     matrix = ca.vertcat(*rows)
-    own = sum(channel.size for channel in ideal)
-    matrix[:own, :own] += ca.SX.eye(own)
-    matrix[own:, own:] -= ca.diag(ca.vertcat(ca.SX(0, 1), *(connection.idle for connection in held)))
+    size = sum(channel.size for channel in ideal)
+    matrix[:size, :size] += ca.SX.eye(size)
+    matrix[size:, size:] -= ca.diag(ca.vertcat(ca.SX(0, 1), *(connection.idle for connection in held)))
     solution = eliminate(matrix, ca.vertcat(*right))
     sizes = [channel.size for channel in ideal] + [connection.drift.size1() for connection in held]
     starts = [sum(sizes[:i]) for i in range(len(sizes) + 1)]

@@ -74,5 +74,5 @@ def idleness(constraint: AccelerationConstraint) -> ca.SX:
     active, its compliance.
     """
     active, size = constraint.active, constraint.size
-    found = ca.SX(size, 1) if active is None else ca.repmat(1 - active, size, 1)
-    return found if constraint.compliance is None else found + masked(constraint.compliance, active)
+    entries = ca.SX(size, 1) if active is None else ca.repmat(1 - active, size, 1)
+    return entries if constraint.compliance is None else entries + masked(constraint.compliance, active)

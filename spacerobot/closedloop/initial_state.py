@@ -38,16 +38,16 @@ def initial_state(scene: Scene, parameters: Parameters) -> InitialState:
     for closing in closings:
         if closing.aligns:
             vector = parameters.sparse_vector(f"{closing.body.path}.base.align_rotation_deg")
-            found = base_alignment.aligned(scene.model, closing, turned, _turn(vector * DEGREE))
-            turned[closing.body.root_joint] = _align(scene.model, closing, found, q, v)
+            orientation = base_alignment.aligned(scene.model, closing, turned, _turn(vector * DEGREE))
+            turned[closing.body.root_joint] = _align(scene.model, closing, orientation, q, v)
         # move a base, and set it in motion, so that its grasp begins closed
         root = closing.body.root_joint
         joint = scene.model.joints[root]
         kinematics = forward_kinematics(scene.model, q, v if closing.sets_velocity else None)
-        own, other = (
+        point, other = (
             frame_placement(scene.model, kinematics, frame)[1] for frame in (closing.own, closing.other)
         )
-        gap = other - own
+        gap = other - point
         for axis in range(closing.axes):
             q[joint.idx_q + axis] += gap[axis]
         if closing.sets_velocity:
@@ -56,7 +56,7 @@ def initial_state(scene: Scene, parameters: Parameters) -> InitialState:
             )
             linear, rotation = other_velocity[0] - own_velocity[0], kinematics.rotation[root]
             spin = other_velocity[1] - own_velocity[1] if closing.sets_spin else ca.SX(3, 1)
-            linear = ca.mtimes(rotation.T, linear - cross(spin, own - kinematics.origin[root]))
+            linear = ca.mtimes(rotation.T, linear - cross(spin, point - kinematics.origin[root]))
             angular = ca.mtimes(rotation.T, spin)
             twist = ca.vertcat(linear[:2], angular[2]) if joint.nv == 3 else ca.vertcat(linear, angular)
             v[joint.idx_v : joint.idx_v + joint.nv] += twist
@@ -64,13 +64,13 @@ def initial_state(scene: Scene, parameters: Parameters) -> InitialState:
 
 
 def _align(
-    model: Any, closing: ClosingBase, found: base_alignment.Quaternion, q: ca.SX, v: ca.SX
+    model: Any, closing: ClosingBase, orientation: base_alignment.Quaternion, q: ca.SX, v: ca.SX
 ) -> base_alignment.Quaternion:
     """Turn a base so that its grasp begins aligned, and its described velocity with its axes."""
     joint = model.joints[closing.body.root_joint]
     if joint.nv == 3:
-        found = base_alignment.upright(found, ca.sqrt(found[2] ** 2 + found[3] ** 2))
-    quaternion = ca.SX(ca.vertcat(*found))
+        orientation = base_alignment.upright(orientation, ca.sqrt(orientation[2] ** 2 + orientation[3] ** 2))
+    quaternion = ca.SX(ca.vertcat(*orientation))
     rotation = rotation_from_quaternion(quaternion)
     if joint.nv == 3:
         q[joint.idx_q + 2 : joint.idx_q + 4] = rotation[:2, 0]
@@ -79,7 +79,7 @@ def _align(
     size = 2 if joint.nv == 3 else 3
     for first in range(joint.idx_v, joint.idx_v + joint.nv - 1, 3):
         v[first : first + size] = ca.mtimes(rotation[:size, :size].T, v[first : first + size])
-    return found
+    return orientation
 
 
 def _set_base(

@@ -86,12 +86,12 @@ def core_outputs(builder: LoopBuilder, torque: ca.SX, stored: Sequence[StoredMom
 
 def added_up(outputs: Iterable[Output]) -> list[Output]:
     """Outputs, those of one name and label as one."""
-    found: dict[tuple[str, str], Output] = {}
+    sums: dict[tuple[str, str], Output] = {}
     for output in outputs:
         key = (output.name, output.label)
-        known = found.get(key)
-        found[key] = output if known is None else replace(known, value=known.value + output.value)
-    return list(found.values())
+        earlier = sums.get(key)
+        sums[key] = output if earlier is None else replace(earlier, value=earlier.value + output.value)
+    return list(sums.values())
 
 
 def combine(scene: Scene, outputs: Iterable[Output]) -> tuple[tuple[OutputVariable, ...], dict[str, ca.SX]]:
@@ -109,21 +109,21 @@ def combine(scene: Scene, outputs: Iterable[Output]) -> tuple[tuple[OutputVariab
     for output in outputs:
         named.setdefault(output.name, []).append(output)
         if output.dimension and output.dimension != "joint":
-            known = labels.setdefault(output.dimension, [])
-            known += [output.label] * (bool(output.label) and output.label not in known)
+            names = labels.setdefault(output.dimension, [])
+            names += [output.label] * (bool(output.label) and output.label not in names)
     variables, expressions = [], {}
     for name, parts in named.items():
         first = parts[0]
         size, axes = first.value.size1(), (first.dimension,) if first.dimension else ()
-        own = labels.get(first.dimension or "", [])
+        names = labels.get(first.dimension or "", [])
         if first.dimension in labels:
             by_label = {part.label: part.value for part in parts}
             missing = ca.SX.nan(size, 1)
-            stacked = [by_label.get(label, missing) for label in own]
+            stacked = [by_label.get(label, missing) for label in names]
             expressions[name] = ca.densify(ca.vertcat(*stacked)) if stacked else ca.SX(0, 1)
         else:
             expressions[name] = ca.densify(first.value)
         if first.dimension != "joint" and size == 3:
             axes = (*axes, "axis")
-        variables.append(OutputVariable(name, axes, first.unit, first.text, tuple(own)))
+        variables.append(OutputVariable(name, axes, first.unit, first.text, tuple(names)))
     return tuple(variables), expressions

@@ -131,16 +131,16 @@ class _Phases:
 
     def _limit(self, path: str, limit: Limit) -> ca.SX:
         """Above zero where an output has passed its limit (1x1), which a section at a path states."""
-        found = {(output.name, output.label): output.value for output in self.outputs}
+        values = {(output.name, output.label): output.value for output in self.outputs}
         key = (limit.output, limit.of or "")
-        if key not in found:
-            labels = [label for name, label in found if name == limit.output]
-            place, told = ("of", limit.of or "none") if labels else ("output", limit.output)
-            known = labels or sorted({name for name, _ in found})
-            message = f"found {told!r}; {near_names(told, [label or 'none' for label in known])}"
+        if key not in values:
+            labels = [label for name, label in values if name == limit.output]
+            place, unknown = ("of", limit.of or "none") if labels else ("output", limit.output)
+            allowed = labels or sorted({name for name, _ in values})
+            message = f"found {unknown!r}; {near_names(unknown, [label or 'none' for label in allowed])}"
             raise ScenarioError(message, source=self.builder.scene.source, where=f"{path}.{place}")
         side = "above" if limit.above is not None else "below"
-        sign, value = (1 if limit.above is not None else -1), found[key]
+        sign, value = (1 if limit.above is not None else -1), values[key]
         most = self.context.at(path).number(side)
         if value.numel() == 1:
             return sign * (value - most)
@@ -173,10 +173,10 @@ class _Phases:
         What a periodic controller holds, and its clock, go on.
         """
         states = (state for part in self.builder.controllers for state in part.states)
-        own = [state for state in states if not state.remembers]
+        controllers = [state for state in states if not state.remembers]
         leads = [state for lead in self.builder.leads.values() for state in lead.states]
         changed = [state for state in leads if state.name in updates]
-        old = ca.vertcat(*(state.symbol for state in (*own, *changed)))
-        zeros = [ca.SX.zeros(state.symbol.size1()) for state in own]
+        old = ca.vertcat(*(state.symbol for state in (*controllers, *changed)))
+        zeros = [ca.SX.zeros(state.symbol.size1()) for state in controllers]
         new = ca.vertcat(*zeros, *(updates[state.name] for state in changed))
-        return {state.name: ca.substitute(state.initial, old, new) for state in own}
+        return {state.name: ca.substitute(state.initial, old, new) for state in controllers}

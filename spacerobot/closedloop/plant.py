@@ -31,17 +31,17 @@ def build_plant(scene: Scene, parameters: Parameters, constants: Constants) -> P
             joint = int(frame.parentJoint)
             if joint == 0:
                 continue  # welded to the world
-            own = _link_moments(parameters, f"{body.path}.links.{name}", frame.placement)
-            mass[joint] += own[0]
-            moment[joint] += own[1]
-            rotational[joint] += own[2]
+            moments = _link_moments(parameters, f"{body.path}.links.{name}", frame.placement)
+            mass[joint] += moments[0]
+            moment[joint] += moments[1]
+            rotational[joint] += moments[2]
         for name, lender, rest in lent(scene.model, body):
             joint = int(lender.parentJoint)
             if joint:
-                own = _link_moments(parameters, f"{body.path}.links.{name}", lender.placement * rest)
-                mass[joint] -= own[0]
-                moment[joint] -= own[1]
-                rotational[joint] -= own[2]
+                moments = _link_moments(parameters, f"{body.path}.links.{name}", lender.placement * rest)
+                mass[joint] -= moments[0]
+                moment[joint] -= moments[1]
+                rotational[joint] -= moments[2]
     names = [str(name) for name in scene.model.names]
     inertias = Inertias(
         tuple(constants.hoist(f"{n}.mass", x) for n, x in zip(names, mass, strict=True)),

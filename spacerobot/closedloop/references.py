@@ -75,14 +75,14 @@ class TipGuidance:
     @functools.cached_property
     def motion(self) -> DesiredMotion:
         """Desired motion at the current time, by the active reference."""
-        found, *others = self.motions
+        desired, *others = self.motions
         for motion, since in zip(others, self.sinces[1:], strict=True):
             parts = {
-                part.name: ca.if_else(since.active, getattr(motion, part.name), getattr(found, part.name))
+                part.name: ca.if_else(since.active, getattr(motion, part.name), getattr(desired, part.name))
                 for part in fields(DesiredMotion)
             }
-            found = DesiredMotion(**parts)
-        return found
+            desired = DesiredMotion(**parts)
+        return desired
 
     @functools.cached_property
     def motions(self) -> tuple[DesiredMotion, ...]:
@@ -135,10 +135,10 @@ class TipGuidance:
             away = None
             if self.root is not None:
                 away = ca.norm_2(ca.densify(self.plant.placement(self.root)[1] - frame))
-            found = self.measure(signal, name, Observation(changing(shown), away))
-            if found is None:
+            measurement = self.measure(signal, name, Observation(changing(shown), away))
+            if measurement is None:
                 return shown
-            self.held[name] = found
+            self.held[name] = measurement
         return filled(shown, self.held[name].known)
 
     def _at_start(self, name: str, value: ca.SX) -> ca.SX:
@@ -159,9 +159,9 @@ class TipGuidance:
         """An expression of the state when the present reference began; what is constant of it stays so."""
         label = f"{self.tip.label}.begun.{path}.{name}"
         if label not in self.seen:
-            own = changing(value)
+            entries = changing(value)
             # the estimates of a filter, which are no memory, would count as zero where everything begins
-            self.seen[label] = memory(label, self._first_estimates(own)), own
+            self.seen[label] = memory(label, self._first_estimates(entries)), entries
         return filled(value, self.seen[label][0].symbol)
 
     def _first_twist(self) -> tuple[ca.SX, ca.SX]:
@@ -200,12 +200,12 @@ class TipGuidance:
 
     def _vector(self, key: str) -> ca.SX:
         """A vector that is remembered (3x1)."""
-        found, frame = ca.SX(3, 1), {"origin": self.tip.frame, "pivot": self.root}.get(key)
-        found[self._axes(key)] = self._symbol(key)
+        vector, frame = ca.SX(3, 1), {"origin": self.tip.frame, "pivot": self.root}.get(key)
+        vector[self._axes(key)] = self._symbol(key)
         if self.plant.planar and frame is not None:
             height = self.start.placement(frame)[1][2]
-            found[2] = self.context.at(self.tip.path).once(f"height.{key}", height)
-        return found
+            vector[2] = self.context.at(self.tip.path).once(f"height.{key}", height)
+        return vector
 
     def _axes(self, key: str) -> list[int]:
         """Components that are remembered."""

@@ -59,10 +59,10 @@ def rotate_symmetric(rotation: ca.SX, matrix: ca.SX) -> ca.SX:
 
 @recorded((3, 3), (3, 3))
 def _rotate_symmetric(rotation: ca.SX, matrix: ca.SX) -> ca.SX:
-    kept = matrix[2, 2] * IDENTITY3
-    rest = matrix - kept
+    isotropic = matrix[2, 2] * IDENTITY3
+    rest = matrix - isotropic
     rest = ca.vertcat(rest[:2, :], ca.horzcat(rest[2, :2], ca.SX(1, 1)))
-    return mirror(ca.mtimes(rotation, ca.mtimes(rest, rotation.T)) + kept)
+    return mirror(ca.mtimes(rotation, ca.mtimes(rest, rotation.T)) + isotropic)
 
 
 def rotate_square(rotation: ca.SX, matrix: ca.SX) -> ca.SX:

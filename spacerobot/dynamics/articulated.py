@@ -200,14 +200,14 @@ class ArticulatedBody:
             # spatial acceleration behind the joint, 6x1, and the joint's own along A, kx1
             factors = elimination.factors
             driven = factors.restored(ca.mtimes(ca.diag(factors.negated_pivots), joint.rates(reduced)))
-            own = ca.mtimes(elimination.gain.T, carried) - driven
+            relative = ca.mtimes(elimination.gain.T, carried) - driven
             if elimination.rows is None:
-                accelerations[joint.index], rate = carried + ca.mtimes(elimination.axes, own), own
+                accelerations[joint.index], rate = carried + ca.mtimes(elimination.axes, relative), relative
             else:
                 rows = list(elimination.rows)
                 moved = ca.SX(carried)
-                moved[rows] = own
-                accelerations[joint.index], rate = moved, own - carried[rows]
+                moved[rows] = relative
+                accelerations[joint.index], rate = moved, relative - carried[rows]
             result.append(ca.mtimes(elimination.turn.T, rate))
         return ca.vertcat(*result)
 
@@ -227,11 +227,11 @@ class ArticulatedBody:
             linear, angular = carried[joint.parent][:3], carried[joint.parent][3:]
             linear = motion.inward(linear + cross(angular, motion.arm))
             passed = ca.vertcat(linear, motion.inward(angular))
-            own = ca.mtimes(elimination.turn, joint.rates(acceleration))
-            carried[joint.index] = passed + ca.mtimes(elimination.axes, own)
+            relative = ca.mtimes(elimination.turn, joint.rates(acceleration))
+            carried[joint.index] = passed + ca.mtimes(elimination.axes, relative)
             if elimination.rows is not None:
-                own = own + passed[list(elimination.rows)]
-            driven = own - ca.mtimes(elimination.gain.T, passed)
+                relative = relative + passed[list(elimination.rows)]
+            driven = relative - ca.mtimes(elimination.gain.T, passed)
             result.append(elimination.factors.unreduced(driven))
         return ca.vertcat(*result)
 
@@ -293,8 +293,8 @@ class ArticulatedBody:
 
 def load_cases(tau: ca.SX | None, wrenches: Iterable[Wrench]) -> int:
     """Number n of load cases that a generalised force and wrenches are given for."""
-    given = [wrench.force for wrench in wrenches] if tau is None else [tau]
-    return given[0].size2() if given else 1
+    loads = [wrench.force for wrench in wrenches] if tau is None else [tau]
+    return loads[0].size2() if loads else 1
 
 
 def applied_loads(

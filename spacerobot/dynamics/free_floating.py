@@ -276,10 +276,10 @@ def _base(model: pinocchio.Model, kinematics: Kinematics, root: int) -> JointMod
         joint = kinematics.joints[root - 1]
         if joint.kind in (JointKind.PLANAR, JointKind.FREE_FLYER) and joint.parent == 0:
             return joint
-        found = f"a {joint.kind.value} joint on {model.names[joint.parent]!r}"
+        description = f"a {joint.kind.value} joint on {model.names[joint.parent]!r}"
     else:
-        found = "a frame fixed to the universe"
+        description = "a frame fixed to the universe"
     raise DescriptionError(
-        f"a free-floating robot needs a planar or free-flyer joint to the universe; found {found}",
+        f"a free-floating robot needs a planar or free-flyer joint to the universe; found {description}",
         where=f"joint {model.names[root]!r}",
     )

@@ -26,10 +26,10 @@ _NAMED = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 def _matrix(entries: ca.SX, places: tuple[tuple[int, int], ...]) -> ca.SX:
-    found = ca.SX(3, 3)
+    matrix = ca.SX(3, 3)
     for (i, j), entry in zip(places, ca.vertsplit(entries), strict=True):
-        found[i, j] = found[j, i] = entry
-    return found
+        matrix[i, j] = matrix[j, i] = entry
+    return matrix
 
 
 def _entries(matrix: ca.SX, places: tuple[tuple[int, int], ...]) -> ca.SX:

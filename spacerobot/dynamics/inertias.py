@@ -60,7 +60,7 @@ class Inertias:
         mass, moment, (xx, xy, yy, xz, yz, zz) = parameters[0], parameters[1:4], ca.vertsplit(parameters[4:])
         about = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
         parts = zip((self.mass, self.moment, self.rotational), (mass, moment, about), strict=True)
-        return Inertias(*((*known[:joint], new, *known[joint + 1 :]) for known, new in parts))
+        return Inertias(*((*values[:joint], new, *values[joint + 1 :]) for values, new in parts))
 
     def in_world(self, kinematics: Kinematics, joint_id: int) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Mass properties of a joint's body about the joint origin, world axes.

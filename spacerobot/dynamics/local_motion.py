@@ -105,9 +105,9 @@ def local_motions(joints: tuple[JointModel, ...], q: ca.SX, v: ca.SX) -> tuple[L
         ):
             chosen.add(joint.index)
         elif joint.kind in _TURNING:
-            own = joint.angular[:, -1].sparsity()
+            direction = joint.angular[:, -1].sparsity()
             axes = _axes_beyond(joint.index, IDENTITY3, children)
-            if any(axis.nnz() == 1 and axis.sparsity() != own for axis in axes):
+            if any(axis.nnz() == 1 and axis.sparsity() != direction for axis in axes):
                 chosen.add(joint.index)
     bends = frozenset(chosen)
     motions = [UNIVERSE]
@@ -165,13 +165,13 @@ def _motion(to_parent: ca.SX, *given: ca.SX, carried: bool) -> tuple[ca.SX, ...]
     velocity, spin, velocity_bias, spin_bias, gradient, arm, sliding, turning = given
     inward = to_parent.T
     carrier = ca.mtimes(inward, spin)
-    own = carrier + turning
+    total_spin = carrier + turning
     bias = ca.mtimes(inward, spin_bias) + cross(carrier, turning)
-    products = mirror(ca.mtimes(own, own.T))
-    swing = carrier + (own if carried else carrier)  # Coriolis
+    products = mirror(ca.mtimes(total_spin, total_spin.T))
+    swing = carrier + (total_spin if carried else carrier)  # Coriolis
     return (
         ca.mtimes(inward, velocity + cross(spin, arm)) + sliding,
-        own,
+        total_spin,
         ca.mtimes(inward, velocity_bias + ca.mtimes(gradient, arm)) + cross(swing, sliding),
         bias,
         products,

@@ -33,14 +33,14 @@ def recorded(*shapes: tuple[int, int]) -> Callable[[Callable[..., Result]], Call
         @functools.cache
         def record(**fixed: object) -> ca.Function:
             symbols = [ca.SX.sym("x", *shape) for shape in shapes]
-            found = function(*symbols, **fixed)
-            return ca.Function("recording", symbols, found if isinstance(found, tuple) else (found,))
+            outputs = function(*symbols, **fixed)
+            return ca.Function("recording", symbols, outputs if isinstance(outputs, tuple) else (outputs,))
 
         @functools.wraps(function)
         def replay(*arguments: ca.SX, **fixed: object) -> Result:
-            found = record(**fixed)(*arguments)
-            several = isinstance(found, tuple)
-            return cast(Result, tuple(map(ca.sparsify, found)) if several else ca.sparsify(found))
+            outputs = record(**fixed)(*arguments)
+            several = isinstance(outputs, tuple)
+            return cast(Result, tuple(map(ca.sparsify, outputs)) if several else ca.sparsify(outputs))
 
         return replay
 

@@ -42,9 +42,9 @@ def inverse_dynamics(
     for joint in kinematics.joints:
         motion = kinematics.local[joint.index]
         linear, angular = carried[joint.parent][:3], carried[joint.parent][3:]
-        own = ca.mtimes(ca.vertcat(motion.linear, motion.angular), joint.rates(acceleration))
+        relative = ca.mtimes(ca.vertcat(motion.linear, motion.angular), joint.rates(acceleration))
         passed = ca.vertcat(motion.inward(linear + cross(angular, motion.arm)), motion.inward(angular))
-        carried[joint.index] = passed + own
+        carried[joint.index] = passed + relative
         linear, angular = carried[joint.index][:3], carried[joint.index][3:]
         mass, moment, rotational = inertias.rotated(motion.body, joint.index)
         force = mass * linear + cross(angular, moment)

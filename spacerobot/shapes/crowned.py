@@ -53,9 +53,9 @@ def to_shape(one: Shape, other: Shape, crown: ca.SX) -> tuple[Nearest, ca.SX | N
     turn, centre = ca.mtimes(one.rotation.T, other.rotation), one.inside(other.position)
     near = _nearest(*_pair(one, other))
     gap, normal, nearest, lead = near(turn, centre, one.measures, other.measures, crown)
-    found = gap, -one.outside(normal), one.position + one.outside(nearest)
+    nearest_points = gap, -one.outside(normal), one.position + one.outside(nearest)
     curved = any(term.is_curved for shape in (one, other) for term in shape.support.terms)
-    return found, lead if curved else None
+    return nearest_points, lead if curved else None
 
 
 def gap_along(one: Shape, other: Shape, crown: ca.SX) -> tuple[ca.SX, ca.SX, ca.Function, ca.SX]:
@@ -78,12 +78,12 @@ def gap_along(one: Shape, other: Shape, crown: ca.SX) -> tuple[ca.SX, ca.SX, ca.
     kinds, sizes = _pair(one, other)
     symbol = ca.SX.sym("normal", 6)
     turn, centre = ca.mtimes(one.rotation.T, other.rotation), one.inside(other.position)
-    given = [turn, centre, one.measures, other.measures, crown]
-    value, slope, step = _reach_between(kinds, given)[0].about(symbol[:3])
+    inputs = [turn, centre, one.measures, other.measures, crown]
+    value, slope, step = _reach_between(kinds, inputs)[0].about(symbol[:3])
     a, b, c = (symbol[k] for k in (3, 4, 5))
     pull = ca.substitute(slope, step, ca.SX.zeros(2))
     newton = ca.vertcat(a * pull[0] + b * pull[1], b * pull[0] + c * pull[1])
-    flat = ca.vertcat(*(ca.densify(ca.vec(one)) for one in given))
+    flat = ca.vertcat(*(ca.densify(ca.vec(one)) for one in inputs))
     return ca.substitute(value, step, newton), symbol, _maximum(kinds, sizes), flat
 
 
@@ -102,35 +102,35 @@ def _nearest(kinds: _Kinds, sizes: _Sizes) -> ca.Function:
 
     And the lead of one way out over another.
     """
-    given = _symbols(sizes)
-    _, centre, *_, crown = given
-    reach, own, others = _reach_between(kinds, given)
-    normal, lead = reach.best(_directions(centre, own.terms, others.terms))
+    inputs = _symbols(sizes)
+    _, centre, *_, crown = inputs
+    reach, first, others = _reach_between(kinds, inputs)
+    normal, lead = reach.best(_directions(centre, first.terms, others.terms))
     nearest = centre - _Reach.of(centre, crown, others).farthest(normal)
-    return ca.Function("near", given, ca.cse([reach.value(normal), normal, nearest, lead]))
+    return ca.Function("near", inputs, ca.cse([reach.value(normal), normal, nearest, lead]))
 
 
 @functools.cache
 def _maximum(kinds: _Kinds, sizes: _Sizes) -> ca.Function:
     """Normal in the first's axes, and the inverse of minus the value's second derivative there (6x1)."""
-    given = _symbols(sizes)
+    inputs = _symbols(sizes)
     normal = ca.SX.sym("normal", 3)
-    reach, own, others = _reach_between(kinds, given)
+    reach, first, others = _reach_between(kinds, inputs)
     value, slope, step = reach.about(normal)
     bent = -ca.jacobian(slope, step)
     gap, bend = ca.substitute([value, ca.densify(bent)], [step], [ca.SX.zeros(2)])
-    inverse = ca.Function("inverse", [*given, normal], [_inverse((bend[0, 0], bend[0, 1], bend[1, 1]), gap)])
-    flat = ca.SX.sym("given", sum(one.numel() for one in given))
-    ends = np.cumsum([0, *(one.numel() for one in given)])
+    inverse = ca.Function("inverse", [*inputs, normal], [_inverse((bend[0, 0], bend[0, 1], bend[1, 1]), gap)])
+    flat = ca.SX.sym("given", sum(one.numel() for one in inputs))
+    ends = np.cumsum([0, *(one.numel() for one in inputs)])
     parts = [
         ca.reshape(flat[int(a) : int(b)], one.shape)
-        for a, b, one in zip(ends[:-1], ends[1:], given, strict=True)
+        for a, b, one in zip(ends[:-1], ends[1:], inputs, strict=True)
     ]
     # without common parts taken out, which takes longer than it saves where nothing is compiled
-    best = ca.Function("best", given, [reach.best(_directions(given[1], own.terms, others.terms))[0]])
-    found = best(*parts)
+    best = ca.Function("best", inputs, [reach.best(_directions(inputs[1], first.terms, others.terms))[0]])
+    summit = best(*parts)
     name = "_".join(["maximum", *(kind.__name__.lower() for kind in kinds)])
-    return ca.Function(name, [flat], [ca.vertcat(found, inverse(*parts, found))], ["given"], ["found"])
+    return ca.Function(name, [flat], [ca.vertcat(summit, inverse(*parts, summit))], ["given"], ["found"])
 
 
 def _symbols(sizes: _Sizes) -> list[ca.SX]:
@@ -142,8 +142,8 @@ def _symbols(sizes: _Sizes) -> list[ca.SX]:
 def _reach_between(kinds: _Kinds, given: Sequence[ca.SX]) -> tuple[_Reach, Support, Support]:
     """Sum of two shapes in the axes of the first, and the support functions of each."""
     turn, centre, *measures, crown = given
-    own, others = kinds[0].support(ca.SX.eye(3), measures[0]), kinds[1].support(turn, measures[1])
-    return _Reach.of(centre, crown, own, others), own, others
+    first, others = kinds[0].support(ca.SX.eye(3), measures[0]), kinds[1].support(turn, measures[1])
+    return _Reach.of(centre, crown, first, others), first, others
 
 
 def _directions(centre: ca.SX, own: Sequence[Term], others: Sequence[Term]) -> Iterator[ca.SX]:
@@ -197,15 +197,15 @@ class _Reach:
             second = ca.if_else(better, first, ca.if_else(good, n, second))
             next_value = ca.fmax(ca.fmin(value, other), next_value)
             first, value = ca.if_else(better, n, first), ca.fmax(value, other)
-        found, lead = self.climb(first), ca.SX(0)
+        normal, lead = self.climb(first), ca.SX(0)
         if self.is_curved:
             other = self.climb(second)
-            value, next_value = self.value(found), self.value(other)
-            apart = found - other
+            value, next_value = self.value(normal), self.value(other)
+            apart = normal - other
             side = ca.if_else(ca.dot(_ASIDE, apart) < 0, -1, 1)
             lead = ca.if_else(ca.dot(apart, apart) > _APART**2, side * (value - next_value), 0)
-            found = ca.if_else(next_value > value, other, found)
-        return found, lead
+            normal = ca.if_else(next_value > value, other, normal)
+        return normal, lead
 
     def climb(self, n: ca.SX) -> ca.SX:
         """Unit vector (3x1) after steps towards a greater value."""
@@ -238,15 +238,15 @@ class _Reach:
         for term, old in zip(self.terms, memory, strict=True):
             slope, entries = term.bend(n, self.crown, tangents, old)
             pull = pull - slope
-            bend = [whole + own for whole, own in zip(bend, entries, strict=True)]
+            bend = [full + entry for full, entry in zip(bend, entries, strict=True)]
         step = ca.mtimes(tangents.T, _solved(bend, self.value(n), pull))
-        kept = zip(self.terms, memory, strict=True)
-        ahead = [term.next_memory(n, self.crown, step, old) for term, old in kept]
-        whole = _scaled(n + step)
+        states = zip(self.terms, memory, strict=True)
+        ahead = [term.next_memory(n, self.crown, step, old) for term, old in states]
+        full = _scaled(n + step)
         if self.is_curved:  # else all of it never does harm
-            worse = self.value(whole) < self.value(n) - _WORSE
-            whole = ca.if_else(worse, _scaled(n + _SHORTER * step), whole)
-        return ca.Function("step", [n, *memory, *self._free], [whole, *ahead])
+            worse = self.value(full) < self.value(n) - _WORSE
+            full = ca.if_else(worse, _scaled(n + _SHORTER * step), full)
+        return ca.Function("step", [n, *memory, *self._free], [full, *ahead])
 
 
 def _solved(bend: Sequence[ca.SX], value: ca.SX, pull: ca.SX) -> ca.SX:

@@ -66,8 +66,8 @@ def proximity(one: Shape, other: Shape, crown: ca.SX | float = CROWN) -> Proximi
     if not have_distance(one.kind, other.kind):
         raise ValueError("half-spaces have no distance from each other")
     if one.kind.is_halfspace or (other.is_ball and not one.is_ball):
-        found = proximity(other, one, crown)
-        return Proximity(found.gap, -found.normal, found.point, found.lead)
+        swapped = proximity(other, one, crown)
+        return Proximity(swapped.gap, -swapped.normal, swapped.point, swapped.lead)
     exact = other.kind.nearest(one.position, other) if one.is_ball else None
     if exact is not None:
         distance, away, nearest = exact
@@ -189,8 +189,8 @@ def held_gap(one: Shape, other: Shape, crown: ca.SX | float = CROWN) -> tuple[ca
     """
     if is_exact(one, other) or one.kind.is_halfspace or other.kind.is_halfspace:
         return proximity(one, other, crown).gap, Implicit(ca.SX(0, 1), None, ca.SX(0, 1))
-    gap, symbol, function, given = crowned.gap_along(one, other, ca.SX(crown))
-    return gap, Implicit(symbol, function, given)
+    gap, symbol, function, arguments = crowned.gap_along(one, other, ca.SX(crown))
+    return gap, Implicit(symbol, function, arguments)
 
 
 def is_exact(one: Shape, other: Shape) -> bool:

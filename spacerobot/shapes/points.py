@@ -33,8 +33,8 @@ def to_plane(point: ca.SX, plane: Shape) -> Nearest:
 
 def to_box(point: ca.SX, box: Shape, half: ca.SX) -> Nearest:
     """From a point (3x1) to a box of half edges ``half`` (3x1) [m]."""
-    own = box.inside(point)
-    distance, direction, nearest = _to_block(own, half)
+    local = box.inside(point)
+    distance, direction, nearest = _to_block(local, half)
     return distance, box.outside(direction), box.position + box.outside(nearest)
 
 
@@ -43,13 +43,13 @@ def to_cylinder(point: ca.SX, cylinder: Shape, radius: ca.SX, half: ca.SX) -> Ne
 
     It is a rectangle in the plane of the point and the axis.
     """
-    own = cylinder.inside(point)
-    out = ca.sqrt(own[0] ** 2 + own[1] ** 2 + TINY)
+    local = cylinder.inside(point)
+    out = ca.sqrt(local[0] ** 2 + local[1] ** 2 + TINY)
     size = ca.vertcat(radius, half)
-    distance, direction, nearest = _to_block(ca.vertcat(out, own[2]), size)
+    distance, direction, nearest = _to_block(ca.vertcat(out, local[2]), size)
 
     def lifted(flat: ca.SX) -> ca.SX:
-        return cylinder.outside(ca.vertcat(own[:2] / out * flat[0], flat[1]))
+        return cylinder.outside(ca.vertcat(local[:2] / out * flat[0], flat[1]))
 
     return distance, lifted(direction), cylinder.position + lifted(nearest)
 
@@ -62,11 +62,11 @@ def _to_block(point: ca.SX, half: ca.SX) -> Nearest:
     over = ca.fabs(point) - half
     deepest = ca.mmax(over)
     is_out = deepest > 0
-    face, found = [], ca.SX(0)
+    face, chosen = [], ca.SX(0)
     for i in range(point.size1()):  # of faces equally near, the first
-        here = ca.logic_and(over[i] >= deepest, found < 0.5)
+        here = ca.logic_and(over[i] >= deepest, chosen < 0.5)
         face.append(ca.if_else(here, ca.if_else(point[i] < 0, -1, 1), 0))
-        found = found + here
+        chosen = chosen + here
     direction = ca.if_else(is_out, gap / away, ca.vertcat(*face))
     distance = ca.if_else(is_out, away, deepest)
     return distance, direction, point - distance * direction

@@ -114,9 +114,9 @@ class CrownedTerm:
         crown
             Crown of flat faces and straight edges (1x1).
         """
-        seen = self.seen(n)
-        length = ca.sqrt(ca.dot(seen, seen) + crown**2)
-        return self.size * (seen + crown**2 * n) / length
+        scaled = self.seen(n)
+        length = ca.sqrt(ca.dot(scaled, scaled) + crown**2)
+        return self.size * (scaled + crown**2 * n) / length
 
     def bend(self, n: ca.SX, crown: ca.SX, tangents: ca.SX, memory: ca.SX) -> tuple[ca.SX, tuple[ca.SX, ...]]:
         """Gradient and Hessian along two tangents, one of the factors u/|u| being that of the memory.

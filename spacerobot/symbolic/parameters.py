@@ -69,8 +69,8 @@ class Parameters:
 
     def nominal(self, expression: ca.SX) -> Array:
         """Nominal value of an expression of the numbers, of its shape."""
-        found: Array = ca.evalf(ca.substitute(expression, self.symbols, self.values)).full()
-        return found
+        value: Array = ca.evalf(ca.substitute(expression, self.symbols, self.values)).full()
+        return value
 
     @property
     def paths(self) -> tuple[str, ...]:

@@ -98,11 +98,11 @@ class Plant:
     @property
     def deflection(self) -> ca.SX:
         """Positions of the joints with springs, at the places of their velocities (nv x 1)."""
-        found = ca.SX(self.v.size1(), 1)
+        positions = ca.SX(self.v.size1(), 1)
         for joint in self.model.joints[1:] if self.stiffness.nnz() else ():
             if self.stiffness[joint.idx_v].nnz():
-                found[joint.idx_v] = self.q[joint.idx_q]
-        return found
+                positions[joint.idx_v] = self.q[joint.idx_q]
+        return positions
 
     @property
     def passive_forces(self) -> ca.SX:
@@ -140,8 +140,8 @@ class Plant:
 
     def at_start(self, expression: ca.SX, start: InitialState, constants: Constants) -> ca.SX:
         """An expression of (q, v, c) where everything begins, as one of the parameters."""
-        found = ca.Function("first", [self.q, self.v, constants.symbols], [expression])
-        return found(start.q, start.v, constants.expressions)
+        function = ca.Function("first", [self.q, self.v, constants.symbols], [expression])
+        return function(start.q, start.v, constants.expressions)
 
     def gathered(self, effort: ca.SX) -> ca.SX:
         """Generalized forces (nv x n), those on joints that mimic moved to the joints that they follow."""
