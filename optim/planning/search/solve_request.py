@@ -29,6 +29,8 @@ from optim.planning.verification.verify import VerificationResult, course_collis
 
 BARRIER = 1e-4
 """Barrier parameter, in units of the cost's size, to begin with from another problem's solution."""
+NEAR_BARRIER = 1e-5
+"""The same where a motion is solved in segments, without multipliers to begin with."""
 
 Meshes = tuple[Mesh, ...]
 """One for each phase."""
@@ -222,7 +224,7 @@ class _SolverRuns:
                 continue
             if jumps and len(meshes) < MOST_SEGMENTS:
                 pieces = split_at_jumps(phased_motion, self.problem)
-                jumps = pieces is not None and self._solve(pieces, tuple(m.mesh for m in pieces.motions))
+                jumps = pieces is not None and self._segmented(pieces)
                 if jumps:
                     continue
                 self.cause = ""
@@ -291,7 +293,22 @@ class _SolverRuns:
             self.request, SolveResult((), solution, meshes, self.cost, None, "")
         )
         finer = phased_motion.on(solver.lobatto, wanted)
+        if len(wanted) > len(solver.phases):
+            return self._segmented(finer)
         return self._solve(finer, wanted, transfer(solution, coarse, fine))
+
+    def _segmented(self, pieces: PhasedMotion) -> bool:
+        """Solve in segments, near the kept motion.
+
+        Its multipliers do not fit new segments or new linear drives. With a large barrier parameter the search
+        leaves the neighbourhood, and often ends at a worse optimum after many more iterations.
+        """
+        assert self.kept is not None
+        none = np.empty(0)
+        near = dataclasses.replace(
+            self.kept[0], multipliers=none, bound_multipliers=none, barrier=NEAR_BARRIER
+        )
+        return self._solve(pieces, pieces.meshes, near)
 
     def _solve(
         self,

@@ -135,7 +135,9 @@ def split_at_jumps(phased_motion: PhasedMotion, problem: PlanningProblem) -> Pha
                 if end - least <= jump.share <= end + least:
                     drives[share > jump.share - near / 2, jump.drive] = jump.before
             piece = Motion(problem, motion.lobatto, mesh, (end - begin) * motion.duration_s, z)
-            found.append(piece.split_forces())
+            # Accelerations jump with the drives: without that the search begins far from the equations of
+            # motion and may end at another, worse optimum.
+            found.append((piece.balanced() if len(ends) > 1 else piece).split_forces())
     if len(found) == len(phased_motion.motions):
         return None
     problems = segment_problems(problem, len(found))

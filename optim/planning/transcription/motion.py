@@ -124,6 +124,26 @@ class Motion:
         own = self.z[:, : self.z.shape[1] - stage.s.numel()]
         return dataclasses.replace(self, z=np.hstack([own, np.array(found).T]))
 
+    def balanced(self) -> Motion:
+        """The same motion with the accelerations and grasp wrenches that its drives cause.
+
+        The equations of motion and the acceleration constraints of rigid grasps are linear in both; of all
+        solutions it has the one nearest to its own accelerations and wrenches.
+        """
+        stage = self.problem.stage
+        unknown, rows = ca.vertcat(stage.a, stage.w), ca.vertcat(stage.balance, stage.parting)
+        instant = ca.vertcat(stage.z, stage.inertia)
+        linear = ca.Function("linear", [instant], [ca.densify(ca.jacobian(rows, unknown)), ca.densify(rows)])
+        z = self.z.copy()
+        _, _, accelerations, _, wrenches = self.parts(z)  # views
+        arguments = self.problem.arguments(self.z).T
+        for values, acceleration, wrench in zip(arguments, accelerations, wrenches, strict=True):
+            matrix, residual = (np.array(each.full()) for each in linear(values))
+            step = np.linalg.lstsq(matrix, -residual.ravel(), rcond=None)[0]
+            acceleration += step[: stage.a.numel()]
+            wrench += step[stage.a.numel() :]
+        return dataclasses.replace(self, z=z)
+
     def on(self, lobatto: Lobatto, mesh: int | Mesh) -> Motion:
         """The same motion on another mesh."""
         mesh = Mesh.of(mesh)
