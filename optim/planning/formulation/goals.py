@@ -9,16 +9,22 @@ the torques end near zero.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Iterator, Mapping
 
 import casadi as ca
-from scipy.linalg import qr
+import numpy as np
+from scipy.linalg import orth, qr
 
+from optim.planning.formulation.grasps import tip_slip
 from optim.planning.formulation.instant_view import InstantView
 from optim.planning.formulation.stage import Stage
 from spacerobot.dynamics.algebra import SymmetricFactors
 from spacerobot.elements.goals.goal import Goal
 from spacerobot.elements.goals.plan_instant import BoundedRow, zero
+
+DEPENDENT = 1e-6
+"""Part of a velocity outside the span of those that rest below which it rests with them."""
 
 
 def goal_rows(stage: Stage, goals: Mapping[str, Goal]) -> Iterator[BoundedRow]:
@@ -33,12 +39,9 @@ def goal_rows(stage: Stage, goals: Mapping[str, Goal]) -> Iterator[BoundedRow]:
     twists = dict[str, list[ca.SX]]()
     for name, goal in goals.items():
         view = InstantView(stage, f"plan.goals.{name}")
-        for row in goal.rows(view):
-            yield dataclasses.replace(row, name=f"{name}: {row.name}")
-        most = goal.rate_within
-        for j in bodies[goal.body].driven_joints if goal.rests else ():
-            rate = f"{name}: rate of {model.names[j]}"
-            yield BoundedRow(rate, "rad/s or m/s", stage.v[model.idx_vs[j]], -most, most)
+        yield from (
+            dataclasses.replace(row, name=f"{name}: {row.name}") for row in _own_rows(stage, view, goal)
+        )
         twist = goal.settling(view)
         if twist is not None:
             twists.setdefault(goal.body, []).append(twist)
@@ -58,3 +61,51 @@ def goal_rows(stage: Stage, goals: Mapping[str, Goal]) -> Iterator[BoundedRow]:
         first = ca.Function("slopes", [stage.q], [slopes])(stage.scene.q).full()
         for k in sorted(qr(first, pivoting=True, mode="r")[1][taken:].tolist()):
             yield zero(f"settled: spare rate of {names[k]}", "rad/s or m/s", rates[k] - least[k])
+
+
+def _own_rows(stage: Stage, view: InstantView, goal: Goal) -> Iterator[BoundedRow]:
+    """Rows of a goal, of the joints that it requires to rest, and of the bodies joined with its own.
+
+    Rigid grasps keep A(q) v = 0, so that equations on the velocity may follow from others: a base is at rest
+    where its joints and the object that it holds by a weld are, and so is an object where the joints of a
+    robot on a fixed base are. Those are left out, by their slopes at the configuration of the scene.
+    """
+    model, most = stage.scene.model, goal.rate_within
+    bodies = {body.name: body for body in stage.scene.bodies}
+    resting = {one.body: one for one in goal.resting(view)}
+    joints = [joint for body in resting for joint in bodies[body].driven_joints]
+    rates = [
+        BoundedRow(f"rate of {model.names[j]}", "rad/s or m/s", stage.v[model.idx_vs[j]], -most, most)
+        for j in joints
+    ]
+    if len(resting) < 2:
+        yield from (*goal.rows(view), *rates)
+        return
+    held = ca.densify(ca.jacobian(tip_slip(stage.scene, stage.kinematics, stage.grips), stage.v))
+    basis = orth(ca.Function("held", [stage.q], [held])(stage.scene.q).full().T)
+
+    def is_independent(column: int) -> bool:
+        """Whether a velocity is free where grasps hold and others rest; from then on it rests too."""
+        nonlocal basis
+        rest = np.eye(model.nv)[column] - basis @ basis[column]
+        size = float(np.linalg.norm(rest))
+        if size > DEPENDENT:
+            basis = np.column_stack([basis, rest / size])
+        return size > DEPENDENT
+
+    free = [is_independent(int(model.idx_vs[joint])) for joint in joints]
+    rates = [row for row, is_free in zip(rates, free, strict=True) if is_free or most]
+    roots = list[list[BoundedRow]]()  # of each body, the goal's own first
+    for body, one in resting.items():
+        root = bodies[body].root_joint
+        first, size = (int(model.idx_vs[root]), int(model.nvs[root])) if root else (0, 0)
+        free = [is_independent(first + k) for k in range(size)]
+        rows = [*one.rows(view)] if root else []
+        exact = len(rows) == len(free) and all(row.lower == row.upper for row in rows)
+        if exact and not most:  # one row for each velocity
+            rows = [row for row, is_free in zip(rows, free, strict=True) if is_free]
+        elif body != goal.body and not any(free):  # with a tolerance rows of other bodies follow roughly
+            rows = []
+        of = "" if body == goal.body else f" of {body}"
+        roots.append([dataclasses.replace(row, name=row.name + of) for row in rows])
+    yield from itertools.chain(roots[0], rates, *roots[1:])

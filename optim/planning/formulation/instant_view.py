@@ -98,6 +98,14 @@ class InstantView:
         middle = first + size - (3 if size == 6 else 1)
         return self.stage.v[first:middle], self.stage.v[middle : first + size]
 
+    def joined(self, body: str, key: str) -> Sequence[str]:
+        """The body, and those that closed grasps join it with."""
+        scene = self.stage.scene
+        self._named({one.name: one for one in scene.bodies}, f"body {body!r}", body, key)
+        holding = [grasp.tip.body.name for grasp in (*self.stage.grips, *self.stage.springs)]
+        group = [scene.target.name, *holding] if scene.target is not None and holding else []
+        return [*dict.fromkeys((body, *group))] if body in group else [body]
+
     def base(self, robot: str, key: str) -> MovingFrame:
         """The floating root link of a robot."""
         body = find_robot(self.stage.scene, robot, f"{self.where}.{key}")

@@ -300,8 +300,8 @@ class _SolverRuns:
     def _segmented(self, pieces: PhasedMotion) -> bool:
         """Solve in segments, near the kept motion.
 
-        Its multipliers do not fit new segments or new linear drives. With a large barrier parameter the search
-        leaves the neighbourhood, and often ends at a worse optimum after many more iterations.
+        Its multipliers do not fit new segments or new linear drives. With a large barrier parameter the
+        search leaves the neighbourhood, and often ends at a worse optimum after many more iterations.
         """
         assert self.kept is not None
         none = np.empty(0)

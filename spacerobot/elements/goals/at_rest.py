@@ -17,12 +17,15 @@ from spacerobot.section import Name, quantity
 
 @register
 class Still(Goal):
-    """A robot or the target comes to rest."""
+    """A robot or the target comes to rest, with all that grasps join it with."""
 
     told_by: ClassVar[str | None] = "still"
 
     kind: Literal["still"] = "still"
-    still: Name = Field(description="robot, or target, whose root link is at rest at the end")
+    still: Name = Field(
+        description="robot, or target, whose root link is at rest at the end, and, without `rest: false`, "
+        "the bases and joints of all robots that hold the same object, and that object"
+    )
 
     speed_within: float | None = quantity(
         "m/s", "maximum speed of the root link at the end; none if not given", default=None, gt=0
@@ -41,6 +44,11 @@ class Still(Goal):
         """That body, unless some motion of it may stay."""
         within = self.speed_within is not None or self.spin_within_deg is not None
         return self.still if self.rests and not within else None
+
+    def resting(self, instant: PlanInstant) -> Iterator[Goal]:
+        """The same goal for that body, and for those that closed grasps join it with."""
+        for body in instant.joined(self.still, "still") if self.rests else ():
+            yield self.model_copy(update={"still": body})
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """Velocity and spin of its root link."""

@@ -38,7 +38,8 @@ class Goal(Element):
 
     rest: bool | None = Field(
         default=None,
-        description="whether the robot's joints rest at the end; they do if not given, but for `mated`",
+        description="whether the robot's joints rest at the end, for `still` those of all robots that hold "
+        "the same object; they do if not given, but for `mated`",
     )
 
     rate_within: float = quantity(
@@ -73,6 +74,18 @@ class Goal(Element):
     def body(self) -> str:
         """Whose joints these are."""
         raise NotImplementedError
+
+    def resting(self, instant: PlanInstant) -> Iterator[Goal]:
+        """Goals of the bodies whose joints are at rest at the end: this one, and those that it implies.
+
+        Parameters
+        ----------
+        instant
+            The last instant.
+        """
+        del instant
+        if self.rests:
+            yield self
 
     @property
     def stops(self) -> str | None:

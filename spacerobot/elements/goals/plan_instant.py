@@ -292,6 +292,17 @@ class PlanInstant(Protocol):
             Key of the section that names it.
         """
 
+    def joined(self, body: str, key: str) -> Sequence[str]:
+        """Names of a body and of those that closed grasps join it with, that body first.
+
+        Parameters
+        ----------
+        body
+            Name of the body.
+        key
+            Key of the section that names it.
+        """
+
     def base(self, robot: str, key: str) -> MovingFrame:
         """Frame of a robot's floating root link.
 

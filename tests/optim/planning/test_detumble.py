@@ -1,10 +1,13 @@
 """Bodies that come to rest, by a wrench on their base."""
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
 
+from optim.planning.formulation.formulate import formulate
+from optim.planning.formulation.grasps import tip_slip
 from optim.planning.output.plan_folder import FOLLOWED, dataset, write
 from optim.planning.search.make_plan import make_plan
 from optim.planning.search.plan_solver import PlanSolver
@@ -96,6 +99,56 @@ def test_an_arm_brings_what_it_holds_to_rest_within_what_its_grip_bears(holding)
     for motion, _ in (strong, weak):
         assert np.abs(motion.v[0]).max() > 0.05
         np.testing.assert_allclose(motion.v[-1], 0, atol=1e-6)
+
+
+@pytest.mark.parametrize("still", ["one", "target"])
+def test_a_held_target_and_its_holder_come_to_rest_together(reach, still):
+    motion = make_plan(
+        reach(*HOLDING, ("plan.goals", {"rest": {"still": still}})), backend="interpreted"
+    ).motion
+    assert np.abs(motion.v[0]).max() > 0.05
+    np.testing.assert_allclose(motion.v[-1], 0, atol=1e-6)
+
+
+FREE, BOLTED = {"joint": "planar", "spin_deg": [0, 0, 3]}, {"joint": "fixed"}
+SOFT = {"kind": "compliant", "stiffness": 40, "damping": 20}
+
+
+@pytest.mark.parametrize(
+    ("still", "base", "grasp", "count"),
+    [
+        ("one", FREE, {"kind": "weld"}, 6),
+        ("one", FREE, {"kind": "point"}, 7),
+        ("one", FREE, SOFT, 9),
+        ("target", FREE, {"kind": "weld"}, 6),
+        ("target", FREE, {"kind": "point"}, 7),
+        ("target", FREE, SOFT, 9),
+        ("target", BOLTED, {"kind": "weld"}, 3),
+        ("target", BOLTED, {"kind": "point"}, 4),
+    ],
+)
+def test_rest_of_what_a_grasp_joins_has_one_equation_for_each_free_velocity(reach, still, base, grasp, count):
+    """Of three joints, a base and a target in the plane; those that follow from the grasp are left out."""
+    changes = [
+        ("robots.one.base", base),
+        ("grasps", {"left": {"tip": "one/tip", "frame": "mate_1"} | grasp}),
+        ("target.base", {"joint": "planar", "close_grasp": "left"}),
+        ("plan.goals", {"rest": {"still": still}}),
+        ("plan.limits", {"base_torque": 20, "base_force": 20} if base is FREE else {}),
+    ]
+    problem = formulate(reach(*changes))
+    stage, rows = problem.stage, problem.goal
+    held = tip_slip(stage.scene, stage.kinematics, stage.grips)
+    slopes = ca.densify(ca.jacobian(ca.vertcat(held, *(row.value for row in rows)), stage.v))
+    matrix = ca.Function("slopes", [stage.q], [slopes])(stage.scene.q).full()
+    assert len(rows) == count
+    assert np.linalg.matrix_rank(matrix) == stage.scene.model.nv == held.numel() + count
+
+
+def test_only_the_named_body_comes_to_rest_where_joints_need_not(reach):
+    goals = {"rest": {"still": "target", "rest": False}}
+    names = [row.name for row in formulate(reach(*HOLDING, ("plan.goals", goals))).goal]
+    assert names == ["rest: velocity x", "rest: velocity y", "rest: spin z"]
 
 
 def test_what_is_held_moves_with_the_tip_by_the_grips_wrench_alone(holding):
