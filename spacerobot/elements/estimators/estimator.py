@@ -130,7 +130,13 @@ class EstimatorContext(Protocol):
         """Delay of a signal that is read [s]; zero of one that is estimated."""
 
     def holds(self, tip: str, link: str) -> ca.SX:
-        """Switch (1x1): nonzero while a tip, by name, holds a link of the target, by name."""
+        """Switch (1x1) that is nonzero while a tip holds a link of the target.
+
+        Parameters
+        ----------
+        tip, link
+            Names of the tip and of the link.
+        """
 
     def stored_momentum(self) -> ca.SX:
         """Angular momentum (3x1) of the robot's wheels, world axes [N m s]."""
