@@ -295,7 +295,7 @@ def test_a_campaign_is_told_by_its_distribution_bands_and_cloud(browser, tmp_pat
     data["panel"]["spreads"] = [spread]
     page = _show(browser, tmp_path / "page.html", to_html(data), "#t=0.5", (1400, 800))
     words = page.evaluate("document.getElementById('spread').innerText")
-    assert "largest tip error of 3 samples, 1 of them diverged" in words
+    assert "largest tip error of 3 samples, 1 of them without a value" in words
     assert "paths of tips: 3 samples" in words
     for chosen in ("tip error", "joint torque"):  # whatever a person chooses has its bands
         page.evaluate(f"location.hash = '#t=0.5&signals={chosen}'")
