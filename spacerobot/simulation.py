@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from spacerobot.closedloop import ClosedLoop, find_fastest_rate
-from spacerobot.errors import DivergedError, ScenarioError
+from spacerobot.errors import DivergedError
 from spacerobot.loop_cache import cached_closed_loop
 from spacerobot.result import Result
 from spacerobot.result.dataset import build_dataset
@@ -27,8 +27,6 @@ from spacerobot.rollout import (
     TimeGrid,
     Trajectory,
     build_rollout,
-    integrate_cvodes,
-    time_grid,
 )
 from spacerobot.rollout.step_choice import NoStepError
 from spacerobot.scene import Scene, build_scene
@@ -38,9 +36,6 @@ if TYPE_CHECKING:
     from spacerobot.pinocchio_engine import PinocchioTrajectory
 
 Progress = Callable[[str], None]
-LOCAL_TOLERANCE = 1e-3
-"""Local tolerance of CVODES per tolerance of the whole rollout: its errors add up over thousands of steps."""
-
 CHECKING_TOLERANCE = 1e-2
 """The same of the independent engine, of order 8: a docking then errs by a hundredth of its tolerance."""
 
@@ -50,15 +45,12 @@ LARGEST = 1e150
 MOST_INSTANTS = 100_000
 """Maximum number of samples in which peaks are searched; fewer steps are all searched."""
 
-FEWEST_INSTANTS = 1000
-"""At so many instants at least of a rollout by CVODES."""
-
 STEP_ERROR_LIMIT = 1e-5
 """Estimated error of a single step, relative to the larger of one unit and the state, that is warned of."""
 
 REMEDY = (
-    "for a stiff loop take `--engine cvodes`, or softer gains and dampers; else give `simulation.step`, "
-    "or a larger `simulation.tolerance`"
+    "for a stiff loop take softer gains and dampers; else give `simulation.step`, or a larger "
+    "`simulation.tolerance`"
 )
 """Advice where no step meets the tolerance."""
 
@@ -100,16 +92,6 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
     check_size(scene)
     tell("building the closed loop")
     loop = cached_closed_loop(scene)
-    # refuse an engine that would step over events
-    engine, jumps = scene.scenario.simulation.engine, [rule for rule in loop.events if not rule.kink]
-    if engine == "cvodes" and jumps:
-        kinds = ", ".join(dict.fromkeys(rule.kind for rule in jumps))
-        raise ScenarioError(
-            f"found {engine!r}, which finds no such events ({kinds}), allowed for this scenario: "
-            "'casadi', 'pinocchio'",
-            source=scene.source,
-            where="simulation.engine",
-        )
     built = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # a rollout that diverges says so by its status
         simulation = scene.scenario.simulation
@@ -124,19 +106,6 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
                 scene, rtol=local, atol=local / 10, progress=lambda part: tell(f"{words}: {part:.0%}")
             )
             run = _Run(scene, ready, dataclasses.replace(checked, events=fired_events(loop, checked)))
-        elif simulation.engine == "cvodes":
-            tell("integrating with CVODES")
-            ready, grid = time.perf_counter(), time_grid(simulation.duration, simulation.output_step)
-            every = math.ceil(FEWEST_INSTANTS / grid.intervals)
-            local = simulation.tolerance * LOCAL_TOLERANCE
-            trajectory = integrate_cvodes(
-                loop,
-                duration_s=simulation.duration,
-                output_step_s=grid.step_s / every,
-                relative=local,
-                absolute=local,
-            )
-            run = _Run(scene, ready, trajectory, every)
         else:
             rollout = _ready(scene, loop, backend, tell, rollouts=1)
             tell("rolling out")
@@ -163,7 +132,7 @@ def simulate_designs(
     DivergedError
         As :func:`simulate`.
     """
-    ready = prepare_simulation(scene, loop)
+    ready = prepare_simulation(scene, loop, rollouts=1)  # as each would be simulated alone
     for name, design in designs.items():
         own = build_scene(scene.scenario, design, source=scene.source)
         yield name, ready.simulate(own, design)[0]
@@ -200,8 +169,9 @@ def prepare_simulation(
     progress: Progress | None = None,
     *,
     backend: Backend = "auto",
+    rollouts: int | None = None,
 ) -> PreparedSimulation:
-    """Compile a closed loop of a scene, or find it compiled.
+    """Make a closed loop of a scene ready to run.
 
     Parameters
     ----------
@@ -211,6 +181,8 @@ def prepare_simulation(
         What each rollout is reduced to beside its result.
     progress, backend
         As for :func:`simulate`.
+    rollouts
+        As of :func:`spacerobot.rollout.build_rollout`.
 
     Raises
     ------
@@ -218,7 +190,7 @@ def prepare_simulation(
         If the step was to be chosen and none keeps to the tolerance.
     """
     return PreparedSimulation(
-        scene, loop, _ready(scene, loop, backend, progress or (lambda _: None), measures)
+        scene, loop, _ready(scene, loop, backend, progress or (lambda _: None), measures, rollouts)
     )
 
 

@@ -55,8 +55,7 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
         If the scenario cannot be simulated by its engine, or its result does not fit into the memory.
     """
     controllers = [one for robot in scene.scenario.robots.values() for one in robot.controllers.values()]
-    is_resumable = scene.scenario.simulation.engine != "cvodes"
-    if is_resumable and any(one.replanning is not None for one in controllers):
+    if any(one.replanning is not None for one in controllers):
         from optim.planning.mpc.simulation import simulate_mpc
 
         return simulate_mpc(scene, backend=backend, progress=progress)

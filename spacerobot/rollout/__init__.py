@@ -3,7 +3,6 @@
 from spacerobot.rollout.batch import BatchProgress
 from spacerobot.rollout.build import Backend, build_rollout, choose_step
 from spacerobot.rollout.closed_loop_protocol import ClosedLoopFunctions, EventRule
-from spacerobot.rollout.cvodes import integrate_cvodes
 from spacerobot.rollout.initial_gaps import unclosed
 from spacerobot.rollout.measures import Measure, Measures, Signals, final, integral, peak
 from spacerobot.rollout.rollout import Rollout
@@ -41,7 +40,6 @@ __all__ = [
     "choose_step",
     "final",
     "integral",
-    "integrate_cvodes",
     "peak",
     "time_grid",
     "unclosed",

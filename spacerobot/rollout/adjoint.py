@@ -15,13 +15,15 @@ from spacerobot.rollout.engines import Loops, StopFlag, make_job
 from spacerobot.rollout.kernel import Kernel, entries, slices, sx_function
 from spacerobot.rollout.parameter_dependent_events import moving_events
 from spacerobot.rollout.rollout_arrays import RolloutArrays
-from spacerobot.rollout.segments import FEWEST
 from spacerobot.rollout.tables import places_in, reached_with, sources
 from spacerobot.rollout.time_grid import TimeGrid
 
 WHOLE_BYTES = 128 * 2**20
 """Longest tape that holds a whole rollout, for each thread and over the number of lanes: a group of lanes
 integrates a piece once more in about the time of a single rollout, but its tape is so many times longer."""
+
+FEWEST = 8
+"""Minimum number of steps between two jumps of a sample interval, as in ``loops/steps.hpp``."""
 
 SEGMENT_BYTES = 2**20
 """Tape of longer rollouts, which are integrated once more between checkpoints: it stays in a core's cache."""

@@ -89,7 +89,7 @@ class Trajectory:
     steps, step_s
         Steps done and their length; zero and NaN for an adaptive integrator.
     backend
-        What ran: ``compiled``, ``interpreted``, ``cvodes`` or ``pinocchio``.
+        What ran: ``compiled``, ``interpreted`` or ``pinocchio``.
     wall_s
         Time it took.
     step_error

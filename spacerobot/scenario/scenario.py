@@ -45,10 +45,10 @@ class Simulation(Section):
         description="explicit Runge-Kutta method of the casadi engine: of order 6 (Tanaka and others, stable "
         "at the longest steps), 7 (Verner), 8 (Dormand and Prince) or 4 (Kutta)",
     )
-    engine: Literal["casadi", "cvodes", "pinocchio"] = Field(
+    engine: Literal["casadi", "pinocchio"] = Field(
         default="casadi",
-        description="casadi: fixed steps over the compiled closed loop; cvodes: implicit, for stiff "
-        "scenes; pinocchio: slow and independent, for checks",
+        description="casadi: fixed steps over the closed loop's functions; pinocchio: slow and independent, "
+        "for checks",
     )
 
     noise_draw: float = quantity(

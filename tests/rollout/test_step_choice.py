@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from types import SimpleNamespace
 
 import casadi as ca
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 
 from spacerobot.errors import DivergedError
-from spacerobot.rollout import build_rollout, choose_step, integrate_cvodes, step_choice
+from spacerobot.rollout import build_rollout, choose_step, step_choice
 
 GRID = {"duration_s": 2.0, "output_step_s": 0.1}
 STIFF = {"arm.kd": 2000.0}  # an eigenvalue of -2000 / 1.3 1/s
@@ -87,50 +86,6 @@ def test_what_is_tried_is_bounded_and_told(loop, monkeypatch, most, halvings):
 def test_a_long_rollout_gets_its_first_halvings_all_the_same(loop, monkeypatch):
     monkeypatch.setattr(step_choice, "MOST_STEPS", 1)
     assert choose_step(loop, **GRID, tolerance=1e-5).error < 1e-5
-
-
-def test_cvodes_agrees_and_takes_stiffness(loop):
-    fine = build_rollout(loop, **GRID, step_s=0.001)
-    found = integrate_cvodes(loop, **GRID)
-    assert (found.status, found.backend) == ("completed", "cvodes")
-    np.testing.assert_allclose(found.state, fine.run().state, atol=2e-7)
-    np.testing.assert_allclose(found.outputs["torque"], fine.run().outputs["torque"], atol=2e-6)
-    np.testing.assert_allclose(np.linalg.norm(found.state[:, 2:6], axis=1), 1, atol=1e-15)
-    stiff = integrate_cvodes(loop, **GRID, parameters=fine.values(STIFF))
-    np.testing.assert_allclose(stiff.state, fine.run(STIFF).state, atol=2e-7)
-
-
-def test_cvodes_gives_up_with_a_status(loop):
-    values = build_rollout(loop, **GRID, step_s=0.1).values({"arm.start": np.nan})
-    found = integrate_cvodes(loop, **GRID, parameters=values)
-    assert found.status == "diverged"
-    assert found.diverged_at_s == 0.0
-    assert len(found.time) == len(found.state) == 1
-    assert found.cause == "CVODES gave up: the dynamics give no finite number (CV_FIRST_RHSFUNC_ERR)"
-
-
-def test_cvodes_says_nothing_by_itself_and_why_in_the_cause(loop, capfd):
-    found = integrate_cvodes(loop, **GRID, relative=1e-30, absolute=1e-300)
-    assert (found.status, found.cause) == (
-        "diverged",
-        "CVODES gave up: the tolerance is below rounding (CV_TOO_MUCH_ACC)",
-    )
-    assert capfd.readouterr() == ("", "")
-
-
-def test_ctrl_c_ends_cvodes_and_nothing_is_printed(loop, capfd):
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGALRM, interrupt)
-    try:
-        signal.setitimer(signal.ITIMER_REAL, 0.2)
-        with pytest.raises(KeyboardInterrupt):
-            integrate_cvodes(loop, duration_s=1e5, output_step_s=1e5, relative=1e-13, absolute=1e-13)
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
-    assert capfd.readouterr() == ("", "")
 
 
 def test_without_a_compiler_it_interprets_and_says_so(loop, monkeypatch):

@@ -90,7 +90,7 @@ def faulty(changes: dict[str, object], text: str = PLANAR) -> str:
         ({"simulation.step": 0}, "simulation.step: .*above 0"),
         (
             {"simulation.engine": "drake"},
-            "simulation.engine: found 'drake', allowed: 'casadi', 'cvodes' or 'pinocchio'",
+            "simulation.engine: found 'drake', allowed: 'casadi' or 'pinocchio'",
         ),
         (
             {"simulation.output_step": 1e-9},

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from spacerobot.simulation import Backend as BackendName
 
 Engine = Annotated[
-    str | None, typer.Option("--engine", metavar="NAME", help="casadi, cvodes or pinocchio (slow, a check).")
+    str | None, typer.Option("--engine", metavar="NAME", help="casadi or pinocchio (slow, a check).")
 ]
 Backend = Annotated[
     Literal["auto", "compiled", "interpreted"],

@@ -84,7 +84,7 @@ def test_of_many_designs_only_the_newest_is_rolled_out(page):
         ({"robots.arm": {"urdf": "../../x"}}, "robots.arm.urdf", "is in the scenario's folder"),
         ({f"{PID}.kind": [[]]}, f"{PID}.kind", "no kind of this section"),
         ({WORD: "bass"}, WORD, "'base' or 'inertial'"),
-        ({"simulation.engine": "cvodes"}, "simulation.engine", "allowed in the studio: casadi"),
+        ({"simulation.engine": "pinocchio"}, "simulation.engine", "allowed in the studio: casadi"),
     ],
 )
 def test_what_cannot_be_is_told_and_the_page_goes_on(page, values, path, words):
