@@ -71,7 +71,7 @@ def test_it_is_refused_in_one_line_where_nobody_can_be_asked_and_runs_once_allow
 @pytest.fixture
 def kept(tmp_path, monkeypatch):
     """A folder whose summary names a plugin that leaves a trace when it is run."""
-    monkeypatch.setattr("spacerobot.elements.registry._PLUGINS", {})
+    monkeypatch.setattr("spacerobot.elements.core.registry._PLUGINS", {})
     plugin, trace = tmp_path / "trace.py", tmp_path / "trace"
     plugin.write_text(f"open({str(trace)!r}, 'w').close()\n")
     folder = tmp_path / "result"
@@ -95,7 +95,7 @@ def test_a_campaign_keeps_its_plugins_also_where_it_is_opened_without_them(kept,
     _, plugin, _ = kept
     campaign = tmp_path / "campaign"
     for known in ({plugin: plugin.read_bytes()}, {}):
-        monkeypatch.setattr("spacerobot.elements.registry._PLUGINS", known)
+        monkeypatch.setattr("spacerobot.elements.core.registry._PLUGINS", known)
         with open_store(campaign, {"fingerprint": "1"}, 1):
             pass
         (record,) = load_head(campaign)["plugins"]

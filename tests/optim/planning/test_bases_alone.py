@@ -108,7 +108,7 @@ def test_plans_of_bases_alone_are_written_drawn_flown_and_played(turning, tmp_pa
 def test_plans_name_the_plugins_that_they_were_made_with(turning, tmp_path, monkeypatch):
     made = make_plan(turning(), backend="interpreted")
     assert "plugins" not in summary(made)
-    monkeypatch.setattr("spacerobot.elements.registry._PLUGINS", {tmp_path / "mine.py": b""})
+    monkeypatch.setattr("spacerobot.elements.core.registry._PLUGINS", {tmp_path / "mine.py": b""})
     assert [record["file"] for record in summary(made)["plugins"]] == [str(tmp_path / "mine.py")]
 
 
