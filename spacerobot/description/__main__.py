@@ -8,7 +8,7 @@ from functools import partial
 from spacerobot.description.find import shipped_urdf_folder
 from spacerobot.description.panda import panda_arm_urdf
 from spacerobot.description.planar import PlanarBase, PlanarLink, ball_urdf, planar_arm_urdf, rectangle_urdf
-from spacerobot.description.spatial import satellite_box_urdf, servicer_urdf
+from spacerobot.description.spatial import bus_urdf, satellite_box_urdf, servicer_urdf
 
 SHIPPED: dict[str, Callable[[], str]] = {
     "planar_arm.urdf": planar_arm_urdf,
@@ -23,6 +23,7 @@ SHIPPED: dict[str, Callable[[], str]] = {
     "ball.urdf": ball_urdf,
     "panda_arm.urdf": panda_arm_urdf,
     "servicer.urdf": servicer_urdf,
+    "bus.urdf": bus_urdf,
     "satellite_box.urdf": satellite_box_urdf,
 }
 """Every file that ships, with the function that writes it."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,7 @@ from spacerobot.scene.scene import Scene
 
 POSTURES = 500
 """How many are tried."""
+RANKED = 60  # best ones that are kept
 SPREAD = np.pi / 3  # [rad] that a tried posture differs from the middle of a joint's range, at most
 ROUND_DEG = 5.0
 BUS, BUS_DENSITY = 20.0, 300.0
@@ -73,6 +74,8 @@ class DraftArm:
         Whether it moves in the x-y plane only.
     turns
         Whether the chain moves its tip in every direction and about every axis.
+    alternatives
+        The same in further postures, the better ones first.
     """
 
     name: str
@@ -82,6 +85,7 @@ class DraftArm:
     joints: Document
     planar: bool
     turns: bool
+    alternatives: tuple[DraftArm, ...] = ()
 
     @property
     def tip_name(self) -> str:
@@ -179,7 +183,7 @@ def make_arm(name: str, files: RobotFiles, tip: str | None) -> DraftArm:
         [(own.lower + own.upper) / 2 if known else 0.0 for own, known in zip(free, limited, strict=True)]
     )
     spread = np.array([min(float((joint.upper - joint.lower) / 2) * 0.7, SPREAD) for joint in free])
-    best, posture, turns = -np.inf, middle, False
+    ranked = list[tuple[float, Array, bool]]()
     draws = np.random.default_rng(0).uniform(-1, 1, (POSTURES, len(free)))
     for draw in (np.zeros(len(free)), *draws):
         # Angles in steps that read well, within the joints' ranges.
@@ -189,20 +193,24 @@ def make_arm(name: str, files: RobotFiles, tip: str | None) -> DraftArm:
         inside = [j.lower <= x <= j.upper for j, x in zip(free, rounded, strict=True)]
         tried = np.where(inside, rounded, values)
         score, every_way = _agility(scene, free, tried)
-        if score > best + 1e-12:
-            best, posture, turns = score, tried, every_way
-    values = {
-        joint.name: {"offset": float(x)} if joint.kind == "prismatic" else {"angle_deg": float(np.degrees(x))}
-        for joint, x in zip(free, posture, strict=True)
-    }
-    joints = {n: {k: round(x, 6) for k, x in state.items()} for n, state in values.items()}
+        ranked.append((score, tried, every_way))
+    ranked.sort(key=lambda one: -round(one[0], 12))
     # arms of the same make as the one that moves have its posture
-    moving_arm = next((mount for mount in files.mounts if link.startswith(f"{mount}_")), "")
-    for mount, section in files.mounts.items():
-        if moving_arm and mount != moving_arm and section["urdf"] == files.mounts[moving_arm]["urdf"]:
-            for joint, state in joints.items():
-                locked[mount + joint.removeprefix(moving_arm)] |= state
-    return DraftArm(name, files, link, tuple(chain), joints | locked, scene.planar, turns)
+    own = next((mount for mount in files.mounts if link.startswith(f"{mount}_")), "")
+    make = files.mounts[own]["urdf"] if own else None
+    twins = [name for name, mount in files.mounts.items() if name != own and mount["urdf"] == make]
+    arms = list[DraftArm]()
+    for _, posture, turns in ranked[:RANKED]:
+        joints: Document = {
+            joint.name: {"offset": round(float(x), 6)}
+            if joint.kind == "prismatic"
+            else {"angle_deg": round(float(np.degrees(x)), 6)}
+            for joint, x in zip(free, posture, strict=True)
+        }
+        twin = {mount + name.removeprefix(own): state for mount in twins for name, state in joints.items()}
+        held = {name: state | twin.get(name, {}) for name, state in locked.items()}
+        arms.append(DraftArm(name, files, link, tuple(chain), joints | held, scene.planar, turns))
+    return replace(arms[0], alternatives=tuple(arms[1:]))
 
 
 def stand_in(description: Description, object_mass: float) -> Document | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from spacerobot.files import StrPath
 from spacerobot.scenario.load import parse_yaml
 from spacerobot.scenario.paths import Document
 from spacerobot.scene import Scene
+from spacerobot.scene.overlaps import overlaps
 
 BASES = ("free_flyer", "planar", "fixed")
 
@@ -121,7 +123,28 @@ def held_scene(order: DraftRequest, source: Path) -> tuple[list[DraftArm], Docum
         arms = [replace(arm, turns=False) for arm in arms]  # not about every axis of space
     object_base = "planar" if planar and base != "free_flyer" else "free_flyer"
     object_mass = sum(link.mass for link in description.links)
-    bare = _document(arms, frames, (base, object_base, urdf), object_mass)
+    placed = partial(_placed, frames=frames, bases=(base, object_base, urdf), object_mass=object_mass)
+    bare, scene = placed(arms, source=source)
+    if len(arms) == 1 and overlaps(scene):
+        # the best posture in which the object does not begin inside the robot, if there is one
+        (arm,) = arms
+        for other in arm.alternatives:
+            clear = replace(other, turns=other.turns and arm.turns)
+            there, clear_scene = placed([clear], source=source)
+            if not overlaps(clear_scene):
+                return [clear], there, clear_scene
+    return arms, bare, scene
+
+
+def _placed(
+    arms: Sequence[DraftArm],
+    frames: Sequence[str],
+    bases: tuple[str, str, str],
+    object_mass: float,
+    source: Path,
+) -> tuple[Document, Scene]:
+    """Scenario without gains and its scene: the target turned about the first tip, far from that robot."""
+    bare = _document(arms, frames, bases, object_mass)
     scene = scene_of(bare, source)
     # orientation of the target, at right angles to the first tip, that keeps it farthest from that arm
     data = scene.model.createData()
@@ -129,7 +152,10 @@ def held_scene(order: DraftRequest, source: Path) -> tuple[list[DraftArm], Docum
     grasp, target = scene.grasps[0], scene.bodies[-1]
     tip, root = data.oMf[grasp.tip.frame], data.oMf[target.root_frame]
     held = root.actInv(data.oMf[grasp.frame])
-    arm = np.array([data.oMi[joint].translation for joint in grasp.tip.body.joints])
+    robot = grasp.tip.body
+    origins = [data.oMi[joint].translation for joint in robot.joints]
+    origins += [data.oMf[robot.root_frame].translation] if arms[0].files.mounts else []
+    arm = np.array(origins)
     tilts = (0,) if scene.planar else (0, 90, -90, 180)
     turns = [(roll, pitch, yaw) for roll in tilts for pitch in tilts[:3] for yaw in (0, 90, -90, 180)]
     tried = [tip.rotation @ pin.rpy.rpyToMatrix(np.radians(t)) @ held.rotation.T for t in turns]
@@ -141,8 +167,7 @@ def held_scene(order: DraftRequest, source: Path) -> tuple[list[DraftArm], Docum
         if scene.planar
         else [round(float(x), 3) + 0.0 for x in np.degrees(pin.rpy.matrixToRpy(best))]
     )
-    scene = scene_of(bare, source)
-    return arms, bare, scene
+    return bare, scene_of(bare, source)
 
 
 def _arms(order: DraftRequest, source: Path) -> list[DraftArm]:

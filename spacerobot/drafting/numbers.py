@@ -215,9 +215,10 @@ def payload_of(held: Scene) -> Document:
     bodies = [data.oMi[joint].act(held.model.inertias[joint]) for joint in held.bodies[-1].subtree]
     inertia = data.oMf[frame].actInv(sum(bodies[1:], bodies[0]))
     about = inertia.inertia
-    moments = [about[place] for place in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    moments = [float(about[place]) for place in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    digits = 3 - int(np.floor(np.log10(max(moments))))  # four of the largest
     return {
         "payload_mass": short(float(inertia.mass), 4),
         "payload_com": [round(float(x), 4) + 0.0 for x in inertia.lever],
-        "payload_inertia": [short(float(x), 4) + 0.0 for x in moments],
+        "payload_inertia": [round(x, digits) + 0.0 for x in moments],
     }
