@@ -136,14 +136,14 @@ def passive_safety(
     # mean motion of a circular orbit [rad/s]; 0 without one
     rate = 0.0
     for name, environment in scene.scenario.environment.items():
-        own = environment.mean_motion()
-        if own is None:
+        motion = environment.mean_motion()
+        if motion is None:
             raise ScenarioError(
                 "bodies drift in it by no closed form; allowed for passive safety: circular orbits",
                 source=scene.source,
                 where=f"environment.{name}",
             )
-        rate = own
+        rate = motion
     if scene.target is None:
         raise ScenarioError(
             "there is none, and nothing to stay clear of", source=scene.source, where="target"
@@ -153,11 +153,11 @@ def passive_safety(
         tell(f"attitudes of {body.name}")
         drifts[body.name] = _RigidDrift.of(scene, body, result, chosen, (rate, duration_s))
     target = drifts.pop(scene.target.name)
-    found = []
+    closest = []
     for k in range(len(chosen)):
         tell(f"distances after aborts: {k / len(chosen):.0%}")
-        found.append(min(_least(robot, target, k, tolerance_m) for robot in drifts.values()))
-    distances, drifted, pairs = zip(*found, strict=True)
+        closest.append(min(_least(robot, target, k, tolerance_m) for robot in drifts.values()))
+    distances, drifted, pairs = zip(*closest, strict=True)
     return PassiveSafety(time[chosen], np.array(distances), np.array(drifted), tuple(pairs), duration_s)
 
 
@@ -360,8 +360,8 @@ def drifted_centre(place: Array, velocity: Array, begin: float, t: float, rate: 
         6 * (sin - angle) * x + y + (-2 * (1 - cos) * u + (4 * sin - 3 * angle) * v) / rate,
         cos * z + sin / rate * w,
     )
-    found: Array = hill(begin + t).T @ np.array(later)
-    return found
+    centre: Array = hill(begin + t).T @ np.array(later)
+    return centre
 
 
 def _least(

@@ -49,7 +49,7 @@ def cached_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
     if not only_shipped():
         return build_closed_loop(scene, vary)
     # Hash of everything that a closed loop is built from.
-    given = {
+    ingredients = {
         "scenario": to_document(scene.scenario),
         "urdf": [body.description.sha256 for body in scene.bodies],
         "model": scene.model.saveToString(),
@@ -58,15 +58,15 @@ def cached_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
         "code": _code(),
         "versions": [ca.CasadiMeta.version(), pin.__version__, np.__version__],
     }
-    key = hashlib.sha256(json.dumps(given).encode()).hexdigest()[:32]
+    key = hashlib.sha256(json.dumps(ingredients).encode()).hexdigest()[:32]
     folder = cache.cache_folder()
     path = cache.find(folder, key, SUFFIX)
     if path is not None:
         # removed by another process just now, or damaged: unpickling raises anything then
         with contextlib.suppress(Exception):
-            kept = pickle.loads(zlib.decompress(path.read_bytes()))  # noqa: S301 (the user's own)
-            if isinstance(kept, ClosedLoop):
-                return kept
+            cached = pickle.loads(zlib.decompress(path.read_bytes()))  # noqa: S301 (the user's own)
+            if isinstance(cached, ClosedLoop):
+                return cached
         with contextlib.suppress(OSError):
             path.unlink()
     loop = build_closed_loop(scene, vary)
@@ -86,7 +86,7 @@ def cached_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
 def _code() -> str:
     """Hash of this package's source."""
     package = Path(__file__).parent
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
-        found.update(f"{path.relative_to(package)}\0".encode() + path.read_bytes())
-    return found.hexdigest()
+        digest.update(f"{path.relative_to(package)}\0".encode() + path.read_bytes())
+    return digest.hexdigest()

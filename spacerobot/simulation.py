@@ -134,8 +134,8 @@ def simulate_designs(
     """
     ready = prepare_simulation(scene, loop, rollouts=1)  # as each would be simulated alone
     for name, design in designs.items():
-        own = build_scene(scene.scenario, design, source=scene.source)
-        yield name, ready.simulate(own, design)[0]
+        variant = build_scene(scene.scenario, design, source=scene.source)
+        yield name, ready.simulate(variant, design)[0]
 
 
 @dataclass(frozen=True)
@@ -223,7 +223,7 @@ def _result(run: _Run, loop: ClosedLoop, begin: float, built: float) -> Result:
                 diverged_at_s=float(trajectory.time[good][-1]),
             )
     done = time.perf_counter()
-    whole = build_dataset(run.scene, trajectory, loop)
+    data = build_dataset(run.scene, trajectory, loop)
     timing = {
         "closed_loop": built - begin,
         "compile_or_load": run.ready - built,
@@ -231,9 +231,9 @@ def _result(run: _Run, loop: ClosedLoop, begin: float, built: float) -> Result:
         "total": done - begin,
     }
     events = build_events(run.scene, loop, trajectory.events)
-    summary = build_summary(run.scene, whole, trajectory, timing, run.notes, events)
-    kept = whole if run.every == 1 else whole.isel(time=slice(None, None, run.every))
-    return Result(run.scene.scenario, kept, summary)
+    summary = build_summary(run.scene, data, trajectory, timing, run.notes, events)
+    samples = data if run.every == 1 else data.isel(time=slice(None, None, run.every))
+    return Result(run.scene.scenario, samples, summary)
 
 
 @dataclass(frozen=True)
@@ -261,8 +261,8 @@ def _rolled(scene: Scene, rollout: Rollout, design: Mapping[str, float]) -> _Run
             scene, scenario=scene.scenario.model_copy(update={"simulation": simulation})
         )
         choice = rollout.choice
-        found = f"error {choice.error:.1e}, of a single step {choice.step_error:.1e}"
-        notes["step_chosen"] = f"{found}, tolerance {choice.tolerance:g}"
+        errors = f"error {choice.error:.1e}, of a single step {choice.step_error:.1e}"
+        notes["step_chosen"] = f"{errors}, tolerance {choice.tolerance:g}"
     ready = time.perf_counter()
     # the same steps with a sample at each, or at as many as there is room for
     grid = rollout.grid
@@ -275,11 +275,11 @@ def _rolled(scene: Scene, rollout: Rollout, design: Mapping[str, float]) -> _Run
         notes["step_error"] = f"{trajectory.step_error:.1e}"
         # a rollout that diverged has more to say than that its step is too long
         if trajectory.status == "completed" and trajectory.step_error > STEP_ERROR_LIMIT:
-            told = (
+            message = (
                 f"simulation.step: a single step errs by up to {trajectory.step_error:.1e}, above "
                 f"{STEP_ERROR_LIMIT:g}; give a shorter one, or none to have it chosen"
             )
-            scene = dataclasses.replace(scene, warnings=(*scene.warnings, told))
+            scene = dataclasses.replace(scene, warnings=(*scene.warnings, message))
     return _Run(scene, ready, trajectory, every, notes)
 
 
@@ -295,14 +295,14 @@ def fired_events(loop: ClosedLoop, checked: PinocchioTrajectory) -> tuple[FiredE
     """
     switches = loop.setup(loop.parameter_values)[1].full().ravel()[list(loop.switches)]
     rules = {rule.name: place for place, rule in enumerate(loop.events)}
-    found = []
+    fired = []
     for event in checked.happened:
         number = rules[event.name]
         for place, value in loop.events[number].sets:
             switches[place] = float(value)
         if not loop.events[number].silent:
-            found.append(FiredEvent(event.time_s, number, event.before, event.after, switches.copy()))
-    return tuple(found)
+            fired.append(FiredEvent(event.time_s, number, event.before, event.after, switches.copy()))
+    return tuple(fired)
 
 
 def _ready(
@@ -334,10 +334,10 @@ def _ready(
         # which joint moves fastest in a rollout, in words
         fastest = fast_words(fastest_joint(build_dataset(scene, fault.finest, loop)))
         # how stiff the loop is where it begins, and by which gains, in words
-        cause, found = "", find_fastest_rate(loop)
-        if found is not None:
-            by = f", set by {' and '.join(found.gains)}" if found.gains else ""
-            cause = f"the loop's fastest rate at the start is {found.per_s:.3g} 1/s{by}"
+        cause, rate = "", find_fastest_rate(loop)
+        if rate is not None:
+            by = f", set by {' and '.join(rate.gains)}" if rate.gains else ""
+            cause = f"the loop's fastest rate at the start is {rate.per_s:.3g} 1/s{by}"
         causes = (fault.message, cause, fastest, *touching, REMEDY)
         raise DivergedError("; ".join(filter(None, causes))) from None
 

@@ -81,8 +81,8 @@ def build(
         environment = {**os.environ, "TMPDIR": work, "TEMP": work, "TMP": work}
         if toolchain.is_zig:
             environment |= {"ZIG_LOCAL_CACHE_DIR": work, "ZIG_GLOBAL_CACHE_DIR": str(folder / "zig")}
-        told = progress or (lambda _done, _total: None)
-        _run_all(toolchain.name, commands, environment, told)
+        report = progress or (lambda _done, _total: None)
+        _run_all(toolchain.name, commands, environment, report)
         built = Path(work) / f"generated{SUFFIX}"
         link = [*toolchain.command, "-shared", "-o", str(built), *objects, *toolchain.libraries]
         _run_all(toolchain.name, [link], environment, lambda _done, _total: None)
@@ -189,8 +189,8 @@ class _Job:
             )
         if code:
             lines = self.log.read_text(encoding="utf-8", errors="replace").splitlines()
-            told = next((line for line in lines if "error" in line), " ".join(lines)[:300])
-            raise CompileError(f"{self.name} failed with {code}: {told}")
+            message = next((line for line in lines if "error" in line), " ".join(lines)[:300])
+            raise CompileError(f"{self.name} failed with {code}: {message}")
         return code == 0
 
     def end(self) -> None:

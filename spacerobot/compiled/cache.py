@@ -66,10 +66,10 @@ def find(folder: Path, key: str, suffix: str = SUFFIX) -> Path | None:
     """
     for path in sorted(folder.glob(f"{key}-*{suffix}")):
         try:
-            whole = not _fault(path) and _digest(path) == path.stem.rpartition("-")[2]
+            intact = not _fault(path) and _digest(path) == path.stem.rpartition("-")[2]
         except OSError:  # gone, or cannot be read just now: neither good nor broken
             continue
-        if whole:
+        if intact:
             with contextlib.suppress(OSError):
                 os.utime(path)
             return path

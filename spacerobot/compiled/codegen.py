@@ -109,17 +109,17 @@ def source_of(
             head.setdefault(inputs, name)
     for names in chains.values():
         chain = {name: functions[name] for name in names}
-        found = _together(chain) if len(names) > 1 else None
-        if found is None:
+        merged = _together(chain) if len(names) > 1 else None
+        if merged is None:
             one = [_alone(name, function, name in cold, lanes) for name, function in chain.items()]
-            found = [member for member, _ in one], [piece for _, own in one for piece in own]
-        members += found[0]
-        parts += found[1]
+            merged = [member for member, _ in one], [piece for _, blocks in one for piece in blocks]
+        members += merged[0]
+        parts += merged[1]
     declared = [f"{HIDDEN} {piece.head};" for piece in parts]
     exports = []
     for name, function in functions.items():
-        given = [f"arg[{i}]" for i in range(function.n_in())]
-        arguments = ", ".join([*given, *(f"res[{i}]" for i in range(function.n_out()))])
+        sources = [f"arg[{i}]" for i in range(function.n_in())]
+        arguments = ", ".join([*sources, *(f"res[{i}]" for i in range(function.n_out()))])
         exports.append(
             f'extern "C" void call_{name}(const real* const* arg, real* const* res) '
             f"{{ Generated::{name}({arguments}); }}"
@@ -151,23 +151,23 @@ def _together(chain: Mapping[str, ca.Function]) -> tuple[list[str], list[CodePie
     None where they cannot be told apart in the common code.
     """
     first = next(iter(chain.values()))
-    given = [ca.SX.sym(first.name_in(i), first.size1_in(i), first.size2_in(i)) for i in range(first.n_in())]
-    values = [value for function in chain.values() for value in function.call(given)]
-    statements = statements_of("together", ca.Function("together", given, values, {"cse": True}))
+    symbols = [ca.SX.sym(first.name_in(i), first.size1_in(i), first.size2_in(i)) for i in range(first.n_in())]
+    values = [value for function in chain.values() for value in function.call(symbols)]
+    statements = statements_of("together", ca.Function("together", symbols, values, {"cse": True}))
     writes = [int(match.group(1)) if (match := _RESULT.match(line)) else -1 for line in statements]
     sections: list[CodeSection] = []
     begin, begun = 0, 0
     for name, function in chain.items():
         reads, _ = _parameters(function)
-        own = range(begun, begun + function.n_out())
-        parameters = (*reads, *(f"real* __restrict res{i}" for i in own))
-        end = max((k + 1 for k, i in enumerate(writes) if i in own), default=begin)
-        if any(i not in own for i in writes[begin:end] if i >= 0):
+        indices = range(begun, begun + function.n_out())
+        parameters = (*reads, *(f"real* __restrict res{i}" for i in indices))
+        end = max((k + 1 for k, i in enumerate(writes) if i in indices), default=begin)
+        if any(i not in indices for i in writes[begin:end] if i >= 0):
             return None
         hot = not sections
         size = pieces.PIECE if hot else pieces.COLD_PIECE
         sections.append(CodeSection(name, parameters, tuple(statements[begin:end]), size, not hot))
-        begin, begun = end, own.stop
+        begin, begun = end, indices.stop
     cut, slots = pieces.cut(sections)
     members, calls, scratch = [], [], [f"  real between[{slots + 1}];"]
     for (name, function), section, parts in zip(chain.items(), sections, cut, strict=True):

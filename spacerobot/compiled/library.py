@@ -81,13 +81,13 @@ class Library:
             raise KeyError(f"no function '{name}', {near_names(name, self.functions)}")
         function = self.functions[name]
         wide = any(np.ndim(argument) == 2 for argument in arguments)
-        given = []
+        inputs = []
         for i, argument in enumerate(arguments):
             values, size = np.asarray(argument, dtype=float), function.numel_in(i)
-            given.append(_aligned(size, self.lanes))
-            given[-1][:] = values if values.ndim == 2 else values.reshape(size, 1)
+            inputs.append(_aligned(size, self.lanes))
+            inputs[-1][:] = values if values.ndim == 2 else values.reshape(size, 1)
         results = [_aligned(function.numel_out(i), self.lanes) for i in range(function.n_out())]
-        pointers = (ctypes.c_void_p * len(given))(*[a.ctypes.data for a in given])
+        pointers = (ctypes.c_void_p * len(inputs))(*[a.ctypes.data for a in inputs])
         targets = (ctypes.c_void_p * len(results))(*[a.ctypes.data for a in results])
         self.entry(f"call_{name}")(pointers, targets)
         return tuple(r.copy() if wide else r[:, 0].copy() for r in results)
@@ -150,8 +150,8 @@ def compile_functions(
         for held in bins
     ]
     units.append(SourceUnit("\n".join([head, source.struct, tail, ""])))
-    told = " ".join([*toolchain.command, *toolchain.flags, *toolchain.libraries])
-    parts = [*(unit.text for unit in units), toolchain.version, told, toolchain.processor]
+    command_line = " ".join([*toolchain.command, *toolchain.flags, *toolchain.libraries])
+    parts = [*(unit.text for unit in units), toolchain.version, command_line, toolchain.processor]
 
     def make(folder: Path) -> Path:
         return build(units, toolchain, folder, progress or tell)

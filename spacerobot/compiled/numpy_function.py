@@ -40,16 +40,16 @@ def numpy_function(function: ca.Function) -> Callable[..., Array | tuple[Array, 
     """
     library = compile_functions({"f": function})
     call = library.entry("call_f")
-    given = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
-    found = [np.zeros(function.numel_out(i)) for i in range(function.n_out())]
-    arguments = (ctypes.c_void_p * len(given))(*[array.ctypes.data for array in given])
-    results = (ctypes.c_void_p * len(found))(*[array.ctypes.data for array in found])
+    inputs = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
+    outputs = [np.zeros(function.numel_out(i)) for i in range(function.n_out())]
+    arguments = (ctypes.c_void_p * len(inputs))(*[array.ctypes.data for array in inputs])
+    results = (ctypes.c_void_p * len(outputs))(*[array.ctypes.data for array in outputs])
 
     def evaluate(*values: npt.ArrayLike) -> Array | tuple[Array, ...]:
         """Evaluate the function."""
-        for place, value in zip(given, values, strict=True):
+        for place, value in zip(inputs, values, strict=True):
             place[:] = value
         call(arguments, results)
-        return found[0].copy() if len(found) == 1 else tuple(array.copy() for array in found)
+        return outputs[0].copy() if len(outputs) == 1 else tuple(array.copy() for array in outputs)
 
     return evaluate

@@ -102,15 +102,15 @@ def cut(sections: Sequence[CodeSection]) -> tuple[list[list[CodePiece]], int]:
                 written.add(target.strip())
         uses.append((read, written))
     # registers of each piece that a later one reads
-    wanted, passed = set[str](), list[set[str]]()
+    needed, passed = set[str](), list[set[str]]()
     for read, written in reversed(uses):
-        passed.insert(0, written & wanted)
-        wanted = (wanted - written) | read
+        passed.insert(0, written & needed)
+        needed = (needed - written) | read
     slots = {register: i for i, register in enumerate(sorted(set().union(*passed)))}
     pieces: dict[str, list[CodePiece]] = {section.name: [] for section in sections}
-    for (section, k, statements), (read, written), kept in zip(parts, uses, passed, strict=True):
+    for (section, k, statements), (read, written), live in zip(parts, uses, passed, strict=True):
         loads = [f"{register}=between[{slots[register]}];" for register in sorted(read)]
-        stores = [f"between[{slots[register]}]={register};" for register in sorted(kept)]
+        stores = [f"between[{slots[register]}]={register};" for register in sorted(live)]
         registers = [f"real {', '.join(sorted(read | written))};"] if read | written else []
         name = f"{section.name}_{k // section.size}"
         head = f"void {name}({', '.join(['real* __restrict between', *section.parameters])})"

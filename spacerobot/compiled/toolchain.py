@@ -183,17 +183,17 @@ def _described(command: tuple[str, ...], version: str, more: tuple[str, ...]) ->
         symbols = {name: symbol for name, symbol in symbols.items() if hasattr(library, symbol)}
     libraries: tuple[str, ...] = ("-l:libmvec.so.1",) if symbols else ()
     if machine not in ("x86_64", "amd64"):
-        own: tuple[str, ...] = ("-mcpu=native",)
+        target: tuple[str, ...] = ("-mcpu=native",)
     elif command == ZIG:
-        own = ("-march=native",)
+        target = ("-march=native",)
     else:  # tuning for the newest processors spills to general registers: 15 % slower here
-        own = ("-march=native", "-mtune=generic")
+        target = ("-march=native", "-mtune=generic")
     if sys.platform != "win32":
-        own, libraries = (*own, "-fPIC"), (*libraries, "-lm")
-    own += ZIG_FLAGS if command == ZIG else () if "clang" in version else GCC_FLAGS
+        target, libraries = (*target, "-fPIC"), (*libraries, "-lm")
+    target += ZIG_FLAGS if command == ZIG else () if "clang" in version else GCC_FLAGS
     if command == ZIG and sys.platform == "linux":
-        own, libraries = (*own, *BARE[0]), (*BARE[1], *libraries)
-    flags = (*FLAGS, *own, *more)
+        target, libraries = (*target, *BARE[0]), (*BARE[1], *libraries)
+    flags = (*FLAGS, *target, *more)
     return Toolchain(command, version, flags, libraries, processor, lanes, MappingProxyType(symbols))
 
 
@@ -217,14 +217,16 @@ def processor_of_machine() -> str:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
     except OSError:
         text = ""
-    wanted = re.compile(r"^(model name|flags|CPU implementer|CPU part|Features)\s*:\s*(.*)$", re.MULTILINE)
+    fields = re.compile(r"^(model name|flags|CPU implementer|CPU part|Features)\s*:\s*(.*)$", re.MULTILINE)
     first = text.split("\n\n", 1)[0]
-    found = [value for _, value in wanted.findall(first)]
-    if not found and sys.platform == "darwin":
+    features = [value for _, value in fields.findall(first)]
+    if not features and sys.platform == "darwin":
         asked = ["sysctl", "-n", "machdep.cpu.brand_string", "machdep.cpu.features"]
         done = subprocess.run(asked, capture_output=True, text=True, check=False)
-        found = done.stdout.lower().splitlines()
-    return " | ".join([platform.machine(), *found] if found else [platform.machine(), platform.processor()])
+        features = done.stdout.lower().splitlines()
+    return " | ".join(
+        [platform.machine(), *features] if features else [platform.machine(), platform.processor()]
+    )
 
 
 def _version(command: tuple[str, ...]) -> str | None:

@@ -34,8 +34,8 @@ def evaluate(function: ca.Function, *arguments: Any) -> list[Array]:
         Numbers and arrays, real or with derivatives.
     """
     values = [np.real(argument) for argument in arguments]
-    found = function.call(values)
+    values_out = function.call(values)
     if not any(np.iscomplexobj(argument) for argument in arguments):
-        return [part.full() for part in found]
-    slopes = function.forward(1).call([*values, *found, *map(derivative, arguments)])
-    return [part.full() + 1j * STEP * slope.full() for part, slope in zip(found, slopes, strict=True)]
+        return [part.full() for part in values_out]
+    slopes = function.forward(1).call([*values, *values_out, *map(derivative, arguments)])
+    return [part.full() + 1j * STEP * slope.full() for part, slope in zip(values_out, slopes, strict=True)]

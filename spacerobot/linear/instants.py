@@ -62,10 +62,10 @@ def instants(rollout: Rollout, loop: ClosedLoop, at: Iterable[float | str]) -> I
     for time_s in places:
         if not isinstance(time_s, str) and not 0 <= time_s <= duration:
             raise ScenarioError(f"found {time_s:g} s, allowed: from 0 to {duration:g} s", where="at")
-    whole = _run(rollout) if any(isinstance(place, str) for place in places) else None
+    trajectory = _run(rollout) if any(isinstance(place, str) for place in places) else None
     for place in places:
-        if isinstance(place, str) and whole is not None:
-            yield from _at_event(loop, whole, place)
+        if isinstance(place, str) and trajectory is not None:
+            yield from _at_event(loop, trajectory, place)
         elif place == 0:
             x0, c = (found.full().ravel() for found in loop.setup(loop.parameter_values))
             yield _instant(loop, "0 s", 0.0, x0, c[list(loop.switches)])
@@ -91,9 +91,9 @@ def samples(rollout: Rollout, loop: ClosedLoop, count: int) -> Iterator[Instant]
     """
     grid = rollout.grid
     grid = time_grid(grid.duration_s, grid.step_s, grid.duration_s / (count - 1))
-    found = _run(dataclasses.replace(rollout, grid=grid))
-    for time_s, x in zip(found.time, found.state, strict=True):
-        past = [fired for fired in found.events if fired.time_s <= time_s]
+    trajectory = _run(dataclasses.replace(rollout, grid=grid))
+    for time_s, x in zip(trajectory.time, trajectory.state, strict=True):
+        past = [fired for fired in trajectory.events if fired.time_s <= time_s]
         yield _instant(loop, f"{time_s:.6g} s", float(time_s), x, _switches(loop, past))
 
 
@@ -113,25 +113,25 @@ def events_of(rollout: Rollout, loop: ClosedLoop, kinds: Collection[str]) -> tup
 
 def _run(rollout: Rollout) -> Trajectory:
     """Completed rollout."""
-    found = rollout.run()
-    if found.status != "completed":
-        why = f"{found.cause or found.status} at {found.diverged_at_s:g} s"
+    trajectory = rollout.run()
+    if trajectory.status != "completed":
+        why = f"{trajectory.cause or trajectory.status} at {trajectory.diverged_at_s:g} s"
         raise DivergedError(f"the simulation does not reach the instant: {why}")
-    return found
+    return trajectory
 
 
-def _at_event(loop: ClosedLoop, found: Trajectory, name: str) -> Iterator[Instant]:
+def _at_event(loop: ClosedLoop, trajectory: Trajectory, name: str) -> Iterator[Instant]:
     """Before and after the first event of a kind or name."""
-    for place, fired in enumerate(found.events):
+    for place, fired in enumerate(trajectory.events):
         rule = loop.events[fired.event]
         if name in (rule.kind, rule.name):
-            before = _switches(loop, found.events[:place])
+            before = _switches(loop, trajectory.events[:place])
             yield _instant(loop, f"{name}, before", fired.time_s, fired.before, before)
             yield _instant(loop, f"{name}, after", fired.time_s, fired.after, fired.switches)
             return
-    known = dict.fromkeys(kind for rule in loop.events for kind in (rule.kind, rule.name))
-    if name not in known:
-        raise ScenarioError(f"no event '{name}', {near_names(name, known)}", where="at")
+    kinds = dict.fromkeys(kind for rule in loop.events for kind in (rule.kind, rule.name))
+    if name not in kinds:
+        raise ScenarioError(f"no event '{name}', {near_names(name, kinds)}", where="at")
     raise ScenarioError(f"'{name}' does not happen in the simulation", where="at")
 
 

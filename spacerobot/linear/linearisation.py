@@ -120,8 +120,8 @@ class LinearSystem:
     @property
     def poles(self) -> Array:
         """Poles of the closed loop [1/s], those of a periodic system as ``log(z) / T`` (complex)."""
-        found = self.rates(self.A)
-        return found[np.lexsort((found.imag, np.abs(found)))]
+        poles = self.rates(self.A)
+        return poles[np.lexsort((poles.imag, np.abs(poles)))]
 
     def rates(self, A: Array) -> Array:
         """Eigenvalues of a matrix over the same period as poles [1/s] (complex)."""
@@ -337,12 +337,12 @@ class Lineariser:
         ScenarioError
             If there is no such output.
         """
-        loop, wanted = build_closed_loop(scene, vary), tuple(outputs)
-        known = [variable.name for variable in loop.variables]
-        for name in wanted:
-            if name not in known:
-                raise SpaceRobotError(f"no output '{name}', {near_names(name, known)}")
-        return cls(scene, loop, build_perturbed_loop(scene, wanted, vary))
+        loop, requested = build_closed_loop(scene, vary), tuple(outputs)
+        names = [variable.name for variable in loop.variables]
+        for name in requested:
+            if name not in names:
+                raise SpaceRobotError(f"no output '{name}', {near_names(name, names)}")
+        return cls(scene, loop, build_perturbed_loop(scene, requested, vary))
 
     def rollout(self, backend: Backend, progress: Progress) -> Rollout:
         """Rollout of the closed loop, as of the scene's simulation."""
@@ -372,45 +372,45 @@ class Lineariser:
         names = [f"d.{name}" for name in perturbed.coordinates] + list(perturbed.state_names[nq:])
         basis = self._basis(instant, chart)
         if basis.shape[1] < 2 * nv:  # coordinates on the constraint manifold
-            whole = np.zeros((A.shape[0], A.shape[0] - 2 * nv + basis.shape[1]), dtype=basis.dtype)
-            whole[: 2 * nv, : basis.shape[1]] = basis
-            whole[2 * nv :, basis.shape[1] :] = np.eye(A.shape[0] - 2 * nv)
-            A, B, C = whole.T @ A @ whole, whole.T @ B, C @ whole
+            tangent = np.zeros((A.shape[0], A.shape[0] - 2 * nv + basis.shape[1]), dtype=basis.dtype)
+            tangent[: 2 * nv, : basis.shape[1]] = basis
+            tangent[2 * nv :, basis.shape[1] :] = np.eye(A.shape[0] - 2 * nv)
+            A, B, C = tangent.T @ A @ tangent, tangent.T @ B, C @ tangent
             updates = [
-                PeriodicUpdate(one.time_s, whole.T @ one.by_state @ whole, whole.T @ one.by_input)
+                PeriodicUpdate(one.time_s, tangent.T @ one.by_state @ tangent, tangent.T @ one.by_input)
                 for one in updates
             ]
             names = [f"eta[{i}]" for i in range(basis.shape[1])] + names[2 * nv :]
-        kept = _relevant(A, B, C, updates, basis.shape[1])
-        A, B, C = A[np.ix_(kept, kept)], B[kept], C[:, kept]
+        relevant = _relevant(A, B, C, updates, basis.shape[1])
+        A, B, C = A[np.ix_(relevant, relevant)], B[relevant], C[:, relevant]
         updates = [
-            PeriodicUpdate(one.time_s, one.by_state[np.ix_(kept, kept)], one.by_input[kept])
+            PeriodicUpdate(one.time_s, one.by_state[np.ix_(relevant, relevant)], one.by_input[relevant])
             for one in updates
         ]
-        found = LinearSystem(
+        system = LinearSystem(
             instant.label,
             float(np.real(t)),
             A,
             B,
             C,
             D,
-            tuple(names[i] for i in kept),
+            tuple(names[i] for i in relevant),
             perturbed.inputs,
             perturbed.outputs,
         )
-        return _periodic(found, updates, period_s) if updates else found
+        return _periodic(system, updates, period_s) if updates else system
 
     def _chart(self, x: Array) -> tuple[Array, Array]:
         """Tangent coordinates to coordinates of x (nx, nx - nq + nv), and the rate of that."""
         nq, nv, size = self.loop.nq, self.loop.nv, len(x)
-        found = []
+        charts = []
         for part, rest in zip(
             evaluate(self.perturbed.tangent, x), (np.eye(size - nq), np.zeros((size - nq,) * 2)), strict=True
         ):
-            whole = np.zeros((size, size - nq + nv), dtype=part.dtype)
-            whole[:nq, :nv], whole[nq:, nv:] = part, rest
-            found.append(whole)
-        return found[0], found[1]
+            chart = np.zeros((size, size - nq + nv), dtype=part.dtype)
+            chart[:nq, :nv], chart[nq:, nv:] = part, rest
+            charts.append(chart)
+        return charts[0], charts[1]
 
     def _basis(self, instant: Instant, chart: Array) -> Array:
         """Orthonormal basis of (xi, dv) on the constraint manifold (2 nv, n)."""
@@ -437,17 +437,17 @@ def _relevant(A: Array, B: Array, C: Array, updates: Sequence[PeriodicUpdate], m
     changes = np.abs(A).sum(1) + np.abs(B).sum(1)
     for one in updates:
         changes += np.abs(one.by_state - eye).sum(1) + np.abs(one.by_input).sum(1)
-    kept = [i for i in range(size) if i < mechanical or changes[i] > 0]
+    relevant = [i for i in range(size) if i < mechanical or changes[i] > 0]
     while True:
-        used = np.abs(C[:, kept]).sum(0) + np.abs(A[np.ix_(kept, kept)] * (1 - eye[np.ix_(kept, kept)])).sum(
-            0
-        )
+        used = np.abs(C[:, relevant]).sum(0) + np.abs(
+            A[np.ix_(relevant, relevant)] * (1 - eye[np.ix_(relevant, relevant)])
+        ).sum(0)
         for one in updates:
-            used += np.abs((one.by_state * (1 - eye))[np.ix_(kept, kept)]).sum(0)
-        left = [i for i, use in zip(kept, used, strict=True) if i < mechanical or use > 0]
-        if len(left) == len(kept):
-            return kept
-        kept = left
+            used += np.abs((one.by_state * (1 - eye))[np.ix_(relevant, relevant)]).sum(0)
+        left = [i for i, use in zip(relevant, used, strict=True) if i < mechanical or use > 0]
+        if len(left) == len(relevant):
+            return relevant
+        relevant = left
 
 
 def _periodic(found: LinearSystem, updates: Sequence[PeriodicUpdate], period_s: float) -> LinearSystem:

@@ -165,9 +165,9 @@ def margins(
     rollout = lineariser.rollout(backend, tell)
     tell("simulating and linearising")
     loop = lineariser.loop
-    found = samples(rollout, loop, along) if along else instants(rollout, loop, at)
+    points = samples(rollout, loop, along) if along else instants(rollout, loop, at)
     linear, loops = [], []
-    for instant in found:
+    for instant in points:
         tell(f"linearising at {instant.label}")
         linear.append(lineariser.at(instant))
         rows, count = list[LoopMargins](), len(linear[-1].inputs)

@@ -50,7 +50,7 @@ def loop_response(found: LinearSystem, name: str) -> tuple[Array, Array]:
     return next(loop_responses(found, [name]))
 
 
-def loop_responses(found: LinearSystem, names: Iterable[str]) -> Iterator[tuple[Array, Array]]:
+def loop_responses(system: LinearSystem, names: Iterable[str]) -> Iterator[tuple[Array, Array]]:
     """The same of several loops, in the order of their names.
 
     Parameters
@@ -63,28 +63,28 @@ def loop_responses(found: LinearSystem, names: Iterable[str]) -> Iterator[tuple[
     SpaceRobotError
         As :func:`loop_response`.
     """
-    names, poles = list(names), found.poles
-    own = {name: found.rates(found.broken(name)[0]) for name in names}
-    most = np.pi / found.period_s if found.period_s else np.inf
-    shared = frequency_grid(poles, most, np.concatenate([poles, *own.values()]))
-    kept: dict[int, tuple[list[str], Array]] = {}
+    names, poles = list(names), system.poles
+    poles_open = {name: system.rates(system.broken(name)[0]) for name in names}
+    most = np.pi / system.period_s if system.period_s else np.inf
+    shared = frequency_grid(poles, most, np.concatenate([poles, *poles_open.values()]))
+    by_closed_loop: dict[int, tuple[list[str], Array]] = {}
     for name in names:
-        closed = found.closed(name)
-        if id(closed[0]) not in kept:
-            members = [other for other in names if found.closed(other)[0] is closed[0]]
-            places = [found.inputs.index(other) for other in members]
-            kept[id(closed[0])] = (members, responses(closed, places, found.points(shared)))
-        members, values = kept[id(closed[0])]
+        closed = system.closed(name)
+        if id(closed[0]) not in by_closed_loop:
+            members = [other for other in names if system.closed(other)[0] is closed[0]]
+            places = [system.inputs.index(other) for other in members]
+            by_closed_loop[id(closed[0])] = (members, responses(closed, places, system.points(shared)))
+        members, values = by_closed_loop[id(closed[0])]
         response = values[members.index(name)]
         # poles that the loop shares with the closed one, or nearly so, have their frequencies already
-        away = np.abs(own[name][:, None] - poles).min(axis=1, initial=np.inf)
-        apart = away > 0.5 * np.maximum(np.abs(own[name].real), NEUTRAL * np.abs(own[name]))
-        more = np.concatenate([np.empty(0), *_resonances(own[name][apart])])
+        away = np.abs(poles_open[name][:, None] - poles).min(axis=1, initial=np.inf)
+        apart = away > 0.5 * np.maximum(np.abs(poles_open[name].real), NEUTRAL * np.abs(poles_open[name]))
+        more = np.concatenate([np.empty(0), *_resonances(poles_open[name][apart])])
         more = more[(more > shared[0]) & (more < shared[-1])]
         if not more.size:
             yield shared, response
             continue
-        extra = responses(closed, [found.inputs.index(name)], found.points(more))[0]
+        extra = responses(closed, [system.inputs.index(name)], system.points(more))[0]
         omega, first = np.unique(np.concatenate([shared, more]), return_index=True)
         kept_apart = np.concatenate([[True], np.diff(omega) > 1e-12 * omega[1:]])
         yield omega[kept_apart], np.concatenate([response, extra])[first[kept_apart]]
@@ -148,8 +148,8 @@ def frequency_grid(poles: Array, most: float, reach: Array | None = None) -> Arr
     low, high = (sizes.min(), sizes.max()) if sizes.size else (1.0, 1.0)
     # below, poles at zero that rounding has split would count as resonances
     low, high = max(min(low / BEYOND, most / 10), RIGID), min(high * BEYOND, most)
-    found = [np.geomspace(low, high, int(PER_DECADE * np.log10(high / low)) + 2), *_resonances(poles)]
-    omega = np.unique(np.concatenate(found))
+    grids = [np.geomspace(low, high, int(PER_DECADE * np.log10(high / low)) + 2), *_resonances(poles)]
+    omega = np.unique(np.concatenate(grids))
     omega = omega[(omega >= low) & (omega <= high)]
     return np.asarray(omega[np.concatenate([[True], np.diff(omega) > 1e-12 * omega[1:]])])
 

@@ -87,14 +87,14 @@ def occurrences(
                 periods[k] = period
     if not periods:
         return [], 0.0
-    whole = common_period(list(periods.values()))
+    common = common_period(list(periods.values()))
     begin = max((first[k] for k in periods), key=np.real)  # what waits for a delay has begun by then
-    found, end = list[PeriodicUpdate](), begin + 2 * whole + TOGETHER
+    updates, end = list[PeriodicUpdate](), begin + 2 * common + TOGETHER
     while True:
         times = {k: time for k, time in enumerate(due(x)) if k in periods}
         soonest = min(np.real(time) for time in times.values())
         if soonest > np.real(end):
-            return found, whole
+            return updates, common
         k = min(k for k, time in times.items() if np.real(time) < soonest + TOGETHER)
         after, by_state, by_input = evaluate(perturbed.update, instant.time_s, x, instant.c, places[k])
         if np.isnan(after).any():
@@ -103,7 +103,7 @@ def occurrences(
                 "period or more, allowed: less; give the scenario the longest delay of the range"
             )
         if np.real(times[k]) > np.real(begin) - TOGETHER:
-            found.append(PeriodicUpdate(times[k], by_state, by_input))
+            updates.append(PeriodicUpdate(times[k], by_state, by_input))
         x = advanced(x, after.ravel())
 
 
@@ -118,12 +118,12 @@ def common_period(periods: Sequence[float]) -> float:
     shortest = min(periods, key=np.real)
     ratios = [Fraction((period / shortest).real).limit_denominator(1000) for period in periods]
     numerator = math.lcm(*(ratio.numerator for ratio in ratios))
-    whole = shortest * numerator / math.gcd(*(ratio.denominator for ratio in ratios))
+    common = shortest * numerator / math.gcd(*(ratio.denominator for ratio in ratios))
     apart = max(abs(float(r) * shortest / p - 1) for r, p in zip(ratios, periods, strict=True))
-    if apart > TOGETHER or sum((whole / period).real for period in periods) > MAX_EVENTS:
-        shown = ", ".join(f"{period:g} s" for period in sorted(set(periods)))
-        raise ScenarioError(f"periods of {shown} have no common multiple: a linear analysis needs one")
-    return whole
+    if apart > TOGETHER or sum((common / period).real for period in periods) > MAX_EVENTS:
+        listed = ", ".join(f"{period:g} s" for period in sorted(set(periods)))
+        raise ScenarioError(f"periods of {listed} have no common multiple: a linear analysis needs one")
+    return common
 
 
 def beginning(
@@ -145,9 +145,9 @@ def beginning(
         The period [s].
     """
     A, B, C, D = continuous
-    eye, own = np.eye(len(A)), np.flatnonzero(C[place])
-    if np.abs(A[own]).sum() + np.abs(B[own]).sum() + np.abs(D[place]).sum() == 0:  # held
-        sets = [np.abs(one.by_state - eye)[own].sum() + np.abs(one.by_input[own]).sum() for one in updates]
+    eye, rows = np.eye(len(A)), np.flatnonzero(C[place])
+    if np.abs(A[rows]).sum() + np.abs(B[rows]).sum() + np.abs(D[place]).sum() == 0:  # held
+        sets = [np.abs(one.by_state - eye)[rows].sum() + np.abs(one.by_input[rows]).sum() for one in updates]
     elif np.abs(B[:, place]).sum() + np.abs(D[:, place]).sum() == 0:  # sampled
         sets = [np.abs(one.by_input[:, place]).sum() for one in updates]
     else:
@@ -174,8 +174,8 @@ def transition(
     """
     A, B, C, D = continuous
     size, inputs = B.shape
-    whole = np.zeros((size + inputs,) * 2, dtype=A.dtype)
-    whole[:size, :size], whole[:size, size:] = A, B
+    augmented = np.zeros((size + inputs,) * 2, dtype=A.dtype)
+    augmented[:size, :size], augmented[:size, size:] = A, B
     state, now, outputs = np.eye(size, size + inputs), begin_s, None
     lengths: dict[complex, Array] = {}
 
@@ -183,7 +183,7 @@ def transition(
         """Transition of state and input over a time without events."""
         key = round(np.real(length), 12) + 1j * np.imag(length)
         if key not in lengths:
-            lengths[key] = scipy.linalg.expm(whole * length)[:size]
+            lengths[key] = scipy.linalg.expm(augmented * length)[:size]
         return lengths[key]
 
     pad = np.hstack([np.zeros((inputs, size)), np.eye(inputs)])

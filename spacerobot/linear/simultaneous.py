@@ -36,7 +36,7 @@ ASCENTS = 3
 """Frequencies at which the lower bound is maximised."""
 
 
-def simultaneous_disk_margin(found: LinearSystem, loops: str = "torque/*") -> tuple[float, float]:
+def simultaneous_disk_margin(system: LinearSystem, loops: str = "torque/*") -> tuple[float, float]:
     """Bounds of the disk margin of loops that change at once.
 
     Parameters
@@ -56,25 +56,25 @@ def simultaneous_disk_margin(found: LinearSystem, loops: str = "torque/*") -> tu
     SpaceRobotError
         If there is no such loop, or loops are not invariant in time together.
     """
-    names = [name for name in found.inputs if fnmatchcase(name, loops)]
+    names = [name for name in system.inputs if fnmatchcase(name, loops)]
     if not names:
-        raise SpaceRobotError(f"no break point '{loops}', {near_names(loops, found.inputs)}")
-    closed = [found.closed(name) for name in names]
+        raise SpaceRobotError(f"no break point '{loops}', {near_names(loops, system.inputs)}")
+    closed = [system.closed(name) for name in names]
     if any(one[0] is not closed[0][0] for one in closed):
         raise SpaceRobotError(f"{loops}: their signals are not held over the same periods")
     A, B, C, D = closed[0]
-    places, size = [found.inputs.index(name) for name in names], len(names)
+    places, size = [system.inputs.index(name) for name in names], len(names)
     B, C, D = B[:, places], C[places], D[np.ix_(places, places)]
     # S has no poles but those of the closed loop
-    most = np.pi / found.period_s if found.period_s else np.inf
-    s, distances = found.points(frequency_grid(found.poles, most)), []
+    most = np.pi / system.period_s if system.period_s else np.inf
+    s, distances = system.points(frequency_grid(system.poles, most)), []
     for part in np.array_split(s, -(-len(s) // AT_ONCE)):
         states = np.linalg.solve(part[:, None, None] * np.eye(len(A)) - A, B)
         distances.append(C @ states + D + 0.5 * np.eye(size))  # S - I/2, S = I + G
-    whole = np.concatenate(distances)
-    if not found.period_s:
-        whole = np.concatenate([whole, D[None] + 0.5 * np.eye(size)])  # at infinite frequency
-    upper, lower = greatest_structured_value(whole)
+    matrices = np.concatenate(distances)
+    if not system.period_s:
+        matrices = np.concatenate([matrices, D[None] + 0.5 * np.eye(size)])  # at infinite frequency
+    upper, lower = greatest_structured_value(matrices)
     return 1 / upper, 1 / lower
 
 
@@ -92,8 +92,8 @@ def greatest_structured_value(matrices: Array) -> tuple[float, float]:
     bounds, upper = np.linalg.svd(matrices, compute_uv=False)[:, 0], 0.0
     while (bounds > max(upper, lower) * (1 + CLOSE)).any():
         k = int(bounds.argmax())
-        own, x = upper_bound(matrices[k], x, max(upper, lower))
-        bounds[k] = min(bounds[k], own)
+        bound, x = upper_bound(matrices[k], x, max(upper, lower))
+        bounds[k] = min(bounds[k], bound)
         upper = max(upper, bounds[k])
         (left,) = np.nonzero(bounds > upper)
         scaled = matrices[left] * np.exp(x[:, None] - x)

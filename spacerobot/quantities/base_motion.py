@@ -13,10 +13,10 @@ NO_TORQUE = "there are no torques on bases: give `limits.base_torque`, or actuat
 def wrenches(source: SignalSource, of: str) -> Columns:
     """Forces [N] and torques [N m] of two signals."""
     forces, torques = source.signal(f"{of}_force"), source.signal(f"{of}_torque")
-    found = dict[str, ca.SX]()
+    columns = dict[str, ca.SX]()
     for robot in forces:
-        found |= {f"{robot} force": forces[robot], f"{robot} torque": torques[robot]}
-    return found
+        columns |= {f"{robot} force": forces[robot], f"{robot} torque": torques[robot]}
+    return columns
 
 
 QUANTITIES = (

@@ -15,14 +15,14 @@ def forces(source: SignalSource) -> Columns:
 
 def torques(source: SignalSource) -> Columns:
     """Size of the torque in each grasp, at its tip [N m]; exactly zero where there is none."""
-    found = sizes(source.signal("grasp_torque"), SMALLEST)
-    return {label: size - SMALLEST for label, size in found.items()}
+    lengths = sizes(source.signal("grasp_torque"), SMALLEST)
+    return {label: size - SMALLEST for label, size in lengths.items()}
 
 
 def contact_forces(source: SignalSource) -> Columns:
     """Size of the force of each contact [N], exactly zero where there is none."""
-    found = sizes(source.signal("contact_force"), SMALLEST)
-    return {label: size - SMALLEST for label, size in found.items()}
+    lengths = sizes(source.signal("contact_force"), SMALLEST)
+    return {label: size - SMALLEST for label, size in lengths.items()}
 
 
 QUANTITIES = (

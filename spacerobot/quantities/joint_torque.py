@@ -12,10 +12,10 @@ torque_unit = joint_unit("N m", "N")
 
 def by_robot(source: SignalSource) -> Columns:
     """Absolute torques [N m] or forces [N] of the joints of each robot."""
-    found = dict[str, list[ca.SX]]()
+    torques_by_robot = dict[str, list[ca.SX]]()
     for label, torque in source.signal("joint_torque").items():
-        found.setdefault(label.partition("/")[0], []).append(torque)
-    return {robot: ca.fabs(ca.vertcat(*torques)) for robot, torques in found.items()}
+        torques_by_robot.setdefault(label.partition("/")[0], []).append(torque)
+    return {robot: ca.fabs(ca.vertcat(*torques)) for robot, torques in torques_by_robot.items()}
 
 
 QUANTITIES = (

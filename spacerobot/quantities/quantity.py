@@ -340,8 +340,8 @@ def register_quantity(quantity: Quantity) -> Quantity:
 
 
 def _add(quantity: Quantity) -> Quantity:
-    known = _REGISTERED.get(quantity.name)
-    if known is not None and source_of(known) != source_of(quantity):
+    registered_quantity = _REGISTERED.get(quantity.name)
+    if registered_quantity is not None and source_of(registered_quantity) != source_of(quantity):
         raise SpaceRobotError(f"the quantity {quantity.name!r} is registered already")
     _REGISTERED[quantity.name] = quantity
     return quantity
@@ -417,10 +417,10 @@ def find_quantity(name: str) -> Quantity:
     SpaceRobotError
         If there is none; with the near names.
     """
-    known = quantities()
-    if name not in known:
-        raise SpaceRobotError(f"no quantity {name!r}; {near_names(name, known)}")
-    return known[name]
+    registered_quantities = quantities()
+    if name not in registered_quantities:
+        raise SpaceRobotError(f"no quantity {name!r}; {near_names(name, registered_quantities)}")
+    return registered_quantities[name]
 
 
 def sizes(columns: Columns, smallest: float = 0.0, factor: float = 1.0) -> Columns:

@@ -45,9 +45,9 @@ def missing_data(data: xr.Dataset, scenario: Scenario) -> str | None:
     for name, dims in DIMENSIONS.items():
         if name not in data.variables:
             return f"no variable {name!r}"
-        found = tuple(map(str, data[name].dims))
-        if found != dims:
-            return f"{name}: found the dimensions {', '.join(found)}, allowed: {', '.join(dims)}"
+        actual = tuple(map(str, data[name].dims))
+        if actual != dims:
+            return f"{name}: found the dimensions {', '.join(actual)}, allowed: {', '.join(dims)}"
         if not data[name].size and dims[0] == "time" and not data.sizes["time"]:
             return "no sample"
         if dims[0] == "time":
@@ -64,17 +64,17 @@ def missing_data(data: xr.Dataset, scenario: Scenario) -> str | None:
             return f"{work}: no attribute 'sign'"
     # where a dataset and a scenario speak of different things
     target = ["target"] if scenario.target else []
-    wanted = {
+    expected = {
         "tip": [f"{robot}/{tip}" for robot, config in scenario.robots.items() for tip in config.tips],
         "body": [*scenario.robots, *target],
         "grasp": list(scenario.grasps),
         "contact": list(scenario.contacts),
     }
-    for name, labels in wanted.items():
+    for name, labels in expected.items():
         present = [str(label) for label in data[name].values] if name in data.coords else []
         if present != labels:
-            told = f"holds {', '.join(present) or 'none'}, scenario.yaml has {', '.join(labels) or 'none'}"
-            return f"{name}: {told}"
+            message = f"holds {', '.join(present) or 'none'}, scenario.yaml has {', '.join(labels) or 'none'}"
+            return f"{name}: {message}"
     return None
 
 
@@ -123,9 +123,9 @@ def missing_summary(summary: Mapping[str, Any], data: xr.Dataset) -> str | None:
         "urdf_sha256": dict.fromkeys(bodies, str),
         "versions": {"spacerobot": str, "python": str},
     }
-    told = _missing(expected, summary, "")
-    if told is not None:
-        return told
+    message = _missing(expected, summary, "")
+    if message is not None:
+        return message
     events = enumerate(summary["events"])
     return next(filter(None, (_missing(_EVENT, event, f"events.{k}") for k, event in events)), None)
 
@@ -151,7 +151,7 @@ def _missing(wanted: Any, found: Any, path: str) -> str | None:
         place = f"{path}.{key}" if path else key
         if key not in found:
             return f"no {place}"
-        told = _missing(inner, found[key], place)
-        if told is not None:
-            return told
+        message = _missing(inner, found[key], place)
+        if message is not None:
+            return message
     return None

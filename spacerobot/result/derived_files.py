@@ -34,9 +34,9 @@ def note_derived(folders: Iterable[StrPath | None], paths: Iterable[StrPath]) ->
         inside = [path for path in resolved if path.is_relative_to(folder)]
         if inside:
             with locked(folder):
-                known = _read(folder)
-                known |= {path.relative_to(folder).as_posix(): _sha256(path) for path in inside}
-                write_text(folder / DERIVED, json.dumps(known, indent=2, sort_keys=True) + "\n")
+                hashes = _read(folder)
+                hashes |= {path.relative_to(folder).as_posix(): _sha256(path) for path in inside}
+                write_text(folder / DERIVED, json.dumps(hashes, indent=2, sort_keys=True) + "\n")
 
 
 def remove_derived(folder: Path) -> None:
@@ -64,10 +64,10 @@ def remove_derived(folder: Path) -> None:
 def _read(folder: Path) -> dict[str, str]:
     """Hashes of the listed files by name; empty where the list is missing or damaged."""
     try:
-        found = json.loads((folder / DERIVED).read_text(encoding="utf-8"))
+        document = json.loads((folder / DERIVED).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return {}
-    pairs = found.items() if isinstance(found, dict) else ()
+    pairs = document.items() if isinstance(document, dict) else ()
     return {name: sha256 for name, sha256 in pairs if isinstance(sha256, str) and "\0" not in name}
 
 

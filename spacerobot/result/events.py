@@ -38,7 +38,7 @@ def build_events(scene: Scene, loop: ClosedLoop, happened: Sequence[FiredEvent])
     c = loop.setup(loop.parameter_values)[1].full().ravel()
     jumps, grasps = {place: c[place] for place in loop.jumps}, {grasp.name: grasp for grasp in scene.grasps}
     contacts, touched = [contact.name for contact in scene.contacts], dict[str, Mapping[str, Array]]()
-    found = list[dict[str, Any]]()
+    records = list[dict[str, Any]]()
     for one in happened:
         rule = loop.events[one.event]
         for place, when in jumps.items():
@@ -50,25 +50,25 @@ def build_events(scene: Scene, loop: ClosedLoop, happened: Sequence[FiredEvent])
         c[list(loop.switches)] = switches
         before = _outputs(loop, one.time_s, one.before, c)
         c[list(loop.switches)] = one.switches
-        told = dict[str, Any](time_s=float(one.time_s), kind=rule.kind, who=rule.who, name=rule.name)
+        record = dict[str, Any](time_s=float(one.time_s), kind=rule.kind, who=rule.who, name=rule.name)
         if rule.who in grasps:
             velocity, spin = relative_velocity(scene, grasps[rule.who], one.before)
-            told |= {"relative_velocity_m_s": velocity.tolist(), "relative_spin_rad_s": spin.tolist()}
+            record |= {"relative_velocity_m_s": velocity.tolist(), "relative_spin_rad_s": spin.tolist()}
         if rule.who in contacts:
             # relative velocity at a contact; as it parts, impulse on the second and loss since it touched
             place = contacts.index(rule.who)
-            told["relative_velocity_m_s"] = before["contact_velocity"].reshape(-1, 3)[place].tolist()
+            record["relative_velocity_m_s"] = before["contact_velocity"].reshape(-1, 3)[place].tolist()
             pair, _, kind = rule.name.rpartition(".")
             if kind == "touched":
                 touched[pair] = before
             elif kind == "parted" and pair in touched:
                 first = touched.pop(pair)
                 impulse = (before["contact_impulse"] - first["contact_impulse"]).reshape(-1, 3)[place]
-                told["impulses_n_s"] = {rule.name.partition(".")[0]: impulse.tolist()}
-                told["energy_lost_j"] = float((before["contact_loss"] - first["contact_loss"])[place])
+                record["impulses_n_s"] = {rule.name.partition(".")[0]: impulse.tolist()}
+                record["energy_lost_j"] = float((before["contact_loss"] - first["contact_loss"])[place])
         if rule.kind == "detected":
-            failed = [e["time_s"] for e in found if e["kind"] == "failed" and e["who"] == rule.who]
-            told |= {"delay_s": one.time_s - failed[-1]} if failed else {}
+            failed = [e["time_s"] for e in records if e["kind"] == "failed" and e["who"] == rule.who]
+            record |= {"delay_s": one.time_s - failed[-1]} if failed else {}
         # impulses of grasps and energy that an event took, where they are not zero
         taken: dict[str, Any] = {}
         if "grasp_impulse" in after:
@@ -87,8 +87,8 @@ def build_events(scene: Scene, loop: ClosedLoop, happened: Sequence[FiredEvent])
             largest = float(np.linalg.norm(partial.reshape(-1, 3), axis=1).max())
             moved = float(np.linalg.norm(after[f"momentum_{kind}"] - before[f"momentum_{kind}"]))
             parts.append(moved / largest if largest else 0.0)
-        found.append(told | taken | {"momentum_change": max(parts)})
-    return found
+        records.append(record | taken | {"momentum_change": max(parts)})
+    return records
 
 
 def relative_velocity(scene: Scene, grasp: SceneGrasp, x: Array) -> tuple[Array, Array]:

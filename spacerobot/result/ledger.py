@@ -53,8 +53,8 @@ def build_ledger(data: xr.Dataset, scenario: Scenario) -> dict[str, Any]:
         inner = {"linear": linear, "angular": linear * extent}
         for kind, unit in KINDS:
             total, partial = data[f"momentum_{kind}"].values, data[f"body_momentum_{kind}"].values
-            kept = kept_momentum(data, kind).values
-            drift = float(np.linalg.norm(kept - kept[0], axis=-1).max())
+            conserved = kept_momentum(data, kind).values
+            drift = float(np.linalg.norm(conserved - conserved[0], axis=-1).max())
             largest = max(float(np.linalg.norm(partial, axis=-1).max()), INNER_PART * inner[kind])
             if kind == "angular" and "wheel_momentum" in data:
                 largest = max(largest, float(np.nanmax(np.linalg.norm(data.wheel_momentum.values, axis=-1))))

@@ -38,7 +38,7 @@ def beyond_limits(scene: Scene, data: xr.Dataset) -> list[dict[str, Any]]:
         the greatest ``excess`` beyond it and ``time_s``, when that is.
     """
     labels, time = [str(joint) for joint in data["joint"].values], data["time"].values
-    found = []
+    violations = []
     for body in scene.bodies:
         for joint in body.description.joints:
             label = f"{body.name}/{joint.name}"
@@ -62,7 +62,7 @@ def beyond_limits(scene: Scene, data: xr.Dataset) -> list[dict[str, Any]]:
                 if not excess[k] > ROUNDING * size:
                     continue
                 scale = 1.0 if slides else factor
-                found.append(
+                violations.append(
                     {
                         "joint": label,
                         "quantity": quantity,
@@ -73,24 +73,24 @@ def beyond_limits(scene: Scene, data: xr.Dataset) -> list[dict[str, Any]]:
                         "time_s": float(time[k]),
                     }
                 )
-    return found
+    return violations
 
 
-def limit_warnings(found: Sequence[Mapping[str, Any]]) -> list[str]:
+def limit_warnings(violations: Sequence[Mapping[str, Any]]) -> list[str]:
     """One sentence for each robot and quantity, the joint with the greatest excess first."""
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
-    for one in found:
+    for one in violations:
         groups.setdefault((one["joint"].partition("/")[0], one["quantity"]), []).append(one)
     texts = []
     for (_, quantity), joints in groups.items():
         ordered = sorted(joints, key=lambda one: -one["excess"] / max(abs(one["limit"]), 1e-9))
-        shown = [
+        lines = [
             f"{one['joint']} from {one['from_s']:.4g} s on, by up to {one['excess']:.3g} {one['unit']} "
             f"beyond {one['limit']:.4g} {one['unit']} (at {one['time_s']:.4g} s)"
             for one in ordered[:3]
         ]
         more = [f"{len(ordered) - 3} more"] if len(ordered) > 3 else []
         texts.append(
-            f"joint {quantity} beyond the URDF's limits, which are not enforced: {'; '.join([*shown, *more])}"
+            f"joint {quantity} beyond the URDF's limits, which are not enforced: {'; '.join([*lines, *more])}"
         )
     return texts

@@ -13,13 +13,13 @@ from spacerobot.result.dataset import AXES
 
 def tip_errors(data: xr.Dataset) -> dict[str, dict[str, dict[str, float]]]:
     """Minimum, maximum, RMS and final tip error [m] by tip and axis, and of its norm."""
-    found, errors = {}, data.tip_error.values
+    statistics, errors = {}, data.tip_error.values
     for k, tip in enumerate(data.tip.values):
         error = errors[:, k]
-        found[str(tip)] = {axis: _statistics(error[:, i]) for i, axis in enumerate(AXES)} | {
+        statistics[str(tip)] = {axis: _statistics(error[:, i]) for i, axis in enumerate(AXES)} | {
             "norm": _statistics(np.sqrt((error**2).sum(axis=1)))
         }
-    return found
+    return statistics
 
 
 def _statistics(values: np.ndarray[Any, Any]) -> dict[str, float]:
@@ -59,9 +59,9 @@ def _turned(rotation: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     for i, (vector, angle) in enumerate(zip(rotation, size, strict=True)):
         if angle > 0:
             axis = vector / angle
-            whole = np.round((before @ axis - angle) / (2 * np.pi))
-            turned[i] = abs(angle + 2 * np.pi * whole)
-            before = (angle + 2 * np.pi * whole) * axis
+            turns = np.round((before @ axis - angle) / (2 * np.pi))
+            turned[i] = abs(angle + 2 * np.pi * turns)
+            before = (angle + 2 * np.pi * turns) * axis
         else:
             turned[i] = 2 * np.pi * np.round(np.linalg.norm(before) / (2 * np.pi))
     return turned
@@ -69,14 +69,14 @@ def _turned(rotation: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 
 def greatest_torque(data: xr.Dataset) -> dict[str, Any]:
     """Greatest actuator torque [N m], or force [N] of a prismatic joint, its unit, where and when."""
-    found = _greatest(data, np.abs(data.variables["joint_torque"].values), "joint", "torque_n_m")
-    return found | {"unit": "N" if _slides(data, found["joint"]) else "N m"}
+    largest = _greatest(data, np.abs(data.variables["joint_torque"].values), "joint", "torque_n_m")
+    return largest | {"unit": "N" if _slides(data, largest["joint"]) else "N m"}
 
 
 def fastest_joint(data: xr.Dataset) -> dict[str, Any]:
     """Greatest joint rate [rad/s], or speed [m/s] of a prismatic joint, its unit, where and when."""
-    found = _greatest(data, np.abs(data.variables["joint_velocity"].values), "joint", "rate")
-    return found | {"unit": "m/s" if _slides(data, found["joint"]) else "rad/s"}
+    fastest = _greatest(data, np.abs(data.variables["joint_velocity"].values), "joint", "rate")
+    return fastest | {"unit": "m/s" if _slides(data, fastest["joint"]) else "rad/s"}
 
 
 def _slides(data: xr.Dataset, joint: str | None) -> bool:
@@ -118,9 +118,9 @@ def propellant(data: xr.Dataset) -> dict[str, float]:
 def fastest_wheel(data: xr.Dataset) -> dict[str, Any]:
     """Greatest speed of a reaction wheel [rad/s], where and when, and the least part left of a limit."""
     left = np.array(data["wheel_margin"].values if "wheel_margin" in data else np.nan)
-    known = left[np.isfinite(left)]
-    found = _greatest(data, np.abs(data.variables["wheel_speed"].values), "wheel", "speed_rad_s")
-    return found | {"least_margin": float(known.min()) if known.size else None}
+    finite = left[np.isfinite(left)]
+    fastest = _greatest(data, np.abs(data.variables["wheel_speed"].values), "wheel", "speed_rad_s")
+    return fastest | {"least_margin": float(finite.min()) if finite.size else None}
 
 
 def _greatest(data: xr.Dataset, size: Array, dimension: str, key: str) -> dict[str, Any]:

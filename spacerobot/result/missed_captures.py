@@ -52,7 +52,7 @@ def missed_captures(
         ``from_s``, ``for_s``; and ``words``, one sentence.
     """
     captured = {event["who"] for event in events if event["kind"] == "captured"}
-    found = {}
+    causes = {}
     for grasp in scene.grasps:
         capture = grasp.config.capture
         if grasp.config.begins == "closed" or capture is None or grasp.name in captured:
@@ -68,12 +68,12 @@ def missed_captures(
             if captures is None or grasp.name in captures:
                 allowed |= (time >= begin) & (time <= end)
         if not allowed.any():
-            found[grasp.name] = {"words": "no phase in which it may close began"}
+            causes[grasp.name] = {"words": "no phase in which it may close began"}
         elif capture.at is not None:
-            found[grasp.name] = {"words": f"the simulation ended before {capture.at:g} s"}
+            causes[grasp.name] = {"words": f"the simulation ended before {capture.at:g} s"}
         else:
-            found[grasp.name] = _why(scene, grasp, capture, data, allowed)
-    return found
+            causes[grasp.name] = _why(scene, grasp, capture, data, allowed)
+    return causes
 
 
 def _why(
@@ -87,14 +87,14 @@ def _why(
     close = allowed if capture.distance is None else gaps <= capture.distance
     limits = {name: float(getattr(capture, name)) for name in capture.limits}
     closest = envelope_quantities(scene, grasp, capture, data, [nearest])
-    told: dict[str, Any] = {
+    cause: dict[str, Any] = {
         "closest": {"time_s": float(time[nearest])} | {name: float(closest[name][0]) for name in ENVELOPE},
         "inside_s": 0.0,
         "violated": [],
     }
     if not close.any():
         first = int(np.argmax(allowed))
-        told["violated"] = [
+        cause["violated"] = [
             {
                 "limit": "distance",
                 "allowed": limits["distance"],
@@ -103,7 +103,7 @@ def _why(
                 "for_s": float(time[np.flatnonzero(allowed)[-1]] - time[first]),
             }
         ]
-        return told | {"words": _words(capture, told)}
+        return cause | {"words": _words(capture, cause)}
     rows = np.flatnonzero(close)
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), INSTANTS)).astype(int))]
     values = envelope_quantities(scene, grasp, capture, data, rows)
@@ -119,7 +119,7 @@ def _why(
     if stays:
         # the longest stay inside, and what ended it: from there to the end of the time within `distance`
         stay = max(stays, key=lasts)
-        told["inside_s"] = lasts(stay)
+        cause["inside_s"] = lasts(stay)
         around = next(run for run in passes if run.start <= stay.start < run.stop)
         part = slice(stay.stop, around.stop)
     span = rows[part]
@@ -129,7 +129,7 @@ def _why(
     for name, mask in over.items():
         here = mask[part]
         if here.any():
-            told["violated"].append(
+            cause["violated"].append(
                 {
                     "limit": name,
                     "allowed": limits[name],
@@ -138,11 +138,11 @@ def _why(
                     "for_s": float(lengths[here].sum()) if len(span) > 1 else 0.0,
                 }
             )
-    told["violated"].sort(key=lambda one: (one["from_s"], -one["for_s"]))
+    cause["violated"].sort(key=lambda one: (one["from_s"], -one["for_s"]))
     # a stay that lasts until the simulation ends is ended by no limit
-    if stays and not told["violated"] and "distance" in limits and rows[stay.stop - 1] + 1 < len(time):
+    if stays and not cause["violated"] and "distance" in limits and rows[stay.stop - 1] + 1 < len(time):
         end = rows[stay.stop - 1] + 1
-        told["violated"] = [
+        cause["violated"] = [
             {
                 "limit": "distance",
                 "allowed": limits["distance"],
@@ -151,7 +151,7 @@ def _why(
                 "for_s": float(time[-1] - time[min(end, len(time) - 1)]),
             }
         ]
-    return told | {"words": _words(capture, told)}
+    return cause | {"words": _words(capture, cause)}
 
 
 def _runs(mask: Booleans, rows: npt.NDArray[np.int64], close: Booleans) -> Iterator[slice]:
@@ -190,7 +190,7 @@ def envelope_quantities(
     kinematics = model.createData()
     unit = np.array(capture.axis) / np.linalg.norm(capture.axis)
     mated = pin.rpy.rpyToMatrix(np.radians(capture.mated_deg))
-    found = np.empty((len(rows), len(ENVELOPE)))
+    values = np.empty((len(rows), len(ENVELOPE)))
     for k, (q, v) in enumerate(zip(data["q"].values[rows], data["v"].values[rows], strict=True)):
         pin.forwardKinematics(model, kinematics, q, v)
         tip, mate = (pin.updateFramePlacement(model, kinematics, f) for f in (grasp.tip.frame, grasp.frame))
@@ -200,14 +200,14 @@ def envelope_quantities(
         velocity = moving.linear - other.linear - np.cross(other.angular, gap)
         closing = float(mate.rotation @ unit @ velocity)
         turned = pin.log3((mate.rotation @ mated).T @ tip.rotation)
-        found[k] = (
+        values[k] = (
             np.linalg.norm(gap),
             np.degrees(np.linalg.norm(turned)),
             abs(closing),
             np.sqrt(max(float(velocity @ velocity) - closing**2, 0.0)),
             np.degrees(np.linalg.norm(moving.angular - other.angular)),
         )
-    return {name: found[:, i] for i, name in enumerate(ENVELOPE)}
+    return {name: values[:, i] for i, name in enumerate(ENVELOPE)}
 
 
 def shown(name: str, value: float) -> str:

@@ -62,17 +62,17 @@ def check_folder(folder: StrPath, job: str | None = None) -> None:
     if folder.exists() and not folder.is_dir():
         raise ResultError("is a file, not a folder", source=folder)
     names = [] if not folder.is_dir() else [p.name for p in folder.iterdir() if not p.name.startswith(STAGE)]
-    found = set(names)
+    files = set(names)
     # other jobs' folders have a summary or a scenario as well: only the data tell a result
-    result = DATA in found or found <= {*FILES, DERIVED}
-    other = next((name for name in JOBS if name in found and name != job), None)
-    mine = result if job is None else not found or job in found
+    result = DATA in files or files <= {*FILES, DERIVED}
+    other = next((name for name in JOBS if name in files and name != job), None)
+    mine = result if job is None else not files or job in files
     if job is not None and other is None:  # perhaps killed before its own file was written
-        mine = mine or JOURNALS in found or (result and job in WITH_RESULT)
+        mine = mine or JOURNALS in files or (result and job in WITH_RESULT)
     if not mine:
-        wanted = "no result" if job is None else f"not {JOBS[job]}"
+        expected = "no result" if job is None else f"not {JOBS[job]}"
         holds = "files" if other is None else JOBS[other]
-        raise ResultError(f"holds {holds}, {wanted}; name an empty or a new folder", source=folder)
+        raise ResultError(f"holds {holds}, {expected}; name an empty or a new folder", source=folder)
     with _writing(folder), _stage(folder):
         pass
 
@@ -123,10 +123,10 @@ def read_result(folder: Path) -> tuple[Scenario, xr.Dataset, dict[str, Any]]:
         if missing:
             raise ResultError(f"not a complete result: no {', '.join(missing)}", source=folder)
         summary = _parse(folder / SUMMARY, lambda path: json.loads(path.read_text(encoding="utf-8")))
-        found = summary.get("format") if isinstance(summary, dict) else None
-        if found != FORMAT:
+        layout = summary.get("format") if isinstance(summary, dict) else None
+        if layout != FORMAT:
             raise ResultError(
-                f"written by another version: layout {found!r}, this one reads {FORMAT}; run its scenario "
+                f"written by another version: layout {layout!r}, this one reads {FORMAT}; run its scenario "
                 "again",
                 source=folder / SUMMARY,
             )

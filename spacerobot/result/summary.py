@@ -114,10 +114,10 @@ def unled_tips(scene: Scene) -> list[str]:
 
 @functools.cache
 def _versions() -> Mapping[str, str]:
-    found = {"spacerobot": __version__, "python": platform.python_version()}
+    versions = {"spacerobot": __version__, "python": platform.python_version()}
     for package in ("pin", "casadi", "numpy", "yourdfpy"):
         try:
-            found[package] = version(package)
+            versions[package] = version(package)
         except PackageNotFoundError:
-            found[package] = "unknown"
-    return found
+            versions[package] = "unknown"
+    return versions

@@ -25,10 +25,10 @@ def headline(summary: Mapping[str, Any], data: xr.Dataset) -> list[Row]:
     # plans of MPC replace the references of tips: a distance from them is no control error
     error = "tip from its reference" if "mpc" in summary else "tip error"
     for tip, axes in led.items():
-        shown = ["x", "y"] if "body_angle" in data else ["x", "y", "z"]
+        names = ["x", "y"] if "body_angle" in data else ["x", "y", "z"]
         unit, factor = _unit_of(axes["norm"]["rms_m"])
         spans = ", ".join(
-            f"{axis} {_span(axes[axis]['min_m'] * factor, axes[axis]['max_m'] * factor)}" for axis in shown
+            f"{axis} {_span(axes[axis]['min_m'] * factor, axes[axis]['max_m'] * factor)}" for axis in names
         )
         rows.append((f"{error} {tip}", f"{spans} {unit} (rms {axes['norm']['rms_m'] * factor:.3f} {unit})"))
     if summary["target"] is not None:
@@ -37,8 +37,8 @@ def headline(summary: Mapping[str, Any], data: xr.Dataset) -> list[Row]:
         moved = f"{motion['max_rotation_deg']:.4g} deg, {motion['max_travel_m'] * 1e3:.4g} mm"
         rows.append((f"base {base} moved by at most", moved))
     for base, error in summary.get("attitude_error", {}).items():
-        told = f"at most {error['max_deg']:.4g} deg, {error['final_deg']:.4g} deg at the end"
-        rows.append((f"attitude error {base}", told))
+        words = f"at most {error['max_deg']:.4g} deg, {error['final_deg']:.4g} deg at the end"
+        rows.append((f"attitude error {base}", words))
     spent = summary.get("propellant_kg", {})
     rows += [(f"propellant {base}", f"{mass * 1e3:.4g} g") for base, mass in spent.items()]
     torque, grip = summary["greatest_torque"], summary["greatest_grip"]
@@ -61,11 +61,11 @@ def headline(summary: Mapping[str, Any], data: xr.Dataset) -> list[Row]:
     momentum, energy = ledger["momentum"], ledger["energy"]
     if momentum["conserved"]:
         drifts = (f"{momentum[kind]['relative_drift']:.1e} {kind}" for kind in ("linear", "angular"))
-        kept = ", ".join(drifts) + " (of the largest partial momentum)"
+        drift = ", ".join(drifts) + " (of the largest partial momentum)"
     else:
-        kept = f"not conserved: {momentum['reason']}"
+        drift = f"not conserved: {momentum['reason']}"
     balance = f"open by {energy['relative_residual']:.1e} (of the largest energy)"
-    conserved = [("momentum drift", kept), ("energy balance", balance)]
+    conserved = [("momentum drift", drift), ("energy balance", balance)]
     return rows + conserved + [("engine", engine_words)]
 
 

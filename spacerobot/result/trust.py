@@ -56,24 +56,24 @@ def judge(
         ``trusted``, what is ``open`` in words, which contacts are too ``deep`` if any, ``advice`` (None where
         it is trusted).
     """
-    found = list[str]()
+    open_balances = list[str]()
     if completed:
         momentum, energy, parts = ledger["momentum"], ledger["energy"], list[str]()
         for kind, unit in KINDS if momentum["conserved"] else ():
-            told = momentum[kind]
-            drift = told[f"drift_{unit}"] / max(told[f"largest_partial_{unit}"], LEAST_MOMENTUM)
+            balance = momentum[kind]
+            drift = balance[f"drift_{unit}"] / max(balance[f"largest_partial_{unit}"], LEAST_MOMENTUM)
             if not drift <= MOST_DRIFT:
                 parts.append(f"{share(drift)} {kind}")
         if parts:
-            found.append(f"momentum drift {', '.join(parts)}")
+            open_balances.append(f"momentum drift {', '.join(parts)}")
         residual = energy["largest_residual_j"] / max(energy["largest_energy_j"], LEAST_ENERGY)
         if not residual <= MOST_RESIDUAL:
-            found.append(f"energy residual {share(residual)}")
+            open_balances.append(f"energy residual {share(residual)}")
     return {
-        "trusted": completed and not found and not deep,
-        "open": found,
+        "trusted": completed and not open_balances and not deep,
+        "open": open_balances,
         **({"deep": list(deep)} if deep else {}),
-        "advice": "; ".join([*([advice] if found else []), *([DEEP_ADVICE] if deep else [])]) or None,
+        "advice": "; ".join([*([advice] if open_balances else []), *([DEEP_ADVICE] if deep else [])]) or None,
     }
 
 
@@ -87,17 +87,17 @@ def deep_contacts(contacts: Sequence[SceneContact], data: xr.Dataset) -> list[st
     data
         A result's dataset, with the gap of each contact's nearest pair of shapes [m].
     """
-    found = []
+    warnings = []
     for contact in contacts:
         size = contact_size(contact)
         gap = np.asarray(data.contact_gap.sel(contact=contact.name).values)
         depth = -least_between(gap, np.asarray(data.time.values))
         if depth > MOST_DEPTH * size:
-            found.append(
+            warnings.append(
                 f"contact {contact.name} is {1e3 * depth:.3g} mm deep, where its smaller shape has "
                 f"{1e3 * size:.3g} mm from its middle to its surface"
             )
-    return found
+    return warnings
 
 
 def contact_size(contact: SceneContact) -> float:
@@ -168,8 +168,10 @@ def _doubts(status: Mapping[str, Any], limits: str = "") -> list[str]:
     """Why a rollout is not trusted."""
     deep = [f"bodies pass into each other: {'; '.join(status['deep'])}"] if status.get("deep") else []
     opened = "; ".join(status["open"])
-    told = f"the ledger is open ({opened}; allowed: {limits})" if limits else f"the ledger is open: {opened}"
-    return [*([told] if opened else []), *deep]
+    balance = (
+        f"the ledger is open ({opened}; allowed: {limits})" if limits else f"the ledger is open: {opened}"
+    )
+    return [*([balance] if opened else []), *deep]
 
 
 def warning(status: Mapping[str, Any]) -> str | None:

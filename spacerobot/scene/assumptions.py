@@ -23,11 +23,13 @@ SLIP = 1e-9  # [m/s, rad/s, deg/s] that a described velocity may differ from the
 
 def list_assumptions(scene: Scene) -> tuple[str, ...]:
     """Every assumption taken, in the order of the scenario."""
-    found = ["nothing can leave the x-y plane: two translations and one rotation"] if scene.planar else []
+    assumptions = (
+        ["nothing can leave the x-y plane: two translations and one rotation"] if scene.planar else []
+    )
     if not any(scene.scenario.gravity) and not scene.scenario.environment:
-        found.append("no gravity, no orbital motion: the world frame is inertial")
+        assumptions.append("no gravity, no orbital motion: the world frame is inertial")
     for name, environment in scene.scenario.environment.items():
-        found += [f"environment.{name}: {assumed}" for assumed in environment.assumptions()]
+        assumptions += [f"environment.{name}: {assumed}" for assumed in environment.assumptions()]
     for body in scene.bodies:
         for closing in find_closings(scene.bodies, scene.grasps):
             if closing.body is body:
@@ -36,71 +38,77 @@ def list_assumptions(scene: Scene) -> tuple[str, ...]:
                 turn = np.degrees(pin.rpy.matrixToRpy(placement.rotation)) + 0.0
                 turned = f", turned by {_vector(turn)} deg," if closing.aligns else ""
                 follows = f"; its velocity {'and spin follow' if closing.sets_spin else 'follows'}"
-                found.append(
+                assumptions.append(
                     f"{body.path}.base: placed at ({x:.4f}, {y:.4f}, {z:.4f}) m{turned} so that grasp "
                     f"{closing.grasp.name!r} closes{' aligned' if closing.aligns else ''}"
                     + (follows if closing.sets_velocity else "")
                 )
-        given = scene.scenario.target if body.name == "target" else scene.scenario.robots[body.name]
-        locked = [name for name, joint in (given.joints if given else {}).items() if joint.locked]
+        section = scene.scenario.target if body.name == "target" else scene.scenario.robots[body.name]
+        locked = [name for name, joint in (section.joints if section else {}).items() if joint.locked]
         if locked:
-            found.append(f"{body.path}: locked where they begin: {', '.join(locked)}")
+            assumptions.append(f"{body.path}: locked where they begin: {', '.join(locked)}")
         changed = []
         for link in body.description.links:
-            own = body.config.links.get(link.name)
-            if own is not None and own.mass != link.mass and own.inertia_at_mass is not None:
+            mass_section = body.config.links.get(link.name)
+            if (
+                mass_section is not None
+                and mass_section.mass != link.mass
+                and mass_section.inertia_at_mass is not None
+            ):
                 changed.append(link.name)
         if changed:
-            found.append(
+            assumptions.append(
                 f"{body.path}: inertia scaled with the mass, which is not the URDF's (give `inertia` if it "
                 f"shall not be): {', '.join(changed)}"
             )
         if isinstance(body.config, Robot):
             controlled = any(any(tip.config.elements()) for tip in scene.tips if tip.body is body)
             if not controlled and not any(body.config.elements()):
-                found.append(f"{body.path}: no controller, so its joints are passive")
+                assumptions.append(f"{body.path}: no controller, so its joints are passive")
             if body.config.sensors is None:
-                found.append(f"{body.path}: ideal sensors (a = 0, b = 1)")
+                assumptions.append(f"{body.path}: ideal sensors (a = 0, b = 1)")
             names = robot_facts(scene, body).joints
             if not any(actuator.limits(names) for _, actuator in body.config.driven_by()):
-                found.append(f"{body.path}: torques are not limited")
+                assumptions.append(f"{body.path}: torques are not limited")
     for tip in scene.tips:
         place = f"{tip.path}.reference"
         if any(reference.from_target for reference in tip.references):
-            found.append(f"{tip.path}: reference derived from the target's, rigidly")
+            assumptions.append(f"{tip.path}: reference derived from the target's, rigidly")
         elif tip.config.reference is None and tip.references[-1].path == place and any(tip.config.elements()):
-            found.append(f"{tip.path}: no reference given, so it holds its initial pose")
+            assumptions.append(f"{tip.path}: no reference given, so it holds its initial pose")
         for key, controller in tip.config.elements():
-            found += [f"{tip.path}.{key}: {assumed}" for assumed in controller.assumptions()]
+            assumptions += [f"{tip.path}.{key}: {assumed}" for assumed in controller.assumptions()]
     for _, path, element in robot_elements(scene):
-        found += [f"{path}: {assumed}" for assumed in element.assumptions()]
+        assumptions += [f"{path}: {assumed}" for assumed in element.assumptions()]
     let_go = {name for phase in scene.scenario.phases.values() for name in phase.releases}
     for grasp in scene.grasps:
-        found += [
-            f"{grasp.path}: {told}"
-            for told in (*grasp.config.assumptions(), grasp.config.life(told=grasp.name in let_go))
+        assumptions += [
+            f"{grasp.path}: {sentence}"
+            for sentence in (*grasp.config.assumptions(), grasp.config.life(told=grasp.name in let_go))
         ]
         if is_rigid(grasp) and grasp in open_grasps(scene):
-            found.append(
+            assumptions.append(
                 f"{grasp.path}: no base can close it: positions must meet as given, initial velocities "
                 "change by the impulse of closing"
             )
     for contact in scene.contacts:
-        found += [f"{contact.path}: {assumed}" for assumed in contact.config.assumptions()]
+        assumptions += [f"{contact.path}: {assumed}" for assumed in contact.config.assumptions()]
     if scene.contacts:
-        found.append("no contact except in the grasps and contacts: other shapes may pass through each other")
+        assumptions.append(
+            "no contact except in the grasps and contacts: other shapes may pass through each other"
+        )
     elif scene.grasps:
-        found.append("no contact except in the grasps: bodies may pass through each other")
-    return tuple(found)
+        assumptions.append("no contact except in the grasps: bodies may pass through each other")
+    return tuple(assumptions)
 
 
 def list_warnings(scene: Scene) -> tuple[str, ...]:
     """Warnings about URDFs, postures, and sensors and references without a purpose."""
-    found: list[str] = []
+    warnings: list[str] = []
     for body in scene.bodies:
-        found += [f"{body.path}: {warning}" for warning in body.description.warnings]
+        warnings += [f"{body.path}: {warning}" for warning in body.description.warnings]
         bodies = resolved_bodies(body.config, body.description)
-        found += [f"{body.path}: {w}" for w in odd_bodies(bodies, floating=bool(body.root_joint))]
+        warnings += [f"{body.path}: {w}" for w in odd_bodies(bodies, floating=bool(body.root_joint))]
         for joint in body.description.joints:
             state = body.config.joints.get(joint.name)
             if state is None or joint.kind == "continuous":
@@ -112,7 +120,7 @@ def list_warnings(scene: Scene) -> tuple[str, ...]:
                     f"{np.degrees(x) if turns else x:.4g}" for x in (value, joint.lower, joint.upper)
                 )
                 unit = "deg" if turns else "m"
-                found.append(
+                warnings.append(
                     f"{body.path}.joints.{joint.name}: begins at {begin} {unit}, outside the URDF's limits "
                     f"{lower} to {upper} {unit}; limits are not enforced"
                 )
@@ -130,7 +138,7 @@ def list_warnings(scene: Scene) -> tuple[str, ...]:
             texts = {signal: field.description for signal, field in type(config.sensors).model_fields.items()}
             for signal, sensor in config.sensors:
                 if signal not in read and not sensor.is_ideal:
-                    found.append(
+                    warnings.append(
                         f"{body.path}.sensors.{signal}: without effect, nothing of this robot reads it "
                         f"({texts[signal]})"
                     )
@@ -144,7 +152,7 @@ def list_warnings(scene: Scene) -> tuple[str, ...]:
             ("release.at", None if release is None else release.at, "releases"),
         ):
             if time is not None and time >= duration:
-                found.append(
+                warnings.append(
                     f"{grasp.path}.{key}: never {what}, for the simulation ends after {duration:g} s"
                 )
     # warnings about pads that neither a contact nor a plan names
@@ -152,13 +160,13 @@ def list_warnings(scene: Scene) -> tuple[str, ...]:
     named = {side for contact in scene.scenario.contacts.values() for side in contact.between}
     for _, _, limit in plan.every_limit() if plan is not None else ():
         named |= set(limit.separated.between if limit.separated is not None else ())
-    found += [
+    warnings += [
         f"pads.{name}: without effect, no contact names it"
         for name in scene.scenario.pads
         if name not in named
     ]
     for body, path, element in robot_elements(scene):
-        found += [f"{path}: {caution}" for caution in element.cautions(robot_facts(scene, body))]
+        warnings += [f"{path}: {caution}" for caution in element.cautions(robot_facts(scene, body))]
     # described positions and velocities that give way to grasps
     for closing in find_closings(scene.bodies, scene.grasps):
         base, path, free = closing.body.base, f"{closing.body.path}.base", range(closing.axes)
@@ -166,22 +174,22 @@ def list_warnings(scene: Scene) -> tuple[str, ...]:
         end = f"so that grasp {closing.grasp.name!r} begins closed"
         moved = float(np.linalg.norm((placement.translation - base.position)[free]))
         if base.close_grasp is None and moved > closing.grasp.config.max_gap:
-            found.append(f"{path}: moved {moved:.3g} m from its `position` {end}")
+            warnings.append(f"{path}: moved {moved:.3g} m from its `position` {end}")
         if closing.sets_velocity and _gives_way(base.velocity, linear):
-            found.append(f"{path}: `velocity` is replaced by {_vector(linear)} m/s {end}")
+            warnings.append(f"{path}: `velocity` is replaced by {_vector(linear)} m/s {end}")
         if closing.sets_spin and _gives_way(base.spin_deg, np.degrees(spin)):
-            found.append(f"{path}: `spin_deg` is replaced by {_vector(np.degrees(spin))} deg/s {end}")
+            warnings.append(f"{path}: `spin_deg` is replaced by {_vector(np.degrees(spin))} deg/s {end}")
     if has_loops(scene):
         described = initial_state(scene.model, scene.bodies, scene.grasps, source=scene.source)[1]
         change = float(np.abs(scene.v - described).max())
         if change > SLIP:
             names = " and ".join(repr(grasp.name) for grasp in open_grasps(scene) if is_rigid(grasp))
-            found.append(
+            warnings.append(
                 f"initial velocities changed by up to {change:.3g} m/s or rad/s so that grasp {names} "
                 "begins closed"
             )
-    found += dome_warnings(scene)
-    return (*found, *reference_warnings(scene), *envelope_warnings(scene), *mating_warnings(scene))
+    warnings += dome_warnings(scene)
+    return (*warnings, *reference_warnings(scene), *envelope_warnings(scene), *mating_warnings(scene))
 
 
 def _base_motion(scene: Scene, body: SceneBody) -> tuple[pin.SE3, Array, Array]:

@@ -47,10 +47,10 @@ def rpy(cosines: Sequence[Any], sines: Sequence[Any]) -> Quaternion:
 
 def joint(model: Any, index: int, cosine: Any, sine: Any) -> Quaternion:
     """Of a joint of one freedom, by the cosine and sine of half its position; none of a prismatic one."""
-    found = model.joints[index]
-    data = found.createData()
-    found.calc(data, pin.neutral(model))
-    axis = np.asarray(data.S, dtype=float).reshape(6, found.nv)[3:, 0]
+    model_joint = model.joints[index]
+    data = model_joint.createData()
+    model_joint.calc(data, pin.neutral(model))
+    axis = np.asarray(data.S, dtype=float).reshape(6, model_joint.nv)[3:, 0]
     return (*(float(a) * sine for a in axis), cosine) if axis.any() else (0.0, 0.0, 0.0, 1.0)
 
 
@@ -71,9 +71,9 @@ def aligned(
         Tip axes to the mating frame's.
     """
     root = closing.body.root_joint
-    own, other = (_frame(model, frame, turns, root) for frame in (closing.own, closing.other))
-    wanted = product(other, inverse(offset) if closing.body.name == "target" else offset)
-    return product(wanted, inverse(own))
+    present, other = (_frame(model, frame, turns, root) for frame in (closing.own, closing.other))
+    desired = product(other, inverse(offset) if closing.body.name == "target" else offset)
+    return product(desired, inverse(present))
 
 
 def upright(turn: Quaternion, length: Any) -> Quaternion:
@@ -84,10 +84,10 @@ def upright(turn: Quaternion, length: Any) -> Quaternion:
 def _frame(model: Any, frame: int, turns: Mapping[int, Quaternion], root: int) -> Quaternion:
     """Of a frame, relative to the world, or to the body behind the joint ``root`` where it hangs on it."""
     supports = list(model.supports[model.frames[frame].parentJoint])
-    found: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    orientation: Quaternion = (0.0, 0.0, 0.0, 1.0)
     for index in supports[supports.index(root) + 1 if root in supports else 1 :]:
-        found = product(product(found, _constant(model.jointPlacements[index])), turns[index])
-    return product(found, _constant(model.frames[frame].placement))
+        orientation = product(product(orientation, _constant(model.jointPlacements[index])), turns[index])
+    return product(orientation, _constant(model.frames[frame].placement))
 
 
 def _constant(placement: Any) -> Quaternion:

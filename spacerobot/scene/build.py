@@ -192,8 +192,8 @@ def resolve(
         if not _names_files(pattern, value):
             document = _change(document, pattern, value, source)
             # the inertia of links that a change sets is not scaled by their mass
-            link, found, tail = pattern.rpartition(".inertia")
-            if found and ".links." in link and (not tail or tail[1:] == "*" or tail[1:].isdecimal()):
+            link, separator, tail = pattern.rpartition(".inertia")
+            if separator and ".links." in link and (not tail or tail[1:] == "*" or tail[1:].isdecimal()):
                 document = _change(document, f"{link}.inertia_at_mass", None, source)
     changed = to_document(validate(document, source=source))
     read_files(changed, source=source)
@@ -207,9 +207,9 @@ def resolve(
 def _names_files(pattern: str, value: Any) -> bool:
     """Whether a change decides which files are read, or which links there are; a whole body does."""
     segments = pattern.split(".")
-    whole = isinstance(value, Mapping) and (segments == ["target"] or segments[:-1] == ["robots"])
+    is_body = isinstance(value, Mapping) and (segments == ["target"] or segments[:-1] == ["robots"])
     added = "mounts" in segments[2:3] or "flexible" in segments[1:3]
-    return whole or added or segments[-1] in ("urdf", "file")
+    return is_body or added or segments[-1] in ("urdf", "file")
 
 
 def _change(document: Document, pattern: str, value: Any, source: Path | None) -> Document:

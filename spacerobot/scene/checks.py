@@ -61,18 +61,18 @@ def check_masses(scenario: Scenario, descriptions: Mapping[str, Description], *,
             flexible = config.flexible[name]
             carrier = flexible.carrier(name)
             link = _with_masses(find_link(description, carrier), config.links.get(carrier))
-            whole = pin.Inertia(link.mass, link.com, np.zeros((3, 3))).matrix()
-            whole[3:, 3:] += link.inertia
+            spatial = pin.Inertia(link.mass, link.com, np.zeros((3, 3))).matrix()
+            spatial[3:, 3:] += link.inertia
             # with what other sections take out of the same link
             moving = moved.get(carrier, 0.0) + flexible.moving_inertia(description, name)
             moved[carrier] = moving
-            scale = np.sqrt(np.maximum(np.diag(whole), np.diag(moving)))
+            scale = np.sqrt(np.maximum(np.diag(spatial), np.diag(moving)))
             scale[scale == 0] = 1.0
-            values, vectors = np.linalg.eigh((whole - moving) / np.outer(scale, scale))
+            values, vectors = np.linalg.eigh((spatial - moving) / np.outer(scale, scale))
             if values[0] < -SHARE_TOLERANCE:
                 part = int(np.argmax(np.abs(vectors[:, 0])))
                 motion, way = f"{('along', 'about')[part // 3]} {'xyz'[part % 3]}", vectors[:, 0] / scale
-                share = float(way @ moving @ way) / max(float(way @ whole @ way), np.finfo(float).tiny)
+                share = float(way @ moving @ way) / max(float(way @ spatial @ way), np.finfo(float).tiny)
                 raise ScenarioError(
                     f"more moves than link {carrier!r} has, mostly {motion}: found {share:.4g} times its "
                     "inertia, allowed: once; lower what moves, or give the link more mass or inertia by "
@@ -214,9 +214,9 @@ def check_alignment(scene: Scene) -> None:
         if not closing.aligns:
             continue
         grasp, base = closing.grasp, closing.body.base
-        found = data.oMf[grasp.frame].rotation.T @ data.oMf[grasp.tip.frame].rotation
-        wanted = pin.rpy.rpyToMatrix(np.radians(base.align_rotation_deg))
-        left = float(np.linalg.norm(pin.log3(wanted.T @ found)))
+        actual = data.oMf[grasp.frame].rotation.T @ data.oMf[grasp.tip.frame].rotation
+        desired = pin.rpy.rpyToMatrix(np.radians(base.align_rotation_deg))
+        left = float(np.linalg.norm(pin.log3(desired.T @ actual)))
         if left > ALIGNED:
             raise ScenarioError(
                 f"cannot align grasp {grasp.name!r}: a {base.joint} base turns about z alone, and the axes "
@@ -264,12 +264,15 @@ def check_elements(scene: Scene) -> None:
             raise ScenarioError(message, source=scene.source, where=where)
     for body in scene.robots:
         # refuse what acts on a fixed base, and controllers whose wrench on a base no actuator delivers
-        own = [found for found in robot_elements(scene) if found[0] is body]
+        elements = [found for found in robot_elements(scene) if found[0] is body]
         delivered = {
-            part for _, _, element in own if isinstance(element, Actuator) for part in element.base_wrench
+            part
+            for _, _, element in elements
+            if isinstance(element, Actuator)
+            for part in element.base_wrench
         }
         # refuse to unload wheels that are not there or stand before what unloads them, and to miss failures
-        actuators = [(path, part) for _, path, part in own if isinstance(part, Actuator)]
+        actuators = [(path, part) for _, path, part in elements if isinstance(part, Actuator)]
         wheels = [actuator.has_wheels for _, actuator in actuators]
         for place, (path, actuator) in enumerate(actuators):
             if actuator.unloads and (any(wheels[:place]) or not any(wheels[place:])):
@@ -286,7 +289,7 @@ def check_elements(scene: Scene) -> None:
                     f"sees only failures that are listed after it; found {early} before it, list that later"
                 )
                 raise ScenarioError(message, source=scene.source, where=path)
-        for _, path, element in own:
+        for _, path, element in elements:
             if element.base_wrench and not body.root_joint:
                 message = (
                     "acts on the base, which is fixed; leave it out, or give `base: {joint: free_flyer}`"
@@ -311,31 +314,33 @@ def check_elements(scene: Scene) -> None:
             where = f"{body.path}.estimators.{key}"
             for signal in estimator.makes:
                 if signal in made:
-                    told = f"estimates {signal}, which estimator {made[signal]!r} does too; leave one of "
-                    raise ScenarioError(f"{told}them out", source=scene.source, where=where)
+                    problem = f"estimates {signal}, which estimator {made[signal]!r} does too; leave one of "
+                    raise ScenarioError(f"{problem}them out", source=scene.source, where=where)
                 made[signal] = key
-            seen = estimator.frames()
-            if seen is None:
+            frames = estimator.frames()
+            if frames is None:
                 continue
             if scene.target is None or not scene.target.root_joint:
-                told = (
+                problem = (
                     "found no target that moves, which it is to see; give `target`, with a base that is free"
                 )
-                raise ScenarioError(told, source=scene.source, where=where)
+                raise ScenarioError(problem, source=scene.source, where=where)
             tips = [tip.label.rpartition("/")[2] for tip in scene.tips if tip.body is body]
             links = [link.name for link in scene.target.description.links]
-            for name, field, known in zip(seen, ("tip", "frame"), (tips, links), strict=True):
-                if name not in known:
-                    told = f"found {name!r}, {near_names(name, known)}"
-                    raise ScenarioError(told, source=scene.source, where=f"{where}.{field}")
+            for name, field, names in zip(frames, ("tip", "frame"), (tips, links), strict=True):
+                if name not in names:
+                    problem = f"found {name!r}, {near_names(name, names)}"
+                    raise ScenarioError(problem, source=scene.source, where=f"{where}.{field}")
             if HELD_INERTIA in estimator.makes and not any(
-                (grasp.tip.label, grasp.config.frame) == (f"{body.name}/{seen[0]}", seen[1])
+                (grasp.tip.label, grasp.config.frame) == (f"{body.name}/{frames[0]}", frames[1])
                 and grasp.config.fixes_position
                 and grasp.config.fixes_orientation
                 for grasp in scene.grasps
             ):
-                told = f"found no grasp of {seen[0]} and {seen[1]} that fixes position and orientation; "
-                raise ScenarioError(f"{told}give a weld", source=scene.source, where=f"{where}.frame")
+                problem = (
+                    f"found no grasp of {frames[0]} and {frames[1]} that fixes position and orientation; "
+                )
+                raise ScenarioError(f"{problem}give a weld", source=scene.source, where=f"{where}.frame")
     for tip in scene.tips:
         carriers = [joint for joint in tip.body.owned if joint in scene.model.supports[tip.joint]]
         if carriers:

@@ -68,29 +68,29 @@ def initial_state(
             # turn a base so that its grasp begins aligned, and its described velocity with its axes
             joint = model.joints[closing.body.root_joint]
             offset = _turn(closing.body.base.align_rotation_deg)
-            found = base_alignment.aligned(model, closing, turned, offset)
+            orientation = base_alignment.aligned(model, closing, turned, offset)
             if joint.nv == 3:
-                found = base_alignment.upright(found, np.hypot(*found[2:]))
-            rotation = pin.Quaternion(np.array(found, dtype=float)).toRotationMatrix()
+                orientation = base_alignment.upright(orientation, np.hypot(*orientation[2:]))
+            rotation = pin.Quaternion(np.array(orientation, dtype=float)).toRotationMatrix()
             if joint.nv == 3:
                 q[joint.idx_q + 2 : joint.idx_q + 4] = rotation[:2, 0]
             else:
-                q[joint.idx_q + 3 : joint.idx_q + 7] = found
+                q[joint.idx_q + 3 : joint.idx_q + 7] = orientation
             size = 2 if joint.nv == 3 else 3
             for first in range(joint.idx_v, joint.idx_v + joint.nv - 1, 3):
                 v[first : first + size] = rotation[:size, :size].T @ v[first : first + size]
-            turned[closing.body.root_joint] = found
+            turned[closing.body.root_joint] = orientation
         # move a base, and set it in motion, so that its grasp begins closed
         data = model.createData()
         pin.forwardKinematics(model, data, q, v)
         pin.updateFramePlacements(model, data)
         base, joint = data.oMi[closing.body.root_joint], model.joints[closing.body.root_joint]
-        own, other = data.oMf[closing.own].translation, data.oMf[closing.other].translation
-        q[joint.idx_q : joint.idx_q + closing.axes] += (other - own)[: closing.axes]
+        origin, other = data.oMf[closing.own].translation, data.oMf[closing.other].translation
+        q[joint.idx_q : joint.idx_q + closing.axes] += (other - origin)[: closing.axes]
         if closing.sets_velocity:
             slip = _velocity(model, data, closing.other) - _velocity(model, data, closing.own)
             spin = slip[3:] if closing.sets_spin else np.zeros(3)
-            linear = base.rotation.T @ (slip[:3] - np.cross(spin, own - base.translation))
+            linear = base.rotation.T @ (slip[:3] - np.cross(spin, origin - base.translation))
             angular = base.rotation.T @ spin
             v[joint.idx_v : joint.idx_v + joint.nv] += (
                 [*linear[:2], angular[2]] if joint.nv == 3 else [*linear, *angular]

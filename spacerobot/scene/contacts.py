@@ -123,9 +123,9 @@ class _Finder:
             raise self._fault(f"{side} has no collision shape; name a pad on it under `pads`", where)
         for link in links:
             for shape in link.collisions:
-                label, geometry, own = f"{body.name}/{link.name}", shape.geometry, np.eye(4)
+                label, geometry, placement = f"{body.name}/{link.name}", shape.geometry, np.eye(4)
                 if wraps_around(geometry) and wrap is not None:
-                    config, own = wrapped(geometry, wrap, label)
+                    config, placement = wrapped(geometry, wrap, label)
                 elif geometry.mesh is not None:
                     wraps = " or ".join(f"`wrap: {name}`" for name in sorted(wrapping_shapes()))
                     raise self._fault(
@@ -135,14 +135,16 @@ class _Finder:
                     )
                 else:
                     config = shape_of(geometry, label)
-                yield SceneShape(label, None, config, *self._frame(body, link.name), shape.placement @ own)
+                yield SceneShape(
+                    label, None, config, *self._frame(body, link.name), shape.placement @ placement
+                )
 
     def _body(self, side: str, fault: str, others: list[str], where: str) -> SceneBody:
         """Body whose name stands before a slash."""
         name, slash, _ = side.partition("/")
         if not slash or name not in self.bodies:
-            known = [*others, *(f"{body}/" for body in self.bodies)]
-            raise self._fault(f"{fault}; {near_names(side, known)}", where)
+            allowed = [*others, *(f"{body}/" for body in self.bodies)]
+            raise self._fault(f"{fault}; {near_names(side, allowed)}", where)
         return self.bodies[name]
 
     def _frame(self, body: SceneBody, link: str) -> tuple[int, int]:
@@ -194,7 +196,7 @@ def check_overlap(scene: Scene) -> None:
 
 def dome_warnings(scene: Scene) -> list[str]:
     """One for each pair of shapes that is apart at the start but for the domes of crowned faces and edges."""
-    found = []
+    warnings = []
     for contact in scene.contacts:
         if contact.config.may_overlap:
             continue
@@ -205,12 +207,12 @@ def dome_warnings(scene: Scene) -> list[str]:
             near = gap < 3**0.5 * crown * sum(extents)
             depth = _within_domes(scene, pair, crown) if near else 0.0
             if depth > TOUCHING:
-                found.append(
+                warnings.append(
                     f"{contact.path}: {pair[0].label} and {pair[1].label} begin {depth:.2g} m inside the "
                     "domes of their faces and edges, so they push at once; move them apart by that, or lower "
                     "`crown`"
                 )
-    return found
+    return warnings
 
 
 def _within_domes(scene: Scene, pair: tuple[SceneShape, SceneShape], crown: float) -> float:

@@ -34,17 +34,17 @@ def envelope_warnings(scene: Scene) -> list[str]:
         data = scene.model.createData()
         pin.forwardKinematics(scene.model, data, scene.q, scene.v)
         pin.updateFramePlacements(scene.model, data)
-        robot, own = _centre(scene, data, grasp.tip.body), _within(scene, grasp.tip.body, grasp.tip.frame)
+        robot, reach = _centre(scene, data, grasp.tip.body), _within(scene, grasp.tip.body, grasp.tip.frame)
         aim, other = _centre(scene, data, target), _within(scene, target, grasp.frame)
         apart, speed = aim[0] - robot[0], aim[1] - robot[1]
         square, duration = float(speed @ speed), scene.scenario.simulation.duration
         nearest_at = float(np.clip(-(apart @ speed) / square, 0, duration)) if square else 0.0
         nearest = float(np.linalg.norm(apart + nearest_at * speed))
-        if nearest > own + other + capture.distance:
+        if nearest > reach + other + capture.distance:
             distant.append(
                 f"{grasp.path}.capture.distance: never holds: in {duration:g} s the centres of mass of "
                 f"{grasp.tip.body.name} and the target come no nearer than {nearest:.4g} m, and the tip "
-                f"reaches {own:.4g} m from the one, the mating frame {other:.4g} m from the other"
+                f"reaches {reach:.4g} m from the one, the mating frame {other:.4g} m from the other"
             )
     # one that captures moves what the others reach for
     return distant if len(distant) == len(living) else []
@@ -56,7 +56,7 @@ def mating_warnings(scene: Scene) -> list[str]:
     Both name roll, pitch, yaw of the tip in the mating frame (``mated_deg``); where they differ by more than
     the envelope's ``misalignment_deg``, following the one never meets the other.
     """
-    found = []
+    warnings = []
     for grasp in scene.grasps:
         capture = grasp.config.capture
         if capture is None or capture.misalignment_deg is None:
@@ -80,13 +80,13 @@ def mating_warnings(scene: Scene) -> list[str]:
             first, other = (pin.rpy.rpyToMatrix(np.radians(rpy)) for rpy in (angles, capture.mated_deg))
             apart = float(np.degrees(np.linalg.norm(pin.log3(first.T @ other))))
             if apart > capture.misalignment_deg:
-                found.append(
+                warnings.append(
                     f"{path}.mated_deg: leads {grasp.tip.label} to {_angles(angles)} deg in "
                     f"{grasp.config.frame}, {apart:.4g} deg from {grasp.path}.capture.mated_deg "
                     f"{_angles(capture.mated_deg)}, which closes "
                     f"within misalignment_deg {capture.misalignment_deg:g}"
                 )
-    return found
+    return warnings
 
 
 def _angles(values: Sequence[float]) -> str:
@@ -113,13 +113,13 @@ def _within(scene: Scene, body: SceneBody, frame: int) -> float:
     model, tip = scene.model, scene.model.frames[frame]
     if not body.root_joint:
         return reach(scene, body, frame)
-    own = lengths_to_root(scene, body, int(tip.parentJoint), np.array(tip.placement.translation))
+    lengths = lengths_to_root(scene, body, int(tip.parentJoint), np.array(tip.placement.translation))
     weighed, total = 0.0, 0.0
     for joint in body.subtree:
         inertia = model.inertias[joint]
         other = lengths_to_root(scene, body, joint, np.array(inertia.lever))
-        meets = next(ancestor for ancestor in own if ancestor in other)
-        (one, here), (two, there) = own[meets], other[meets]
+        meets = next(ancestor for ancestor in lengths if ancestor in other)
+        (one, here), (two, there) = lengths[meets], other[meets]
         weighed += inertia.mass * (one + two + float(np.linalg.norm(here - there)))
         total += inertia.mass
     return weighed / total

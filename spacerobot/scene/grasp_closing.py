@@ -110,9 +110,9 @@ def find_closings(
             if body is not None and body.root_joint and body.name not in gives:
                 gives[body.name] = grasp
                 # a body must not follow itself, by way of others
-                at, seen = body.name, set()
-                while at in gives and at not in seen:
-                    seen.add(at)
+                at, visited = body.name, set()
+                while at in gives and at not in visited:
+                    visited.add(at)
                     at = _followed(at, gives[at])
                 if at != body.name:
                     break

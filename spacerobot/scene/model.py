@@ -40,21 +40,21 @@ def build_model(
         xml, base = description.to_pinocchio_xml(prefix=f"{name}/"), config.base
         placement = pin.SE3.Identity()
         if base.joint == "fixed":
-            own = pin.buildModelFromXML(xml)
+            part = pin.buildModelFromXML(xml)
             placement.rotation = pin.rpy.rpyToMatrix(np.radians(base.rotation_deg))
             placement.translation = np.array(base.position, dtype=float)
         elif base.joint == "planar":
-            own = pin.buildModelFromXML(xml, pin.JointModelPlanar(), _root_name(name, description))
+            part = pin.buildModelFromXML(xml, pin.JointModelPlanar(), _root_name(name, description))
             placement.translation = np.array([0.0, 0.0, base.position[2]])
         else:
-            own = pin.buildModelFromXML(xml, pin.JointModelFreeFlyer(), _root_name(name, description))
+            part = pin.buildModelFromXML(xml, pin.JointModelFreeFlyer(), _root_name(name, description))
         # rename the frames of joints that are called like a link: a URDF may do so, ``appendModel`` fails
-        links = {frame.name for frame in own.frames if frame.type == pin.FrameType.BODY}
-        for frame in own.frames:
+        links = {frame.name for frame in part.frames if frame.type == pin.FrameType.BODY}
+        for frame in part.frames:
             if frame.type != pin.FrameType.BODY:
                 while frame.name in links:
                     frame.name += "_joint"
-        model = pin.appendModel(model, own, 0, placement)
+        model = pin.appendModel(model, part, 0, placement)
     model.gravity.linear = np.array(scenario.gravity)
     bodies = tuple(_body(model, path, config, descriptions[path]) for path, config in configs.items())
     for body in bodies:
@@ -81,8 +81,8 @@ def build_model(
 
 def _root_name(name: str, description: Description) -> str:
     """Name of the joint that floats a body's base, unlike those of the body's own joints."""
-    own, root = {joint.name for joint in description.joints}, ROOT
-    while root in own:
+    names, root = {joint.name for joint in description.joints}, ROOT
+    while root in names:
         root += "_"
     return f"{name}/{root}"
 

@@ -56,7 +56,7 @@ def overlaps(scene: Scene) -> list[str]:
     pin.forwardKinematics(scene.model, data, scene.q)
     gripped = {(grasp.tip.joint, grasp.joint) for grasp in scene.grasps}
     of_body = {body.name: list(solids(scene, body)) for body in scene.bodies}
-    found = []
+    warnings = []
     for one, other in itertools.combinations(scene.bodies, 2):
         pairs = [
             f"{a.link} and {b.link}"
@@ -68,11 +68,11 @@ def overlaps(scene: Scene) -> list[str]:
         pairs = list(dict.fromkeys(pairs))
         if pairs:
             more = f" and {len(pairs) - NAMED} more" if len(pairs) > NAMED else ""
-            found.append(
+            warnings.append(
                 f"{one.name} and {other.name} overlap at the start: {', '.join(pairs[:NAMED])}{more}; "
                 "they pass through each other, move a base or change the posture"
             )
-    return found
+    return warnings
 
 
 def solids(scene: Scene, body: SceneBody) -> Iterator[Solid]:

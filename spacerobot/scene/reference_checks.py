@@ -21,9 +21,9 @@ def check_in_plane(scene: Scene) -> None:
     if not scene.planar:
         return
     for reference in (reference for tip in scene.tips for reference in tip.references):
-        for key, found in reference.config.leaves_plane():
+        for key, value in reference.config.leaves_plane():
             raise ScenarioError(
-                f"leads out of the x-y plane, which nothing in this scene can leave: found {found}, allowed: "
+                f"leads out of the x-y plane, which nothing in this scene can leave: found {value}, allowed: "
                 "displacements along x and y, rotations about z; a `free_flyer` base is free in space",
                 source=scene.source,
                 where=f"{reference.path}.{key}",
@@ -57,17 +57,17 @@ def check_followed(scene: Scene) -> None:
 def reference_warnings(scene: Scene) -> list[str]:
     """Warnings of the references themselves, and about those that lead out of reach."""
     references = [reference for tip in scene.tips for reference in tip.references]
-    own = [
+    warnings = [
         f"{reference.path}: {warning}" for reference in references for warning in reference.config.warnings()
     ]
-    return [*dict.fromkeys(own), *out_of_reach(scene)]
+    return [*dict.fromkeys(warnings), *out_of_reach(scene)]
 
 
 def out_of_reach(scene: Scene) -> list[str]:
     """Warnings about references that lead farther from where a base begins than its arm reaches."""
     data = scene.model.createData()
     pin.framesForwardKinematics(scene.model, data, scene.q)
-    found = []
+    warnings = []
     for tip in scene.tips:
         base = data.oMf[tip.body.root_frame].translation
         begin = data.oMf[tip.frame].translation
@@ -81,11 +81,11 @@ def out_of_reach(scene: Scene) -> list[str]:
         farthest = float(np.linalg.norm(points - base, axis=1).max())
         longest = reach(scene, tip.body, tip.frame)
         if farthest > longest * (1 + 1e-9):
-            found.append(
+            warnings.append(
                 f"{tip.references[0].path}: leads {tip.label} {farthest:.4g} m from where its base begins, "
                 f"the arm reaches {longest:.4g} m"
             )
-    return found
+    return warnings
 
 
 def lengths_to_root(
@@ -100,17 +100,17 @@ def lengths_to_root(
     joint, point
         Where the chain ends: a joint, and a point in its frame (3,) [m].
     """
-    model, by_name = scene.model, {own.name: own for own in body.description.joints}
-    found, length = {joint: (0.0, point)}, 0.0
+    model, by_name = scene.model, {described.name: described for described in body.description.joints}
+    lengths, length = {joint: (0.0, point)}, 0.0
     while joint in body.joints:
         length += float(np.linalg.norm(point))
-        own = by_name[body.joint_name(model, joint)]
-        if own.kind == "prismatic":
-            length += max(abs(own.lower), abs(own.upper))
+        described = by_name[body.joint_name(model, joint)]
+        if described.kind == "prismatic":
+            length += max(abs(described.lower), abs(described.upper))
         point = np.array(model.jointPlacements[joint].translation)
         joint = int(model.parents[joint])
-        found[joint] = (length, point)
-    return found
+        lengths[joint] = (length, point)
+    return lengths
 
 
 def reach(scene: Scene, body: SceneBody, frame: int) -> float:

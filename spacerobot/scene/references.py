@@ -26,13 +26,13 @@ def references_of(
     """
     if not during:
         return (_reference(label, scenario, {}, ""),)
-    found: dict[tuple[str, bool], SceneReference] = {}
+    references: dict[tuple[str, bool], SceneReference] = {}
     for name, merged in during.items():
         reference = _reference(label, merged, scenario.phases[name].changes, name)
         key = reference.path, reference.from_target
-        phases = (*(found[key].phases if key in found else ()), name)
-        found[key] = SceneReference(reference.path, reference.config, reference.from_target, phases)
-    return tuple(found.values())
+        phases = (*(references[key].phases if key in references else ()), name)
+        references[key] = SceneReference(reference.path, reference.config, reference.from_target, phases)
+    return tuple(references.values())
 
 
 def _reference(label: str, scenario: Scenario, changes: Document, phase: str) -> SceneReference:
@@ -40,13 +40,15 @@ def _reference(label: str, scenario: Scenario, changes: Document, phase: str) ->
     robot, _, name = label.partition("/")
     tip, target = scenario.robots[robot].tips[name], scenario.target
     place = f"robots.{robot}.tips.{name}.reference"
-    own = changes.get("robots", {}).get(robot, {}).get("tips", {}).get(name, {})
+    tip_changes = changes.get("robots", {}).get(robot, {}).get("tips", {}).get(name, {})
     held = any(grasp.tip == label for grasp in scenario.grasps.values())
     if tip.reference is None and held and target is not None and target.reference is not None:
-        given = changes.get("target", {})
-        return SceneReference(_in(phase, "target.reference", "reference" in given), target.reference, True)
+        target_changes = changes.get("target", {})
+        return SceneReference(
+            _in(phase, "target.reference", "reference" in target_changes), target.reference, True
+        )
     reference = tip.reference or create("reference", "hold")
-    return SceneReference(_in(phase, place, own.get("reference") is not None), reference, False)
+    return SceneReference(_in(phase, place, tip_changes.get("reference") is not None), reference, False)
 
 
 def _in(phase: str, path: str, differs: bool) -> str:

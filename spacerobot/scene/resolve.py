@@ -60,11 +60,11 @@ def _found(path: str, section: Document, source: Path | None) -> Path:
 
 def _with_urdfs(document: Document) -> dict[str, Document]:
     """Sections that name a URDF, by their dotted path: bodies, and behind each what is mounted on it."""
-    found: dict[str, Document] = {}
+    sections: dict[str, Document] = {}
     for path, body in body_documents(document).items():
-        found[path] = body
-        found |= {f"{path}.mounts.{name}": mount for name, mount in body.get("mounts", {}).items()}
-    return found
+        sections[path] = body
+        sections |= {f"{path}.mounts.{name}": mount for name, mount in body.get("mounts", {}).items()}
+    return sections
 
 
 def read_files(document: Document, *, source: Path | None) -> None:
@@ -122,10 +122,10 @@ def _reading(document: Document) -> list[tuple[str, Document, type[Element]]]:
     readers = {
         name: kind for family in FAMILIES for name, kind in kinds(family).items() if kind.fills is not None
     }
-    found = (
+    sections = (
         (where, section, readers.get(str(section.get("kind")))) for where, section in _sections(document)
     )
-    return [(where, section, kind) for where, section, kind in found if kind is not None]
+    return [(where, section, kind) for where, section, kind in sections if kind is not None]
 
 
 def _sections(node: Any, path: str = "") -> Iterator[tuple[str, Document]]:
@@ -174,13 +174,13 @@ def read_descriptions(document: Document, *, source: Path | None) -> dict[str, D
         path: (_found(path, section, source), section.get("expanded_urdf"))
         for path, section in _with_urdfs(document).items()
     }
-    known = {file: read_description(*file) for file in dict.fromkeys(files.values())}
+    descriptions_by_file = {file: read_description(*file) for file in dict.fromkeys(files.values())}
     descriptions = {}
     for path, body in body_documents(document).items():
-        description = known[files[path]]
+        description = descriptions_by_file[files[path]]
         for name, mount in body.get("mounts", {}).items():
             where = f"{path}.mounts.{name}"
-            arm, mounting = known[files[where]], np.eye(4)
+            arm, mounting = descriptions_by_file[files[where]], np.eye(4)
             mounting[:3, :3] = pin.rpy.rpyToMatrix(np.radians(mount["rotation_deg"]))
             mounting[:3, 3] = mount["position"]
             try:
@@ -191,12 +191,12 @@ def read_descriptions(document: Document, *, source: Path | None) -> dict[str, D
         origins = {}
         joints = {joint.child: joint.origin for joint in description.joints}
         for link, placement in body["placements"].items():
-            own = joints.get(link, np.eye(4))
-            origin, was, given = np.array(own), _placement(own), placement or {}
-            if given.get("position") not in (None, was["position"]):
-                origin[:3, 3] = given["position"]
-            if given.get("rotation_deg") not in (None, was["rotation_deg"]):
-                origin[:3, :3] = pin.rpy.rpyToMatrix(np.radians(given["rotation_deg"]))
+            joint_origin = joints.get(link, np.eye(4))
+            origin, was, described = np.array(joint_origin), _placement(joint_origin), placement or {}
+            if described.get("position") not in (None, was["position"]):
+                origin[:3, 3] = described["position"]
+            if described.get("rotation_deg") not in (None, was["rotation_deg"]):
+                origin[:3, :3] = pin.rpy.rpyToMatrix(np.radians(described["rotation_deg"]))
             origins[link] = origin
         try:
             description = placed(description, origins) if origins else description
@@ -234,40 +234,40 @@ def fill(document: Document, descriptions: Mapping[str, Description], *, source:
     for path, body in body_documents(document).items():
         new, description = dict(body), descriptions[path]
         names = [link.name for link in description.links]
-        given = _by_name(body["links"], names, f"{path}.links", "link", source)
+        sections = _by_name(body["links"], names, f"{path}.links", "link", source)
         new["links"] = {}
         for link in description.links:
-            own = given.get(link.name, {})
-            if link.mass == 0 and not link.inertia.any() and not own:
+            section = sections.get(link.name, {})
+            if link.mass == 0 and not link.inertia.any() and not section:
                 continue
             inertia = link.inertia
             from_urdf: Document = {"mass": float(link.mass), "com": [float(x) for x in link.com]}
-            if "inertia" not in own:
+            if "inertia" not in section:
                 places = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
                 from_urdf["inertia"] = [float(inertia[i, j]) for i, j in places]
                 if link.mass > 0 and inertia.any():
                     from_urdf["inertia_at_mass"] = float(link.mass)
-            found = from_urdf | own
+            link_section = from_urdf | section
             # an inertia that belongs to another mass is scaled to the link's own
-            mass, belongs = found["mass"], found.get("inertia_at_mass")
+            mass, belongs = link_section["mass"], link_section.get("inertia_at_mass")
             if belongs is not None and belongs != mass:
-                found["inertia"] = [value * (mass / belongs) for value in found["inertia"]]
-                found["inertia_at_mass"] = mass or None
-            new["links"][link.name] = found
+                link_section["inertia"] = [value * (mass / belongs) for value in link_section["inertia"]]
+                link_section["inertia_at_mass"] = mass or None
+            new["links"][link.name] = link_section
         origins = {joint.child: joint.origin for joint in description.joints}
         new["placements"] = {
-            link: _placement(origins[link]) | {k: v for k, v in (own or {}).items() if v is not None}
-            for link, own in body["placements"].items()
+            link: _placement(origins[link]) | {k: v for k, v in (section or {}).items() if v is not None}
+            for link, section in body["placements"].items()
         }
         moving = [joint for joint in description.joints if joint.kind != "fixed"]
         names = [joint.name for joint in moving]
-        given = _by_name(body["joints"], names, f"{path}.joints", "moving joint", source)
+        sections = _by_name(body["joints"], names, f"{path}.joints", "moving joint", source)
         new["joints"] = {}
         for joint in moving:
-            own = given.get(joint.name, {})
+            section = sections.get(joint.name, {})
             state = ("offset", "speed") if joint.kind == "prismatic" else ("angle_deg", "rate_deg")
-            follows = joint.mimic is not None and not own.get("locked")
-            for key in [key for key in (*_STATES, "torque_limit") if key in own]:
+            follows = joint.mimic is not None and not section.get("locked")
+            for key in [key for key in (*_STATES, "torque_limit") if key in section]:
                 if follows or (key in _STATES and key not in state):
                     where = f"{path}.joints.{joint.name}.{key}"
                     why = f"not for a {joint.kind} joint; use {' and '.join(state)}"
@@ -278,7 +278,7 @@ def fill(document: Document, descriptions: Mapping[str, Description], *, source:
             from_urdf["damping"] = float(joint.damping)
             if 0 < joint.effort < NO_LIMIT and joint.mimic is None:
                 from_urdf["torque_limit"] = float(joint.effort)
-            new["joints"][joint.name] = from_urdf | own
+            new["joints"][joint.name] = from_urdf | section
         if path == "target":
             filled["target"] = new
         else:
@@ -290,16 +290,16 @@ def _by_name(
     given: Document, names: Sequence[str], where: str, what: str, source: Path | None
 ) -> dict[str, Document]:
     """Sections by name, patterns expanded: of several for a name the later wins, a full name always."""
-    found: dict[str, Document] = {}
+    sections: dict[str, Document] = {}
     for pattern in sorted(given, key=lambda name: "*" not in name):  # stable: full names last
         matched = matching(names, pattern) if "*" in pattern else [name for name in names if name == pattern]
         if not matched:
             hint = near_names(pattern, names)
             raise ScenarioError(f"no {what} {pattern!r} in the URDF; {hint}", source=source, where=where)
-        own = {key: value for key, value in (given[pattern] or {}).items() if value is not None}
+        section = {key: value for key, value in (given[pattern] or {}).items() if value is not None}
         for name in matched:
-            found[name] = found.get(name, {}) | own
-    return found
+            sections[name] = sections.get(name, {}) | section
+    return sections
 
 
 def settle(

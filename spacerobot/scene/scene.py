@@ -122,8 +122,8 @@ class SceneBody:
 
         def number(name: str, key: str) -> float:
             first, _, place = key.partition(".")
-            found = getattr(self.config.flexible[name], first)
-            return float(found[int(place)] if place else found)
+            value = getattr(self.config.flexible[name], first)
+            return float(value[int(place)] if place else value)
 
         return self.springs(number)
 
@@ -140,11 +140,13 @@ class SceneBody:
         dict
             Stiffness [N m/rad or N/m] and damping [N m s/rad or N s/m].
         """
-        found = dict[str, tuple[Number, Number]]()
+        springs_by_joint = dict[str, tuple[Number, Number]]()
         for name, flexible in self.config.flexible.items():
             springs = flexible.springs(self.description, name, functools.partial(number, name))
-            found |= {joint: own for joint, own in springs.items() if joint in self.config.joints}
-        return found
+            springs_by_joint |= {
+                joint: spring for joint, spring in springs.items() if joint in self.config.joints
+            }
+        return springs_by_joint
 
     @property
     def base(self) -> Base:
@@ -360,11 +362,11 @@ class Scene:
     @property
     def stiffness(self) -> Array:
         """Stiffness of the springs in flexible links, by the component of v (nv,) [N m/rad or N/m]."""
-        found = np.zeros(self.model.nv)
+        stiffnesses = np.zeros(self.model.nv)
         for body in self.bodies:
             for name, (stiffness, _) in body.spring_constants.items():
-                found[self.model.joints[self.model.getJointId(f"{body.name}/{name}")].idx_v] = stiffness
-        return found
+                stiffnesses[self.model.joints[self.model.getJointId(f"{body.name}/{name}")].idx_v] = stiffness
+        return stiffnesses
 
     @property
     def translation_axes(self) -> tuple[int, ...]:
@@ -391,11 +393,11 @@ class Scene:
         numpy.ndarray
             (nt, n) [rad or m].
         """
-        found = np.empty((len(q), len(joints)))
+        positions = np.empty((len(q), len(joints)))
         for k, joint in enumerate(joints):
             at, unbounded = self.model.idx_qs[joint], self.model.nqs[joint] == 2
-            found[:, k] = np.unwrap(np.arctan2(q[:, at + 1], q[:, at])) if unbounded else q[:, at]
-        return found
+            positions[:, k] = np.unwrap(np.arctan2(q[:, at + 1], q[:, at])) if unbounded else q[:, at]
+        return positions
 
     def body(self, name: str) -> SceneBody:
         """Body by name.

@@ -17,9 +17,9 @@ def target_model(scene: Scene) -> TargetModel | None:
     data = model.createData()
     pin.crba(model, data, scene.q)  # which leaves the inertias of subtrees in their roots' axes
     pin.framesForwardKinematics(model, data, scene.q)
-    root, whole = data.oMf[body.root_frame], data.Ycrb[body.root_joint]
+    root, inertia = data.oMf[body.root_frame], data.Ycrb[body.root_joint]
     joint = root.actInv(data.oMi[body.root_joint])
-    moments, axes = np.linalg.eigh(joint.rotation @ whole.inertia @ joint.rotation.T)
+    moments, axes = np.linalg.eigh(joint.rotation @ inertia.inertia @ joint.rotation.T)
     axes = axes * np.sign(np.linalg.det(axes))
     links = {
         link.name: int(model.getFrameId(f"target/{link.name}", pin.FrameType.BODY))
@@ -29,9 +29,9 @@ def target_model(scene: Scene) -> TargetModel | None:
     return TargetModel(
         body.root_frame,
         links,
-        float(whole.mass),
+        float(inertia.mass),
         moments,
-        np.array(joint.act(whole.lever)),
+        np.array(joint.act(inertia.lever)),
         axes,
         {name: (pose.rotation, pose.translation) for name, pose in poses.items()},
     )
