@@ -64,7 +64,7 @@ wheel-check: $(VENV)/installed-all  ## The built wheel, alone in a fresh environ
 	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
 	$(PYTHON) -m venv $(WHEEL_VENV)
 	$(WHEEL_VENV)/bin/python -m pip install --quiet dist/*.whl
-	cd build && wheel-venv/bin/spacerobot run paper --out out
+	cd build && SPACEROBOT_COMPILER=none wheel-venv/bin/spacerobot run paper --out out
 
 floors:  ## The lowest versions that pyproject.toml names simulate, tune and plan
 	rm -rf build/floors && $(PYTHON) -m venv build/floors

@@ -17,7 +17,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 FLAGS = ("-std=c++17", "-O2", "-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math", "-w", "-fPIC")
 ZIG = (sys.executable, "-m", "ziglang", "c++")
-ZIG_FLAGS = ("-fno-sanitize=all", "-DNO_RUNTIME", "-fno-exceptions", "-nostdlib")
+ZIG_FLAGS, ZIG_LINK_FLAGS = ("-fno-sanitize=all", "-DNO_RUNTIME", "-fno-exceptions"), ("-nostdlib",)
 """Without the run-time libraries of C++, which zig would build first in minutes."""
 
 
@@ -43,14 +43,23 @@ class LoopsHook(BuildHookInterface):
         for processor in tables.processors():
             target = tables.built_file(package, processor, source)
             target.parent.mkdir(exist_ok=True)
-            flags = [*FLAGS, *(ZIG_FLAGS if compiler == list(ZIG) else ())]
-            flags += _processor_flags(processor, compiler == list(ZIG))
+            is_zig = compiler == list(ZIG)
+            flags = [*FLAGS, *(ZIG_FLAGS if is_zig else ()), *_processor_flags(processor, is_zig)]
             with tempfile.TemporaryDirectory() as folder:
-                file = Path(folder) / "loops.cpp"
+                file, compiled = Path(folder) / "loops.cpp", Path(folder) / "loops.o"
                 file.write_text(source, encoding="utf-8")
-                command = [*compiler, *flags, "-shared", "-o", str(target), str(file), "-lm"]
+                link = [
+                    *(ZIG_LINK_FLAGS if is_zig else ()),
+                    "-s",
+                    "-shared",
+                    "-o",
+                    str(target),
+                    str(compiled),
+                    "-lm",
+                ]
                 try:
-                    subprocess.run(command, check=True, capture_output=True)
+                    for arguments in ([*flags, "-c", "-o", str(compiled), str(file)], link):
+                        subprocess.run([*compiler, *arguments], check=True, capture_output=True)
                 except (OSError, subprocess.CalledProcessError) as error:
                     told = getattr(error, "stderr", b"") or str(error).encode()
                     self.app.display_warning(

@@ -24,9 +24,9 @@ def rows() -> list[Row]:
         if not Path(command[0]).exists():
             program = "from spacerobot.cli.app import main; main()"
             command = [sys.executable, "-c", program, *command[1:]]
-        before = _children_s()
+        before = children_s()
         whole = statistics.median(_run(command) for _ in range(RUNS))
-        busy = (_children_s() - before) / RUNS
+        busy = (children_s() - before) / RUNS
         timing = json.loads((out / "summary.json").read_text(encoding="utf-8"))["timing_s"]
         started = _start("`spacerobot run paper`, processor time", command, 6.5)
     bare = statistics.median(_run([sys.executable, "-c", "import spacerobot"]) for _ in range(RUNS))
@@ -60,12 +60,12 @@ def _start(what: str, command: list[str], most: float) -> Row:
 
 
 def _busy(command: list[str]) -> float:
-    before = _children_s()
+    before = children_s()
     _run(command)
-    return _children_s() - before
+    return children_s() - before
 
 
-def _children_s() -> float:
+def children_s() -> float:
     """Processor time of all processes that this one has started and seen end [s]."""
     times = os.times()
     return times.children_user + times.children_system

@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, TypedDict, Unpack
 
 import numpy as np
 
@@ -107,7 +107,7 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
             )
             run = _Run(scene, ready, dataclasses.replace(checked, events=fired_events(loop, checked)))
         else:
-            rollout = _ready(scene, loop, backend, tell, rollouts=1)
+            rollout = _ready(scene, loop, tell, backend=backend, rollouts=1)
             tell("rolling out")
             run = _rolled(scene, rollout, {})
     return _result(run, loop, begin, built)
@@ -162,14 +162,20 @@ class PreparedSimulation:
         return _result(run, self.loop, begin, begin), run.trajectory
 
 
+class SimulationRequest(TypedDict, total=False):
+    """Keyword arguments of :func:`prepare_simulation`, as of :func:`spacerobot.rollout.build_rollout`."""
+
+    backend: Backend
+    rollouts: float | None
+    in_background: bool
+
+
 def prepare_simulation(
     scene: Scene,
     loop: ClosedLoop,
     measures: Measures | None = None,
     progress: Progress | None = None,
-    *,
-    backend: Backend = "auto",
-    rollouts: int | None = None,
+    **request: Unpack[SimulationRequest],
 ) -> PreparedSimulation:
     """Make a closed loop of a scene ready to run.
 
@@ -179,10 +185,10 @@ def prepare_simulation(
         The scene, and a closed loop of it.
     measures
         What each rollout is reduced to beside its result.
-    progress, backend
+    progress
         As for :func:`simulate`.
-    rollouts
-        As of :func:`spacerobot.rollout.build_rollout`.
+    **request
+        As :class:`SimulationRequest` has it.
 
     Raises
     ------
@@ -190,7 +196,7 @@ def prepare_simulation(
         If the step was to be chosen and none keeps to the tolerance.
     """
     return PreparedSimulation(
-        scene, loop, _ready(scene, loop, backend, progress or (lambda _: None), measures, rollouts)
+        scene, loop, _ready(scene, loop, progress or (lambda _: None), measures, **request)
     )
 
 
@@ -308,10 +314,9 @@ def fired_events(loop: ClosedLoop, checked: PinocchioTrajectory) -> tuple[FiredE
 def _ready(
     scene: Scene,
     loop: ClosedLoop,
-    backend: Backend,
     tell: Progress,
     measures: Measures | None = None,
-    rollouts: int | None = None,
+    **request: Unpack[SimulationRequest],
 ) -> Rollout:
     """Compiled or interpreted rollout, its step chosen if the scenario gives none."""
     simulation = scene.scenario.simulation
@@ -324,10 +329,9 @@ def _ready(
             output_step_s=simulation.output_step,
             tolerance=simulation.tolerance,
             method=simulation.method,
-            backend=backend,
             measures=measures,
-            rollouts=rollouts,
             progress=tell,
+            **request,
         )
     except NoStepError as fault:
         touching = _touching(scene, loop, fault.finest)

@@ -31,6 +31,7 @@ class Options(TypedDict, total=False):
     backend: Backend
     many: bool
     rollouts: float | None
+    in_background: bool
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,9 @@ class Settings:
         Whether what batches need is compiled now, instead of what a single rollout needs.
     rollouts
         How many rollouts or gradients will be asked for, each of the whole duration; many if None.
+    in_background
+        Whether single rollouts are interpreted while they are being compiled: for what is shown at once and
+        not stored, since bits then depend on time.
     """
 
     step_s: float | None = None
@@ -65,6 +69,7 @@ class Settings:
     backend: Backend = "auto"
     many: bool = False
     rollouts: float | None = None
+    in_background: bool = False
 
     def sample_s(self, duration_s: float) -> float | None:
         """Longest time between samples; None where each step is one."""
@@ -91,7 +96,8 @@ def build_rollout(
     progress
         Called with a few words while something is compiled, also later, and before each pilot rollout.
     **options
-        ``step_s``, ``output_step_s``, ``tolerance``, ``method``, ``backend``, ``many`` and ``rollouts``, as
+        ``step_s``, ``output_step_s``, ``tolerance``, ``method``, ``backend``, ``many``, ``rollouts`` and
+        ``in_background``, as
         :class:`Settings` has them.
 
     Raises
@@ -157,7 +163,12 @@ def _engines(kernel: Kernel, settings: Settings, progress: Callable[[str], None]
         raise CompileError(NO_COMPILER)
     few = backend == "auto" and settings.rollouts is not None
     engines = Engines(
-        kernel, toolchain, progress, steps=0 if few else math.inf, is_strict=backend == "compiled"
+        kernel,
+        toolchain,
+        progress,
+        steps=0 if few else math.inf,
+        is_strict=backend == "compiled",
+        in_background=settings.in_background and backend == "auto",
     )
     if toolchain is None and backend == "auto":
         engines.fallback = NO_COMPILER

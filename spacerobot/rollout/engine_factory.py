@@ -49,6 +49,8 @@ class Engines:
         Steps that will be asked for, as far as known; infinite where everything shall be compiled.
     is_strict
         Whether a compiler that fails is an error; else the kernel is interpreted.
+    in_background
+        Whether single rollouts are interpreted while a thread has them compiled.
     """
 
     def __init__(
@@ -59,12 +61,15 @@ class Engines:
         *,
         steps: float = math.inf,
         is_strict: bool = False,
+        in_background: bool = False,
     ) -> None:
         self.kernel = kernel
         self.toolchain = toolchain
         self.fallback = ""
         """Why it is interpreted although it should be compiled; empty otherwise."""
         self._progress, self._steps, self._is_strict = progress, steps, is_strict
+        self._in_background = in_background
+        self._background: threading.Thread | None = None
         self._made: dict[tuple[object, ...], object] = {}
         self._lock = threading.Lock()
         self._locks: dict[tuple[object, ...], threading.Lock] = {}
@@ -76,6 +81,13 @@ class Engines:
     @property
     def single(self) -> Engine:
         """For one rollout at a time."""
+        if self._in_background and self.toolchain is not None:
+            if self._background is None:
+                # daemonic: compilers that it waits for are ended with this process
+                self._background = threading.Thread(target=self._compile_single, daemon=True)
+                self._background.start()
+            if self._background.is_alive():
+                return self._once(("interpreted", 1), self._interpreted_single)
         return self._forward("forward", self.kernel, 1)
 
     @property
@@ -98,6 +110,12 @@ class Engines:
         key = ("sensitivity kernel", wrt, outputs)
         kernel = self._once(key, lambda: sensitivity_kernel(self.kernel, wrt, outputs))
         return self._forward(("sensitivity", wrt, outputs), kernel, self._lanes)
+
+    def _compile_single(self) -> None:
+        self._forward("forward", self.kernel, 1)
+
+    def _interpreted_single(self) -> Engine:
+        return Engine(self.kernel, InterpretedLoops(SceneProgram(self.kernel)))
 
     @property
     def _lanes(self) -> int:
@@ -126,7 +144,9 @@ class Engines:
             if say is not None:
                 say(f"compiling {what}: {done} of {total} pieces done")
 
-        progress = None if say is None else told
+        # in the background nobody waits for it
+        silent = threading.current_thread() is self._background
+        progress = (lambda _done, _total: None) if silent else None if say is None else told
         try:
             library = compile_kernel(kernel, lanes, self.toolchain, adjoint=adjoint, progress=progress)
         except CompileError as error:

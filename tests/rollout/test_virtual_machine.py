@@ -113,3 +113,24 @@ def test_a_rollout_without_a_step_is_a_result(name):
         run = rollout.run(estimate=estimate)
         assert (run.status, run.steps, len(run.state)) == (status, 0, 1)
         assert np.isfinite(run.state).all()
+
+
+@pytest.mark.compiler
+def test_what_is_compiled_in_the_background_serves_later_rollouts(loop):
+    rollout = build_rollout(loop, **GRID, in_background=True)
+    first = rollout.run()
+    rollout.engines._background.join()
+    later = rollout.run()
+    assert (first.backend, later.backend) in (("interpreted", "compiled"), ("compiled", "compiled"))
+    np.testing.assert_allclose(first.state, later.state, rtol=1e-10, atol=1e-12)
+
+
+def test_a_compiler_that_fails_in_the_background_leaves_it_interpreted(loop, monkeypatch, tmp_path):
+    broken = tmp_path / "broken"
+    broken.write_text('#!/bin/sh\n[ "$1" = --version ] && echo broken 1.0 && exit 0\nexit 3\n')
+    broken.chmod(0o755)
+    monkeypatch.setenv("SPACEROBOT_COMPILER", str(broken))
+    rollout = build_rollout(loop, **GRID, in_background=True)
+    rollout.engines._background.join()
+    assert rollout.run().backend == "interpreted"
+    assert "broken failed with 3" in rollout.summary

@@ -308,7 +308,7 @@ class DesignCache:
                 raise UnknownParameterError from fault
             raise
         metrics = build_metrics(loop, scene)
-        ready = prepare_simulation(scene, loop, metrics.measures, self._tell)
+        ready = prepare_simulation(scene, loop, metrics.measures, self._tell, in_background=True)
         return PreparedDesign(scene, ready, metrics, frozenset(vary))
 
 
