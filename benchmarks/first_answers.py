@@ -1,4 +1,4 @@
-"""First answers, with nothing cached: `run` of shipped scenarios and a gradient, from process start to the end."""
+"""First answers with nothing cached: `run` of shipped scenarios, and a gradient, as whole processes."""
 
 from __future__ import annotations
 
