@@ -22,7 +22,8 @@ from spacerobot.arrays import Array
 from spacerobot.linear import linearise
 from spacerobot.linear.loop_margins import loop_margins
 from spacerobot.scenario.catalogue import find_scenario
-from spacerobot.scenario.load import read_document, validate
+from spacerobot.scenario.document import read_document
+from spacerobot.scenario.load import validate
 from spacerobot.scene import Scene, build_scene, load_scene
 
 LENGTH, DENSITY, STIFFNESS = 5.0, 4.0, 2000.0

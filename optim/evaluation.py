@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,17 +22,25 @@ from optim.problem.quantity_measures import (
     table_values,
     with_added_states,
 )
+from spacerobot.arrays import Array
 from spacerobot.errors import ResultError, ScenarioError
 from spacerobot.files import StrPath, staged
-from spacerobot.loop_cache import cached_closed_loop
+from spacerobot.loop_cache import SceneContent, cached_closed_loop
 from spacerobot.notebook import html_table
 from spacerobot.quantities import Quantity, find_quantity
 from spacerobot.rollout import Measure, Measures, build_rollout
 from spacerobot.rollout.build import Backend, Options
-from spacerobot.scene import Scene
+from spacerobot.scenario.units import unit_at
+from spacerobot.scene import Scene, to_scene
 
 JITTER_FREQUENCY_HZ = 1.0
 """Corner frequency of the high pass of the quantity ``jitter``, as campaigns have it by default."""
+
+COMPILER_SETTINGS = ("SPACEROBOT_COMPILER", "SPACEROBOT_COMPILER_FLAGS", "CXX")
+"""Environment variables that decide how a rollout is compiled."""
+
+MOST_PREPARED = 8
+"""Number of rollouts that stay ready for further calls of :func:`gradient` and :func:`batch`."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +84,10 @@ class DatasetResult:
         ResultError
             If it cannot be read.
         """
-        return cls(_read(path, cls.needed))
+        data = _read(path)
+        if cls.needed not in data:
+            raise ResultError(f"holds no {cls.needed!r}, so it is not such a result", source=Path(path))
+        return cls(data)
 
 
 @dataclass(frozen=True)
@@ -89,6 +102,16 @@ class GradientResult(DatasetResult):
     """
 
     needed: ClassVar[str] = "gradient"
+
+    @property
+    def values(self) -> Array:
+        """Values (n,) of the quantities, in the order in which they were named."""
+        return np.asarray(self.data["value"].values)
+
+    @property
+    def gradients(self) -> Array:
+        """Gradients (n, k) of the quantities with respect to the parameters."""
+        return np.asarray(self.data["gradient"].values)
 
     @property
     def status(self) -> str:
@@ -118,8 +141,10 @@ class BatchResult(DatasetResult):
     Attributes
     ----------
     data
-        One variable for each quantity, (sample, ``<quantity>_of``), with units; ``parameter_value``
-        (sample, parameter); ``diverged_at`` (sample) [s], NaN where a simulation reached its end.
+        One variable for each quantity, (sample, ``<quantity>_of``), with units; ``diverged_at`` (sample)
+        [s], NaN where a simulation reached its end. The values of each parameter are a coordinate along
+        ``sample``, under its dotted path. Where one parameter varies, its path replaces ``sample`` as the
+        dimension, so that xarray's ``plot`` draws against it: ``data.NAME.plot(hue="NAME_of")``.
     """
 
     needed: ClassVar[str] = "diverged_at"
@@ -127,7 +152,7 @@ class BatchResult(DatasetResult):
     def __repr__(self) -> str:
         """Number of simulations, and quantities, in one line."""
         lost = int(np.isfinite(self.data.diverged_at.values).sum())
-        return f"<BatchResult of {self.data.sizes['sample']} simulations, {lost} diverged>"
+        return f"<BatchResult of {self.data.diverged_at.size} simulations, {lost} diverged>"
 
     def _repr_html_(self) -> str:
         """Least, median and largest value of each quantity, for notebooks."""
@@ -149,35 +174,42 @@ def load_evaluation(path: StrPath) -> GradientResult | BatchResult:
     ResultError
         If it cannot be read.
     """
-    data = _read(path, "parameter_value")
-    return GradientResult.load(path) if "gradient" in data else BatchResult.load(path)
+    if GradientResult.needed in _read(path):
+        return GradientResult.load(path)
+    return BatchResult.load(path)
 
 
 def gradient(
-    scene: Scene,
+    scene: Scene | StrPath,
     quantities: str | Sequence[str],
     parameters: Sequence[str],
     *,
+    at: Mapping[str, float] | None = None,
     backend: Backend = "auto",
 ) -> GradientResult:
     """Exact derivatives of quantities of a simulation, by the discrete adjoint through all events.
 
+    Further calls for the same scene, quantities and parameters reuse what the first one built and compiled.
+
     Parameters
     ----------
     scene
-        The scene.
+        The scene, or the name or file of its scenario.
     quantities
         Names of registered quantities, such as ``tip_error_rms``; the components of each (tips, robots)
         are combined as :attr:`spacerobot.quantities.Quantity.total` says.
     parameters
         Dotted paths of the scenario's numbers to differentiate with respect to.
+    at
+        Values of numbers at which to differentiate, by dotted path; the scene's where they are not given. A
+        step that was chosen for the scene's values is kept.
     backend
         ``auto``, ``compiled`` or ``interpreted``.
 
     Returns
     -------
     GradientResult
-        Its status says where the gradient may not hold.
+        Values and gradients; its status says where the gradient may not hold.
 
     Raises
     ------
@@ -188,18 +220,18 @@ def gradient(
     DivergedError
         If no step keeps to the tolerance.
     """
-    chosen = [find_quantity(name) for name in ([quantities] if isinstance(quantities, str) else quantities)]
-    # each quantity once, and once more with half the step
-    rollouts = 3 * len(chosen)
-    rollout, _ = build_quantity_rollout(scene, chosen, parameters, backend, many=False, rollouts=rollouts)
-    found = rollout.value_and_gradient(wrt=parameters)
-    places = rollout.indices(parameters)
+    scene, chosen, values = to_scene(scene), find_quantities(quantities), dict(at or {})
+    # each quantity once, and once more with half the step; other values are asked for again and again
+    rollouts = 3 * len(chosen) if at is None else None
+    vary = tuple(dict.fromkeys((*parameters, *values)))
+    rollout, _ = _prepared(scene, chosen, vary, backend, rollouts)
+    found = rollout.value_and_gradient(values, wrt=parameters)
     names = [each.name for each in chosen]
     data = xr.Dataset(
         {
             "value": ("quantity", [float(found.costs[name]) for name in names]),
             "gradient": (("quantity", "parameter"), np.array([found.gradients[name] for name in names])),
-            "parameter_value": ("parameter", rollout.values(None)[places]),
+            "parameter_value": ("parameter", rollout.values(values)[rollout.indices(parameters)]),
         },
         {
             "quantity": names,
@@ -211,7 +243,7 @@ def gradient(
 
 
 def batch(
-    scene: Scene,
+    scene: Scene | StrPath,
     quantities: str | Sequence[str],
     values: Mapping[str, npt.ArrayLike],
     *,
@@ -220,10 +252,12 @@ def batch(
 ) -> BatchResult:
     """Quantities of many simulations that differ in some of the scenario's numbers.
 
+    Further calls for the same scene, quantities and parameters reuse what the first one built and compiled.
+
     Parameters
     ----------
     scene
-        The scene.
+        The scene, or the name or file of its scenario.
     quantities
         Names of registered quantities.
     values
@@ -245,21 +279,24 @@ def batch(
     SpaceRobotError
         If there is no such quantity or parameter, or the values differ in number.
     """
-    chosen = [find_quantity(name) for name in ([quantities] if isinstance(quantities, str) else quantities)]
+    scene, chosen = to_scene(scene), find_quantities(quantities)
     columns = {path: np.atleast_1d(np.asarray(column, dtype=float)) for path, column in values.items()}
     lengths = {len(column) for column in columns.values()}
     if len(lengths) != 1:
         raise ScenarioError(f"values: one list of numbers for each parameter, all as long; found {lengths}")
     (count,) = lengths
-    rollout, labels = build_quantity_rollout(scene, chosen, list(columns), backend, rollouts=count)
-    rows = np.column_stack(list(columns.values()))
-    done = rollout.batch(list(columns), rows, threads=threads)
+    if mpc_controllers(scene):  # its processes, which make plans, end with it
+        rollout, labels = build_quantity_rollout(scene, chosen, tuple(columns), backend, rollouts=count)
+    else:
+        rollout, labels = _prepared(scene, chosen, tuple(columns), backend, count)
+    done = rollout.batch(list(columns), np.column_stack(list(columns.values())), threads=threads)
     duration = scene.scenario.simulation.duration
-    data: dict[str, object] = {
-        "parameter_value": (("sample", "parameter"), rows),
-        "diverged_at": ("sample", np.array(done.diverged_at_s), {"units": "s"}),
+    sample = next(iter(columns)) if len(columns) == 1 else "sample"
+    data: dict[str, object] = {"diverged_at": (sample, np.array(done.diverged_at_s), {"units": "s"})}
+    coordinates: dict[str, object] = {
+        path: (sample, column, {"units": unit_at(scene.scenario, path), "long_name": path})
+        for path, column in columns.items()
     }
-    coordinates: dict[str, object] = {"parameter": list(columns)}
     for each in chosen:
         reduced = table_values(each, done.measures, duration)
         owners = np.array(labels[each.name])
@@ -267,9 +304,44 @@ def batch(
         of = f"{each.name}_of"
         grouped = np.column_stack([reduced[:, owners == label].max(axis=1) for label in unique])
         attributes = {"units": each.unit_in(scene), "long_name": each.label}
-        data[each.name] = (("sample", of), grouped, attributes)
+        data[each.name] = ((sample, of), grouped, attributes)
         coordinates[of] = unique
     return BatchResult(xr.Dataset(data, coordinates))
+
+
+def find_quantities(names: str | Sequence[str]) -> tuple[Quantity, ...]:
+    """Quantities by their names.
+
+    Raises
+    ------
+    SpaceRobotError
+        If there is no such quantity.
+    """
+    return tuple(find_quantity(name) for name in ([names] if isinstance(names, str) else names))
+
+
+def _prepared(
+    scene: Scene,
+    chosen: tuple[Quantity, ...],
+    vary: tuple[str, ...],
+    backend: Backend,
+    rollouts: int | None,
+) -> tuple[Any, dict[str, tuple[str, ...]]]:
+    """Rollout of :func:`build_quantity_rollout`, built once for all scenes of the same content."""
+    compiler = tuple(os.environ.get(name) for name in COMPILER_SETTINGS)
+    return _build_once(SceneContent(scene), chosen, vary, backend, rollouts, compiler)
+
+
+@functools.lru_cache(maxsize=MOST_PREPARED)
+def _build_once(
+    content: SceneContent,
+    chosen: tuple[Quantity, ...],
+    vary: tuple[str, ...],
+    backend: Backend,
+    rollouts: int | None,
+    _: tuple[str | None, ...],
+) -> tuple[Any, dict[str, tuple[str, ...]]]:
+    return build_quantity_rollout(content.scene, chosen, vary, backend, many=False, rollouts=rollouts)
 
 
 class RolloutRequest(TypedDict, total=False):
@@ -350,13 +422,10 @@ def build_quantity_rollout(
     return build_rollout(extended, duration_s=simulation.duration, measures=measures, **options), labels
 
 
-def _read(path: StrPath, needed: str) -> xr.Dataset:
+def _read(path: StrPath) -> xr.Dataset:
     source = Path(path)
     try:
         with xr.open_dataset(source, engine="netcdf4") as stored:
-            data = stored.load()
+            return stored.load()
     except (OSError, ValueError, RuntimeError) as fault:
         raise ResultError(f"cannot be read: {fault}", source=source) from None
-    if needed not in data:
-        raise ResultError(f"holds no {needed!r}, so it is not such a result", source=source)
-    return data

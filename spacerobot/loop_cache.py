@@ -48,17 +48,7 @@ def cached_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
     """
     if not only_shipped():
         return build_closed_loop(scene, vary)
-    # Hash of everything that a closed loop is built from.
-    ingredients = {
-        "scenario": to_document(scene.scenario),
-        "urdf": [body.description.sha256 for body in scene.bodies],
-        "model": scene.model.saveToString(),
-        "start": [scene.q.tolist(), scene.v.tolist()],
-        "vary": sorted(vary),
-        "code": _code(),
-        "versions": [ca.CasadiMeta.version(), pin.__version__, np.__version__],
-    }
-    key = hashlib.sha256(json.dumps(ingredients).encode()).hexdigest()[:32]
+    key = hashlib.sha256(f"{SceneContent(scene).key} {sorted(vary)}".encode()).hexdigest()[:32]
     folder = cache.cache_folder()
     path = cache.find(folder, key, SUFFIX)
     if path is not None:
@@ -80,6 +70,45 @@ def cached_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
         finally:
             Path(place).unlink(missing_ok=True)
     return loop
+
+
+class SceneContent:
+    """A scene that equals any other one from which the same closed loop is built.
+
+    Parameters
+    ----------
+    scene
+        The scene. Where a user's own kinds of elements are registered, whose source is not known, it equals
+        itself alone.
+
+    Attributes
+    ----------
+    key
+        Hash of everything that the closed loop is built from.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        if not only_shipped():
+            self.key = f"scene {id(scene)}"  # unique as long as this object holds the scene
+            return
+        content = {
+            "scenario": to_document(scene.scenario),
+            "urdf": [body.description.sha256 for body in scene.bodies],
+            "model": scene.model.saveToString(),
+            "start": [scene.q.tolist(), scene.v.tolist()],
+            "code": _code(),
+            "versions": [ca.CasadiMeta.version(), pin.__version__, np.__version__],
+        }
+        self.key = hashlib.sha256(json.dumps(content).encode()).hexdigest()
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the closed loops are the same."""
+        return isinstance(other, SceneContent) and other.key == self.key
+
+    def __hash__(self) -> int:
+        """Hash of the key."""
+        return hash(self.key)
 
 
 @functools.cache

@@ -25,6 +25,25 @@ HEAVY = 0.2
 
 
 @dataclass(frozen=True)
+class MostProbableFailure:
+    """A point of the limit that is nearer to the medians than its neighbours.
+
+    Attributes
+    ----------
+    beta
+        Reliability index: distance from the medians in standard deviations, negative where the medians fail.
+    parameters
+        Values of the uncertain parameters by name.
+    importance
+        Squared cosines of the direction by name: the share of the squared distance that each parameter takes.
+    """
+
+    beta: float
+    parameters: Mapping[str, float]
+    importance: Mapping[str, float]
+
+
+@dataclass(frozen=True)
 class FailureProbability(JsonResult):
     """Probability that a quantity exceeds its limit.
 
@@ -39,8 +58,8 @@ class FailureProbability(JsonResult):
     rollouts, gradients
         Simulations without and with a gradient that were spent.
     failures
-        The most probable failures, each with its reliability index ``beta``, the ``parameters`` there and
-        their ``importance``, the squared cosines of the direction: shares of the distance that each takes.
+        The most probable failures, in the order of their reliability index ``beta``, with ``parameters`` and
+        ``importance``; none with ``subset``, which does not search for them.
     starts
         Starts of the search for them, drawn at random.
     undiscovered
@@ -60,7 +79,7 @@ class FailureProbability(JsonResult):
     variation: float
     rollouts: int
     gradients: int
-    failures: tuple[Mapping[str, Any], ...]
+    failures: tuple[MostProbableFailure, ...]
     starts: int = 0
     undiscovered: float | None = None
     warnings: tuple[str, ...] = ()
@@ -102,7 +121,10 @@ class FailureProbability(JsonResult):
     def of_fields(cls, found: dict[str, Any]) -> FailureProbability:
         """The result with the fields of a file."""
         variation = np.inf if found["variation"] is None else found["variation"]
-        lists = {name: tuple(found.get(name, ())) for name in ("failures", "warnings")}
+        lists = {
+            "failures": tuple(MostProbableFailure(**failure) for failure in found["failures"]),
+            "warnings": tuple(found.get("warnings", ())),
+        }
         return cls(**found | lists | {"variation": variation})
 
     def __repr__(self) -> str:
@@ -157,11 +179,11 @@ def failure_probability(
     found, search = estimate_probability(counted, estimator, effort or SamplingEffort())
     points, names = sorted((*search.points, *found.points), key=lambda point: point.beta), state.names
     failures = [
-        {
-            "beta": point.beta,
-            "parameters": dict(zip(names, map(float, state.draws(point.z[None])[0][0]), strict=True)),
-            "importance": dict(zip(names, map(float, point.direction**2), strict=True)),
-        }
+        MostProbableFailure(
+            point.beta,
+            dict(zip(names, map(float, state.draws(point.z[None])[0][0]), strict=True)),
+            dict(zip(names, map(float, point.direction**2), strict=True)),
+        )
         for point in points
     ]
     return FailureProbability(

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from spacerobot.api.results import CampaignResult, ComparisonResult, PlanResult
 from spacerobot.files import StrPath
 from spacerobot.result import Result
-from spacerobot.scene import Scene
+from spacerobot.scene import Scene, to_scene
 from spacerobot.simulation import Backend, Progress
 from spacerobot.simulation import simulate as _simulate
 
@@ -26,13 +26,15 @@ if TYPE_CHECKING:
 Results = Result | Sequence[Result]
 
 
-def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | None = None) -> Result:
+def simulate(
+    scene: Scene | StrPath, *, backend: Backend = "auto", progress: Progress | None = None
+) -> Result:
     """Simulate a scene; with model predictive control if a controller is of kind ``mpc``.
 
     Parameters
     ----------
     scene
-        From :func:`load_scene`.
+        From :func:`load_scene`, or the name or file of its scenario.
     backend
         ``auto`` (compiled where a compiler is found), ``compiled`` or ``interpreted``.
     progress
@@ -54,6 +56,7 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
     ScenarioError
         If the scenario cannot be simulated by its engine, or its result does not fit into the memory.
     """
+    scene = to_scene(scene)
     controllers = [one for robot in scene.scenario.robots.values() for one in robot.controllers.values()]
     if any(one.replanning is not None for one in controllers):
         from optim.planning.mpc.simulation import simulate_mpc
@@ -63,7 +66,7 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
 
 
 def campaign(
-    scene: Scene,
+    scene: Scene | StrPath,
     folder: StrPath | None = None,
     *,
     gains: Mapping[str, Mapping[str, Any]] | None = None,
@@ -74,7 +77,7 @@ def campaign(
     Parameters
     ----------
     scene
-        A scene whose scenario has a ``campaign`` section.
+        A scene whose scenario has a ``campaign`` section, or the scenario's name or file.
     folder
         Where samples are stored as they end, so that an interrupted campaign continues when it is called
         again; a temporary folder, removed with the result, if None.
@@ -94,12 +97,12 @@ def campaign(
 
     kept = None if folder is not None else tempfile.TemporaryDirectory(prefix="spacerobot-campaign-")
     place = Path(folder) if folder is not None else Path(kept.name) / "campaign"  # type: ignore[union-attr]
-    done = run_campaign(scene, place, gains=gains, progress=progress)
+    done = run_campaign(to_scene(scene), place, gains=gains, progress=progress)
     return CampaignResult(place, done.evaluator, not done.interrupted, kept)
 
 
 def plan(
-    scene: Scene,
+    scene: Scene | StrPath,
     folder: StrPath | None = None,
     *,
     warm_start: StrPath | None = None,
@@ -111,7 +114,7 @@ def plan(
     Parameters
     ----------
     scene
-        A scene whose scenario has a ``plan`` section.
+        A scene whose scenario has a ``plan`` section, or the scenario's name or file.
     folder
         Where ``plan.nc``, ``plan.json`` and ``followed.yaml``, the scenario that follows the plan, are
         written; nothing is written if None.
@@ -142,12 +145,14 @@ def plan(
 
     if folder is not None:
         check_folder(folder, SUMMARY)
-    found = PlanResult.of(make_plan(scene, backend=backend, progress=progress, warm_start=warm_start))
+    found = PlanResult.of(
+        make_plan(to_scene(scene), backend=backend, progress=progress, warm_start=warm_start)
+    )
     return found if folder is None else found.save(folder)
 
 
 def compare(
-    scene: Scene,
+    scene: Scene | StrPath,
     folder: StrPath | None = None,
     *,
     methods: Sequence[str] | None = None,
@@ -160,7 +165,7 @@ def compare(
     Parameters
     ----------
     scene
-        A scene whose scenario has a ``tuning`` section.
+        A scene whose scenario has a ``tuning`` section, or the scenario's name or file.
     folder
         Where journals are kept, so that an interrupted comparison continues, and ``comparison.json`` and each
         method's best design are written; nothing is written if None.
@@ -183,7 +188,9 @@ def compare(
     if folder is not None:
         check_folder(folder, "comparison.json")
     session = SearchSession(None if folder is None else Path(folder) / JOURNALS)
-    found = run(scene, methods=methods, variants=variants, sets=sets, effort=effort, session=session)
+    found = run(
+        to_scene(scene), methods=methods, variants=variants, sets=sets, effort=effort, session=session
+    )
     made = ComparisonResult.of(found)
     return made if folder is None else made.save(folder)
 

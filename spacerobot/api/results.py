@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -159,18 +160,17 @@ class PlanResult:
         return float(self.summary["duration_s"])
 
     def scene(self) -> Scene:
-        """The scene that follows the plan, from ``followed.yaml``.
+        """Scene of the scenario that follows the plan, which is that of ``followed.yaml``."""
+        from optim.planning.output.plan_folder import FOLLOWED, write
 
-        Raises
-        ------
-        ResultError
-            If it was not saved.
-        """
-        if self.folder is None:
-            raise ResultError("a plan is followed from its files: save it first")
-        from optim.planning.output.plan_folder import FOLLOWED
-
-        return load_scene(self.folder / FOLLOWED, expand_xacro=False)
+        if self.folder is not None:
+            return load_scene(self.folder / FOLLOWED, expand_xacro=False)
+        assert self.planned is not None  # a result has a folder, or is just solved
+        # a scenario takes the motion from the plan's file, so that the scene is that of a plan that was saved
+        with tempfile.TemporaryDirectory(prefix="spacerobot-plan-") as folder:
+            write(self.planned, folder)
+            scene = load_scene(Path(folder) / FOLLOWED, expand_xacro=False)
+        return replace(scene, source=self.planned.scene.source)
 
     def save(self, path: StrPath) -> PlanResult:
         """Write ``plan.nc``, ``plan.json`` and ``followed.yaml``, the scenario that follows the plan.

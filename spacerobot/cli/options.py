@@ -50,7 +50,7 @@ def parse_changes(given: list[str] | None) -> list[tuple[str, Any]]:
         If one has no ``=``, or its value is not YAML.
     """
     from spacerobot.errors import ScenarioError
-    from spacerobot.scenario.load import parse_yaml
+    from spacerobot.scenario.document import parse_yaml
 
     changes = []
     for text in given or []:

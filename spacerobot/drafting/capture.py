@@ -38,7 +38,7 @@ from spacerobot.drafting.spacecraft import Spacecraft, spacecraft
 from spacerobot.drafting.text import flow, guidance_lines, guidance_variables, joint_lines
 from spacerobot.errors import ScenarioError
 from spacerobot.files import StrPath
-from spacerobot.scenario.load import parse_yaml
+from spacerobot.scenario.document import parse_yaml
 from spacerobot.scenario.paths import Document
 from spacerobot.scene import Scene
 

@@ -17,7 +17,7 @@ from spacerobot.drafting.numbers import DraftNumbers, payload_of
 from spacerobot.drafting.text import DraftText, text_of
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.files import StrPath
-from spacerobot.scenario.load import parse_yaml
+from spacerobot.scenario.document import parse_yaml
 from spacerobot.scenario.paths import Document
 from spacerobot.scene import Scene
 from spacerobot.scene.overlaps import overlaps

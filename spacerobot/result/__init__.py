@@ -1,7 +1,5 @@
 """Results: labelled data, metrics, ledger, and their folders on disk."""
 
-from spacerobot.result.derived_files import note_derived
-from spacerobot.result.result import Result
-from spacerobot.result.store import JOURNALS, check_folder
+from spacerobot.lazy_names import lazy_names
 
-__all__ = ["JOURNALS", "Result", "check_folder", "note_derived"]
+__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

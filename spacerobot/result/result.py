@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -15,6 +13,7 @@ from spacerobot.arrays import Array
 from spacerobot.files import StrPath
 from spacerobot.notebook import html_table
 from spacerobot.result.store import read_result, write_result
+from spacerobot.result.summary_types import Summary
 from spacerobot.result.table import Row, headline, status_text
 from spacerobot.scenario import Scenario
 from spacerobot.scene import Scene, build_scene
@@ -31,14 +30,15 @@ class Result:
     data
         Everything over time, labelled and with units; see :mod:`spacerobot.result.dataset`.
     summary
-        Numbers and status, as in ``summary.json``; see :mod:`spacerobot.result.summary`.
+        Numbers and status, as in ``summary.json``; see
+        :class:`spacerobot.result.summary_types.Summary`.
     folder
         Where it was read from or written to, if it was.
     """
 
     scenario: Scenario
     data: xr.Dataset
-    summary: Mapping[str, Any]
+    summary: Summary
     folder: Path | None = None
 
     def save(self, folder: StrPath) -> Result:

@@ -9,21 +9,23 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
-
-import xarray as xr
+from typing import TYPE_CHECKING, Any
 
 from spacerobot.errors import ResultError, ScenarioError
 from spacerobot.files import STAGE, StrPath, locked, staged
 from spacerobot.interrupts import uninterrupted
-from spacerobot.result.completeness import missing_data, missing_summary
 from spacerobot.result.derived_files import DERIVED, remove_derived
-from spacerobot.result.summary import FORMAT
-from spacerobot.scenario import Scenario
-from spacerobot.scenario.load import read_document, to_yaml, validate
 
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from spacerobot.result.summary_types import Summary
+    from spacerobot.scenario import Scenario
+
+FORMAT = 2
+"""Version of the result's layout; a result of another one is refused."""
 SCENARIO, SUMMARY, DATA = "scenario.yaml", "summary.json", "result.nc"
 FILES = (SCENARIO, DATA, SUMMARY)
 """In the order they are moved into place: the summary last, so that a folder with one is complete."""
@@ -77,7 +79,7 @@ def check_folder(folder: StrPath, job: str | None = None) -> None:
         pass
 
 
-def write_result(folder: Path, scenario: Scenario, data: xr.Dataset, summary: Mapping[str, Any]) -> None:
+def write_result(folder: Path, scenario: Scenario, data: xr.Dataset, summary: Summary) -> None:
     """Write a result's files; those that are there already are replaced, and what was made of them goes.
 
     Parameters
@@ -94,6 +96,8 @@ def write_result(folder: Path, scenario: Scenario, data: xr.Dataset, summary: Ma
     KeyboardInterrupt
         If Ctrl-C came meanwhile; the result is then written all the same.
     """
+    from spacerobot.scenario.load import to_yaml
+
     with uninterrupted(), _writing(folder), _stage(folder) as stage:
         (stage / SCENARIO).write_text(to_yaml(scenario), encoding="utf-8")
         encoding = {str(name): {"zlib": True, "complevel": 1} for name in data.data_vars}
@@ -108,7 +112,23 @@ def write_result(folder: Path, scenario: Scenario, data: xr.Dataset, summary: Ma
                 (stage / name).replace(folder / name)
 
 
-def read_result(folder: Path) -> tuple[Scenario, xr.Dataset, dict[str, Any]]:
+def check_files(folder: Path) -> None:
+    """Refuse a folder that does not have the files of a result; none of them is read.
+
+    Raises
+    ------
+    ResultError
+        With the names of those that are missing.
+    """
+    if not folder.is_dir():
+        raise ResultError("no such folder", source=folder)
+    with locked(folder, shared=True):
+        missing = [name for name in FILES if not (folder / name).is_file()]
+    if missing:
+        raise ResultError(f"not a complete result: no {', '.join(missing)}", source=folder)
+
+
+def read_result(folder: Path) -> tuple[Scenario, xr.Dataset, Summary]:
     """Scenario, data and summary of a result's folder.
 
     Raises
@@ -116,12 +136,14 @@ def read_result(folder: Path) -> tuple[Scenario, xr.Dataset, dict[str, Any]]:
     ResultError
         If it is not a complete result, or one of another version's layout.
     """
-    if not folder.is_dir():
-        raise ResultError("no such folder", source=folder)
+    check_files(folder)
+    import xarray as xr
+
+    from spacerobot.result.completeness import missing_data, missing_summary
+    from spacerobot.scenario.document import read_document
+    from spacerobot.scenario.load import validate
+
     with locked(folder, shared=True):
-        missing = [name for name in FILES if not (folder / name).is_file()]
-        if missing:
-            raise ResultError(f"not a complete result: no {', '.join(missing)}", source=folder)
         summary = _parse(folder / SUMMARY, lambda path: json.loads(path.read_text(encoding="utf-8")))
         layout = summary.get("format") if isinstance(summary, dict) else None
         if layout != FORMAT:

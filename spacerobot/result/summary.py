@@ -6,7 +6,7 @@ import functools
 import platform
 from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
+from typing import Any, cast
 
 import xarray as xr
 
@@ -26,13 +26,12 @@ from spacerobot.result.metrics import (
     tip_errors,
 )
 from spacerobot.result.missed_captures import missed_captures
+from spacerobot.result.store import FORMAT
+from spacerobot.result.summary_types import Summary
 from spacerobot.result.trust import advise, deep_contacts, judge, warning
 from spacerobot.rollout import Trajectory
 from spacerobot.scene import Scene
 from spacerobot.version import __version__
-
-FORMAT = 2
-"""Version of the result's layout; a result of another one is refused."""
 
 
 def build_summary(
@@ -42,7 +41,7 @@ def build_summary(
     timing: Mapping[str, float],
     notes: Mapping[str, str],
     events: Sequence[Mapping[str, Any]] = (),
-) -> dict[str, Any]:
+) -> Summary:
     """Status, headline numbers, ledger, timing, assumptions and versions of a simulation.
 
     ``notes`` say more of the engine: what compiled it, and how well a chosen step was found to do; ``events``
@@ -70,7 +69,7 @@ def build_summary(
         "diverged_at_s": trajectory.diverged_at_s,
         "cause": trajectory.cause or None,
     }
-    return {
+    summary = {
         "format": FORMAT,
         "name": scene.scenario.name,
         "status": status | judged,
@@ -98,6 +97,7 @@ def build_summary(
         **({"plugins": plugins} if (plugins := plugin_records()) else {}),
         "versions": dict(_versions()),
     }
+    return cast("Summary", summary)  # its keys and types are compared in a test
 
 
 def unled_tips(scene: Scene) -> list[str]:

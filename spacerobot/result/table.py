@@ -8,6 +8,7 @@ from typing import Any
 
 import xarray as xr
 
+from spacerobot.result.summary_types import Summary
 from spacerobot.result.trust import open_words
 
 Row = tuple[str, str]
@@ -15,10 +16,10 @@ FINEST = 1e-4
 """Ranges of axes below it, in the unit of their row, are written with powers of ten."""
 
 
-def headline(summary: Mapping[str, Any], data: xr.Dataset) -> list[Row]:
+def headline(summary: Summary, data: xr.Dataset) -> list[Row]:
     """Main figures of a result, one row each."""
     rows = [("status", status_text(summary["status"]))]
-    if summary.get("outcome"):
+    if summary["outcome"]:
         rows.append(("outcome", summary["outcome"]))
     rows += [(f"missed {grasp}", why["words"]) for grasp, why in summary.get("missed", {}).items()]
     led = {t: axes for t, axes in summary["tip_error"].items() if t not in summary.get("unled_tips", ())}
@@ -36,8 +37,8 @@ def headline(summary: Mapping[str, Any], data: xr.Dataset) -> list[Row]:
     for base, motion in summary["bases"].items():
         moved = f"{motion['max_rotation_deg']:.4g} deg, {motion['max_travel_m'] * 1e3:.4g} mm"
         rows.append((f"base {base} moved by at most", moved))
-    for base, error in summary.get("attitude_error", {}).items():
-        words = f"at most {error['max_deg']:.4g} deg, {error['final_deg']:.4g} deg at the end"
+    for base, attitude in summary.get("attitude_error", {}).items():
+        words = f"at most {attitude['max_deg']:.4g} deg, {attitude['final_deg']:.4g} deg at the end"
         rows.append((f"attitude error {base}", words))
     spent = summary.get("propellant_kg", {})
     rows += [(f"propellant {base}", f"{mass * 1e3:.4g} g") for base, mass in spent.items()]

@@ -1,26 +1,5 @@
 """Scenarios: the validated description of what is simulated."""
 
-from spacerobot.scenario.bodies import Base, Body, Joint, Link, Robot, Target, Tip
-from spacerobot.scenario.campaign import Campaign, Limits, UncertainParameter
-from spacerobot.scenario.scenario import Scenario, Simulation
-from spacerobot.scenario.tuning import Constraints, DesignVariable, Objective, Robustness, Tuning
+from spacerobot.lazy_names import lazy_names
 
-__all__ = [
-    "Base",
-    "Body",
-    "Campaign",
-    "Constraints",
-    "DesignVariable",
-    "Joint",
-    "Limits",
-    "Link",
-    "Objective",
-    "Robot",
-    "Robustness",
-    "Scenario",
-    "Simulation",
-    "Target",
-    "Tip",
-    "Tuning",
-    "UncertainParameter",
-]
+__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

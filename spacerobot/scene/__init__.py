@@ -1,6 +1,5 @@
 """The scene: robots and target in one Pinocchio model."""
 
-from spacerobot.scene.build import build_scene, load_scene
-from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp, SceneReference, SceneTip
+from spacerobot.lazy_names import lazy_names
 
-__all__ = ["Scene", "SceneBody", "SceneGrasp", "SceneReference", "SceneTip", "build_scene", "load_scene"]
+__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

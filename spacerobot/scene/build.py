@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import os
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,8 +13,7 @@ import pinocchio as pin
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.files import StrPath
 from spacerobot.scenario import Robot, Scenario
-from spacerobot.scenario.catalogue import find_scenario
-from spacerobot.scenario.load import read_document, to_document, validate
+from spacerobot.scenario.load import to_document, validate
 from spacerobot.scenario.paths import Document, assign
 from spacerobot.scene.assumptions import list_assumptions, list_warnings
 from spacerobot.scene.checks import (
@@ -48,35 +45,6 @@ from spacerobot.scene.resolve import (
 from spacerobot.scene.scene import Scene, SceneGrasp, SceneTip
 
 
-def load_scene(
-    name: StrPath,
-    changes: Mapping[str, Any] | Sequence[tuple[str, Any]] = (),
-    *,
-    expand_xacro: bool = True,
-) -> Scene:
-    """Scene of a scenario file or of a shipped scenario.
-
-    Parameters
-    ----------
-    name
-        Path of a YAML file, or the name of a shipped scenario.
-    changes
-        New values by dotted path (``*`` stands for every key), applied in order after the URDFs have
-        filled in what the file leaves open.
-    expand_xacro
-        Whether ``.xacro`` files are expanded; False for a file that somebody else made.
-
-    Raises
-    ------
-    ScenarioError, DescriptionError
-        If anything in the scenario or its URDFs cannot be simulated.
-    """
-    source = find_scenario(os.fspath(name))
-    named = re.sub(r"[^\w-]", "_", source.stem, flags=re.ASCII).lstrip("0123456789-")[:64]
-    document = {"name": named or "scenario"} | read_document(source)
-    return build_scene(validate(document, source=source), changes, source=source, expand_xacro=expand_xacro)
-
-
 def build_scene(
     scenario: Scenario,
     changes: Mapping[str, Any] | Sequence[tuple[str, Any]] = (),
@@ -84,7 +52,7 @@ def build_scene(
     source: StrPath | None = None,
     expand_xacro: bool = False,
 ) -> Scene:
-    """Build the scene of a scenario; see :func:`load_scene`.
+    """Build the scene of a scenario; see :func:`.load_scene`.
 
     Parameters
     ----------

@@ -8,7 +8,8 @@ import pytest
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
 from spacerobot.rollout import build_rollout
-from spacerobot.scenario.load import parse_yaml, to_yaml, validate
+from spacerobot.scenario.document import parse_yaml
+from spacerobot.scenario.load import to_yaml, validate
 from spacerobot.scene import build_scene, load_scene
 from tests.oracles.engine import Engine
 from tests.oracles.small_scenes import PLANAR, SPATIAL, random_x, small_scene

@@ -7,7 +7,8 @@ import pinocchio as pin
 import pytest
 
 from spacerobot.description.planar import rectangle_urdf
-from spacerobot.scenario.load import parse_yaml, validate
+from spacerobot.scenario.document import parse_yaml
+from spacerobot.scenario.load import validate
 from spacerobot.scene import build_scene, load_scene
 from tests.oracles.small_scenes import PLANAR, small_scene
 from tests.oracles.two_engines import ENGINES, Symbolic, part, places

@@ -31,7 +31,8 @@ from optim.problem.scene_recipe import tuning_of
 from optim.problem.variables import variables_of
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import DivergedError, SpaceRobotError
-from spacerobot.scenario.load import parse_yaml, to_document, validate
+from spacerobot.scenario.document import parse_yaml
+from spacerobot.scenario.load import to_document, validate
 from spacerobot.scene import build_scene
 from spacerobot.scene.overlaps import overlaps
 from spacerobot.simulation import simulate

@@ -13,7 +13,8 @@ import pinocchio as pin
 
 from spacerobot.description.planar import PlanarBase, PlanarLink, planar_arm_urdf, rectangle_urdf
 from spacerobot.scenario import Scenario
-from spacerobot.scenario.load import parse_yaml, validate
+from spacerobot.scenario.document import parse_yaml
+from spacerobot.scenario.load import validate
 from spacerobot.scene import Scene, build_scene
 
 ODD_ARM = """<robot name="odd_arm">

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 import spacerobot as sr
+from optim import evaluation
 from optim.campaign.rollouts.metrics import build_campaign_metrics
 from optim.evaluation import BatchResult, GradientResult, batch, gradient
+from spacerobot import loop_cache
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ResultError, ScenarioError, SpaceRobotError
 from spacerobot.quantities import (
@@ -26,6 +28,7 @@ from spacerobot.scene import build_scene
 from tests.oracles.small_scenes import PLANAR, small_scene
 
 MASS = "target.links.body.mass"
+DAMPING = "grasps.left.damping"
 SHORT = {"simulation.duration": 0.2, "simulation.step": 0.01}
 
 
@@ -154,6 +157,47 @@ def test_gradients_of_quantities_agree_with_differences(tmp_path):
     assert MASS in again._repr_html_()
     with pytest.raises(ResultError, match="diverged_at"):
         BatchResult.load(tmp_path / "gradient.nc")
+
+
+def test_a_gradient_at_other_values_is_that_of_the_changed_scene_and_builds_nothing(monkeypatch):
+    scene, built, build = small_scene(PLANAR, SHORT), [], evaluation.build_quantity_rollout
+    monkeypatch.setattr(
+        evaluation, "build_quantity_rollout", lambda *given, **more: built.append(1) or build(*given, **more)
+    )
+    monkeypatch.setattr(loop_cache, "only_shipped", lambda: True)  # another test may have registered kinds
+    evaluation._build_once.cache_clear()
+    names = ["tip_error_rms", "joint_torque_peak"]
+    nominal = gradient(scene, names, [MASS], backend="interpreted")
+    there = gradient(scene, names, [MASS], at={MASS: 31.0}, backend="interpreted")
+    again = gradient(small_scene(PLANAR, SHORT), names, [MASS], at={MASS: 31.0}, backend="interpreted")
+    assert len(built) == 1
+    assert again.data.identical(there.data)
+    assert there.data.parameter_value.item() == 31.0
+    assert (there.values.shape, there.gradients.shape) == ((2,), (2, 1))
+    assert not np.allclose(there.values, nominal.values)
+    changed = gradient(small_scene(PLANAR, SHORT | {MASS: 31.0}), names, [MASS], backend="interpreted")
+    assert len(built) == 2
+    np.testing.assert_allclose(there.values, changed.values, rtol=1e-9)
+    np.testing.assert_allclose(there.gradients, changed.gradients, rtol=1e-7)
+    with pytest.raises(SpaceRobotError, match=r"target\.mass: the closed loop does not depend"):
+        gradient(scene, names, [MASS], at={"target.mass": 31.0}, backend="interpreted")
+
+
+def test_batches_are_drawn_against_the_parameter():
+    scene, masses = small_scene(PLANAR, SHORT), [20.0, 30.0, 40.0]
+    one = batch(scene, "joint_torque_peak", {MASS: masses}, backend="interpreted").data
+    assert one.joint_torque_peak.dims == (MASS, "joint_torque_peak_of")
+    assert one.joint_torque_peak.sel({MASS: 30.0}).dims == ("joint_torque_peak_of",)
+    axes = one.joint_torque_peak.plot(hue="joint_torque_peak_of")[0].axes
+    assert len(axes.lines) == 2
+    axes = one.joint_torque_peak.sel(joint_torque_peak_of="one").plot()[0].axes
+    np.testing.assert_array_equal(axes.lines[-1].get_xdata(), masses)
+    assert axes.get_xlabel() == f"{MASS} [kg]"
+    values = {MASS: masses, DAMPING: [1.0, 2.0, 1.0]}
+    two = batch(scene, "joint_torque_peak", values, backend="interpreted").data
+    assert two.joint_torque_peak.dims[0] == "sample"
+    np.testing.assert_array_equal(two[MASS].values, masses)
+    assert two[DAMPING].attrs["units"] == "N s/m"
 
 
 def test_batches_are_saved_and_bad_values_refused(tmp_path):

@@ -1,11 +1,14 @@
 """Results against hand-made data, and folders that are whole or not there."""
 
+import collections.abc
 import dataclasses
 import hashlib
 import json
 import os
 import signal
 import sys
+import types
+import typing
 
 import numpy as np
 import pinocchio as pin
@@ -15,7 +18,7 @@ import xarray as xr
 from spacerobot.cli.app import main
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ResultError
-from spacerobot.result import Result, check_folder, note_derived
+from spacerobot.result import Result, Summary, check_folder, note_derived
 from spacerobot.result.ledger import build_ledger
 from spacerobot.result.metrics import _turned, body_motion, greatest_torque, tip_errors
 from spacerobot.result.store import FILES
@@ -39,6 +42,37 @@ def test_dataset_has_the_promised_variables_labels_and_units(result):
     for name in data.data_vars:
         assert data[name].attrs["units"], name
         assert data[name].attrs["long_name"], name
+
+
+def mismatches(value, kind, place="summary"):
+    """Places where a value differs from a type that ``typing`` describes."""
+    origin, arguments = typing.get_origin(kind), typing.get_args(kind)
+    if origin is typing.NotRequired:
+        return mismatches(value, arguments[0], place)
+    if kind is typing.Any:
+        return []
+    if typing.is_typeddict(kind):
+        keys = typing.get_type_hints(kind, include_extras=True)
+        required = {key for key, one in keys.items() if typing.get_origin(one) is not typing.NotRequired}
+        found = [f"{place}: {key}" for key in ({*value} - {*keys}) | (required - {*value})]
+        return found + [m for k in {*value} & {*keys} for m in mismatches(value[k], keys[k], f"{place}.{k}")]
+    if origin in (typing.Union, types.UnionType):
+        return min((mismatches(value, one, place) for one in arguments), key=len)
+    if origin is typing.Literal:
+        return [] if value in arguments else [place]
+    if origin is list:
+        return [m for i, one in enumerate(value) for m in mismatches(one, arguments[0], f"{place}.{i}")]
+    if origin is collections.abc.Mapping:
+        return [m for k, one in value.items() for m in mismatches(one, arguments[1], f"{place}.{k}")]
+    return [] if isinstance(value, (int, float) if kind is float else kind) else [place]
+
+
+def test_the_summary_has_the_keys_and_types_that_type_checkers_read(result):
+    assert mismatches(result.summary, Summary) == []
+    docked = simulate(load_scene("docking", {"simulation.duration": 17.0}), backend="interpreted")
+    assert {"events", "missed"} & {*docked.summary}
+    assert mismatches(docked.summary, Summary) == []
+    assert mismatches({**result.summary, "nmae": 1}, Summary) == ["summary: nmae"]
 
 
 def test_tip_error_is_reference_minus_position(result):

@@ -7,7 +7,8 @@ import copy
 import pytest
 
 from spacerobot.errors import ScenarioError
-from spacerobot.scenario.load import parse_yaml, validate
+from spacerobot.scenario.document import parse_yaml
+from spacerobot.scenario.load import validate
 from tests.oracles.mangled import SOURCES, Case, cases, filled, judged
 
 BY_NAME = {source.name: source for source in SOURCES}

@@ -8,7 +8,8 @@ import pytest
 
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.catalogue import find_scenario
-from spacerobot.scenario.load import read_document, to_document, validate
+from spacerobot.scenario.document import read_document
+from spacerobot.scenario.load import to_document, validate
 from spacerobot.scenario.paths import assign, get
 from spacerobot.scenario.recurrences import recurring
 from spacerobot.section import RECURS, Section

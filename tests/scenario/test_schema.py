@@ -16,7 +16,8 @@ from spacerobot.elements.references.spline import Spline
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario import Scenario
 from spacerobot.scenario.catalogue import shipped
-from spacerobot.scenario.load import json_schema, parse_yaml, read_document, to_document, to_yaml, validate
+from spacerobot.scenario.document import parse_yaml, read_document
+from spacerobot.scenario.load import json_schema, to_document, to_yaml, validate
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.section import leaves
 from tests.oracles.small_scenes import PLANAR, SPATIAL

@@ -8,7 +8,8 @@ import pytest
 
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.catalogue import find_scenario, shipped
-from spacerobot.scenario.load import MAX_BYTES, parse_yaml, read_document, to_yaml, validate
+from spacerobot.scenario.document import MAX_BYTES, parse_yaml, read_document
+from spacerobot.scenario.load import to_yaml, validate
 
 
 def refused(text: str, match: str) -> None:

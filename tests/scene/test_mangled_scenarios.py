@@ -11,7 +11,8 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from spacerobot.errors import ScenarioError, SpaceRobotError
-from spacerobot.scenario.load import parse_yaml, to_document, to_yaml, validate
+from spacerobot.scenario.document import parse_yaml
+from spacerobot.scenario.load import to_document, to_yaml, validate
 from spacerobot.scene import Scene, build_scene
 from tests.oracles.small_scenes import PLANAR, SPATIAL, folder
 

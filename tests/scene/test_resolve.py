@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from spacerobot.errors import ScenarioError
-from spacerobot.scenario.load import parse_yaml, to_document, to_yaml, validate
+from spacerobot.scenario.document import parse_yaml
+from spacerobot.scenario.load import to_document, to_yaml, validate
 from spacerobot.scenario.paths import get
 from spacerobot.scene import build_scene, load_scene
 from tests.oracles.engine import Engine

@@ -66,6 +66,16 @@ def test_a_saved_plan_is_loaded_copied_and_followed(folders, tmp_path):
         sr.load(tmp_path / "nowhere")
 
 
+def test_a_plan_in_memory_gives_the_scene_that_follows_it(folders, tmp_path):
+    (tmp_path / "task.yaml").write_text(yaml.safe_dump(REACH | {"plan": PLAN, "pads": PADS}))
+    plan = sr.plan(sr.load_scene(tmp_path / "task.yaml"), backend="interpreted")
+    assert plan.folder is None
+    scene = plan.scene()
+    assert scene.scenario == plan.save(tmp_path / "plan").scene().scenario
+    flown = sr.simulate(scene, backend="interpreted")
+    assert flown.data.tip_position.identical(Result.load(folders[1]).data.tip_position)
+
+
 def test_limits_are_drawn_and_active_ones_marked(folders):
     plan, _ = read(folders[0])
     turned = plan_constraints(plan).axes[0]

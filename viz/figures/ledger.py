@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, NullFormatter
@@ -87,7 +90,8 @@ def energy_astray(result: Result) -> Array:
 
 def relative_drift(result: Result, kind: str) -> Array:
     """Drift of the ``linear`` or ``angular`` momentum, over what the summary's ledger divides it by."""
-    total, told = kept_momentum(result.data, kind).values, result.summary["ledger"]["momentum"][kind]
-    (largest,) = (value for key, value in told.items() if key.startswith("largest_partial_"))
+    total, ledger = kept_momentum(result.data, kind).values, result.summary["ledger"]["momentum"]
+    momentum: Mapping[str, Any] = ledger["linear"] if kind == "linear" else ledger["angular"]
+    (largest,) = (value for key, value in momentum.items() if key.startswith("largest_partial_"))
     drift = np.linalg.norm(total - total[0], axis=-1)
     return np.asarray(drift / max(largest, SMALLEST), dtype=np.float64)

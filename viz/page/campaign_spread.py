@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
-from spacerobot.result import Result
+from spacerobot.result import Result, Summary
 from spacerobot.result.dataset import build_dataset
 from spacerobot.result.summary import unled_tips
 from spacerobot.rollout import Batch, Rollout, Trajectory
@@ -78,7 +78,8 @@ class CampaignSpread:
             nothing |= {"status": "completed", "step_s": np.nan, "backend": batch.backend, "wall_s": 0.0}
             rolled = Trajectory(self._time[:end], state[k, :end], own, **nothing)
             data = build_dataset(self._scene, rolled, self._loop)
-            shown = quantities(Result(self._scene.scenario, data, {"unled_tips": unled_tips(self._scene)}))
+            summary = cast(Summary, {"unled_tips": unled_tips(self._scene)})  # `quantities` reads no more
+            shown = quantities(Result(self._scene.scenario, data, summary))
             every_signal = ((quantity.title, signal) for quantity in shown for signal in quantity.signals)
             for title, signal in itertools.islice(every_signal, MOST_SIGNALS):
                 whole = np.full(len(self._time), np.nan)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import base64
 import html
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -171,7 +172,8 @@ def ledger(subject: Subject) -> str | None:
     """Momentum and energy, in numbers."""
     rows: list[list[str]] = []
     for result, label in zip(subject.results, subject.labels, strict=True):
-        momentum, energy = result.summary["ledger"]["momentum"], result.summary["ledger"]["energy"]
+        momentum: Mapping[str, Any] = result.summary["ledger"]["momentum"]
+        energy: Mapping[str, Any] = result.summary["ledger"]["energy"]
         names = ("actuator_work_j", "stored_change_j", "joint_loss_j", "grasp_loss_j", "constraint_work_j")
         numbers = [f"{energy[name]:.4g}" for name in names]
         balance = [*numbers, f"{energy['largest_residual_j']:.2g} ({energy['relative_residual']:.1g})"]

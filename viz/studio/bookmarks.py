@@ -15,7 +15,8 @@ from spacerobot.elements.core.registry import plugin_options
 from spacerobot.errors import ResultError, ScenarioError, SpaceRobotError
 from spacerobot.files import write_text
 from spacerobot.result import Result
-from spacerobot.scenario.load import parse_yaml, to_document, to_yaml, validate
+from spacerobot.scenario.document import parse_yaml
+from spacerobot.scenario.load import to_document, to_yaml, validate
 from spacerobot.scene import build_scene
 from spacerobot.section import leaves
 from spacerobot.simulation import simulate

@@ -17,7 +17,8 @@ from spacerobot.drafting.arms import ends
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.files import write_text
 from spacerobot.result.store import check_folder
-from spacerobot.scenario.load import parse_yaml, validate
+from spacerobot.scenario.document import parse_yaml
+from spacerobot.scenario.load import validate
 from spacerobot.scene import Scene, build_scene
 from viz.page.animation import still
 from viz.studio.bookmarks import place

@@ -12,7 +12,8 @@ from optim.campaign.sampling.parameter_space import campaign_of
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.result.store import SCENARIO
 from spacerobot.scenario import Scenario
-from spacerobot.scenario.load import read_document, to_document, validate
+from spacerobot.scenario.document import read_document
+from spacerobot.scenario.load import to_document, validate
 from spacerobot.scene import Scene
 
 NAMED = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,63}")  # as the campaign section has them

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Unpack
 
 import casadi as ca
@@ -133,7 +133,9 @@ class MpcRollout:
         count = max(1, min(control.get("threads") or usable_cores(), len(rows)))
         planners = self.planners(count)
         faults = fly(Computer(self.scene, self.flown, plant), planners)
-        told = [statistics(self.flown.settings, one) if one else {} for one in planners.end(range(len(rows)))]
+        told: list[Mapping[str, Any]] = [
+            statistics(self.flown.settings, one) if one else {} for one in planners.end(range(len(rows)))
+        ]
         # no number where there was no plan
         plans = {
             f"mpc_{key}": np.array([[float(np.sum(one.get(key, np.nan)))] for one in told])

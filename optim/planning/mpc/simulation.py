@@ -26,6 +26,7 @@ from spacerobot.result import Result
 from spacerobot.result.dataset import build_dataset
 from spacerobot.result.events import build_events
 from spacerobot.result.summary import build_summary
+from spacerobot.result.summary_types import MpcStatistics
 from spacerobot.rollout import Rollout, Trajectory, build_rollout
 from spacerobot.rollout.resumable_loop import end_of, joined, resumed, start_of
 from spacerobot.rollout.time_grid import time_grid
@@ -211,12 +212,12 @@ def simulate_mpc(scene: Scene, *, backend: str = "auto", progress: Progress | No
     notes = {"toolchain": rollout.summary, "step_error": f"{trajectory.step_error:.1e}"}
     events = build_events(scene, loop, trajectory.events)
     summary = build_summary(scene, whole, trajectory, timing, notes, events)
-    return Result(
-        scene.scenario, whole, summary | ({"mpc": statistics(flown.settings, told)} if told else {})
-    )
+    if told:
+        summary["mpc"] = statistics(flown.settings, told)
+    return Result(scene.scenario, whole, summary)
 
 
-def statistics(settings: Replanning, told: Mapping[str, Any]) -> dict[str, Any]:
+def statistics(settings: Replanning, told: Mapping[str, Any]) -> MpcStatistics:
     """Plans of a simulation, and the time that they took, for its summary.
 
     Parameters

@@ -63,7 +63,8 @@ def comparison(results: Sequence[tuple[Variant, Result]]) -> object:
         ["paper: the same, GA-tuned", *map(_span, FIGURE_10_MM), "", "Fig. 10"],
     ]
     for variant, result in results:
-        turned = f"{result.summary['target']['max_rotation_deg']:.2g} deg"
+        target = result.summary["target"]
+        turned = "" if target is None else f"{target['max_rotation_deg']:.2g} deg"
         spans = map(_span, error_bands_mm(result.summary))
         rows.append([variant.name, *spans, turned, note(variant, result.summary)])
     return table("the paper and this toolkit [mm]", headings, rows)

@@ -67,11 +67,11 @@ def command(
     console().print(pairs(scene.scenario.name, found.rows()))
     for failure in found.failures[:3]:
         rows = [
-            (name, f"{value:.6g}", f"{100 * failure['importance'][name]:.2g} %")
-            for name, value in failure["parameters"].items()
+            (name, f"{value:.6g}", f"{100 * failure.importance[name]:.2g} %")
+            for name, value in failure.parameters.items()
         ]
         console().print()
-        prose(f"A most probable failure, {failure['beta']:.3g} standard deviations from the medians:")
+        prose(f"A most probable failure, {failure.beta:.3g} standard deviations from the medians:")
         console().print(table(None, ("parameter", "there", "importance"), rows))
     if out is not None:
         found.save(out)

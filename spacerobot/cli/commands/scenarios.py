@@ -16,7 +16,7 @@ def command() -> None:
     """
     from spacerobot.description.find import shipped_names, shipped_urdf_folder
     from spacerobot.scenario.catalogue import shipped
-    from spacerobot.scenario.load import read_document
+    from spacerobot.scenario.document import read_document
 
     rows = [
         (name, " ".join(str(read_document(path).get("description", "")).split()))

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from spacerobot.arrays import Array
 from spacerobot.errors import ScenarioError, near_names
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 MOST_BYTES = 100_000_000
 JOINTS = ("joint_position", "joint_rate", "torque")
@@ -111,6 +113,8 @@ def open_plan(file: Path, names: tuple[str, ...]) -> xr.Dataset:
     ScenarioError
         If it cannot be read or lacks one.
     """
+    import xarray as xr  # takes as long to load as all sections of a scenario
+
     try:
         if file.stat().st_size > MOST_BYTES:
             raise ScenarioError(f"larger than {MOST_BYTES // 1_000_000} MB, so not a plan", source=file)

@@ -91,12 +91,12 @@ def test_a_probability_is_that_of_plain_samples(small, state):
 def test_the_most_probable_failure_is_on_the_limit(small, state, limit):
     found = sr.failure_probability(small(campaign=CAMPAIGN), limit=limit, effort=sr.SamplingEffort(0.2))
     for failure in found.failures:
-        at = np.array(list(failure["parameters"].values()))
+        at = np.array(list(failure.parameters.values()))
         assert state.quantities(at[None])[0] == pytest.approx(limit, rel=1e-3)
-        assert sum(failure["importance"].values()) == pytest.approx(1)
-    assert [f["beta"] for f in found.failures] == sorted(f["beta"] for f in found.failures)
+        assert sum(failure.importance.values()) == pytest.approx(1)
+    assert [f.beta for f in found.failures] == sorted(f.beta for f in found.failures)
     # the first-order estimate Phi(-beta) of the nearest one is of the right size
-    assert stats.norm.sf(found.failures[0]["beta"]) == pytest.approx(found.probability, rel=1)
+    assert stats.norm.sf(found.failures[0].beta) == pytest.approx(found.probability, rel=1)
 
 
 def test_the_worst_case_is_that_of_a_grid_and_no_better_is_found_at_random(small, state):

@@ -6,7 +6,7 @@ import pytest
 
 from spacerobot.drafting import DraftRequest, draft_capture
 from spacerobot.errors import SpaceRobotError
-from spacerobot.scenario.load import parse_yaml
+from spacerobot.scenario.document import parse_yaml
 from spacerobot.scene import load_scene
 from tests.oracles import one_arm
 from tests.viz.studio.conftest import Asker

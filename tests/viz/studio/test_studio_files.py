@@ -5,7 +5,8 @@ import pytest
 
 from spacerobot.errors import ResultError
 from spacerobot.result import Result
-from spacerobot.scenario.load import parse_yaml, to_document
+from spacerobot.scenario.document import parse_yaml
+from spacerobot.scenario.load import to_document
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from viz.studio.bookmarks import as_yaml, place

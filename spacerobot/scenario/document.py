@@ -1,0 +1,106 @@
+"""Scenario files as plain documents: YAML read safely, not validated yet.
+
+No section of a scenario is imported, so that a missing file and wrong YAML are reported at once.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from spacerobot.errors import ScenarioError
+from spacerobot.scenario.yaml_text import Loader, describe
+
+if TYPE_CHECKING:
+    from spacerobot.scenario.paths import Document
+
+MAX_BYTES = 5_000_000
+MAX_NODES = 500_000
+MAX_DEPTH = 100
+
+
+def read_document(path: Path) -> Document:
+    """Plain content of a YAML file, not validated yet.
+
+    Raises
+    ------
+    ScenarioError
+        If the file cannot be read, is not YAML or is not a mapping.
+    """
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise ScenarioError(f"larger than {MAX_BYTES // 1_000_000} MB, so not a scenario", source=path)
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise ScenarioError("no such file", source=path) from None
+    except UnicodeDecodeError as fault:
+        raise ScenarioError(f"not UTF-8 text: byte {fault.start} cannot be read", source=path) from None
+    except OSError as fault:
+        raise ScenarioError(f"cannot be read: {fault.strerror}", source=path) from None
+    document = parse_yaml(text, source=path)
+    if not isinstance(document, dict):
+        raise ScenarioError(
+            f"a scenario is a mapping of keys to values, found {type(document).__name__}", source=path
+        )
+    return document
+
+
+def parse_yaml(text: str, *, source: Path | str | None = None) -> Any:
+    """Value of a YAML text.
+
+    Raises
+    ------
+    ScenarioError
+        If it is not YAML, or unfolds to more than is sane.
+    """
+    loader = None
+    try:
+        loader = Loader(text)
+        node = loader.get_single_node()
+        # measured before aliases and merge keys are unfolded, which takes time and memory without bound
+        weight, depth = (0, 0) if node is None else _measure(node, {})
+        if depth > MAX_DEPTH:
+            raise ScenarioError(
+                f"nested too deeply: found {depth} levels, allowed: {MAX_DEPTH}", source=source
+            )
+        if weight > MAX_NODES:
+            raise ScenarioError(f"unfolds to more than {MAX_NODES} values", source=source)
+        return None if node is None else loader.construct_document(node)
+    except yaml.MarkedYAMLError as fault:
+        where, message = describe(fault)
+        raise ScenarioError(message, source=source, where=where) from None
+    except RecursionError:
+        raise ScenarioError("nested too deeply", source=source) from None
+    except (yaml.YAMLError, ValueError) as fault:
+        raise ScenarioError(f"not YAML: {fault}", source=source) from None
+    finally:
+        if loader is not None:
+            loader.dispose()
+
+
+def _measure(node: yaml.Node, measured: dict[int, tuple[float, int]]) -> tuple[float, int]:
+    """Count of values with aliases and merge keys unfolded, and levels of nesting.
+
+    A node that holds itself counts infinitely many.
+
+    Parameters
+    ----------
+    node
+        Root of the composed graph, in which an alias is the node of its anchor.
+    measured
+        Results of the nodes that were visited, by their identity.
+    """
+    if isinstance(node, yaml.ScalarNode):
+        return 1, 0
+    if id(node) not in measured:
+        measured[id(node)] = float("inf"), 0
+        children = node.value
+        if isinstance(node, yaml.MappingNode):
+            children = [value for _, value in node.value]
+            children += [key for key, _ in node.value if not isinstance(key, yaml.ScalarNode)]
+        sizes = [_measure(child, measured) for child in children]
+        weight = 1 + sum(weight for weight, _ in sizes)
+        measured[id(node)] = weight, 1 + max((depth for _, depth in sizes), default=0)
+    return measured[id(node)]
