@@ -34,7 +34,7 @@ class ErrorStatistics(TypedDict):
     final_m: float
 
 
-class BodyMotion(TypedDict):
+class BodyExcursion(TypedDict):
     """Largest rotation and travel since the start."""
 
     max_rotation_deg: float
@@ -175,7 +175,7 @@ class MpcStatistics(TypedDict):
     in_time: int
 
 
-class Event(TypedDict):
+class EventSummary(TypedDict):
     """Event of a simulation; which of the optional keys it has depends on its kind."""
 
     time_s: float
@@ -210,11 +210,11 @@ class Summary(TypedDict):
     status: Status
     outcome: str | None
     missed: NotRequired[Mapping[str, Mapping[str, Any]]]
-    events: list[Event]
+    events: list[EventSummary]
     tip_error: Mapping[str, Mapping[str, ErrorStatistics]]
     unled_tips: NotRequired[list[str]]
-    target: BodyMotion | None
-    bases: Mapping[str, BodyMotion]
+    target: BodyExcursion | None
+    bases: Mapping[str, BodyExcursion]
     greatest_torque: LargestTorque
     greatest_grip: LargestGrip
     greatest_contact: NotRequired[LargestContact]

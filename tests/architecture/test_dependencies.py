@@ -13,7 +13,7 @@ from tests.oracles.syntax_trees import parsed
 
 ROOT = Path(__file__).parents[2]
 
-EVERYWHERE = {"arrays", "errors", "notebook", "version"}
+EVERYWHERE = {"arrays", "errors", "lazy_names", "notebook", "version"}
 """What every room of the library may import."""
 
 KNOWS = {
