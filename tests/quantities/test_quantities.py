@@ -167,7 +167,7 @@ def test_a_gradient_at_other_values_is_that_of_the_changed_scene_and_builds_noth
     monkeypatch.setattr(loop_cache, "only_shipped", lambda: True)  # another test may have registered kinds
     evaluation._build_once.cache_clear()
     names = ["tip_error_rms", "joint_torque_peak"]
-    nominal = gradient(scene, names, [MASS], backend="interpreted")
+    nominal = gradient(scene, names, [MASS], at={}, backend="interpreted")
     there = gradient(scene, names, [MASS], at={MASS: 31.0}, backend="interpreted")
     again = gradient(small_scene(PLANAR, SHORT), names, [MASS], at={MASS: 31.0}, backend="interpreted")
     assert len(built) == 1
