@@ -10,12 +10,14 @@ from __future__ import annotations
 import contextlib
 import os
 import pickle
+import queue
 import signal
 import subprocess
 import sys
+import threading
 import weakref
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, BinaryIO
 
 from optim.planning.mpc.flown_scene import FlownScene
 from optim.planning.mpc.handover import Handover
@@ -24,6 +26,7 @@ from optim.planning.search.plan_solver import PlanSolver
 from optim.problem.scene_recipe import SceneRecipe
 from spacerobot.arrays import Array
 from spacerobot.errors import NoPlanError, SpaceRobotError
+from spacerobot.interrupts import leave
 from spacerobot.scene import Scene
 
 OFTEN = 1000
@@ -202,28 +205,48 @@ class ParallelPlanners:
 
 
 def serve() -> None:
-    """Solve what is asked for on the standard input until that ends; answers go to the standard output."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to all; who asks ends this process
-    given, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
+    """Solve the requests of the standard input until it ends; answers go to the standard output.
+
+    A thread reads the requests, so that this process also ends while it solves: the system closes the pipe
+    when the process at its other end is killed. The solver calls Python at each iteration, where the thread
+    has its turn.
+    """
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # a terminal sends Ctrl-C to all; the parent ends this process
+    requests = queue.SimpleQueue[Any]()
+    answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
+    threading.Thread(target=_read, args=(sys.stdin.buffer, requests), name="requests", daemon=True).start()
     planners: Planners | SpaceRobotError
     try:
-        planners = Planners(pickle.load(given).build())  # noqa: S301 (of the process that began this one)
+        planners = Planners(requests.get().build())
     except SpaceRobotError as fault:
         planners = fault
     while True:
-        try:
-            what, arguments = pickle.load(given)  # noqa: S301 (likewise)
-        except EOFError:
-            return
+        what, arguments = requests.get()
         try:
             answer = (
                 planners if isinstance(planners, SpaceRobotError) else getattr(planners, what)(*arguments)
             )
         except SpaceRobotError as fault:
             answer = fault
-        pickle.dump(answer, answers)
-        answers.flush()
+        try:
+            pickle.dump(answer, answers)
+            answers.flush()
+        except BrokenPipeError:  # before the thread had its turn
+            leave("")
+
+
+def _read(pipe: BinaryIO, requests: queue.SimpleQueue[Any]) -> None:
+    """Read requests; end this process, and compilers that it runs, where they end or are cut off."""
+    try:
+        while True:
+            requests.put(pickle.load(pipe))  # noqa: S301 (of the process that began this one)
+    except (EOFError, pickle.UnpicklingError):
+        pass
+    finally:
+        leave("")
 
 
 def _send(process: subprocess.Popen[bytes], what: Any) -> None:
