@@ -19,12 +19,12 @@ from typing import NoReturn
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it."""
-LINE = "error: interrupted\n"
 SHOW_CURSOR = "\r\x1b[2K\x1b[?25h"
 """For a terminal in which a spinner has hidden it."""
 GRACE_S = 1.0
 """Time for the main thread to end by itself."""
 
+_advice = ""
 _writing = threading.RLock()
 """Held while :func:`uninterrupted` is: the process does not end in between."""
 
@@ -92,8 +92,10 @@ def at_end(call: Callable[[], None]) -> None:
     atexit.register(call)
 
 
-def leave(line: str = LINE) -> NoReturn:
+def leave(line: str | None = None) -> NoReturn:
     """End the process at once, with its one line; threads that still compute are not waited for."""
+    if line is None:
+        line = f"error: {reason()}\n"
     for call in _endings:
         with contextlib.suppress(Exception):  # nothing may keep the process from ending
             call()
@@ -127,6 +129,7 @@ def minded() -> Iterator[None]:
     outermost = guard is None
     guard = guard or _Guard()
     if outermost:
+        advise("")
         guard.begin()
     try:
         yield
@@ -160,17 +163,21 @@ def keep(wanted: bool = True) -> None:
         guard.kept, guard.given = wanted, False
 
 
-def recall() -> None:
-    """Raise again, between two parts of what is kept, a Ctrl-C that a library swallowed in one of them.
+def advise(advice: str) -> None:
+    """Set what the line of a command that Ctrl-C ends says in addition, until the command ends.
 
-    Raises
-    ------
-    KeyboardInterrupt
-        If it came.
+    Parameters
+    ----------
+    advice
+        How to resume the command, for example; empty for none.
     """
-    guard = _guard()
-    if guard is not None and guard.kept and guard.given:
-        raise KeyboardInterrupt
+    global _advice  # noqa: PLW0603 (there is one command in a process, and one line)
+    _advice = advice
+
+
+def reason() -> str:
+    """Text of the line of a command that Ctrl-C ends."""
+    return f"interrupted: {_advice}" if _advice else "interrupted"
 
 
 @contextlib.contextmanager

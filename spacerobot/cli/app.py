@@ -20,7 +20,7 @@ from rich.markup import escape
 
 from spacerobot.cli.output import LEAST_WIDTH, print_error, warn
 from spacerobot.errors import SpaceRobotError, SpaceRobotWarning
-from spacerobot.interrupts import INTERRUPTED, minded
+from spacerobot.interrupts import INTERRUPTED, minded, reason
 from spacerobot.registry import COMMANDS
 
 EXAMPLE_INDENT = 4
@@ -161,7 +161,7 @@ def main() -> None:
         print_error(str(fault))
         sys.exit(fault.exit_code)
     except KeyboardInterrupt:
-        print_error("interrupted")
+        print_error(reason())
         sys.exit(INTERRUPTED)
     except BrokenPipeError:
         # the pipe's reader (head, less) has ended

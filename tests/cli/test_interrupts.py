@@ -14,7 +14,7 @@ import pytest
 
 from spacerobot import interrupts
 from spacerobot.cli.app import main
-from spacerobot.interrupts import keep, minded, recall, uninterrupted
+from spacerobot.interrupts import keep, minded, uninterrupted
 from spacerobot.result import Result
 
 ROOT = Path(__file__).parents[2]
@@ -50,18 +50,6 @@ def test_a_search_that_keeps_what_it_found_is_stopped_alone():
         keep(False)
         with uninterrupted():
             pass
-
-
-def test_a_swallowed_interrupt_is_raised_again_between_two_parts():
-    with minded():
-        keep()
-        recall()
-        with contextlib.suppress(KeyboardInterrupt):  # as a library does
-            signal.raise_signal(signal.SIGINT)
-        with pytest.raises(KeyboardInterrupt):
-            recall()
-        keep(False)
-        recall()
 
 
 def test_a_second_interrupt_ends_the_search_too():
@@ -144,6 +132,50 @@ def test_an_interrupt_lost_while_simulating_still_ends_the_run(monkeypatch, caps
     assert run(monkeypatch, "run", "paper", *short, "--out", tmp_path / "r") == 130
     assert capsys.readouterr().err == "error: interrupted\n"
     assert not (tmp_path / "r").exists()
+
+
+@pytest.mark.parametrize("place", ["load", "search", "swallowed", "twice", "written"])
+@pytest.mark.parametrize("kept", [False, True], ids=["without a folder", "with a folder"])
+def test_an_interrupted_plan_ends_in_the_same_line_wherever_it_is(kept, place, monkeypatch, capsys, tmp_path):
+    """One error line and exit code 130; with a folder it says how to resume, once the scene is loaded."""
+    import optim.planning.output.plan_folder as plan_folder
+    import optim.planning.search.make_plan as planning
+    import spacerobot.scene as scenes
+    import viz.figures.plan as figures
+
+    def interrupting(*_, **__):
+        signal.raise_signal(signal.SIGINT)
+
+    def swallowing(*_, progress, **__):
+        progress("mesh of 10 intervals")
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        progress("mesh of 20 intervals")
+
+    def twice(*_, progress, **__):
+        progress("mesh of 10 intervals")
+        try:
+            signal.raise_signal(signal.SIGINT)
+        finally:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(interrupts, "GRACE_S", 1e6)  # the process is that of the tests
+    target, name, replacement = {
+        "load": (scenes, "load_scene", interrupting),
+        "search": (planning, "make_plan", interrupting),
+        "swallowed": (planning, "make_plan", swallowing),
+        "twice": (planning, "make_plan", twice),
+        "written": (planning, "make_plan", lambda *_, **__: None),
+    }[place]
+    monkeypatch.setattr(target, name, replacement)
+    monkeypatch.setattr(plan_folder, "write", interrupting)
+    monkeypatch.setattr(figures, "write_plan_figures", interrupting)
+    if place == "written" and not kept:
+        monkeypatch.setattr("spacerobot.cli.commands.plan._show", interrupting)
+    folder = ("--out", tmp_path / "plan") if kept else ()
+    assert run(monkeypatch, "plan", "docking", *folder) == 130
+    advice = ": the same command resumes the search" if kept and place != "load" else ""
+    assert capsys.readouterr() == ("", f"error: interrupted{advice}\n")
 
 
 REPORTING = """

@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 from scipy import sparse
 
+from optim.planning.solver.casadi_messages import without_interrupts
 from optim.planning.solver.nonlinear_program import NonlinearProgram
 from optim.planning.solver.presolve import PresolvedProgram
 from spacerobot.arrays import Array
@@ -149,7 +150,7 @@ def _solve(
     if warm is not None:
         given["lam_g0"] = warm.multipliers[program.held]
         given["lam_x0"] = warm.bound_multipliers[program.free]
-    with one_thread():
+    with one_thread(), without_interrupts():
         found = solver(**given)
     stats = solver.stats()
     if bridge.fault is not None:

@@ -13,7 +13,7 @@ from spacerobot.cli.command import Command
 from spacerobot.cli.commands.animate import serve
 from spacerobot.cli.options import Changes, Machines, Out, Port, ScenarioName, View, parse_changes
 from spacerobot.cli.output import console, pairs, progress, table, warn
-from spacerobot.interrupts import keep, recall
+from spacerobot.interrupts import advise
 
 if TYPE_CHECKING:
     from optim.planning.search.make_plan import PlanSolution
@@ -118,30 +118,17 @@ def command(
     for warning in scene.warnings:
         warn(warning)
     folder = None if out is None else out / JOURNALS
-    interrupted = False
+    if folder is not None:  # where completed searches are kept
+        advise("the same command resumes the search")
     with progress("formulating the problem") as tell:
-
-        def told(words: str) -> None:
-            """Report progress; completed searches are kept."""
-            keep(folder is not None)
-            recall()
-            tell(words)
-
-        how: dict[str, Any] = {"backend": backend, "progress": told, "folder": folder, "dask": dask}
-        try:
-            if design:
-                show = _design(scene, points, out, how)
-            elif pareto is None:
-                show = _plan(scene, out, how | {"warm_start": warm_start}, sensitivities)
-            else:
-                show = _front(scene, pareto, points, out, how)
-        except KeyboardInterrupt:
-            if folder is None:
-                raise
-            interrupted = True
-    if interrupted:
-        warn("interrupted: the same command resumes the search")
-        raise typer.Exit(130)
+        how: dict[str, Any] = {"backend": backend, "progress": tell, "folder": folder, "dask": dask}
+        if design:
+            show = _design(scene, points, out, how)
+        elif pareto is None:
+            show = _plan(scene, out, how | {"warm_start": warm_start}, sensitivities)
+        else:
+            show = _front(scene, pareto, points, out, how)
+    advise("")
     show()
     if view and out is not None:
         with progress("following the plan") as tell:
