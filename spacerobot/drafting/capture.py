@@ -4,11 +4,11 @@ The scene begins as the one in which the arm holds the object (:mod:`spacerobot.
 object moved away along the direction of approach, as far as moves no joint by more than about 0.3 rad. So the
 capture lies where the arm moves well, and the tip already has the orientation in which it is mated.
 
-**Approach.** The inertia that a tip feels differs between directions by a factor of 10 to 300 for arms with a
-light wrist. A PID with one gain for all of them, mapped by the Jacobian's transpose, then has bandwidths that
-differ as much: the tip of a UR3 turned at 3 deg/s while it hardly followed. Resolved rates by the generalized
-Jacobian with inverse dynamics (:mod:`spacerobot.elements.controllers.resolved_rate`) have the poles -g and
--k in every direction, g being ``gain`` and k ``rate_gain``.
+**Approach.** The inertia that a tip feels differs between directions, most of all for arms with a light
+wrist. A PID with one gain for all of them, mapped by the Jacobian's transpose, then has bandwidths that
+differ as the inertias do: the tip of a UR3 turned at 3 deg/s while it hardly followed. Resolved rates by
+the generalized Jacobian with inverse dynamics (:mod:`spacerobot.elements.controllers.resolved_rate`) have
+the poles -g and -k in every direction, g being ``gain`` and k ``rate_gain``.
 
 **Stop.** The same law with the object as payload: its inertia belongs to the robot's then, and the poles stay
 where they are.

@@ -10,7 +10,7 @@ import pytest
 from spacerobot.drafting import DraftRequest, draft
 
 ARMS = {
-    # its tip feels inertias that differ by a factor of 300: one gain for all directions missed
+    # its tip feels inertias that differ between directions: one gain for all of them missed
     "ur3": ("ur_description/urdf/ur3_robot.urdf", "tool0"),
     # five light joints: damping in their null space left no step for the simulation
     "so101": ("so_arm_description/urdf/so101.urdf", "gripper_frame_link"),
