@@ -23,8 +23,8 @@ ADJOINT = "the closed loop's adjoint"
 OPERATION_S = 1.2e-9
 """Time that the virtual machine takes for an operation [s]."""
 
-COMPILE_START_S, COMPILE_OPERATION_S = 1.0, 1.2e-4
-"""Time that a compiler takes for the loops, and for each operation of a kernel's functions [s]."""
+COMPILE_START_S, COMPILE_OPERATION_S = 1.0, 1.7e-4
+"""Processor time that a compiler takes for the loops, and for each operation of a kernel's functions [s]."""
 
 INTERPRETED_SHARE = 0.5
 """Part of the time to compile within which what is asked for is interpreted instead."""
