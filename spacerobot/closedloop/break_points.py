@@ -155,8 +155,12 @@ def build_perturbed_loop(
     zero = ca.SX.zeros(w.size1())
 
     def at_rest(*expressions: ca.SX) -> list[ca.SX]:
-        """Expressions without inputs."""
-        return [ca.densify(one) for one in ca.cse(ca.substitute(list(expressions), [w], [zero]))]
+        """Expressions without inputs.
+
+        Common subexpressions stay: of the updates of a filter (1.6 million operations) their elimination
+        removes 6 %, and takes 17 s where all else takes 2 s.
+        """
+        return [ca.densify(one) for one in ca.substitute(list(expressions), [w], [zero])]
 
     matrices = at_rest(*(ca.jacobian(of, by) for of in (rates, y) for by in (x, w)))
     turn = ca.jacobian(velocity, plant.v)
