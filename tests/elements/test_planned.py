@@ -255,6 +255,6 @@ def test_a_plan_that_begins_elsewhere_is_warned_of(folder):
 
 
 def test_the_studio_offers_gains_and_not_the_points_of_a_plan(folder):
-    leaves = find_leaves(load_scene(folder / "follow.yaml").scenario)
+    leaves = find_leaves(load_scene(folder / "follow.yaml"))
     assert "robots.arm.controllers.follow.kp" in leaves
     assert not [path for path in leaves if "knots" in path]

@@ -16,6 +16,10 @@ PAUSE_S = 0.1
 Send = Callable[[Any, dict[str, Any]], None]
 
 
+class StoppedError(Exception):
+    """The page wants no more of a job."""
+
+
 @dataclass
 class Job:
     """One job: who asked, whether it shall stop, what was told last.

@@ -1,4 +1,4 @@
-"""Background jobs of the studio: improving, tuning and campaigns, with progress, and cancellable."""
+"""Background jobs of the studio: searches, campaigns and stability margins; they can be stopped."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 from spacerobot.errors import SpaceRobotError
 from viz.studio.campaign import cloud
 from viz.studio.job import Job, Send
+from viz.studio.margins import loop_margins_job
 from viz.studio.messages import Request
 from viz.studio.prepared_design import DesignCache
 from viz.studio.search import improve, tune
@@ -75,5 +76,10 @@ class Jobs:
             job.ended = True
 
 
-DO: Mapping[str, Callable[..., None]] = {"improve": improve, "tune": tune, "campaign": cloud}
+DO: Mapping[str, Callable[..., None]] = {
+    "improve": improve,
+    "tune": tune,
+    "campaign": cloud,
+    "margins": loop_margins_job,
+}
 """What does each kind of job."""

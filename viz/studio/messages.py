@@ -11,6 +11,8 @@ from the scenario by dotted path. Requests, and the answers:
 - ``improve``, ``tune``, ``campaign`` (``values``, ``metric``; ``bounds`` by path, or ``spreads``;
   ``method``, ``budget`` or ``samples``): repeated ``job`` with ``id``, ``state``, ``progress``, ``best``,
   ``curve``, or ``values``, ``bands``, ``paths``. ``stop`` (``job``) ends it.
+- ``margins`` (``values``, ``at`` in s): repeated ``job``, at last with ``loops``, the least disk margin
+  first, their ``units``, and the number of ``growing`` modes.
 - ``save`` (``what``, ``name``, ``values``): ``saving`` with ``words``, then ``saved`` with ``path``,
   ``command``.
 - ``command`` (``values``): ``command`` with ``text``.
@@ -50,7 +52,7 @@ LARGEST = 1e300
 """Numbers from here on count as infinite."""
 
 KINDS = (
-    *("set", "gradient", "improve", "tune", "campaign", "stop", "save", "command"),
+    *("set", "gradient", "improve", "tune", "campaign", "margins", "stop", "save", "command"),
     *("urdfs", "draft", "open", "plan"),
 )
 """What a page may ask."""

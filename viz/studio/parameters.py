@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 import annotated_types
+import numpy as np
 from pydantic.fields import FieldInfo
 
 from spacerobot.elements.core.element import Element
@@ -50,6 +51,9 @@ class Leaf:
         Whether these limits themselves are refused.
     choices
         What else may stand there.
+    joint_range
+        Least and greatest position of the joint whose initial position this is, infinite where the URDF gives
+        none; None for any other number.
     """
 
     path: str
@@ -61,6 +65,7 @@ class Leaf:
     high: float | None = None
     open_ends: tuple[bool, bool] = (False, False)
     choices: tuple[str, ...] = ()
+    joint_range: tuple[float, float] | None = None
 
     def check(self, value: Any) -> None:
         """Refuse what may not stand here.
@@ -104,12 +109,15 @@ class Leaf:
                 low, high = min(low, slider[0]), max(high, slider[1])
                 scale = "log" if low > 0 and high / low > 2 * DECADES else scale
             slider = low, high, scale
-        return told | limits | {"slider": list(slider)}
+        return told | limits | {"slider": list(slider), "joint": self.joint_range is not None}
 
     @property
     def slider(self) -> tuple[float, float, str]:
         """Ends of a slider, and its scale."""
         value = float(self.value) if isinstance(self.value, int | float) else 0.0
+        if self.joint_range is not None and np.isfinite(self.joint_range).all():
+            low, high = self.joint_range  # a joint that begins beyond its limits is simulated with a warning
+            return min(low, value), max(high, value), "linear"
         if value > 0 and self.low is not None and self.low >= 0:
             high = DECADES * value if self.high is None else min(self.high, DECADES * value)
             return value / DECADES, high, "log"
@@ -120,8 +128,9 @@ class Leaf:
         return low, high if self.high is None else min(high, self.high), "linear"
 
 
-def find_leaves(scenario: Scenario) -> dict[str, Leaf]:
-    """Leaves of a resolved scenario by dotted path, in its order."""
+def find_leaves(scene: Scene) -> dict[str, Leaf]:
+    """Leaves of a scene's resolved scenario by dotted path, in its order."""
+    scenario: Scenario = scene.scenario
     found = {}
     for path, value, field, owner in _walk(scenario, "", None, scenario):
         if value is not None and path.partition(".")[0] not in (*LEFT_OUT, "phases"):
@@ -133,6 +142,13 @@ def find_leaves(scenario: Scenario) -> dict[str, Leaf]:
             if path in own and is_number(value):
                 whole = f"phases.{name}.{path}"
                 found[whole] = _leaf(whole, value, field, owner, unit_at(during, path))
+    for body in scene.bodies:
+        for joint in body.description.joints:
+            turns = joint.kind != "prismatic"
+            path = f"{body.path}.joints.{joint.name}.{'angle_deg' if turns else 'offset'}"
+            if path in found:
+                limits = np.degrees([joint.lower, joint.upper]) if turns else (joint.lower, joint.upper)
+                found[path] = replace(found[path], joint_range=(float(limits[0]), float(limits[1])))
     return found
 
 

@@ -67,7 +67,7 @@ class PreparedDesign:
     @cached_property
     def leaves(self) -> dict[str, Leaf]:
         """Parameters that can be changed, by dotted path."""
-        return find_leaves(self.scene.scenario)
+        return find_leaves(self.scene)
 
     @cached_property
     def free(self) -> frozenset[str]:

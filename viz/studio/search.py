@@ -22,7 +22,7 @@ from spacerobot.errors import ScenarioError
 from spacerobot.registry import TUNING_METHODS
 from spacerobot.scene import build_scene
 from spacerobot.section import is_number
-from viz.studio.job import Job
+from viz.studio.job import Job, StoppedError
 from viz.studio.messages import Request
 from viz.studio.metric_slopes import differences
 from viz.studio.metrics import Metric
@@ -115,10 +115,6 @@ class SearchBox:
         }
 
 
-class _StoppedError(Exception):
-    """The page wants no more."""
-
-
 def improve(_: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float], job: Job) -> None:
     """A few quasi-Newton steps within the bounds, each along the gradient with a line search.
 
@@ -139,7 +135,7 @@ def improve(_: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float],
     def ask(u: Array) -> tuple[float, Array]:
         """Cost, and its slopes along the sides of the unit box, at a point of that box (n)."""
         if job.stop.is_set():
-            raise _StoppedError
+            raise StoppedError
         design = {**numbers, **box.plain(u)}
         slopes: Mapping[str, float | None] = {}
         if plant.has_gradients:
@@ -159,7 +155,7 @@ def improve(_: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float],
             ask, begin, jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(begin), options=limits
         )
         track.tell(1.0, "converged" if ended.success else f"{ended.nit} steps taken", "done")
-    except _StoppedError:
+    except StoppedError:
         track.tell(1.0, "stopped", "stopped")
 
 

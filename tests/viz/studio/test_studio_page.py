@@ -306,3 +306,28 @@ def test_a_docking_is_drafted_with_its_yaml(opened):
     page.wait_for("title.textContent === 'small'")  # the design in the hand again
     assert page.evaluate("yaml.hidden")
     assert page.errors == []
+
+
+def test_joints_are_moved_and_margins_computed_on_request(opened, studio, flat):
+    page = opened()
+    metric = page.evaluate(METRIC)
+    page.evaluate("joints.open = true")
+    path = "robots.arm.joints.joint_2.angle_deg"
+    bar = f"document.querySelector('#joints input[type=range][aria-label=\"{path}\"]')"
+    page.wait_for(f"{bar} !== null")
+    _slide(page, 250, bar)
+    assert page.evaluate(METRIC) != metric
+    assert page.evaluate("document.body.dataset.time") == "0.000"  # how the scene begins is what is changed
+    angle = float(page.evaluate(f"{bar}.closest('.slider').querySelector('input[type=number]').value"))
+    peak = np.abs(simulate(load_scene(studio.file, {path: angle})).data.tip_error.values).max()
+    assert page.evaluate(METRIC) == pytest.approx(1e3 * peak, rel=1e-6)
+    page.evaluate("margins.open = true; document.querySelector('#margins .compute').click()")
+    rows = "[...document.querySelectorAll('#margins tbody tr')].map((row) => row.cells[1].textContent)"
+    page.wait_for(f"{rows}.length > 0", 60)
+    disks = [float(text) for text in page.evaluate(rows) if text[0].isdigit()]
+    assert disks == sorted(disks)
+    words = "document.querySelector('#margins .words').textContent"
+    assert page.evaluate(words).startswith(f"{len(disks)} loops at 0 s: ")
+    page.evaluate("undo.click()")
+    page.wait_for(f"{words}.includes('compute again')")
+    assert page.errors == []

@@ -11,12 +11,13 @@ import pytest
 
 from spacerobot.cli.options import parse_changes
 from spacerobot.errors import ScenarioError
+from spacerobot.linear import margins
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from viz.studio.jobs import Jobs
 from viz.studio.messages import Request
 from viz.studio.metric_slopes import differences
-from viz.studio.parameters import Leaf
+from viz.studio.parameters import Leaf, find_leaves
 from viz.studio.prepared_design import Origin, PreparedDesign
 
 PID = "robots.arm.tips.tip.pid"
@@ -303,3 +304,41 @@ def test_a_slider_has_room_on_both_sides_of_its_number():
     assert ends(300.0, 8.67, 285.89, "linear") == [8.67, 3000.0, "log"]
     assert ends(100.0, 100.0, 150.0, "linear") == [10.0, 1000.0, "log"]
     assert ends(0.0, 0.0, 100.0, "linear") == [0.0, 100.0, "linear"]  # there is nothing below
+
+
+def test_initial_joint_positions_have_sliders_within_the_limits_of_the_urdf(page):
+    numbers = {number["path"]: number for number in page.hello["numbers"]}
+    joints = {path for path, number in numbers.items() if number.get("joint")}
+    assert joints == {f"robots.arm.joints.joint_{k}.angle_deg" for k in (1, 2, 3)}
+    assert all(numbers[path]["free"] for path in joints)  # no compilation while one is dragged
+    scene = load_scene("servicer")
+    leaves, limited = find_leaves(scene), 0
+    for body in scene.bodies:
+        for joint in body.description.joints:
+            leaf = leaves.get(f"{body.path}.joints.{joint.name}.angle_deg")
+            if leaf is not None and np.isfinite([joint.lower, joint.upper]).all():
+                limited += 1
+                assert leaf.slider == (
+                    pytest.approx(np.degrees(joint.lower)),
+                    pytest.approx(np.degrees(joint.upper)),
+                    "linear",
+                )
+    assert limited > 0
+
+
+def test_margins_are_those_of_the_linear_analysis_the_worst_loop_first(page, arm):
+    values = {KP: 300.0}
+    page.ask("margins", values=values, at=0.5)
+    done = page.take("job", until=lambda job: job["state"] != "running")
+    assert (done["state"], done["at"], done["units"]["delay"]) == ("done", "0.5 s", "s")
+    expected = {one.name: one for one in margins(load_scene(arm, values), [0.5]).loops[0]}
+    assert {loop["name"] for loop in done["loops"]} == set(expected)
+    for loop in done["loops"]:
+        for name in done["units"]:
+            value = getattr(expected[loop["name"]], name)
+            assert loop[name] == (pytest.approx(value, rel=1e-6) if np.isfinite(value) else None)
+    disks = [loop["disk"] for loop in done["loops"] if not loop["varies"]]
+    assert disks == sorted(disks)
+    assert disks[0] < 2
+    page.ask("margins", values={}, at=9.0)
+    assert "allowed: from 0 to 1 s" in page.take("job", until=lambda job: job["state"] == "failed")["message"]

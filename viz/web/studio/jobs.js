@@ -4,13 +4,15 @@ import { plotConvergence, plotHistogram } from "./plots.js";
 
 export class Jobs {
   // ``ask`` sends a request; ``brief`` gives what the design in the hand is: values, ranges, the metric of a key (else
-  // the chosen one) and its value now.
-  constructor(root, { ask, brief, onBest, onCloud }) {
+  // the chosen one) and its value now. ``onMargins`` hears of jobs of that kind, ``onAble`` whether a job may begin.
+  constructor(root, { ask, brief, onBest, onCloud, onMargins, onAble }) {
     this.root = root;
     this.ask = ask;
     this.brief = brief;
     this.onBest = onBest;
     this.onCloud = onCloud;
+    this.onMargins = onMargins;
+    this.onAble = onAble;
     this.part = (name) => root.querySelector(`.${name}`);
     this.part("improve").addEventListener("click", () => this.start("improve"));
     this.part("tune").addEventListener("click", () => this.start("tune", { method: this.part("method").value }));
@@ -59,7 +61,8 @@ export class Jobs {
     this.id = job.id;
     this.last = job;
     this.running = job.state === "running";
-    this.part("progress").value = job.progress;
+    if (job.progress === undefined) this.part("progress").removeAttribute("value"); else this.part("progress").value = job.progress;
+    if (job.kind === "margins") this.onMargins(job);
     const spent = job.samples ? `${job.done} of ${job.samples} samples` : job.curve?.length ? `${Math.round(job.curve.at(-1)[0])} rollouts` : "";
     this.say([this.running ? "" : job.state, job.message, spent].filter(Boolean).join(": "));
     if (job.paths) this.onCloud(job);
@@ -103,6 +106,7 @@ export class Jobs {
     this.able = able;
     for (const name of ["improve", "tune", "campaign"]) this.part(name).disabled = this.running || !able;
     this.part("plan").disabled = this.running;
+    this.onAble(!this.running);
     this.part("stop").disabled = !this.running || !this.id;
     this.part("progress").hidden = !this.running;
     this.part("best").hidden = this.following || !this.last?.best;

@@ -5,7 +5,8 @@ import { rangeWords, short } from "./parameter_tree.js";
 const NOTCHES = 400;
 
 export class Slider {
-  // ``range``: {low, high, log}; the hooks hear of values, of the end of a change, of another range and of removal.
+  // ``range``: {low, high, log}; the hooks hear of values, of the end of a change, of another range and, where there is
+  // such a hook, of removal.
   constructor(number, range, hooks) {
     this.number = number;
     this.range = range;
@@ -21,7 +22,8 @@ export class Slider {
     name.title = [number.path, number.text].filter(Boolean).join(": ");
     const row = element("div", undefined, "hand");
     row.append(this.bar, this.field, element("span", number.unit || "", "unit"), this.bounds());
-    head.append(name, this.arrow, button("×", `Remove the slider of ${number.path}`, () => hooks.onRemove(number.path)));
+    head.append(name, this.arrow);
+    if (hooks.onRemove) head.append(button("×", `Remove the slider of ${number.path}`, () => hooks.onRemove(number.path)));
     this.whole.append(head, row);
   }
 

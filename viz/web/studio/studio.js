@@ -4,7 +4,9 @@ import { Bookmarks } from "./bookmarks.js";
 import { Designs, parsed } from "./designs.js";
 import { Docking } from "./docking.js";
 import { Jobs } from "./jobs.js";
+import { Joints } from "./joints.js";
 import { Keep } from "./save_design.js";
+import { Margins } from "./margins.js";
 import { Metrics } from "./metrics.js";
 import { Numbers } from "./parameter_tree.js";
 import { Rollouts, keyOf } from "./rollouts.js";
@@ -26,7 +28,12 @@ export class Studio {
     const ask = (message) => this.wire.send({ ...message, values: this.designs.now });
     this.bookmarks = new Bookmarks($("designs"), (values) => this.rollouts.known(values)?.metrics);
     this.keep = new Keep($("keep"), ask);
+    this.margins = new Margins($("margins"), {
+      begin: (request) => this.jobs.begin(request), design: () => this.designs.now, time: () => player.timeline.time,
+    });
     this.jobs = new Jobs($("jobs"), {
+      onMargins: (job) => this.margins.hear(job),
+      onAble: (able) => this.margins.enable(able),
       ask,
       brief: (key) => this.brief(key),
       onBest: (values, settled) => { this.designs.set(values); if (settled) this.designs.settle(); },
@@ -35,6 +42,11 @@ export class Studio {
     this.docking = new Docking($("docking"), {
       ask: (message) => this.wire.send(message),
       onPreview: (show) => { player.cloud(null); if (show) player.load(show); else if (this.worn) { this.wear(this.worn); this.show(); } },
+    });
+    this.joints = new Joints($("joints"), {
+      onValue: (path, value) => this.hand(() => { this.begin(); this.designs.set({ [path]: value }); }),
+      onSettle: () => this.designs.settle(),
+      onRange: () => {},
     });
     this.sliders = new Map();
     this.slopes = {};
@@ -99,6 +111,7 @@ export class Studio {
     for (const path of this.sliders.keys()) if (!this.byPath.get(path)?.free) this.sliders.delete(path);
     this.metrics.load(hello.metrics, this.metric);
     this.numbers.load(hello.numbers);
+    this.joints.load(hello.numbers);
     this.bookmarks.load(this.designs);
     this.jobs.load(hello.methods, hello.plans);
     this.keep.load(hello);
@@ -126,6 +139,12 @@ export class Studio {
     change();
   }
 
+  // The scene as it begins is seen, where what is changed is how it begins.
+  begin() {
+    this.player.timeline.pause();
+    this.player.timeline.seek(0);
+  }
+
   brief(key = this.metric) {
     const metric = this.worn.metrics.find((one) => one.key === key), { designs } = this;
     const ranges = [...this.sliders].map(([path, { range, least, greatest }]) => ({ path, value: designs.value(path), ...range, least, greatest }));
@@ -149,6 +168,7 @@ export class Studio {
     rollouts.want(designs.now, [designs.before?.values, ...designs.kept.map(({ values }) => values)]);
     if (known?.run && known.hello !== this.worn) this.wear(known.hello);
     for (const [path, slider] of this.sliders) slider.update(designs.value(path), this.player.signals?.full);
+    this.joints.show((path) => designs.value(path), this.player.signals?.full);
     this.numbers.update((path) => designs.value(path), (path) => this.sliders.has(path));
     if (known?.run) this.metrics.show(known.metrics, before?.metrics);
     if (known) this.draw(known, before);
@@ -157,6 +177,7 @@ export class Studio {
     $("restore").disabled = Object.keys(designs.now).length === 0;
     this.bookmarks.show(this.metrics.seen, (path) => this.byPath.get(path)?.unit, this.player.signals?.full);
     this.jobs.enable(this.sliders.size > 0);
+    if (!this.jobs.running) this.margins.show();
     this.status();
     this.slope();
     this.player.note();

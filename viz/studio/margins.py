@@ -1,0 +1,60 @@
+"""Stability margins of a design's loops, computed in the background."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from spacerobot.errors import ScenarioError
+from spacerobot.linear import margins
+from spacerobot.linear.loop_margins import UNITS
+from spacerobot.section import is_number
+from viz.studio.job import Job, StoppedError
+from viz.studio.prepared_design import DesignCache, PreparedDesign
+
+
+def loop_margins_job(plants: DesignCache, _: PreparedDesign, __: Mapping[str, float], job: Job) -> None:
+    """Compute the margins of all loops of a design at one time, and send them, the least disk margin first.
+
+    Parameters
+    ----------
+    plants
+        Structures of designs, whose origin builds the design's scene.
+    job
+        Its request has ``values`` and the time ``at`` [s].
+
+    Raises
+    ------
+    SpaceRobotError
+        As :func:`spacerobot.linear.margins`.
+    """
+
+    def tell(words: str) -> None:
+        if job.stop.is_set():
+            raise StoppedError
+        job.tell(message=words)
+
+    at = job.request.more.get("at", 0.0)
+    if not is_number(at) or not math.isfinite(at):
+        raise ScenarioError(f"found {at!r}, allowed: a time in s", where="at")
+    scene = plants.origin.build(plants.changes(job.request.values))
+    try:
+        analysis = margins(scene, [float(at)], progress=tell)
+    except StoppedError:
+        job.tell("stopped", progress=1.0, message="")
+        return
+    (linear,), (loops,) = analysis.linearisations, analysis.loops
+    ranked = sorted(loops, key=lambda one: (math.isnan(one.disk), one.disk, one.phase))
+    job.tell(
+        "done",
+        progress=1.0,
+        message="",
+        at=linear.label,
+        growing=len(linear.growing),
+        units=UNITS,
+        # infinite margins become null, as does all of a loop whose linearisation varies in time
+        loops=[
+            {"name": one.name, "varies": math.isnan(one.disk)} | {name: getattr(one, name) for name in UNITS}
+            for one in ranked
+        ],
+    )

@@ -1,0 +1,63 @@
+// Stability margins of the design's loops, computed by the server when requested; the worst loop comes first.
+import { digits, tableRow } from "../format.js";
+import { keyOf } from "./rollouts.js";
+
+const COLUMNS = [
+  ["disk", "disk"], ["gain_down", "gain down"], ["gain_up", "gain up"], ["phase", "phase"], ["delay", "delay"], ["crossover", "crossover"],
+];
+
+export class Margins {
+  // ``begin`` starts a job; ``design`` gives the values of the design in the hand, ``time`` the time shown.
+  constructor(root, { begin, design, time }) {
+    this.root = root;
+    this.design = design;
+    this.wide = root.querySelector(".wide");
+    this.table = root.querySelector("table");
+    this.compute = root.querySelector(".compute");
+    this.compute.addEventListener("click", () => {
+      this.of = design();
+      this.say("starting");
+      begin({ type: "margins", values: this.of, at: root.querySelector("select").value === "shown" ? time() : 0 });
+    });
+  }
+
+  hear(job) {
+    if (job.loops) this.result = { ...job, of: this.of };
+    if (job.loops) this.fill(job);
+    this.say(job.state === "failed" ? job.message : job.message || job.state);
+    if (job.loops) this.show();
+  }
+
+  fill({ loops, units }) {
+    const head = COLUMNS.map(([key, title]) => (units[key] === "1" ? title : `${title} [${units[key]}]`));
+    this.table.tHead.replaceChildren(tableRow("loop", head, "th"));
+    this.table.tBodies[0].replaceChildren(...loops.map((loop) => tableRow(loop.name, COLUMNS.map(([key]) => cell(loop, key)))));
+    this.wide.hidden = false;
+  }
+
+  // Says which design and time the table is for.
+  show() {
+    const { result } = this;
+    if (!result) return;
+    const stale = keyOf(result.of) !== keyOf(this.design()), modes = result.growing === 1 ? "mode" : "modes";
+    const stable = result.growing ? `${result.growing} growing ${modes}: margins are of an unstable loop` : "no growing mode";
+    this.say(stale ? `Of the design before the last change, at ${result.at}: compute again.` : `${result.loops.length} loops at ${result.at}: ${stable}.`);
+    this.wide.classList.toggle("stale", stale);
+  }
+
+  enable(able) {
+    this.compute.disabled = !able;
+  }
+
+  say(text) {
+    this.root.querySelector(".words").textContent = text;
+  }
+}
+
+// An unlimited margin is infinite; a loop whose gain is never one has no crossover.
+function cell(loop, key) {
+  if (loop.varies) return key === "disk" ? "varies in time" : "–";
+  const value = loop[key];
+  if (value === null) return { crossover: "–", gain_down: "−∞" }[key] || "∞";
+  return digits(value);
+}
