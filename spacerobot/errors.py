@@ -86,8 +86,12 @@ FORMER_NAMES = {
 """Keys of earlier versions and those that replaced them; an unknown key gets its new name in the message."""
 
 
+MOST_NAMES, SOME_NAMES = 60, 12
+"""Number of names up to which a message lists all, and number that it lists otherwise."""
+
+
 def near_names(name: str, allowed: Iterable[str]) -> str:
-    """Sentence that helps after a wrong name: its new name, else near ones, else all (at most twelve).
+    """Sentence that helps after a wrong name: its new name, else near ones, else all, or some of very many.
 
     Parameters
     ----------
@@ -104,5 +108,6 @@ def near_names(name: str, allowed: Iterable[str]) -> str:
         return "did you mean " + " or ".join(close) + "?"
     if not names:
         return "there are none"
-    shown = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
-    return f"allowed: {shown}"
+    if len(names) > MOST_NAMES:
+        return f"allowed: {len(names)} names, among them {', '.join(names[:SOME_NAMES])}"
+    return f"allowed: {', '.join(names)}"

@@ -7,14 +7,67 @@ from typing import Annotated, Any
 
 import typer
 
+
+def parse_changes(given: list[str] | None) -> list[tuple[str, Any]]:
+    """Pairs of dotted path and value from ``path=value`` texts.
+
+    Raises
+    ------
+    ScenarioError
+        If one has no ``=``, or its value is not YAML.
+    """
+    from spacerobot.errors import ScenarioError
+    from spacerobot.scenario.document import parse_yaml
+
+    changes = []
+    for text in given or []:
+        path, equals, value = text.partition("=")
+        if not equals or not path.strip():
+            raise ScenarioError(f"found {text!r}, allowed: PATH=VALUE", where="--set")
+        changes.append((path.strip(), parse_yaml(value, source=f"--set {path.strip()}")))
+    return changes
+
+
+def readable_changes(texts: list[str] | None) -> list[str] | None:
+    """Texts ``path=value`` that can be read, checked before a command imports anything.
+
+    Raises
+    ------
+    ScenarioError
+        As :func:`parse_changes`.
+    """
+    parse_changes(texts)
+    return texts
+
+
+def existing_scenario(name: str) -> str:
+    """Name of a scenario that is there, checked before a command imports anything.
+
+    Raises
+    ------
+    ScenarioError
+        If it is no file and no shipped scenario.
+    """
+    from spacerobot.scenario.catalogue import find_scenario
+
+    find_scenario(name)
+    return name
+
+
 ScenarioName = Annotated[
-    str, typer.Argument(metavar="SCENARIO", help="A YAML file, or the name of a shipped scenario.")
+    str,
+    typer.Argument(
+        metavar="SCENARIO",
+        help="A YAML file, or the name of a shipped scenario.",
+        callback=existing_scenario,
+    ),
 ]
 Changes = Annotated[
     list[str] | None,
     typer.Option(
         "--set",
         metavar="PATH=VALUE",
+        callback=readable_changes,
         help="Change a value by its dotted path; `*` matches every name. Repeatable. "
         "Example: --set 'grasps.*.stiffness=200'",
     ),
@@ -39,23 +92,3 @@ Port = Annotated[
     int,
     typer.Option("--port", min=0, max=65535, help="First port to try; busy ports are skipped."),
 ]
-
-
-def parse_changes(given: list[str] | None) -> list[tuple[str, Any]]:
-    """Pairs of dotted path and value from ``path=value`` texts.
-
-    Raises
-    ------
-    ScenarioError
-        If one has no ``=``, or its value is not YAML.
-    """
-    from spacerobot.errors import ScenarioError
-    from spacerobot.scenario.document import parse_yaml
-
-    changes = []
-    for text in given or []:
-        path, equals, value = text.partition("=")
-        if not equals or not path.strip():
-            raise ScenarioError(f"found {text!r}, allowed: PATH=VALUE", where="--set")
-        changes.append((path.strip(), parse_yaml(value, source=f"--set {path.strip()}")))
-    return changes

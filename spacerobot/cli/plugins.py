@@ -29,12 +29,18 @@ def load_plugins_of(folders: Iterable[Path]) -> None:
     Raises
     ------
     ResultError
-        If one is not found as it was, or not allowed; says how to allow it.
+        If a folder is missing; if a plugin is not found as it was, or not allowed; says how to allow it.
     """
-    from spacerobot.elements import load_plugin
-    from spacerobot.elements.core.registry import plugin_records
-
+    folders = list(folders)
+    for folder in folders:
+        if not folder.is_dir():
+            raise ResultError(
+                "is a file, not a folder" if folder.exists() else "no such folder", source=folder
+            )
     for folder, record in _kept(folders):
+        from spacerobot.elements import load_plugin
+        from spacerobot.elements.core.registry import plugin_records
+
         loaded = plugin_records()
         if any(one["sha256"] == record["sha256"] or _name(one) == _name(record) for one in loaded):
             continue

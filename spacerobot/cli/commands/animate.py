@@ -74,12 +74,12 @@ def command(
 
         spacerobot animate out/flown out/plan
     """
+    folders = [*folders, *([compare] if compare else [])]
+    load_plugins_of(folders)
     from spacerobot.files import write_text
     from spacerobot.result import note_derived
     from viz.page.page import page
 
-    folders = [*folders, *([compare] if compare else [])]
-    load_plugins_of(folders)
     if html is None and record is None and is_campaign(folders):
         serve_campaign(folders[0], port, open_browser=not no_browser)
         return

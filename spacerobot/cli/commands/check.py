@@ -23,10 +23,11 @@ def command(scenario: ScenarioName, changes: Changes = None) -> None:
         spacerobot check paper --set grasps.left.stiffness=200
     """
     from spacerobot.scene import load_scene
+
+    scene = load_scene(scenario, parse_changes(changes))
     from spacerobot.scene.memory import check_size
     from spacerobot.scene.overlaps import overlaps
 
-    scene = load_scene(scenario, parse_changes(changes))
     check_size(scene)
     # refuse limits of outputs that there are not: the closed loop alone knows which there are
     phases = scene.scenario.phases.values()

@@ -11,17 +11,30 @@ from rich.markup import escape
 from spacerobot.cli import page_data as playing
 from spacerobot.cli.command import Command
 from spacerobot.cli.commands.animate import serve
-from spacerobot.cli.options import Changes, Machines, Out, Port, Threads, View, parse_changes
+from spacerobot.cli.options import (
+    Changes,
+    Machines,
+    Out,
+    Port,
+    Threads,
+    View,
+    existing_scenario,
+    parse_changes,
+)
 from spacerobot.cli.output import console, table, warn
 from spacerobot.cli.tuning_options import Budget, Runs, Seed, Starts, journals, parts, shown
 
 if TYPE_CHECKING:
     from optim.comparison.tables import ComparisonTable
 
+SUITE = "suite"
+
 Name = Annotated[
     str,
     typer.Argument(
-        metavar="SCENARIO", help="A scenario, as for `run`; or `suite`: the shipped benchmark problems."
+        metavar="SCENARIO",
+        help="A scenario, as for `run`; or `suite`: the shipped benchmark problems.",
+        callback=lambda name: name if name == SUITE else existing_scenario(name),
     ),
 ]
 Methods = Annotated[
@@ -154,7 +167,6 @@ def command(
         serve(playing.comparison(out, print).data, port)
 
 
-SUITE = "suite"
 ROOMY = 96  # columns from which on intervals stand beside running times
 
 

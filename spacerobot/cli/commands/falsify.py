@@ -50,13 +50,14 @@ def command(
 
         spacerobot falsify paper --metric grip_force_peak --limit 25 --starts 32
     """
+    from spacerobot.scene import load_scene
+
+    scene = load_scene(scenario, parse_changes(changes))
     from optim.methods.settings import Effort, NlpSettings
     from optim.reliability.falsification import falsify
     from optim.search.session import SearchSession
-    from spacerobot.scene import load_scene
     from spacerobot.simulation import simulate
 
-    scene = load_scene(scenario, parse_changes(changes))
     folder = journals(out, "falsify.json")
     with shown() as (tell, report):
         tell("building and compiling")

@@ -51,6 +51,7 @@ def command(
 
         spacerobot figures out/plan --compare out/flown
     """
+    load_plugins_of([folder for folder in (result, compare) if folder is not None])
     from optim.planning.output.constraint_values import with_flown
     from optim.planning.output.plan_folder import SCENARIO, is_plan, read
     from spacerobot.errors import ResultError
@@ -59,7 +60,6 @@ def command(
     from viz.figures import save_figures
     from viz.figures.plan import write_plan_figures
 
-    load_plugins_of([folder for folder in (result, compare) if folder is not None])
     folder = out or result / "figures"
     wanted = [form.strip() for form in formats.split(",") if form.strip()]
     if is_plan(result):

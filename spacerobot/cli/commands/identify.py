@@ -37,10 +37,10 @@ def command(
 
         spacerobot identify out/servicer --noise 1 --since 5
     """
+    load_plugins_of([result])
     from optim.identification import SensorNoise, identify
     from spacerobot.result import Result
 
-    load_plugins_of([result])
     with progress("identifying"):
         found = identify(
             Result.load(result), since=since, noise=SensorNoise().scaled(noise) if noise else None, seed=seed

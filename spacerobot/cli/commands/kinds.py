@@ -2,50 +2,98 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from spacerobot.cli.command import Command
 from spacerobot.cli.output import console, table
 
+if TYPE_CHECKING:
+    from spacerobot.section import Section
+
+HEADINGS = ("family", "kind", "description")
+KEYS = ("key", "default", "description")
+
 
 @Command.of("kinds", place=15)
 def command(
-    kind: Annotated[str | None, typer.Argument(help="A kind whose keys to list.")] = None,
+    name: Annotated[
+        str | None,
+        typer.Argument(metavar="[FAMILY|KIND]", help="A family whose kinds, or a kind whose keys, to list."),
+    ] = None,
+    kind: Annotated[
+        str | None, typer.Argument(metavar="[KIND]", help="A kind of the family that is named before it.")
+    ] = None,
     markdown: Annotated[bool, typer.Option("--markdown", help="As a table for documentation.")] = False,
 ) -> None:
     """List the kinds of references, grasps, controllers, actuators, goals, ..., or the keys of one kind.
 
-    Example:
+    Examples:
 
         spacerobot kinds
 
+        spacerobot kinds actuator
+
         spacerobot kinds circle
+
+        spacerobot kinds actuator base_wrench
     """
-    from spacerobot.elements import FAMILIES, PLANS, kinds
-    from spacerobot.elements.core import kind_table as tables
+    from spacerobot.elements.core import kind_table
     from spacerobot.errors import SpaceRobotError, near_names
-    from spacerobot.quantities import planned
-    from spacerobot.scenario.plan_cost import PlanCost
-    from spacerobot.section import Section
 
     if markdown:
-        typer.echo(tables.markdown())
+        typer.echo(kind_table.markdown())
         return
-    every: list[tuple[str, str, type[Section]]] = [
-        (family, name, found) for family in FAMILIES | PLANS for name, found in kinds(family).items()
-    ]
-    rows = [(family.replace("_", " "), name, tables.summary_of(found)) for family, name, found in every]
-    rows += [("plan cost", name, weighed.description) for name, weighed in planned().items()]
-    every += [("plan_cost", name, PlanCost) for name in planned()]
-    title = ("family", "kind", "description")
-    if kind is not None:
-        chosen = [found for _, name, found in every if name == kind]
-        if not chosen:
-            raise SpaceRobotError(f"no kind {kind!r}; {near_names(kind, [name for _, name, _ in every])}")
-        rows, title = (
-            [row for found in chosen for row in tables.fields_of(found)],
-            ("key", "default", "description"),
+    families = _families()
+    if name is None:
+        rows = [(_words(family), *row) for family, kinds in families.items() for row in _summaries(kinds)]
+        console().print(table(None, HEADINGS, rows))
+        return
+    family = name.replace(" ", "_").replace("-", "_")
+    if kind is not None and family not in families:
+        raise SpaceRobotError(f"no family {name!r}; {near_names(family, families)}")
+    if kind is None and family in families:
+        console().print(table(_words(family), HEADINGS[1:], _summaries(families[family])))
+        return
+    wanted = name if kind is None else kind
+    chosen = families if kind is None else {family: families[family]}
+    homes = [each for each, kinds in chosen.items() if wanted in kinds]
+    if not homes:
+        if kind is not None:
+            raise SpaceRobotError(
+                f"no kind of {_words(family)} {kind!r}; {near_names(kind, families[family])}"
+            )
+        near = get_close_matches(name, {*families, *(each for kinds in families.values() for each in kinds)})
+        help_text = near_names(name, near) if near else f"families: {', '.join(families)}"
+        raise SpaceRobotError(f"no family or kind {name!r}; {help_text}")
+    for each in homes:
+        console().print(
+            table(f"{_words(each)} {wanted}", KEYS, kind_table.fields_of(chosen[each][wanted][0]))
         )
-    console().print(table(kind, title, rows))
+
+
+def _words(family: str) -> str:
+    return family.replace("_", " ")
+
+
+def _summaries(kinds: dict[str, tuple[type[Section], str]]) -> list[tuple[str, str]]:
+    return [(name, summary) for name, (_, summary) in kinds.items()]
+
+
+def _families() -> dict[str, dict[str, tuple[type[Section], str]]]:
+    """Section and description of each kind, by family and name."""
+    from spacerobot.elements import FAMILIES, PLANS, kinds
+    from spacerobot.elements.core.kind_table import summary_of
+    from spacerobot.quantities import planned
+    from spacerobot.scenario.plan_cost import PlanCost
+
+    families: dict[str, dict[str, tuple[type[Section], str]]] = {
+        family: {name: (section, summary_of(section)) for name, section in kinds(family).items()}
+        for family in FAMILIES | PLANS
+    }
+    costs: dict[str, tuple[type[Section], str]] = {
+        name: (PlanCost, cost.description) for name, cost in planned().items()
+    }
+    return families | {"plan_cost": costs}

@@ -81,10 +81,11 @@ def command(
         spacerobot margins docking --at captured --worst-case target.links.body.mass=50..200
             --loops 'torque/*'
     """
-    from spacerobot.linear import margins
     from spacerobot.scene import load_scene
 
     scene = load_scene(scenario, parse_changes(changes))
+    from spacerobot.linear import margins
+
     instants = [_instant(text) for text in at or ["0"]]
     if worst_case:
         from optim.problem.varied_parameters import vary

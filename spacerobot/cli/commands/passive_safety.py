@@ -32,10 +32,10 @@ def command(
 
         spacerobot passive-safety out/docking --drift 600 --clearance 0.5
     """
+    load_plugins_of([result])
     from spacerobot.abort_drift import passive_safety
     from spacerobot.result import Result
 
-    load_plugins_of([result])
     loaded = Result.load(result)
     with progress("drifting") as tell:
         found = passive_safety(loaded, duration_s=drift, until_s=until, progress=tell)

@@ -49,12 +49,14 @@ def command(
 
         spacerobot reliability paper --metric grip_force_peak --limit 30 --method line --out out/rare.json
     """
-    from optim.reliability.estimator import SamplingEffort
-    from optim.reliability.probability import failure_probability
     from spacerobot.scene import load_scene
 
-    ESTIMATORS.find(method)
     scene = load_scene(scenario, parse_changes(changes))
+    from optim.reliability.estimator import SamplingEffort
+    from optim.reliability.probability import failure_probability
+
+    ESTIMATORS.find(method)
+
     with progress("building and simulating"):
         found = failure_probability(
             scene,

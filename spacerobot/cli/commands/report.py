@@ -47,11 +47,11 @@ def command(folders: Folders, out: Out = None) -> None:
 
         spacerobot report out/plan
     """
+    load_plugins_of(folders)
     from spacerobot.files import write_text
     from viz.report.report import find_results, write_report
 
     path = out or folders[0] / "report.html"
-    load_plugins_of(folders)
     with progress("writing the report") as tell:
         page = _special_page(folders, tell)
         if page is not None:

@@ -59,13 +59,14 @@ def command(
 
         spacerobot robust paper --variant base --variables seven --measure worst --out out/robust
     """
+    from spacerobot.scene import load_scene
+
+    scene = load_scene(scenario, parse_changes(changes))
     from optim import effort_of
     from optim.problem.scene_recipe import tuning_of
     from optim.robust.problem import Statistic, build_robust, describe, save_robust, tune_robust
     from optim.workers.dask import open_workers
-    from spacerobot.scene import load_scene
 
-    scene = load_scene(scenario, parse_changes(changes))
     tuning = tuning_of(scene)
     effort = effort_of(tuning, budget=budget, baseline_budget=budget, runs=runs, starts=starts, seed=seed)
     folder = journals(out, "robust.json")

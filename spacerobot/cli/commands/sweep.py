@@ -38,15 +38,16 @@ def command(
 
         spacerobot sweep paper --variant base --variables five --budget 1000 --runs 3
     """
+    from spacerobot.scene import load_scene
+
+    scene = load_scene(scenario, parse_changes(changes))
     from optim import EvolutionSettings, SearchSession, build_problem
     from optim.comparison.statistics import statistics
     from optim.comparison.sweep import sweep
     from optim.problem.scene_recipe import tuning_of
     from optim.workers.dask import open_workers
     from spacerobot.files import write_text
-    from spacerobot.scene import load_scene
 
-    scene = load_scene(scenario, parse_changes(changes))
     tuning = tuning_of(scene)
     chosen = chosen_variables(variables, tuning)
     rows, data = [], []

@@ -1,0 +1,52 @@
+"""Errors that need no model: commands report them before they import the libraries that take long to load."""
+
+import subprocess
+import sys
+
+import pytest
+
+HEAVY = ("casadi", "matplotlib", "numpy", "pandas", "pinocchio", "scipy", "xarray")
+COMMANDS = ("campaign", "check", "falsify", "margins", "plan", "reliability", "robust", "run")
+RUN = """
+import sys
+from spacerobot.cli.start import main
+try:
+    main()
+except SystemExit as left:
+    print(left.code, *(name for name in {heavy} if sys.modules.get(name)))
+"""
+
+
+def attempt(*arguments, folder):
+    done = subprocess.run(
+        [sys.executable, "-c", RUN.format(heavy=HEAVY), *arguments],
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        check=True,
+    )
+    return done.stdout.split(), " ".join(done.stderr.split())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        *(((name, "papper"), "did you mean paper?") for name in (*COMMANDS, "studio", "sweep", "tune")),
+        (("run", "my.yaml"), "my.yaml: no such file"),
+        (("run", "broken.yaml"), "broken.yaml: line 1"),
+        (("check", "paper", "--set", "simulation.duration"), "allowed: PATH=VALUE"),
+        (("run", "paper", "--sat", "x=1"), "No such option"),
+        (("animate", "missing"), "missing: no such folder"),
+        (("figures", "missing"), "missing: no such folder"),
+        (("identify", "missing"), "missing: no such folder"),
+        (("passive-safety", "missing"), "missing: no such folder"),
+        (("report", "missing"), "missing: no such folder"),
+        (("compare", "papper"), "did you mean paper?"),
+    ],
+    ids=lambda one: " ".join(one) if isinstance(one, tuple) else None,
+)
+def test_an_error_that_needs_no_model_is_reported_without_loading_one(arguments, message, tmp_path):
+    (tmp_path / "broken.yaml").write_text("robots: [")
+    (code, *loaded), error = attempt(*arguments, folder=tmp_path)
+    assert (code, loaded) == ("2", [])
+    assert message in error
