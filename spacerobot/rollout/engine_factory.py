@@ -20,7 +20,7 @@ Made = TypeVar("Made")
 ADJOINT = "the closed loop's adjoint"
 """What it is called while it is compiled."""
 
-OPERATION_S = 1.2e-9
+OPERATION_S = 0.8e-9
 """Time that the virtual machine takes for an operation [s]."""
 
 COMPILE_START_S, COMPILE_OPERATION_S = 1.0, 1.7e-4
