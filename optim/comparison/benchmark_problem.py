@@ -172,12 +172,12 @@ def compare_on_problem(
     readiness = CompileTimes(rolled_out - begin, time.perf_counter() - rolled_out)
     cost_unit, effort = cost_unit_of(nominal), replace(effort, repeats=effort.runs)
     place = None if session.place is None else session.place / entry.name
-    own = replace(session, folder=place, workers=nominal.workers)
+    problem_session = replace(session, folder=place, workers=nominal.workers)
     outcomes: dict[str, MethodOutcome] = {}
     for method in methods:
         continues = TUNING_METHODS.find(method).starts_from is not None
         first = np.array(_evolved(outcomes, method).best.u) if continues else None
-        outcomes[method] = run_method(problem, method, effort, first=first, session=own)
+        outcomes[method] = run_method(problem, method, effort, first=first, session=problem_session)
         if outcomes[method].interrupted:
             break
     interrupted = any(outcome.interrupted for outcome in outcomes.values())
@@ -223,12 +223,12 @@ def _evolved(outcomes: dict[str, MethodOutcome], method: str) -> MethodOutcome:
         If there is none.
     """
     first = TUNING_METHODS.find(method).starts_from
-    known = TUNING_METHODS.entries()
-    able = [name for name, each in known.items() if each.is_ranked and not each.uses_gradients]
-    found = [outcomes[name] for name in (first, *able) if name in outcomes]
-    if not found:
+    methods = TUNING_METHODS.entries()
+    able = [name for name, each in methods.items() if each.is_ranked and not each.uses_gradients]
+    candidates = [outcomes[name] for name in (first, *able) if name in outcomes]
+    if not candidates:
         raise SpaceRobotError(f"{method} starts from the best of {first}: run it too")
-    return found[0]
+    return candidates[0]
 
 
 def _rank(outcome: MethodOutcome) -> tuple[bool, float]:

@@ -40,8 +40,8 @@ class DesignEvaluator:
     def nominal(self, design: Mapping[str, float]) -> dict[str, Array]:
         """Objective () and measures (n,) of a design; an empty one is the scenario's own."""
         nothing = {self.rollout.loop.parameter_paths[0]: self.rollout.values()[:1]}
-        found = self._roll(design, nothing)
-        return {name: values[0] for name, values in found.items()}
+        measures = self._roll(design, nothing)
+        return {name: values[0] for name, values in measures.items()}
 
     def varied(self, design: Mapping[str, float]) -> dict[str, Array]:
         """Objective (N,) and measures (N, n) of a design on the plants."""
@@ -53,15 +53,15 @@ class DesignEvaluator:
         from scipy.stats import qmc
 
         groups = _groups(self.scene, self.spread)
-        known = dict(zip(self.rollout.loop.parameter_paths, self.rollout.values(), strict=True))
+        nominal_values = dict(zip(self.rollout.loop.parameter_paths, self.rollout.values(), strict=True))
         draw = qmc.LatinHypercube(len(groups), rng=np.random.default_rng(self.spread.seed))
         sample = 2 * draw.random(self.spread.plants) - 1
-        found = {}
+        plant_values = {}
         for column, (prefixes, relative, absolute) in zip(sample.T, groups, strict=True):
-            for path, value in known.items():
+            for path, value in nominal_values.items():
                 if any(path == prefix or path.startswith(prefix + ".") for prefix in prefixes):
-                    found[path] = value * (1 + relative * column) + absolute * column
-        return found
+                    plant_values[path] = value * (1 + relative * column) + absolute * column
+        return plant_values
 
     def _roll(self, design: Mapping[str, float], plants: Mapping[str, Array]) -> dict[str, Array]:
         count = len(next(iter(plants.values())))
@@ -92,8 +92,10 @@ def build_design_evaluator(
     tuning = tuning_of(scene)
     variable = [path for prefixes, _, _ in _groups(scene, tuning.robustness) for path in prefixes]
     prefixes = tuple(f"{path}." for path in variable)
-    known = cached_closed_loop(scene).parameter_paths
-    loop = cached_closed_loop(scene, vary=[path for path in known if f"{path}.".startswith(prefixes)])
+    parameter_paths = cached_closed_loop(scene).parameter_paths
+    loop = cached_closed_loop(
+        scene, vary=[path for path in parameter_paths if f"{path}.".startswith(prefixes)]
+    )
     extended = extended_loop(loop, scene, tuning.objective)
     terms = build_terms(extended, scene, tuning.objective, tuning.constraints)
     return DesignEvaluator(scene, rollout_of(scene, extended, terms), tuning.robustness, threads)

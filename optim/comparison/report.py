@@ -49,8 +49,8 @@ def to_data(comparison: Comparison) -> dict[str, Any]:
         "problems": [_benchmark(benchmark) for benchmark in comparison.problems],
         "profiles": profiles,
     }
-    found: dict[str, Any] = plain(data)
-    return {"conclusion": conclusion(found), **found}
+    document: dict[str, Any] = plain(data)
+    return {"conclusion": conclusion(document), **document}
 
 
 def spent(outcome: MethodOutcome) -> EvaluationCost:
@@ -115,8 +115,8 @@ def _method(benchmark: ProblemComparison, name: str) -> dict[str, Any]:
     drawn = []
     for trial in trials:
         history = np.column_stack([trial.costs, trial.objectives])
-        kept = np.unique(np.linspace(0, max(len(history) - 1, 0), MOST_MOMENTS).astype(int))
-        drawn.append({"spent": trial.spent, "history": history[kept[: len(history)]]})
+        indices = np.unique(np.linspace(0, max(len(history) - 1, 0), MOST_MOMENTS).astype(int))
+        drawn.append({"spent": trial.spent, "history": history[indices[: len(history)]]})
     cost, wall_s = spent(outcome), sum(run.seconds for run in outcome.runs)
     ready = benchmark.readiness
     readied_s = ready.rollout_s + (

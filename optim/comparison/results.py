@@ -36,10 +36,12 @@ def write(comparison: Comparison, folder: StrPath) -> dict[str, Any]:
         If something cannot be written.
     """
     folder, data = Path(folder), to_data(comparison)
-    for benchmark, found in zip(comparison.problems, data["problems"], strict=True):
+    for benchmark, problem_data in zip(comparison.problems, data["problems"], strict=True):
         for method, made in results_of(benchmark):
             result = made.save(folder / benchmark.name / method)
-            entry = found["baseline"] if method == "baseline" else found["methods"][method]["best"]
+            entry = (
+                problem_data["baseline"] if method == "baseline" else problem_data["methods"][method]["best"]
+            )
             entry["result"] = f"{benchmark.name}/{method}"
             # over tips and axes; none if it diverged
             errors = result.summary["tip_error"].values() if result.completed else ()

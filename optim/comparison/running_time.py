@@ -135,6 +135,6 @@ def running_time(trials: Sequence[MethodRun], target: float) -> RunningTime:
 def _ratio(cost: npt.ArrayLike, met: npt.ArrayLike) -> Array:
     """Cost over successes; infinite without one."""
     cost, met = np.asarray(cost, dtype=float), np.asarray(met, dtype=float)
-    found = np.full(cost.shape, np.inf)
-    np.divide(cost, met, out=found, where=met > 0)
-    return found
+    ratio = np.full(cost.shape, np.inf)
+    np.divide(cost, met, out=ratio, where=met > 0)
+    return ratio

@@ -25,8 +25,8 @@ Plain = Mapping[str, Any]
 def read_suite() -> dict[str, Any]:
     """The suite as plain data: effort, methods, scenes, variables and problems."""
     text = resources.files("optim.comparison").joinpath("suite.yaml").read_text(encoding="utf-8")
-    found: dict[str, Any] = parse_yaml(text, source="suite.yaml")
-    return found
+    suite: dict[str, Any] = parse_yaml(text, source="suite.yaml")
+    return suite
 
 
 def compare_suite(
@@ -74,13 +74,13 @@ def scene_of(suite: Plain, name: str) -> Scene:
         Of the problem.
     """
     benchmark = suite["problems"][name]
-    own = suite["scenes"].get(benchmark["scene"])
+    scenario_document = suite["scenes"].get(benchmark["scene"])
     variables = {variable: suite["variables"][variable] for variable in benchmark["tune"]}
     tuning = {"variables": variables, **suite["effort"], **benchmark["tuning"]}
     changes = {**benchmark.get("changes", {}), "tuning": tuning}
-    if own is None:
+    if scenario_document is None:
         return load_scene(benchmark["scene"], changes)
-    return build_scene(validate(dict(own), source="suite.yaml"), changes, source=None)
+    return build_scene(validate(dict(scenario_document), source="suite.yaml"), changes, source=None)
 
 
 def _made(

@@ -86,7 +86,7 @@ def sweep(
             path = folder / f"{setting}-{value:g}-{i}.journal" if folder is not None else None
             return evolve(Search(problem, "ga", i, seed + i, Journal(path, key), progress), changed)
 
-        found = session.workers.together([partial(run, i) for i in range(runs)])
-        if any(ended.status == "interrupted" for ended in found):
+        outcomes = session.workers.together([partial(run, i) for i in range(runs)])
+        if any(ended.status == "interrupted" for ended in outcomes):
             raise KeyboardInterrupt
-        yield SweepRun(setting, value, tuple(found))
+        yield SweepRun(setting, value, tuple(outcomes))

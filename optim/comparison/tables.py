@@ -37,11 +37,11 @@ class ComparisonTable:
 def summary_table(data: Data) -> ComparisonTable:
     """Expected running times of all problems to 1 % and 0.1 %, the lowest of each problem marked."""
     precisions = data["precisions"]
-    shown = [i for i, p in enumerate(precisions) if p <= 0.01] or [0]
+    columns = [i for i, p in enumerate(precisions) if p <= 0.01] or [0]
     names = list(dict.fromkeys(n for c in data["problems"] for n, m in c["methods"].items() if m["ranked"]))
     rows = []
     for benchmark in data["problems"]:
-        for i in shown:
+        for i in columns:
             best = lowest_of(benchmark, i)
             cells = []
             for name in names:
@@ -91,8 +91,10 @@ def found_table(benchmark: Data) -> ComparisonTable:
     number = number_of(benchmark)
     untuned = "start" if benchmark["baseline"] is None else "untuned"
     baseline = benchmark["baseline"]
-    found: float | None = benchmark["start_objective"] if baseline is None else baseline["nominal_objective"]
-    rows = [(untuned, number(found), *[""] * 4)]
+    reference: float | None = (
+        benchmark["start_objective"] if baseline is None else baseline["nominal_objective"]
+    )
+    rows = [(untuned, number(reference), *[""] * 4)]
     for name, method in benchmark["methods"].items():
         best, used = method["best"], method["spent"]
         marks = "" if best["feasible"] else " (infeasible)"
@@ -174,17 +176,19 @@ def tables_of(benchmark: Data, precisions: list[float], *, narrow: bool = False)
 
 def doubts(benchmark: Data) -> list[str]:
     """One sentence for each best design whose ledger is open, or whose contacts are too deep."""
-    told = []
+    sentences = []
     for name, method in benchmark["methods"].items():
         if method["best"].get("open"):
             what = "; ".join(method["best"]["open"])
-            told.append(f"{benchmark['name']}: the ledger of {name}'s best is open ({what}): do not trust it")
+            sentences.append(
+                f"{benchmark['name']}: the ledger of {name}'s best is open ({what}): do not trust it"
+            )
         if method["best"].get("deep"):
             what = "; ".join(method["best"]["deep"])
-            told.append(
+            sentences.append(
                 f"{benchmark['name']}: bodies pass into each other in {name}'s best ({what}): do not trust it"
             )
-    return told
+    return sentences
 
 
 def heading(benchmark: Data) -> str:
@@ -196,11 +200,11 @@ def heading(benchmark: Data) -> str:
 
 def prices(benchmark: Data) -> str:
     """The cost unit of a problem in one sentence."""
-    found = benchmark["cost_unit"]
+    unit = benchmark["cost_unit"]
     return (
-        f"One rollout is {found['operations'] / 1e6:.3g} million operations of the generated code; with a "
-        f"gradient it counts {found['gradient']:.2f}, with a directional derivative {found['slope']:.2f}, "
-        f"with sampled outputs {found['sample']:.2f}."
+        f"One rollout is {unit['operations'] / 1e6:.3g} million operations of the generated code; with a "
+        f"gradient it counts {unit['gradient']:.2f}, with a directional derivative {unit['slope']:.2f}, "
+        f"with sampled outputs {unit['sample']:.2f}."
     )
 
 

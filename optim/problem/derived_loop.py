@@ -68,20 +68,20 @@ def tie(
         Nominal values of the new parameters, in the order of ``tied``.
     """
     owner = {path: name for name, paths in tied.items() for path in paths}
-    kept = [path for path in loop.parameter_paths if path not in owner]
-    names = (*tied, *kept)
+    untied_paths = [path for path in loop.parameter_paths if path not in owner]
+    names = (*tied, *untied_paths)
     symbols = {name: ca.SX.sym(name) for name in names}
     p = ca.vertcat(*(symbols[owner.get(path, path)] for path in loop.parameter_paths))
     x0, c = loop.setup(p)
     old = dict(zip(loop.parameter_paths, loop.parameter_values, strict=True))
-    given = ca.vertcat(*symbols.values())
-    setup = ca.Function("setup", [given], [x0, c], ["p"], ["x0", "c"])
+    parameters = ca.vertcat(*symbols.values())
+    setup = ca.Function("setup", [parameters], [x0, c], ["p"], ["x0", "c"])
     return DerivedLoop.of(
         loop,
         parameter_paths=tuple(names),
-        parameter_values=np.array([*nominal, *(old[path] for path in kept)], dtype=float),
+        parameter_values=np.array([*nominal, *(old[path] for path in untied_paths)], dtype=float),
         setup=setup,
-        gaps=ca.Function("gaps", [given], [loop.gaps(p)], ["p"], ["gap"]),
+        gaps=ca.Function("gaps", [parameters], [loop.gaps(p)], ["p"], ["gap"]),
     )
 
 
@@ -122,9 +122,9 @@ def extend(
     guards, update = loop.guards, loop.update
     if loop.events:  # the update leaves added states as they are
         xdot, e = ca.SX.sym("xdot", x.numel()), ca.SX.sym("e")
-        found = zip(guards.name_out(), guards(t, x[:nx], c[:nc], xdot[:nx]), strict=True)
+        guard_outputs = zip(guards.name_out(), guards(t, x[:nx], c[:nc], xdot[:nx]), strict=True)
         after = ca.vertcat(update(t, x[:nx], c[:nc], e), x[nx:])
-        guards = _function("guards", {**at, "xdot": xdot}, dict(found))
+        guards = _function("guards", {**at, "xdot": xdot}, dict(guard_outputs))
         update = _function("update", {**at, "e": e}, {"x_after": after})
     rows = {"row": ca.SX(loop.rows(t, x[:nx], c[:nc]))} if loop.tables else {}
     return DerivedLoop.of(

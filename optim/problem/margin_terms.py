@@ -59,8 +59,8 @@ class MarginRow:
     def text(self, value: float) -> str:
         """A value with its unit and what is required, for people."""
         unit, least = MARGINS[self.requirement.kind], self.requirement.least
-        shown = f"{value:.6g}" + ("" if unit == "1" else f" {unit}")
-        return shown if least is None else f"{shown}, at least {least:g}"
+        value_text = f"{value:.6g}" + ("" if unit == "1" else f" {unit}")
+        return value_text if least is None else f"{value_text}, at least {least:g}"
 
 
 @dataclass(frozen=True)
@@ -101,18 +101,18 @@ class MarginTerms:
         They are NaN where the simulation does not reach an instant.
         """
         lost = MarginValue("", np.nan, np.full(len(values), np.nan))
-        found = list[MarginValue]()
+        margins = list[MarginValue]()
         try:
             linear = self._following(values, slopes=slopes)
             for _, group in groupby(self.rows, key=lambda row: (id(row.requirement), row.instant)):
-                own = list(group)
-                kind, loops = own[0].requirement.kind, [row.loop for row in own]
-                sizes = linear.sizes(own[0].instant, values, kind, loops, slopes=slopes)
-                known = {one.loop: one for one in sizes}
-                found += [known.get(loop, lost) for loop in loops]
+                rows_of_group = list(group)
+                kind, loops = rows_of_group[0].requirement.kind, [row.loop for row in rows_of_group]
+                sizes = linear.sizes(rows_of_group[0].instant, values, kind, loops, slopes=slopes)
+                margin_by_loop = {one.loop: one for one in sizes}
+                margins += [margin_by_loop.get(loop, lost) for loop in loops]
         except (DivergedError, ScenarioError):  # an event that does not happen, a delay that is too long
             return [lost] * len(self.rows)
-        return found
+        return margins
 
     def constraints(self, values: Array) -> tuple[Array, Array]:
         """Constraints (..., m), and their derivatives by the margins, at values (..., n) of all margins."""
@@ -127,8 +127,8 @@ class MarginTerms:
     def penalty(self, values: Array) -> tuple[Array, Array]:
         """Addition (...) to the objective, and its derivatives by the margins, at values (..., n) of them."""
         weights = -np.array([row.requirement.weight or 0.0 for row in self.rows])
-        known = weights != 0
-        return np.minimum(values[..., known], INFINITE) @ weights[known], weights
+        weighted_rows = weights != 0
+        return np.minimum(values[..., weighted_rows], INFINITE) @ weights[weighted_rows], weights
 
     def _following(self, values: Array, *, slopes: bool) -> ParametricLinearisation:
         """Linearisation about the simulation with these values of the variables."""
@@ -140,38 +140,38 @@ class MarginTerms:
         for places, value in zip(linear.places, values, strict=True):
             p[list(places)] = value
         names = simulation.loop.parameter_paths[: len(values)]  # the variables, tied
-        own = simulation.values(dict(zip(names, values, strict=True)))
+        parameter_values = simulation.values(dict(zip(names, values, strict=True)))
         moved = replace(loop, parameter_values=p)
-        run = replace(simulation, loop=DerivedLoop.of(simulation.loop, parameter_values=own))
-        found = tuple(instants(run, moved, self.at))
-        linear = replace(linear, instants=found)
-        return replace(linear, motion=self._motion(own, names)) if slopes else linear
+        run = replace(simulation, loop=DerivedLoop.of(simulation.loop, parameter_values=parameter_values))
+        operating_points = tuple(instants(run, moved, self.at))
+        linear = replace(linear, instants=operating_points)
+        return replace(linear, motion=self._motion(parameter_values, names)) if slopes else linear
 
     def _motion(self, p: Array, names: Sequence[str]) -> tuple[Array, ...]:
         """Derivatives (nx + 1, k) of the state and the time of each instant by the variables."""
-        rollout, found = self.simulation, list[Array]()
+        rollout, derivatives = self.simulation, list[Array]()
         assert rollout is not None
         engine = rollout.engines.sensitivity(tuple(rollout.indices(names)), ())
-        own = slice(rollout.kernel.nx, 2 * rollout.kernel.nx)  # derivatives follow the state
+        state_derivatives = slice(rollout.kernel.nx, 2 * rollout.kernel.nx)  # derivatives follow the state
         rows, rules = [np.hstack([p, along]) for along in np.eye(len(names))], rollout.loop.events
-        whole = [run_one(engine, rollout.grid, row, False) for row in rows if set(map(type, self.at)) & {str}]
+        runs = [run_one(engine, rollout.grid, row, False) for row in rows if set(map(type, self.at)) & {str}]
         for place in self.at:
             if isinstance(place, str):
                 kinds = [
-                    {rules[event].kind, rules[event].name} for event in whole[0].log.event[0] if event >= 0
+                    {rules[event].kind, rules[event].name} for event in runs[0].log.event[0] if event >= 0
                 ]
                 first = next(i for i, kind in enumerate(kinds) if place in kind)
                 jumps = np.array(
-                    [raw.log.jump[0, first, :, own] for raw in whole if raw.log.jump is not None]
+                    [raw.log.jump[0, first, :, state_derivatives] for raw in runs if raw.log.jump is not None]
                 )
-                found += [jumps[:, side].T for side in (0, 1)]
+                derivatives += [jumps[:, side].T for side in (0, 1)]
             elif place == 0:
-                found.append(np.zeros((rollout.kernel.nx, len(names))))
+                derivatives.append(np.zeros((rollout.kernel.nx, len(names))))
             else:
                 grid = time_grid(float(place), rollout.grid.step_s, float(place))
                 ends = [run_one(engine, grid, row, False).x for row in rows]
-                found.append(np.array([x[0, -1, own] for x in ends if x is not None]).T)
-        return tuple(found)
+                derivatives.append(np.array([x[0, -1, state_derivatives] for x in ends if x is not None]).T)
+        return tuple(derivatives)
 
 
 def build_margin_terms(scene: Scene, free: Variables) -> MarginTerms | None:
@@ -209,28 +209,29 @@ def build_margin_terms(scene: Scene, free: Variables) -> MarginTerms | None:
     systems = [linear.system(k) for k in range(count)]
     rows = list[MarginRow]()
     for i, one in enumerate(tuning.margins):
-        where, known = f"tuning.margins.{i}", linear.lineariser.perturbed.inputs
-        named = matching(known, one.loops)
+        where, break_points = f"tuning.margins.{i}", linear.lineariser.perturbed.inputs
+        named = matching(break_points, one.loops)
         if not named:
-            message = f"no break point '{one.loops}', {near_names(one.loops, known)}"
+            message = f"no break point '{one.loops}', {near_names(one.loops, break_points)}"
             raise scene.error(message, f"{where}.loops")
-        own = [
+        margin_rows = [
             MarginRow(one, k, systems[k].label, name)
             for k in numbers[one.at]
             for name in named
             if systems[k].is_invariant(name)
         ]
-        if not own:
+        if not margin_rows:
             message = (
                 f"found {one.loops}, whose loops vary in time and have no margins (docs/how_to/margins.md)"
             )
             raise scene.error(message, f"{where}.loops")
-        if one.weight is not None and len(own) > 1:
+        if one.weight is not None and len(margin_rows) > 1:
             message = (
-                f"found {len(own)} margins ({own[0].name}, ...), allowed: one, of one loop at one instant"
+                f"found {len(margin_rows)} margins ({margin_rows[0].name}, ...), "
+                "allowed: one, of one loop at one instant"
             )
             raise scene.error(message, f"{where}.weight")
-        rows += own
+        rows += margin_rows
     simulation = None
     if not start_alone:
         plain = linear.lineariser.rollout("auto", lambda _: None)

@@ -109,12 +109,12 @@ def extended_loop(loop: ClosedLoopFunctions, scene: Scene, objective: Objective)
             )
 
     def rates(signals: Signals, memory: ca.SX) -> ca.SX:
-        found, error = [], signals["tip_error"]
+        memory_rates, error = [], signals["tip_error"]
         for i, tip in enumerate(scene.tips):
             ta = signals.parameters[f"{tip.path}.amnesia.ta"]
             fade = ca.exp(-2 * ta * signals.t) if objective.kind == "eq45_printed" else 1
-            found.append(-ta * memory[i] + fade * ca.sum1(error[3 * i : 3 * i + 3]))
-        return ca.vertcat(*found)
+            memory_rates.append(-ta * memory[i] + fade * ca.sum1(error[3 * i : 3 * i + 3]))
+        return ca.vertcat(*memory_rates)
 
     return extend(loop, [f"{tip.label}/eq45" for tip in scene.tips], rates)
 
@@ -149,8 +149,8 @@ def build_terms(
     error = tip_errors(signals, scene)
     named = {"tip_error_peak": peak(ca.vertcat(error, -error))}
     for name in WATCHED:
-        found, watched = measure(find_quantity(name), context)
-        if found.labels:
+        components, watched = measure(find_quantity(name), context)
+        if components.labels:
             named[name] = watched
     limits = constraints.given
     for name in limits:
@@ -158,13 +158,15 @@ def build_terms(
         named[name] = required_measure(quantity, context, f"tuning.constraints.max_{quantity.limit}")
     if isinstance(objective, Objective):
         return _standard(context, objective, named, limits)
-    own = objective(signals)
-    if isinstance(own, Measure) and own.expression.numel() == 1:
-        own = ReducedObjective(own, lambda whole: whole)
-    if not isinstance(own, ReducedObjective):
+    function_objective = objective(signals)
+    if isinstance(function_objective, Measure) and function_objective.expression.numel() == 1:
+        function_objective = ReducedObjective(function_objective, lambda value: value)
+    if not isinstance(function_objective, ReducedObjective):
         raise ScenarioError("an objective is one scalar measure: integral(...), peak(...) or final(...)")
-    cost = own.cost
-    measures = Measures(signals, named | {"own": own.measure}, costs=lambda r, _: {OBJECTIVE: cost(r["own"])})
+    cost = function_objective.cost
+    measures = Measures(
+        signals, named | {"own": function_objective.measure}, costs=lambda r, _: {OBJECTIVE: cost(r["own"])}
+    )
     return ObjectiveTerms(measures, "smooth", limits)
 
 
@@ -199,7 +201,11 @@ def _standard(
         return {OBJECTIVE: total}
 
     squares = {quantity: squared_output(quantity, context) for quantity in weights}
-    residuals = [(own[0], weights[each], own[1]) for each, own in squares.items() if own is not None]
+    residuals = [
+        (output[0], weights[quantity], output[1])
+        for quantity, output in squares.items()
+        if output is not None
+    ]
     if objective.kind == "ise":
         residuals.append(("tip_error", objective.weight, list(range(3 * len(scene.tips)))))
     forms: dict[str, Form] = {"ise": "squares", "minimax": "minimax"}

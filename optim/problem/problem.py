@@ -120,10 +120,10 @@ class EvaluationCost:
         return EvaluationCost(*(count * each for each in astuple(self)))
 
     def __str__(self) -> str:
-        told = [
+        counts = [
             f"{count} {kind if count > 1 else kind[:-1]}" for kind, count in asdict(self).items() if count
         ]
-        return ", ".join(told) or "no rollouts"
+        return ", ".join(counts) or "no rollouts"
 
     def equivalent(self, gradient: float, slope: float = 3.0, sample: float = 1.2) -> float:
         """The whole cost in plain rollouts, given how many of them each other kind costs."""

@@ -50,18 +50,18 @@ def with_added_states(
 
 def measure(quantity: Quantity, context: Context) -> tuple[Components, Measure]:
     """Components of a quantity, and their reduction; :meth:`Quantity.reduced` completes it."""
-    found = quantity.components(context)
-    values = -found.values if quantity.reducer == "lowest" else found.values
-    return found, _REDUCERS.get(quantity.reducer, peak)(values)
+    components = quantity.components(context)
+    values = -components.values if quantity.reducer == "lowest" else components.values
+    return components, _REDUCERS.get(quantity.reducer, peak)(values)
 
 
 def measures_of(quantity: Quantity, context: Context) -> tuple[Components, dict[str, Measure]]:
     """Components of a quantity, and the measures by name that :func:`table_values` needs."""
-    found, own = measure(quantity, context)
-    named = {quantity.name: own}
-    if quantity.exists is not None and found.labels:
+    components, reduced = measure(quantity, context)
+    named = {quantity.name: reduced}
+    if quantity.exists is not None and components.labels:
         named[_existence(quantity)] = final(ca.vertcat(*quantity.exists(context).values()))
-    return found, named
+    return components, named
 
 
 def table_values(quantity: Quantity, measured: Mapping[str, Array], duration_s: float) -> Array:
@@ -102,7 +102,7 @@ def required_measure(quantity: Quantity, context: Context, where: str) -> Measur
     ScenarioError
         If the scene has nothing that the quantity describes; ``where`` is the place in the scenario.
     """
-    found, reduced = measure(quantity, context)
-    if not found.labels:
+    components, reduced = measure(quantity, context)
+    if not components.labels:
         raise context.scene.error(quantity.absent, where)
     return reduced

@@ -51,10 +51,10 @@ def find_numbers(
         If a path is not in the scenario, is no number, or is set by two names.
     """
     document, owner = to_document(scene.scenario), dict[str, str]()
-    found: dict[str, list[ScenarioNumber]] = {}
+    numbers_by_name: dict[str, list[ScenarioNumber]] = {}
     for name, patterns in named.items():
         where = f"{section}.{name}.paths"
-        found[name] = []
+        numbers_by_name[name] = []
         for pattern in patterns:
             try:
                 paths = expand(document, pattern)
@@ -66,8 +66,8 @@ def find_numbers(
                     value = get(document, path)
                     if not is_number(value):
                         raise scene.error(f"{path} is no number, found {value!r}", where)
-                    found[name].append(ScenarioNumber(path, pattern, float(value)))
+                    numbers_by_name[name].append(ScenarioNumber(path, pattern, float(value)))
                 elif owner[path] != name:
-                    told = f"{path} is set by {owner[path]} already"
-                    raise scene.error(told, where)
-    return found
+                    message = f"{path} is set by {owner[path]} already"
+                    raise scene.error(message, where)
+    return numbers_by_name

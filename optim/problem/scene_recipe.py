@@ -128,9 +128,9 @@ def with_variables(
         for name in variables or ():
             _known(name, tuning_of(scene).variables, "variable", scene)
         return scene, variables
-    for name, given in variables.items():
-        if not (isinstance(given, tuple | list) and len(given) == 3 and isinstance(given[0], str)):
-            message = f"found {given!r}, required: (dotted path, lower, upper)"
+    for name, bounds in variables.items():
+        if not (isinstance(bounds, tuple | list) and len(bounds) == 3 and isinstance(bounds[0], str)):
+            message = f"found {bounds!r}, required: (dotted path, lower, upper)"
             raise ScenarioError(message, where=f"variables.{name}")
     made = {name: {"paths": [p], "lower": a, "upper": b} for name, (p, a, b) in variables.items()}
     changes: dict[str, object] = {"tuning.sets": {}, "tuning.variables": made}

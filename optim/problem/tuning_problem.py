@@ -54,8 +54,8 @@ class ProblemRecipe:
     @cached_property
     def key(self) -> str:
         """Hash of it; a function is another one whenever it is given."""
-        own = None if self.objective is None else uuid.uuid4().hex
-        plain = [asdict(self.scene), self.chosen, self.variant, self.also_vary, own, self.halvings]
+        objective_id = None if self.objective is None else uuid.uuid4().hex
+        plain = [asdict(self.scene), self.chosen, self.variant, self.also_vary, objective_id, self.halvings]
         return hashlib.sha256(json.dumps(plain, sort_keys=True, default=str).encode()).hexdigest()
 
     def build(self) -> TuningProblem:
@@ -141,19 +141,21 @@ class TuningProblem(Formulation, OptimisationProblem):
 
     def evaluate(self, u: Array) -> Evaluation:
         """Objective (N,) and constraints (N, m) at points u (N, k); NaN where the rollout diverged."""
-        found = self.measure(u)
-        return Evaluation(np.array(found[OBJECTIVE]), self._constraints(found, len(u)))
+        measures = self.measure(u)
+        return Evaluation(np.array(measures[OBJECTIVE]), self._constraints(measures, len(u)))
 
     def sample(self, u: Array) -> Evaluation:
         """The same, and the rows (N, n) that the objective is made of; only values where it is smooth."""
         if self.form == "smooth":
             return super().sample(u)
-        found = self.workers.map(
+        measures = self.workers.map(
             self,
             partial(worker_operations.samples, paths=self.names),
             self.variables.values(np.atleast_2d(u)),
         )
-        return Evaluation(np.array(found[OBJECTIVE]), self._constraints(found, len(u)), found["rows"])
+        return Evaluation(
+            np.array(measures[OBJECTIVE]), self._constraints(measures, len(u)), measures["rows"]
+        )
 
     def measure(self, u: Array, plants: Mapping[str, Array] | None = None) -> Arrays:
         """Objective and all measures at points u (N, k), each of shape (N,) or (N, n).
@@ -176,9 +178,9 @@ class TuningProblem(Formulation, OptimisationProblem):
         Several gradients by the adjoint share lanes.
         """
         grain = LANES if self.linear_cost.gradients else 1
-        found = self.workers.map(self, worker_operations.linearisations, u, grain=grain)
+        fields = self.workers.map(self, worker_operations.linearisations, u, grain=grain)
         return [
-            Linearisation.of_arrays({name: values[i] for name, values in found.items()})
+            Linearisation.of_arrays({name: values[i] for name, values in fields.items()})
             for i in range(len(u))
         ]
 

@@ -58,10 +58,10 @@ class Variables:
         """Values of points u (..., k) of the unit cube."""
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.where(self.log, self.upper / np.where(self.log, self.lower, 1.0), 1.0)
-            found = np.where(
+            range_values = np.where(
                 self.log, self.lower * ratio ** np.asarray(u), self.lower + (self.upper - self.lower) * u
             )
-        return np.asarray(found, dtype=np.float64)
+        return np.asarray(range_values, dtype=np.float64)
 
     def unit(self, values: Array) -> Array:
         """Points of the unit cube with some values (..., k)."""
@@ -104,13 +104,13 @@ def variables_of(
     ScenarioError
         If a path is not in the scenario, is no number, or stands in two variables.
     """
-    found = find_numbers(scene, {name: variable.paths for name, variable in named.items()}, section)
+    numbers_by_name = find_numbers(scene, {name: variable.paths for name, variable in named.items()}, section)
     paths, start = [], []
     for name, variable in named.items():
-        values = [number.value for number in found[name]]
+        values = [number.value for number in numbers_by_name[name]]
         log = variable.scale == "log" and min(values) > 0
         mean = float(np.exp(np.mean(np.log(values)))) if log else float(np.mean(values))
-        paths.append(tuple(number.path for number in found[name]))
+        paths.append(tuple(number.path for number in numbers_by_name[name]))
         start.append(min(max(mean, variable.lower), variable.upper))
     return Variables(
         tuple(named),
@@ -124,10 +124,10 @@ def variables_of(
 
 def at_bound(names: Sequence[str], u: Array) -> dict[str, str]:
     """Variables that are at or beyond a bound at a point u (k,), and in words where, by name."""
-    found = {}
+    bounds_reached = {}
     for name, x in zip(names, u, strict=True):
         if not NEAR_BOUND < x < 1 - NEAR_BOUND:
             which = "lower" if x <= NEAR_BOUND else "upper"
             how = "at" if -NEAR_BOUND <= x <= 1 + NEAR_BOUND else "below" if x < 0 else "above"
-            found[name] = f"{how} its {which} bound"
-    return found
+            bounds_reached[name] = f"{how} its {which} bound"
+    return bounds_reached

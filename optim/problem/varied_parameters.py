@@ -38,11 +38,11 @@ def vary(scene: Scene, ranges: Sequence[str]) -> Scene:
         return scene
     variables: dict[str, dict[str, object]] = {}
     for text in ranges:
-        found = RANGE.fullmatch(text.strip())
+        match = RANGE.fullmatch(text.strip())
         try:
-            if found is None:
+            if match is None:
                 raise ValueError
-            path, lower, upper = found["path"].strip(), float(found["lower"]), float(found["upper"])
+            path, lower, upper = match["path"].strip(), float(match["lower"]), float(match["upper"])
         except ValueError:
             message = f"found {text!r}, allowed: PATH=LOWER..UPPER, for example kp=20..2000"
             raise ScenarioError(message, where="--vary") from None
@@ -72,16 +72,18 @@ def _named(scene: Scene, path: str) -> dict[str, list[str]]:
         except ScenarioError as fault:
             raise scene.error(fault.message, f"--vary {path}") from None
         return {_name(path.split(".")[-2:]): [path]}
-    known = [p for p, _ in numbers({place: document[place] for place in PLACES if document[place]})]
-    ending = [p for p in known if p.endswith(f".{path}")]
+    number_paths = [p for p, _ in numbers({place: document[place] for place in PLACES if document[place]})]
+    ending = [p for p in number_paths if p.endswith(f".{path}")]
     if not ending:
-        hint = near_names(path, {p.rpartition(".")[2] for p in known if not p.rpartition(".")[2].isdecimal()})
+        hint = near_names(
+            path, {p.rpartition(".")[2] for p in number_paths if not p.rpartition(".")[2].isdecimal()}
+        )
         message = f"no number's path ends in {path!r}; {hint}"
         raise scene.error(message, "--vary")
-    found: dict[str, list[str]] = {}
+    paths_by_name: dict[str, list[str]] = {}
     for number in ending if "." not in path else ():
-        found.setdefault(_name(number.split(".")[-2:]), []).append(number)
-    return found if len(found) > 1 else {_name(path.split(".")): ending}
+        paths_by_name.setdefault(_name(number.split(".")[-2:]), []).append(number)
+    return paths_by_name if len(paths_by_name) > 1 else {_name(path.split(".")): ending}
 
 
 def _name(segments: Sequence[str]) -> str:

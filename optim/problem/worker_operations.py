@@ -23,8 +23,8 @@ def measures(problem: Formulation, rows: Array, *, paths: Sequence[str]) -> Arra
 def samples(problem: Formulation, rows: Array, *, paths: Sequence[str]) -> Arrays:
     """The same, and the rows (N, n) that the objective is made of."""
     batch = problem.rollout.batch(paths, rows, outputs=sampled_outputs(problem), threads=1)
-    found = {OBJECTIVE: batch.costs[OBJECTIVE], "rows": rows_of(problem, batch.outputs), **batch.measures}
-    return _with_margins(problem, rows, paths, found)
+    arrays = {OBJECTIVE: batch.costs[OBJECTIVE], "rows": rows_of(problem, batch.outputs), **batch.measures}
+    return _with_margins(problem, rows, paths, arrays)
 
 
 def _with_margins(problem: Formulation, rows: Array, paths: Sequence[str], found: dict[str, Array]) -> Arrays:
@@ -39,26 +39,28 @@ def _with_margins(problem: Formulation, rows: Array, paths: Sequence[str], found
 
 def gradients(problem: Formulation, rows: Array, *, paths: Sequence[str]) -> Arrays:
     """Objective (N,) and its gradient (N, k) with respect to the variables' values, by the adjoint."""
-    found = problem.rollout.gradient_batch(
+    batch = problem.rollout.gradient_batch(
         paths, rows, wrt=problem.names, costs=[OBJECTIVE], threads=1, orders=False
     )
-    return {OBJECTIVE: found.costs[OBJECTIVE], "gradient": found.gradients[OBJECTIVE]}
+    return {OBJECTIVE: batch.costs[OBJECTIVE], "gradient": batch.gradients[OBJECTIVE]}
 
 
 def limited(problem: Formulation, rows: Array, *, paths: Sequence[str]) -> Arrays:
     """Constraints (N, m) and their derivatives (N, m, k) with respect to the variables' values."""
-    found = problem.rollout.slope_batch(paths, rows, wrt=problem.names, threads=1, orders=False)
+    slopes = problem.rollout.slope_batch(paths, rows, wrt=problem.names, threads=1, orders=False)
     limits = problem.terms.limits
     return {
-        "constraints": np.concatenate([found.measures[n] / limit - 1 for n, limit in limits.items()], axis=1),
-        "jacobian": np.concatenate([found.slopes[n] / limit for n, limit in limits.items()], axis=1),
+        "constraints": np.concatenate(
+            [slopes.measures[n] / limit - 1 for n, limit in limits.items()], axis=1
+        ),
+        "jacobian": np.concatenate([slopes.slopes[n] / limit for n, limit in limits.items()], axis=1),
     }
 
 
 def linearisations(problem: Formulation, rows: Array) -> Arrays:
     """Fields of the linearisation at points (N, k) of the unit cube."""
-    found = [at.as_arrays() for at in linearise_all(problem, rows)]
-    return {name: np.stack([fields[name] for fields in found]) for name in found[0]}
+    fields_by_point = [at.as_arrays() for at in linearise_all(problem, rows)]
+    return {name: np.stack([fields[name] for fields in fields_by_point]) for name in fields_by_point[0]}
 
 
 def linearise_all(problem: Formulation, u: Array) -> list[Linearisation]:
@@ -68,7 +70,7 @@ def linearise_all(problem: Formulation, u: Array) -> list[Linearisation]:
     margins follow. Values are NaN where the rollout diverged.
     """
     if problem.form != "smooth" or problem.terms.limits:
-        found = [_linearise(problem, point) for point in u]
+        linearisations_at = [_linearise(problem, point) for point in u]
     else:
         values = problem.variables.values(u)
         plain = problem.rollout.gradient_batch(
@@ -76,12 +78,12 @@ def linearise_all(problem: Formulation, u: Array) -> list[Linearisation]:
         )
         gradients = plain.gradients[OBJECTIVE] * np.array([problem.variables.slope(point) for point in u])
         costs = map(float, plain.costs[OBJECTIVE])
-        found = [Linearisation.of_smooth(*each) for each in zip(costs, gradients, strict=True)]
+        linearisations_at = [Linearisation.of_smooth(*each) for each in zip(costs, gradients, strict=True)]
     terms = problem.terms.margins
     if terms is None:
-        return found
+        return linearisations_at
     limited = [i for i, row in enumerate(terms.rows) if row.requirement.least is not None]
-    for k, (point, at) in enumerate(zip(u, found, strict=True)):
+    for k, (point, at) in enumerate(zip(u, linearisations_at, strict=True)):
         margins = terms.values(problem.variables.values(point), slopes=True)
         values = np.array([one.value for one in margins])
         slopes = np.array([one.gradient for one in margins]) * problem.variables.slope(point)
@@ -89,7 +91,7 @@ def linearise_all(problem: Formulation, u: Array) -> list[Linearisation]:
         weighed = weights != 0
         added = weights[weighed] @ slopes[weighed]
         jacobian = np.concatenate([at.constraint_jacobian, by_margin[:, None] * slopes[limited]])
-        found[k] = replace(
+        linearisations_at[k] = replace(
             at,
             objective=at.objective + float(penalty),
             gradient=at.gradient + added,
@@ -98,7 +100,7 @@ def linearise_all(problem: Formulation, u: Array) -> list[Linearisation]:
             constraints=np.concatenate([at.constraints, g]),
             constraint_jacobian=jacobian,
         )
-    return found
+    return linearisations_at
 
 
 def _linearise(problem: Formulation, u: Array) -> Linearisation:

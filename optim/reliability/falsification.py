@@ -243,24 +243,24 @@ def falsify(
     outcome = run_method(problem, "nlp", effort, session=session)
     if outcome.interrupted:
         raise KeyboardInterrupt
-    found = outcome.best
-    spent = int(np.ceil(found.cost.equivalent(GRADIENT)))
+    best = outcome.best
+    spent = int(np.ceil(best.cost.equivalent(GRADIENT)))
     protocol = EvolutionSettings(budget=spent)
     blind = Effort(protocol, protocol, runs=1, seed=effort.seed)
     outcome = run_method(problem, "random", blind, session=session)
     if outcome.interrupted:
         raise KeyboardInterrupt
     other = outcome.best
-    if np.isnan(found.objective):
+    if np.isnan(best.objective):
         raise DivergedError(
-            f"all {found.diverged} simulations diverged, so no worst case was found; take a shorter "
+            f"all {best.diverged} simulations diverged, so no worst case was found; take a shorter "
             "`campaign.step`, or narrower parameters",
             source=scene.source,
             where="campaign.parameters",
         )
-    lost = other.diverged_at if found.diverged_at is None else found.diverged_at
+    lost = other.diverged_at if best.diverged_at is None else best.diverged_at
     cases = list[WorstCase]()
-    for run in (found, other):
+    for run in (best, other):
         draws = problem.draws(run.u)
         places = [100 * float(probabilities(one, x)) for one, x in zip(parameters, draws, strict=True)]
         named = dict(zip(problem.names, map(float, draws), strict=True))
@@ -275,7 +275,7 @@ def falsify(
         worst,
         random,
         {path: float(value) for path, value in zip(state.space.paths, values, strict=True)},
-        f"{found.cost}; {spent} rollouts of random search",
-        found.diverged + other.diverged,
+        f"{best.cost}; {spent} rollouts of random search",
+        best.diverged + other.diverged,
         None if lost is None else dict(zip(problem.names, problem.draws(lost).tolist(), strict=True)),
     )

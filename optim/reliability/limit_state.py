@@ -101,17 +101,17 @@ class RolloutLimitState:
     def quantity_gradients(self, draws: Array) -> tuple[Array, Array]:
         """Values (N,) of the quantity at draws (N, k), and exact gradients (N, k) by the draws."""
         name, space = self.quantity.name, self.space
-        found = self.rollout.gradient_batch(
+        batch = self.rollout.gradient_batch(
             space.paths, space.values(draws), costs=[name], threads=self.threads, orders=False
         )
-        by_number = np.asarray(found.gradients[name]) * space.factor
+        by_number = np.asarray(batch.gradients[name]) * space.factor
         of_draw = np.eye(len(space.names))[list(space.owner)]  # which draw each number follows
-        return np.array(found.costs[name]), by_number @ of_draw
+        return np.array(batch.costs[name]), by_number @ of_draw
 
     def values(self, z: Array) -> Array:
         """Values (N,) at scores (N, k); minus infinity where a rollout diverged."""
-        found = self.limit - self.quantities(self.draws(z)[0])
-        return np.where(np.isnan(found), -np.inf, found)
+        margins = self.limit - self.quantities(self.draws(z)[0])
+        return np.where(np.isnan(margins), -np.inf, margins)
 
     def gradients(self, z: Array) -> tuple[Array, Array]:
         """Values (N,) and gradients (N, k) at scores (N, k); NaN where a rollout diverged."""
@@ -175,15 +175,16 @@ def build_limit_state(
         nothing that the quantity describes, or plans are solved in the rollout.
     """
     campaign = campaign_of(scene)
-    given = campaign.limits.given
-    if quantity is None and len(given) != 1:
-        found = ", ".join(given) or "none"
+    limits = campaign.limits.given
+    if quantity is None and len(limits) != 1:
+        limited_names = ", ".join(limits) or "none"
         raise scene.error(
-            f"limits of exactly one quantity are needed, found {found}; name one with --metric and --limit",
+            f"limits of exactly one quantity are needed, found {limited_names}; "
+            "name one with --metric and --limit",
             "campaign.limits",
         )
-    chosen = find_quantity(quantity or next(iter(given)))
-    bound = given.get(chosen.name) if limit is None else limit
+    chosen = find_quantity(quantity or next(iter(limits)))
+    bound = limits.get(chosen.name) if limit is None else limit
     if bound is None:
         raise scene.error(f"no limit of {chosen.name}; give one with --limit", "campaign.limits")
     scene = gain_set(scene, {})

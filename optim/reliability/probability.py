@@ -176,8 +176,8 @@ def failure_probability(
     estimator: ProbabilityEstimator = ESTIMATORS.find(method)
     state = build_limit_state(scene, quantity, limit, threads=threads)
     counted = CountedLimitState(state)
-    found, search = estimate_probability(counted, estimator, effort or SamplingEffort())
-    points, names = sorted((*search.points, *found.points), key=lambda point: point.beta), state.names
+    estimate, search = estimate_probability(counted, estimator, effort or SamplingEffort())
+    points, names = sorted((*search.points, *estimate.points), key=lambda point: point.beta), state.names
     failures = [
         MostProbableFailure(
             point.beta,
@@ -191,14 +191,14 @@ def failure_probability(
         state.unit,
         state.limit,
         method,
-        found.probability,
-        found.variation,
+        estimate.probability,
+        estimate.variation,
         counted.rollouts,
         counted.gradient_rollouts,
         tuple(failures),
         search.starts,
         search.undiscovered if estimator.needs_design_points else None,
-        search_warnings(estimator, found, search),
+        search_warnings(estimator, estimate, search),
     )
 
 

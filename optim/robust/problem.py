@@ -111,9 +111,9 @@ class RobustProblem(OptimisationProblem):
         parts = max(1, len(self.draws) * len(u) // AT_ONCE)
         objectives, constraints, limits = list[Array](), list[Array](), self.nominal.terms.limits
         for part in np.array_split(u, min(parts, len(u))):
-            found = self._measure(part, self.draws)
-            objectives.append(np.array([self.reduce(row) for row in found[OBJECTIVE]]))
-            worst = [found[name].max(axis=1) / limit - 1 for name, limit in limits.items()]
+            measures = self._measure(part, self.draws)
+            objectives.append(np.array([self.reduce(row) for row in measures[OBJECTIVE]]))
+            worst = [measures[name].max(axis=1) / limit - 1 for name, limit in limits.items()]
             constraints.append(np.column_stack([np.empty((len(part), 0)), *worst]))
         return Evaluation(np.concatenate(objectives), np.concatenate(constraints))
 
@@ -123,10 +123,10 @@ class RobustProblem(OptimisationProblem):
         Constraints are those of each sample, as in :meth:`linearise`.
         """
         u, limits = np.atleast_2d(u), self.nominal.terms.limits
-        found = self._measure(u, self.draws)
-        each = found[OBJECTIVE]
+        measures = self._measure(u, self.draws)
+        each = measures[OBJECTIVE]
         rows = each if self.kind == "worst" else np.empty((len(u), 0))
-        excess = [np.empty((len(u), len(self.draws), 0)), *(found[n] / limits[n] - 1 for n in limits)]
+        excess = [np.empty((len(u), len(self.draws), 0)), *(measures[n] / limits[n] - 1 for n in limits)]
         constraints = np.concatenate(excess, axis=2).reshape(len(u), -1)
         return Evaluation(np.array([self.reduce(row) for row in each]), constraints, rows)
 
@@ -138,8 +138,8 @@ class RobustProblem(OptimisationProblem):
         """The objective that is made small, of objectives (S,); NaN if a diverged sample decides it."""
         values = np.sort(np.where(np.isnan(objectives), np.inf, objectives))
         weights = self._weights(values)
-        found = float(weights[weights > 0] @ values[weights > 0])
-        return found if np.isfinite(found) else float("nan")
+        objective = float(weights[weights > 0] @ values[weights > 0])
+        return objective if np.isfinite(objective) else float("nan")
 
     def linearise(self, u: Array) -> Linearisation:
         """Values and exact derivatives at one point u (k,): of the objective by the adjoint of every sample.
@@ -151,8 +151,8 @@ class RobustProblem(OptimisationProblem):
         values, workers = self.space.values(self.draws), self.nominal.workers
         rows = np.column_stack([np.tile(self.nominal.variables.values(u), (len(values), 1)), values])
         paths, slope = (*self.names, *self.space.paths), self.nominal.variables.slope(u)
-        found = workers.map(self.nominal, partial(worker_operations.gradients, paths=paths), rows)
-        each, slopes = found[OBJECTIVE], found["gradient"] * slope
+        batch = workers.map(self.nominal, partial(worker_operations.gradients, paths=paths), rows)
+        each, slopes = batch[OBJECTIVE], batch["gradient"] * slope
         order = np.argsort(np.where(np.isnan(each), np.inf, each), kind="stable")
         weights = self._weights(each[order])
         used = order[weights > 0]
@@ -191,8 +191,8 @@ class RobustProblem(OptimisationProblem):
         """Measures of points u (N, k) over draws (S, k'), each (N, S) or (N, S, n)."""
         values, n = self.space.values(draws), len(u)
         plants = dict(zip(self.space.paths, np.tile(values, (n, 1)).T, strict=True))
-        found = self.nominal.measure(np.repeat(u, len(values), axis=0), plants)
-        return {name: np.reshape(v, (n, len(values), *v.shape[1:])) for name, v in found.items()}
+        measures = self.nominal.measure(np.repeat(u, len(values), axis=0), plants)
+        return {name: np.reshape(v, (n, len(values), *v.shape[1:])) for name, v in measures.items()}
 
 
 @dataclass(frozen=True)
@@ -247,11 +247,11 @@ def build_robust(
     both = sorted(set(space.paths) & set(problem.variables.all_paths))
     if both:
         raise scene.error(f"{both[0]} is tuned and uncertain at once", "campaign")
-    found = RobustProblem(
+    robust_problem = RobustProblem(
         problem, space, _draws(changed, statistic.samples, 0), statistic.kind, statistic.percent
     )
-    check_range(changed, space, found.draws)
-    return found
+    check_range(changed, space, robust_problem.draws)
+    return robust_problem
 
 
 @dataclass(frozen=True)
@@ -292,22 +292,22 @@ def describe(designs: Mapping[str, Array]) -> dict[str, dict[str, float]]:
     designs
         Objective of each sample by design, each (S,), NaN where one diverged.
     """
-    found, first = {}, next(iter(designs.values()))
+    statistics, first = {}, next(iter(designs.values()))
     for name, each in designs.items():
         values = np.sort(np.where(np.isnan(each), np.inf, each))
         median, most = (percentile(values, q, 0.95).value for q in (50, 95))
-        told = _mean(each, "mean") | {"median": median, "95 %": most, "largest": float(values[-1])}
-        found[name] = told | {"diverged": float(np.isnan(each).sum())} | _mean(each - first, "change")
-    return found
+        entry = _mean(each, "mean") | {"median": median, "95 %": most, "largest": float(values[-1])}
+        statistics[name] = entry | {"diverged": float(np.isnan(each).sum())} | _mean(each - first, "change")
+    return statistics
 
 
 def _mean(values: Array, name: str) -> dict[str, float]:
     """Mean of the values that are numbers, and its 95 % interval."""
-    known = values[np.isfinite(values)]
-    mean = float(known.mean()) if len(known) else float("nan")
+    finite = values[np.isfinite(values)]
+    mean = float(finite.mean()) if len(finite) else float("nan")
     away = float("nan")
-    if len(known) > 1:
-        away = float(stats.t.ppf(0.975, len(known) - 1) * known.std(ddof=1) / np.sqrt(len(known)))
+    if len(finite) > 1:
+        away = float(stats.t.ppf(0.975, len(finite) - 1) * finite.std(ddof=1) / np.sqrt(len(finite)))
     return {name: mean, f"{name}_low": mean - away, f"{name}_high": mean + away}
 
 

@@ -149,29 +149,29 @@ def worst_margins(
         except ScenarioError as fault:
             message = f"the {end} end of the range is not allowed: {fault.message}"
             raise scene.error(message, fault.where) from None
-    found = ParametricLinearisation.of(scene, at, free.paths, backend, tell)
-    names = chosen_loops(found, loops)
+    linear = ParametricLinearisation.of(scene, at, free.paths, backend, tell)
+    names = chosen_loops(linear, loops)
     cases, count, size = list[WorstMargin](), 0, len(free)
     points = [np.clip(free.unit(free.start), 0, 1)]
     if size <= CORNERS:
         points += [np.array(corner) for corner in itertools.product((0.0, 1.0), repeat=size)]
     points += list(qmc.Sobol(size, rng=np.random.default_rng(0)).random(2 * STARTS))
-    for k, instant in enumerate(found.instants):
+    for k, instant in enumerate(linear.instants):
         tell(f"least margins at {instant.label}")
 
         def least(u: Array, k: int = k) -> MarginValue:
-            own = found.sizes(k, free.values(u), margin, names, least=True)
-            if not own:
+            smallest = linear.sizes(k, free.values(u), margin, names, least=True)
+            if not smallest:
                 raise SpaceRobotError(f"every loop of {loops} varies in time")
-            return own[0]
+            return smallest[0]
 
         def function(u: Array, least: Callable[[Array], MarginValue] = least) -> tuple[float, Array]:
             nonlocal count
             count += 1
-            own = least(u)
-            if not np.isfinite(own.value):
+            margin_value = least(u)
+            if not np.isfinite(margin_value.value):
                 return INFINITE, np.zeros(size)
-            return own.value, own.gradient * free.slope(u)
+            return margin_value.value, margin_value.gradient * free.slope(u)
 
         # several descents, from the best of all points
         screened = sorted(points, key=lambda u: function(u)[0])[:STARTS]
@@ -182,11 +182,11 @@ def worst_margins(
         values = free.values(u)
         changed = build_scene(scene.scenario, free.as_changes(values), source=scene.source)
         try:
-            own = ParametricLinearisation.of(changed, at, [], backend)
+            relinearisation = ParametricLinearisation.of(changed, at, [], backend)
         except (DivergedError, ScenarioError):
             simulated = float("nan")
         else:
-            (again,) = own.sizes(k, None, margin, [worst.loop])
+            (again,) = relinearisation.sizes(k, None, margin, [worst.loop])
             simulated = again.value
         cases.append(
             WorstMargin(
@@ -203,7 +203,7 @@ def worst_margins(
     return WorstMargins(margin, MARGINS[margin], tuple(cases), count)
 
 
-def chosen_loops(found: ParametricLinearisation, pattern: str) -> list[str]:
+def chosen_loops(linearisation: ParametricLinearisation, pattern: str) -> list[str]:
     """Break points that a pattern names.
 
     Raises
@@ -211,8 +211,8 @@ def chosen_loops(found: ParametricLinearisation, pattern: str) -> list[str]:
     SpaceRobotError
         If there is none.
     """
-    known = found.lineariser.perturbed.inputs
-    names = [name for name in known if fnmatchcase(name, pattern)]
+    break_points = linearisation.lineariser.perturbed.inputs
+    names = [name for name in break_points if fnmatchcase(name, pattern)]
     if not names:
-        raise SpaceRobotError(f"no break point '{pattern}', {near_names(pattern, known)}")
+        raise SpaceRobotError(f"no break point '{pattern}', {near_names(pattern, break_points)}")
     return names

@@ -76,9 +76,11 @@ def read_bands(folder: StrPath, name: str, gains: str, sample: int) -> QuantileB
     try:
         with netCDF4.Dataset(folder / DATA) as file:
             file.set_auto_mask(False)
-            kept = [str(key) for key, variable in file.variables.items() if variable.ndim == 4]
-            if name not in kept:
-                raise ResultError(f"keeps no series {name!r}; {near_names(name, kept)}", source=folder)
+            series_names = [str(key) for key, variable in file.variables.items() if variable.ndim == 4]
+            if name not in series_names:
+                raise ResultError(
+                    f"keeps no series {name!r}; {near_names(name, series_names)}", source=folder
+                )
             variable, time, which = (
                 file[name],
                 np.asarray(file["time"][:]),
@@ -86,10 +88,11 @@ def read_bands(folder: StrPath, name: str, gains: str, sample: int) -> QuantileB
             )
             samples, width = variable.shape[0], variable.shape[3]
             step = variable.chunking()[2]
-            whole = step * max(1, AT_ONCE_BYTES // (samples * step * width * BYTES_EACH))
-            found, left = np.empty((len(PERCENT), len(time), width)), np.empty(len(time), dtype=np.int64)
-            for begin in range(0, len(time), whole):
-                part = slice(begin, begin + whole)
+            rows_at_once = step * max(1, AT_ONCE_BYTES // (samples * step * width * BYTES_EACH))
+            percentiles = np.empty((len(PERCENT), len(time), width))
+            left = np.empty(len(time), dtype=np.int64)
+            for begin in range(0, len(time), rows_at_once):
+                part = slice(begin, begin + rows_at_once)
                 values = np.sort(variable[:, which, part, :], axis=0)  # what diverged is NaN, and comes last
                 left[part] = np.isfinite(values[..., 0]).sum(axis=0)
                 # percentiles of the first values, of which so many are left
@@ -99,15 +102,26 @@ def read_bands(folder: StrPath, name: str, gains: str, sample: int) -> QuantileB
                 above = np.minimum(below + 1, np.maximum(count - 1, 0))
                 times = np.arange(values.shape[1])
                 a, b = values[below, times], values[above, times]
-                found[:, part] = a + (at - below)[..., None] * (b - a)
+                percentiles[:, part] = a + (at - below)[..., None] * (b - a)
             row = int(np.flatnonzero(file["sample"][:] == sample)[0]) if sample in file["sample"][:] else None
             if row is None:
                 raise ValueError(f"no sample {sample}")
-            least, low, median, high, greatest = found
+            least, low, median, high, greatest = percentiles
             of = tuple(map(str, file[f"{name}_of"][:]))
-            shown = np.asarray(variable[row, which])
+            sample_series = np.asarray(variable[row, which])
             return QuantileBands(
-                name, str(variable.units), of, time, least, low, median, high, greatest, left, sample, shown
+                name,
+                str(variable.units),
+                of,
+                time,
+                least,
+                low,
+                median,
+                high,
+                greatest,
+                left,
+                sample,
+                sample_series,
             )
     except (OSError, RuntimeError, ValueError) as fault:
         raise ResultError(f"cannot be read: {fault}", source=folder / DATA) from None

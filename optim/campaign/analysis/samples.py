@@ -23,7 +23,7 @@ from spacerobot.simulation import simulate
 
 
 def command_of(
-    evaluator: CampaignEvaluator, draw: Array, gains: str, scenario: str, given: Changes = ()
+    evaluator: CampaignEvaluator, draw: Array, gains: str, scenario: str, scenario_changes: Changes = ()
 ) -> str:
     """Command that runs one sample again.
 
@@ -34,24 +34,26 @@ def command_of(
     draw
         Values of the uncertain parameters (k,).
     gains
-        Which set of gains.
+        Name of the set of gains.
     scenario
-        How the command line names the scenario.
-    given
-        What was changed in it, by dotted path; changes to the campaign section itself are left out.
+        The scenario's name on the command line.
+    scenario_changes
+        Changes of the scenario, by dotted path; changes to the campaign section itself are left out.
     """
     space = evaluator.member(gains).space
     values = space.values(draw)[0]
-    changes = [(p, v) for p, v in given if p.partition(".")[0] != "campaign"]
+    changes = [(p, v) for p, v in scenario_changes if p.partition(".")[0] != "campaign"]
     changes += evaluator.gains[gains].items()
     document, left = to_document(evaluator.member(gains).scene.scenario), dict[str, float]()
     for pattern in dict.fromkeys(space.patterns):
-        own = [float(value) for value, of in zip(values, space.patterns, strict=True) if of == pattern]
-        most = Counter(own).most_common(1)[0][0]
+        pattern_values = [
+            float(value) for value, of in zip(values, space.patterns, strict=True) if of == pattern
+        ]
+        most = Counter(pattern_values).most_common(1)[0][0]
         changes.append((pattern, most))
         left |= dict.fromkeys(expand(document, pattern), most)
-    wanted = {path: float(value) for path, value in zip(space.paths, values, strict=True)}
-    changes += [(path, value) for path, value in wanted.items() if left[path] != value]
+    parameter_values = {path: float(value) for path, value in zip(space.paths, values, strict=True)}
+    changes += [(path, value) for path, value in parameter_values.items() if left[path] != value]
     changes.append(("simulation.step", evaluator.campaign.step))
     changes += _assumed(evaluator, gains).items()
     last = {path: i for i, (path, _) in enumerate(changes)}

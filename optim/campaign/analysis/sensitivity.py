@@ -41,13 +41,13 @@ def what_matters(draws: Array, values: Array, campaign: Campaign, *, complete: b
         "away": _named(names, away),
     }
     noise = noise_of(len(draws), campaign)
-    found = []
+    correlations = []
     for name, one, other in zip(names, np.nan_to_num(plain), np.nan_to_num(away), strict=True):
         value = float(one if abs(one) >= abs(other) else other)
         rising, falling = ("rises", "falls") if abs(one) >= abs(other) else ("away", "middle")
         if abs(value) > noise:
-            found.append({"parameter": name, "how": rising if value > 0 else falling, "value": value})
-    entry["strongest"] = sorted(found, key=lambda row: -abs(row["value"]))
+            correlations.append({"parameter": name, "how": rising if value > 0 else falling, "value": value})
+    entry["strongest"] = sorted(correlations, key=lambda row: -abs(row["value"]))
     if np.ptp(np.nan_to_num(values, posinf=np.finfo(float).max)) == 0:
         entry["note"] = "no rollout has a value" if np.isinf(values).all() else "it does not vary"
     elif campaign.sampler.gives_sobol_indices:

@@ -96,8 +96,8 @@ def rank_correlations(draws: Array, values: Array) -> Array:
     ranks = ranks - ranks.mean(axis=0)
     size = np.sqrt((ranks**2).sum(axis=0))
     with np.errstate(invalid="ignore", divide="ignore"):
-        found = ranks[:, :-1].T @ ranks[:, -1] / (size[:-1] * size[-1])
-    return np.asarray(np.where((size[:-1] > 0) & (size[-1] > 0), found, np.nan))
+        coefficients = ranks[:, :-1].T @ ranks[:, -1] / (size[:-1] * size[-1])
+    return np.asarray(np.where((size[:-1] > 0) & (size[-1] > 0), coefficients, np.nan))
 
 
 def rank_noise(count: int, confidence: float) -> float:
@@ -148,5 +148,5 @@ def sobol_indices(values: Array, names: Sequence[str], confidence: float, seed: 
         "bounds": [[0.0, 1.0]] * len(names),
     }
     analyze = optional_module("SALib", "analyze.sobol", "saltelli").analyze
-    found = analyze(problem, values, calc_second_order=False, conf_level=confidence, seed=seed)
-    return Indices(*(np.asarray(found[key], dtype=float) for key in ("S1", "S1_conf", "ST", "ST_conf")))
+    indices = analyze(problem, values, calc_second_order=False, conf_level=confidence, seed=seed)
+    return Indices(*(np.asarray(indices[key], dtype=float) for key in ("S1", "S1_conf", "ST", "ST_conf")))

@@ -82,18 +82,18 @@ class SampleStatistics:
 
 def sample_statistics(data: xr.Dataset, evaluator: CampaignEvaluator) -> dict[str, SampleStatistics]:
     """Numbers of a store by set of gains."""
-    campaign, found = evaluator.campaign, {}
+    campaign, statistics_by_set = evaluator.campaign, {}
     for name in map(str, data.gains.values):
         chosen = data.sel(gains=name)
-        lost, told = np.isfinite(chosen.diverged_at.values), ("",) * len(chosen.sample)
+        lost, gap_messages = np.isfinite(chosen.diverged_at.values), ("",) * len(chosen.sample)
         if "gap" in chosen:
             names, largest = map(str, chosen.grasp.values), map(float, chosen.max_gap.values)
             allowed = dict(zip(names, largest, strict=True))
             gaps = (dict(zip(allowed, map(float, row), strict=True)) for row in chosen.gap.values)
-            told = tuple(unclosed(gap, allowed) for gap in gaps)
-        open_ = np.array([bool(words) for words in told], dtype=np.bool_)
-        kept = [str(metric) for metric in campaign.metrics if metric in chosen]
-        values = {m: chosen[m].values for m in kept}
+            gap_messages = tuple(unclosed(gap, allowed) for gap in gaps)
+        open_ = np.array([bool(words) for words in gap_messages], dtype=np.bool_)
+        metric_names = [str(metric) for metric in campaign.metrics if metric in chosen]
+        values = {m: chosen[m].values for m in metric_names}
         metrics = {m: np.where(lost[:, None] | np.isnan(v), np.inf, v) for m, v in values.items()}
         failed = {"unclosed": open_} if "gap" in chosen else {}
         failed["diverged"] = lost & ~open_
@@ -108,10 +108,10 @@ def sample_statistics(data: xr.Dataset, evaluator: CampaignEvaluator) -> dict[st
                 if MISSED in failed and find_quantity(metric).exists is not None:
                     over &= ~failed[MISSED]  # a missed capture exceeds every limit of its time
                 failed[str(find_quantity(metric).limit)] = over
-        places = {m: tuple(map(str, chosen[f"{m}_of"].values)) for m in kept}
-        units = {m: str(chosen[m].attrs["units"]) for m in kept}
-        found[name] = SampleStatistics(metrics, places, units, failed, told, missed)
-    return found
+        places = {m: tuple(map(str, chosen[f"{m}_of"].values)) for m in metric_names}
+        units = {m: str(chosen[m].attrs["units"]) for m in metric_names}
+        statistics_by_set[name] = SampleStatistics(metrics, places, units, failed, gap_messages, missed)
+    return statistics_by_set
 
 
 def summarise(
@@ -164,35 +164,36 @@ def summary_data(
     named = named or named_in(load_head(folder)["notes"])
     if len(data.sample) == 0:
         raise ResultError("holds no sample yet", source=folder)
-    found = sample_statistics(data, evaluator)
+    statistics_by_set = sample_statistics(data, evaluator)
     draws = data.draw.values
-    trust = untrusted(data, {name: sampled.any_failure for name, sampled in found.items()})
+    trust = untrusted(data, {name: sampled.any_failure for name, sampled in statistics_by_set.items()})
     # warnings about samples whose grasps did not close
     warnings = []
-    for name, sampled in found.items():
+    for name, sampled in statistics_by_set.items():
         words = [words for words in sampled.unclosed if words]
         if words:
             count = f"{len(words)} of {len(sampled.unclosed)} samples"
             warnings.append(f"gains {name}: {count} fail before they begin; the first: {words[0]}")
     # every two sets of gains on the same samples: how often one is better, and which fails where
     against = []
-    for (a, first), (b, second) in combinations(found.items(), 2):
+    for (a, first), (b, second) in combinations(statistics_by_set.items(), 2):
         for metric in first.metrics:
             one, other = first.largest(metric), second.largest(metric)
             better, differ = int((one < other).sum()), int((one != other).sum())
-            told = _interval(share(better, differ, campaign.confidence), campaign) if differ else None
-            against.append({"first": a, "second": b, "metric": metric, "first_is_better": told})
+            interval = _interval(share(better, differ, campaign.confidence), campaign) if differ else None
+            against.append({"first": a, "second": b, "metric": metric, "first_is_better": interval})
         fails = {a: first.any_failure, b: second.any_failure}
         only = {name: int((fails[name] & ~fails[rest]).sum()) for name, rest in ((a, b), (b, a))}
         against.append({"first": a, "second": b, "fails_alone": only})
     matters = dict[str, dict[str, Any]]()  # of each metric, and of missed captures
-    for name, sampled in found.items():
+    for name, sampled in statistics_by_set.items():
         values = {metric: sampled.largest(metric) for metric in sampled.metrics}
         if sampled.missed is not None:
             values[MISSED] = sampled.missed.astype(float)
         complete = len(draws) == campaign.count
         matters[name] = {
-            key: what_matters(draws, own, campaign, complete=complete) for key, own in values.items()
+            key: what_matters(draws, metric_values, campaign, complete=complete)
+            for key, metric_values in values.items()
         }
     return {
         "name": evaluator.scene.scenario.name,
@@ -221,7 +222,7 @@ def summary_data(
                 "map": _map(sampled, draws, campaign),
                 "worst": _worst(sampled, data, evaluator, index, named),
             }
-            for index, (name, sampled) in enumerate(found.items())
+            for index, (name, sampled) in enumerate(statistics_by_set.items())
         },
         "rank_noise": noise_of(len(data.sample), campaign),
         "against": against,
@@ -249,12 +250,12 @@ def _percentiles(sampled: SampleStatistics, campaign: Campaign) -> list[dict[str
     rows = []
     for metric, values in sampled.metrics.items():
         for place, column in zip(sampled.places[metric], values.T, strict=True):
-            told = [
+            percentile_rows = [
                 {"percent": q} | _interval(percentile(column, q, campaign.confidence), campaign)
                 for q in campaign.percentiles
             ]
             row = {"metric": metric, "of": place, "unit": sampled.units[metric]}
-            rows.append(row | {"percentiles": told, "largest": _plain(column.max())})
+            rows.append(row | {"percentiles": percentile_rows, "largest": _plain(column.max())})
     return rows
 
 

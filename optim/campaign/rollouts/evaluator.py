@@ -301,17 +301,17 @@ def _member(scene: Scene, campaign: Campaign, sets: int, compiled: bool) -> Gain
         loop = cached_closed_loop(flown.scene, vary=space.paths)
     else:
         loop = cached_closed_loop(scene, vary=space.paths)
-    wanted = [find_quantity(name) for name in campaign.metrics]
-    rolled = with_added_states(loop, scene, wanted, campaign.jitter_frequency)
-    kept = build_campaign_metrics(loop, scene, campaign.metrics, rolled)
-    kinds = {column.metric for column in kept.columns}
+    metric_quantities = [find_quantity(name) for name in campaign.metrics]
+    rolled = with_added_states(loop, scene, metric_quantities, campaign.jitter_frequency)
+    campaign_metrics = build_campaign_metrics(loop, scene, campaign.metrics, rolled)
+    kinds = {column.metric for column in campaign_metrics.columns}
     # the default list has more than any scene; a stored scenario spells it out
-    absent = [each for each in wanted if each.name not in kinds]
+    absent = [each for each in metric_quantities if each.name not in kinds]
     if absent and set(campaign.metrics) != set(default_metrics()):
         reasons = "; ".join(f"{each.name}: {each.absent}" for each in absent)
         remedy = "remove it from the list" if len(absent) == 1 else "remove them from the list"
         raise ScenarioError(f"{reasons}; {remedy}", where="campaign.metrics")
-    if not kept.columns:
+    if not campaign_metrics.columns:
         raise ScenarioError("none of the metrics fits this scene", where="campaign.metrics")
     for name in campaign.limits.given:
         if name not in kinds:
@@ -331,8 +331,12 @@ def _member(scene: Scene, campaign: Campaign, sets: int, compiled: bool) -> Gain
     }
     rollout: Rollout | MpcRollout
     if flown is None:
-        rollout = build_rollout(rolled, duration_s=duration, measures=kept.measures, **options)
+        rollout = build_rollout(rolled, duration_s=duration, measures=campaign_metrics.measures, **options)
     else:
-        rollout = MpcRollout(scene, flown, loop, rolled, kept.measures, duration_s=duration, **options)
-        kept = dataclasses.replace(kept, columns=(*kept.columns, *MPC_COLUMNS))
-    return GainSet(scene, space, kept, recording, rollout)
+        rollout = MpcRollout(
+            scene, flown, loop, rolled, campaign_metrics.measures, duration_s=duration, **options
+        )
+        campaign_metrics = dataclasses.replace(
+            campaign_metrics, columns=(*campaign_metrics.columns, *MPC_COLUMNS)
+        )
+    return GainSet(scene, space, campaign_metrics, recording, rollout)

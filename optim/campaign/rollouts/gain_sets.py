@@ -35,25 +35,25 @@ def gain_sets(scene: Scene, asked: Sequence[str]) -> Gains | None:
     ScenarioError
         If there is no such set, or a result is of other robots.
     """
-    known = {NOMINAL: {}, **campaign_of(scene).gains}
-    found: dict[str, dict[str, Any]] = {}
+    gains_by_name = {NOMINAL: {}, **campaign_of(scene).gains}
+    chosen_gains: dict[str, dict[str, Any]] = {}
     for text in asked:
         name, equals, folder = text.partition("=")
         if equals and not (NAMED.fullmatch(name) and folder):
             allowed = "NAME=DIR, the name of letters, digits, _ and -, at most 64"
             raise ScenarioError(f"found {text!r}, allowed: {allowed}", where="--gains")
-        if equals and name in known:
+        if equals and name in gains_by_name:
             raise ScenarioError(f"{name!r} names a set of the scenario's already", where="--gains")
-        if name in found:
+        if name in chosen_gains:
             raise ScenarioError(f"{name!r} is given twice", where="--gains")
         if equals:
-            found[name] = controllers(scene, Path(folder))
-        elif name in known:
-            found[name] = dict(known[name])
+            chosen_gains[name] = controllers(scene, Path(folder))
+        elif name in gains_by_name:
+            chosen_gains[name] = dict(gains_by_name[name])
         else:
-            hint = f"{near_names(name, known)}; or NAME=DIR with the folder of a result"
+            hint = f"{near_names(name, gains_by_name)}; or NAME=DIR with the folder of a result"
             raise scene.error(f"no set {name!r}; {hint}", "--gains")
-    return found or None
+    return chosen_gains or None
 
 
 def controllers(scene: Scene, folder: Path) -> dict[str, Any]:

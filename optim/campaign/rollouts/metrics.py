@@ -95,7 +95,7 @@ class CampaignMetrics:
 
     def table(self, measured: Mapping[str, Array]) -> Array:
         """Values (N, M) of a batch's measures; NaN where a rollout diverged or has no such value."""
-        known, parts = quantities(), []
+        registry, parts = quantities(), []
         for name in dict.fromkeys(column.metric for column in self.columns):
             if name in LEDGER:
                 parts.append(LEDGER[name](np.asarray(measured[name])))
@@ -103,10 +103,12 @@ class CampaignMetrics:
             if name in PLANS | SOLVE_TIMES:
                 parts.append(np.asarray(measured[name]))
                 continue
-            values = table_values(known[name], measured, self.duration_s)
+            values = table_values(registry[name], measured, self.duration_s)
             labels = np.array(self.labels[name])
-            own = [values[:, labels == label].max(axis=1) for label in dict.fromkeys(self.labels[name])]
-            parts.append(np.column_stack(own))
+            label_maxima = [
+                values[:, labels == label].max(axis=1) for label in dict.fromkeys(self.labels[name])
+            ]
+            parts.append(np.column_stack(label_maxima))
         return np.column_stack(parts)
 
 
@@ -134,12 +136,13 @@ def build_campaign_metrics(
     for name, quantity in quantities().items():
         if name not in wanted:
             continue
-        found, own = measures_of(quantity, context)
-        if found.labels:
-            named |= own
-            labels[name] = found.labels
+        components, measures_by_name = measures_of(quantity, context)
+        if components.labels:
+            named |= measures_by_name
+            labels[name] = components.labels
             columns += [
-                MetricColumn(name, label, quantity.unit_in(scene)) for label in dict.fromkeys(found.labels)
+                MetricColumn(name, label, quantity.unit_in(scene))
+                for label in dict.fromkeys(components.labels)
             ]
     signals = context.signals
     if columns and (instants := captures(context)):

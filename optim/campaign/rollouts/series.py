@@ -99,7 +99,7 @@ def build_recording(loop: ClosedLoop, scene: Scene, wanted: Sequence[str], time_
     joints = sorted(joint for body in scene.bodies for joint in body.arm_joints)
     joint_names = [str(scene.model.names[joint]) for joint in joints]
     labels: Mapping[str, Sequence[str]] = {"joint": joint_names, "axis": AXES}
-    found = []
+    recorded_signals = []
     for name in wanted:
         if name not in sizes:
             raise ScenarioError(f"no signal {name!r}; {near_names(name, sizes)}", where="campaign.series")
@@ -111,8 +111,8 @@ def build_recording(loop: ClosedLoop, scene: Scene, wanted: Sequence[str], time_
         unit = torque_unit(scene) if name == "joint_torque" else variable.unit
         if len(components) != sizes[name]:
             raise ValueError(f"{name} has {sizes[name]} components, {len(components)} are named")
-        found.append(RecordedSignal(name, tuple(components), unit))
-    return SignalRecording(tuple(found), time_s)
+        recorded_signals.append(RecordedSignal(name, tuple(components), unit))
+    return SignalRecording(tuple(recorded_signals), time_s)
 
 
 def check_size(recording: SignalRecording, samples: int, sets: int) -> None:
@@ -123,13 +123,13 @@ def check_size(recording: SignalRecording, samples: int, sets: int) -> None:
     ScenarioError
         With the numbers that make it large.
     """
-    whole = samples * sets * recording.bytes_per_rollout
-    if whole > MOST_BYTES:
+    size_bytes = samples * sets * recording.bytes_per_rollout
+    if size_bytes > MOST_BYTES:
         factors = (
             f"{samples} samples x {sets} sets of gains x {len(recording.time)} times x {recording.width}"
         )
         raise ScenarioError(
-            f"would take {whole / 1e9:.3g} GB ({factors} numbers x {BYTES_EACH} bytes), allowed: "
+            f"would take {size_bytes / 1e9:.3g} GB ({factors} numbers x {BYTES_EACH} bytes), allowed: "
             f"{MOST_BYTES / 1e9:g} GB; keep fewer signals or raise series_step",
             where="campaign.series",
         )

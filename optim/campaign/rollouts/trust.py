@@ -110,40 +110,42 @@ def untrusted(data: xr.Dataset, failed: Mapping[str, Mask]) -> dict[str, dict[st
     failed
         Whether each sample failed (n,), by set of gains.
     """
-    found = {}
+    untrusted_sets = {}
     for name, lost in failed.items():
         worst = {kind: data[kind].sel(gains=name).values.max(axis=1) for kind in LIMITS if kind in data}
         if not worst:
             continue
         # not those that diverged, which have none
         doubtful = np.logical_or.reduce([values > LIMITS[kind] for kind, values in worst.items()])
-        found[name] = {
+        untrusted_sets[name] = {
             "count": int(doubtful.sum()),
             "of": int(np.isfinite(next(iter(worst.values()))).sum()),
             "not_failed": int((doubtful & ~lost).sum()),
             "largest": {k: float(np.nan_to_num(values).max(initial=0.0)) for k, values in worst.items()},
         }
-    return found
+    return untrusted_sets
 
 
 def doubts(found: Mapping[str, Mapping[str, Any]], campaign: Campaign) -> list[str]:
     """Warnings about open ledgers, in sentences; none where all are closed."""
     sentences = []
-    for name, told in found.items():
-        if told["count"]:
-            kept = told["not_failed"]
-            failing = "all of them count as failed" if not kept else f"{kept} of them do not count as failed"
-            over = {kind for kind, value in told["largest"].items() if value > LIMITS[kind]}
+    for name, entry in found.items():
+        if entry["count"]:
+            passing = entry["not_failed"]
+            failing = (
+                "all of them count as failed" if not passing else f"{passing} of them do not count as failed"
+            )
+            over = {kind for kind, value in entry["largest"].items() if value > LIMITS[kind]}
             faults = ["leave the ledger open"] if over - {DEPTH} else []
             faults += ["press bodies too deep into each other"] if DEPTH in over else []
             largest = ", ".join(
                 f"{kind.replace('_', ' ')} at most {share(value)}, allowed {100 * LIMITS[kind]:g} %"
-                for kind, value in told["largest"].items()
+                for kind, value in entry["largest"].items()
             )
             advice = [f"a campaign.step shorter than {campaign.step:g} s"] if over - {DEPTH} else []
             advice += ["a stiffer contact, or a lower speed"] if DEPTH in over else []
             sentences.append(
-                f"With the gains {name}, {told['count']} of {told['of']} completed rollouts "
+                f"With the gains {name}, {entry['count']} of {entry['of']} completed rollouts "
                 f"{' or '.join(faults)} ({largest}): their numbers are not to be trusted ({failing}). Try "
                 f"{'; '.join(advice)}."
             )

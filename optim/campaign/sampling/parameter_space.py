@@ -91,9 +91,9 @@ def resolve_space(scene: Scene, campaign: Campaign) -> ParameterSpace:
         If a path is not in the scenario, is no number, or stands in two parameters.
     """
     named = {name: parameter.paths for name, parameter in campaign.parameters.items()}
-    found = find_numbers(scene, named, "campaign.parameters")
-    owners = [index for index, name in enumerate(named) for _ in found[name]]
-    numbers = [number for name in named for number in found[name]]
+    numbers_by_name = find_numbers(scene, named, "campaign.parameters")
+    owners = [index for index, name in enumerate(named) for _ in numbers_by_name[name]]
+    numbers = [number for name in named for number in numbers_by_name[name]]
     applied = [list(campaign.parameters.values())[index].apply for index in owners]
     pairs = list(zip(numbers, applied, strict=True))
     return ParameterSpace(

@@ -53,10 +53,10 @@ class CampaignStore:
             for path in sorted((self.folder / CHUNKS).glob("?????????-?????????.npz")):
                 begin, end = (int(part) for part in path.stem.split("-"))
                 try:
-                    whole = len(_read(path)) == end - begin > 0 and end <= self.count
+                    complete = len(_read(path)) == end - begin > 0 and end <= self.count
                 except ResultError:
-                    whole = False
-                if whole and self._note(begin, end):
+                    complete = False
+                if complete and self._note(begin, end):
                     self._chunks.append((begin, end))
                 else:
                     path.unlink()
@@ -120,8 +120,8 @@ class CampaignStore:
                     os.fsync(file.fileno())
                 (stage / DATA).replace(path)
         except (OSError, RuntimeError) as fault:
-            kept = f"what was rolled out stays in {CHUNKS}; free disk space and start again"
-            raise ResultError(f"cannot be written: {fault}; {kept}", source=path) from None
+            remedy = f"what was rolled out stays in {CHUNKS}; free disk space and start again"
+            raise ResultError(f"cannot be written: {fault}; {remedy}", source=path) from None
         finally:
             shutil.rmtree(stage, ignore_errors=True)
         if complete:
@@ -156,20 +156,24 @@ def open_store(
     """
     with _held(folder):
         head = folder / HEAD
-        found: dict[str, Any] = {}
+        stored_head: dict[str, Any] = {}
         if head.exists():
-            found = load_head(folder)
+            stored_head = load_head(folder)
             # refuse a folder that holds another campaign, with the first thing that differs
-            differs = difference(found, identity)
+            differs = difference(stored_head, identity)
             if differs is not None:
                 what = differs or "made by another version of the library"
                 message = f"holds another campaign: {what}; name another folder, or remove this one"
                 raise ResultError(message, source=folder)
-        wanted = {"format": FORMAT, **identity, "notes": found.get("notes", {}) if notes is None else notes}
-        if plugins := plugin_records() or found.get("plugins"):
-            wanted["plugins"] = plugins
-        text = json.dumps(wanted, indent=1) + "\n"
-        if found != json.loads(text):
+        new_head = {
+            "format": FORMAT,
+            **identity,
+            "notes": stored_head.get("notes", {}) if notes is None else notes,
+        }
+        if plugins := plugin_records() or stored_head.get("plugins"):
+            new_head["plugins"] = plugins
+        text = json.dumps(new_head, indent=1) + "\n"
+        if stored_head != json.loads(text):
             write_text(head, text)
         yield CampaignStore(folder, count)
 
@@ -184,33 +188,33 @@ def load_head(folder: Path) -> dict[str, Any]:
     """
     path = folder / HEAD
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        head = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as fault:
         raise ResultError(f"cannot be read: {fault}", source=path) from None
-    layout = found.get("format") if isinstance(found, dict) else None
+    layout = head.get("format") if isinstance(head, dict) else None
     if layout != FORMAT:
         raise ResultError(
             f"written by another version: layout {layout}, this one reads {FORMAT}; run the campaign again "
             "in another folder",
             source=path,
         )
-    return dict(found)
+    return dict(head)
 
 
-def difference(found: Mapping[str, Any], identity: Mapping[str, Any]) -> str | None:
+def difference(head: Mapping[str, Any], identity: Mapping[str, Any]) -> str | None:
     """In what a folder's campaign differs from another one; empty if it cannot be told, None if it does not.
 
     Parameters
     ----------
-    found
-        What :func:`load_head` gave.
+    head
+        Contents of ``campaign.json``, as :func:`load_head` returns them.
     identity
         What decides the other one's numbers.
     """
-    if found.get("fingerprint") == identity["fingerprint"]:
+    if head.get("fingerprint") == identity["fingerprint"]:
         return None
     parts = ("scenario", "gains", "urdf")
-    old, new = (dict(leaves({part: given.get(part) for part in parts})) for given in (found, identity))
+    old, new = (dict(leaves({part: document.get(part) for part in parts})) for document in (head, identity))
     differs = [path for path in dict.fromkeys([*old, *new]) if old.get(path) != new.get(path)]
     if not differs:
         return ""

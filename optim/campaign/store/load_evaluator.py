@@ -56,8 +56,8 @@ def reopen(folder: StrPath) -> CampaignEvaluator:
     except ResultError:
         raise
     except SpaceRobotError as fault:
-        found = f"cannot be made a scene again: {fault.message}"
-        raise ResultError(found, source=folder / HEAD, where=fault.where) from None
+        message = f"cannot be made a scene again: {fault.message}"
+        raise ResultError(message, source=folder / HEAD, where=fault.where) from None
     identity = evaluator.identity(draws)
     differs = difference(head, identity)
     if differs is not None:

@@ -96,8 +96,8 @@ def check_layout(path: Path, evaluator: CampaignEvaluator) -> None:
                 if name not in file.variables:
                     missing.append(f"no variable {name!r}")
                 elif file[name].dimensions != dims:
-                    found = ", ".join(file[name].dimensions)
-                    missing.append(f"{name}: found the dimensions {found}, allowed: {', '.join(dims)}")
+                    dimensions = ", ".join(file[name].dimensions)
+                    missing.append(f"{name}: found the dimensions {dimensions}, allowed: {', '.join(dims)}")
                 elif name in (*metrics, *series) and "units" not in file[name].ncattrs():
                     missing.append(f"{name}: no attribute 'units'")
     except (OSError, RuntimeError) as fault:
@@ -139,41 +139,43 @@ def load_campaign(folder: StrPath, series: Sequence[str] = ()) -> xr.Dataset:
         raise ResultError(f"holds no campaign that can be read: no {DATA}", source=folder)
     try:
         with xr.open_dataset(path, engine="netcdf4") as lazy:
-            kept = [str(name) for name in lazy.data_vars if "time" in lazy[name].dims]
-            left = [name for name in kept if name not in series]
-            unused = [f"{name}_of" for name in left] + ([] if set(kept) - set(left) else ["time"])
+            series_names = [str(name) for name in lazy.data_vars if "time" in lazy[name].dims]
+            left = [name for name in series_names if name not in series]
+            unused = [f"{name}_of" for name in left] + ([] if set(series_names) - set(left) else ["time"])
             for name in series:
-                if name not in kept:
-                    raise ResultError(f"keeps no series {name!r}; {near_names(name, kept)}", source=path)
-            found = lazy.drop_vars([*left, *(name for name in unused if name in lazy.variables)]).load()
+                if name not in series_names:
+                    raise ResultError(
+                        f"keeps no series {name!r}; {near_names(name, series_names)}", source=path
+                    )
+            data = lazy.drop_vars([*left, *(name for name in unused if name in lazy.variables)]).load()
     except (OSError, ValueError, RuntimeError) as fault:
         raise ResultError(f"cannot be read: {fault}", source=path) from None
-    if found.attrs.get("format") != FORMAT:
+    if data.attrs.get("format") != FORMAT:
         raise ResultError(
-            f"written by another version: layout {found.attrs.get('format')}, this one reads {FORMAT}; "
+            f"written by another version: layout {data.attrs.get('format')}, this one reads {FORMAT}; "
             "run the campaign again in another folder",
             source=path,
         )
-    return found
+    return data
 
 
 def blocks(
     tables: Iterator[tuple[int, SampleTable]], rows: int
 ) -> Iterator[tuple[np.typing.NDArray[np.int64], SampleTable]]:
     """The same samples in blocks of so many rows, the last one may be shorter; with the samples' numbers."""
-    kept: list[tuple[np.typing.NDArray[np.int64], SampleTable]] = []
+    pending: list[tuple[np.typing.NDArray[np.int64], SampleTable]] = []
     count = 0
     for begin, table in tables:
         at = 0
         while at < len(table):
             part = slice(at, min(at + rows - count, len(table)))
-            kept.append((np.arange(begin + part.start, begin + part.stop), table.part(part)))
+            pending.append((np.arange(begin + part.start, begin + part.stop), table.part(part)))
             count, at = count + part.stop - part.start, part.stop
             if count == rows:
-                yield _joined(kept)
-                kept, count = [], 0
-    if kept:
-        yield _joined(kept)
+                yield _joined(pending)
+                pending, count = [], 0
+    if pending:
+        yield _joined(pending)
 
 
 def _joined(

@@ -42,49 +42,49 @@ class BaseWrenchLimits:
 def base_wrench_limits(limits: Mapping[str, PlanLimit], body: SceneBody, planar: bool) -> BaseWrenchLimits:
     """Limits of a floating base."""
     asked = section_base_limits(limits)
-    most, told = np.zeros(6), dict[str, None]()
+    most, sources = np.zeros(6), dict[str, None]()
     # Greatest force and torque by axis, each with the actuators that they are of. Actuators act one after the
     # other, so that limits are joined from the last one on. Wheels count where nothing else gives a part.
-    own: dict[WrenchPart, tuple[Array, str]] = {}
+    actuator_limits: dict[WrenchPart, tuple[Array, str]] = {}
     driven_by = body.config.driven_by() if isinstance(body.config, Robot) else ()
     acting = [(where.rpartition(".")[2], one) for where, one in driven_by]
     for name, one in reversed([named for named in acting if named[1].momentum_storage() is None]):
         for part, values in one.wrench_limits(planar=planar).items():
-            after, names = own.get(part, (None, ""))
+            after, names = actuator_limits.get(part, (None, ""))
             joined = values if after is None else one.joined_limits(values, after)
-            own[part] = joined, f"{name} and {names}" if names else name
+            actuator_limits[part] = joined, f"{name} and {names}" if names else name
     for name, one in acting:
         if one.momentum_storage() is not None:
             for part, values in one.wrench_limits(planar=planar).items():
-                own.setdefault(part, (values, name))
+                actuator_limits.setdefault(part, (values, name))
     if only_wheels(body) is not None and asked.get("force"):
-        own = {"torque": own["torque"]}
+        actuator_limits = {"torque": actuator_limits["torque"]}
     for part, first in PARTS.items():
         if part in asked:
             most[first : first + 3] = asked[part]
-        elif part in own:
-            values, name = own[part]
+        elif part in actuator_limits:
+            values, name = actuator_limits[part]
             most[first : first + 3] = values
-            told[name] = None
-    if told and only_wheels(body) is not None and not most[:3].any():
+            sources[name] = None
+    if sources and only_wheels(body) is not None and not most[:3].any():
         most[3:] = np.inf  # the motors' own limits hold, wheel by wheel
-    return BaseWrenchLimits(most, " and ".join(told))
+    return BaseWrenchLimits(most, " and ".join(sources))
 
 
 def section_base_limits(limits: Mapping[str, PlanLimit]) -> dict[WrenchPart, float]:
     """Lowest of the section's limits of the force [N] and the torque [N m] on bases, where it gives any."""
-    found = dict[WrenchPart, float]()
+    lowest = dict[WrenchPart, float]()
     for limit in limits.values():
         for part, value in limit.base_limits().items():
-            found[part] = min(value, found.get(part, np.inf))
-    return found
+            lowest[part] = min(value, lowest.get(part, np.inf))
+    return lowest
 
 
 def limiting_actuators(scene: Scene, plans: Iterable[PlanSection]) -> dict[str, str]:
     """By robot, the actuators whose limits hold for its base because the section gives none."""
     bodies = [body for body in scene.robots if body.root_joint]
-    told = {
+    sources = {
         body.name: dict.fromkeys(base_wrench_limits(plan.limits, body, scene.planar).source for plan in plans)
         for body in bodies
     }
-    return {name: ", ".join(filter(None, own)) for name, own in told.items() if any(own)}
+    return {name: ", ".join(filter(None, actuators)) for name, actuators in sources.items() if any(actuators)}

@@ -46,13 +46,13 @@ def magnitudes(stage: Stage, plan: PlanSection) -> dict[str, ca.SX]:
     They are linear in what drives the robots. The search splits each into two parts, f = f+ - f- with
     f+ >= 0 and f- >= 0, whose sum is the magnitude where it is least.
     """
-    found = dict[str, ca.SX]()
+    forces_by_name = dict[str, ca.SX]()
     for name, cost in plan.costs.items():
         if cost.weight and cost.weighs.reducer == "magnitude":
             columns = cost.columns(InstantView(stage, f"plan.costs.{name}", plan.goals))
             forces = ca.vertcat(ca.SX(0, 1), *columns.values())
-            found[name] = forces[forces.sparsity().row()]
-    return {name: forces for name, forces in found.items() if forces.numel()}
+            forces_by_name[name] = forces[forces.sparsity().row()]
+    return {name: forces for name, forces in forces_by_name.items() if forces.numel()}
 
 
 def split_parts(stage: Stage, forces: Mapping[str, ca.SX]) -> list[tuple[ca.SX, ca.SX]]:

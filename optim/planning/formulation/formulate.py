@@ -63,18 +63,18 @@ def scene_with_plan_model(scene: Scene) -> Scene:
                 f"found {path!r}, allowed: paths in robots, target, grasps and gravity", "plan.model"
             )
     try:
-        found = build_scene(scene.scenario, changes, source=scene.source)
+        plan_scene = build_scene(scene.scenario, changes, source=scene.source)
     except ScenarioError as fault:
-        told = f"{str(fault.where or '').removeprefix('--set ')}: {fault.message}"
-        raise scene.error(told, "plan.model") from None
-    same = list(found.model.names) == list(scene.model.names)
-    if not (same and np.array_equal(found.q, scene.q) and np.array_equal(found.v, scene.v)):
+        message = f"{str(fault.where or '').removeprefix('--set ')}: {fault.message}"
+        raise scene.error(message, "plan.model") from None
+    same = list(plan_scene.model.names) == list(scene.model.names)
+    if not (same and np.array_equal(plan_scene.q, scene.q) and np.array_equal(plan_scene.v, scene.v)):
         raise scene.error(
             "changes where or with what the motion begins; allowed: masses, inertias and other numbers that "
             "leave configuration and velocity at the start as they are",
             "plan.model",
         )
-    return found
+    return plan_scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,10 +118,10 @@ def formulate_phases(scene: Scene) -> tuple[PhaseProblem, ...]:
     ScenarioError
         If the section asks for what there is not.
     """
-    whole, scene = plan_section(scene), scene_with_plan_model(scene)
-    if whole.choices:
+    section, scene = plan_section(scene), scene_with_plan_model(scene)
+    if section.choices:
         raise scene.error(
-            f"{next(iter(whole.choices))!r} is chosen where one plan is made; decide here, and give `{{}}`",
+            f"{next(iter(section.choices))!r} is chosen where one plan is made; decide here, and give `{{}}`",
             "plan.choices",
         )
     if scene.scenario.environment:
@@ -129,12 +129,12 @@ def formulate_phases(scene: Scene) -> tuple[PhaseProblem, ...]:
             f"found {next(iter(scene.scenario.environment))!r}; plans know gravity alone, and no environment",
             "environment",
         )
-    found, before = list[PhaseProblem](), tuple[SceneGrasp, ...]()
+    problems, before = list[PhaseProblem](), tuple[SceneGrasp, ...]()
     for (name, plan), closed in zip(
-        whole.by_phase.items(), closed_grasps_by_phase(scene, whole), strict=True
+        section.by_phase.items(), closed_grasps_by_phase(scene, section), strict=True
     ):
-        impact = bool(found) and any(is_rigid(grasp) and grasp not in before for grasp in closed)
-        with located_in_phase(whole, name):
+        impact = bool(problems) and any(is_rigid(grasp) and grasp not in before for grasp in closed)
+        with located_in_phase(section, name):
             stage = Stage.of(scene, driven_coordinates(scene, plan.limits), closed)
             forces = magnitudes(stage, plan)
             parts = ca.SX.sym("s", 2 * sum(each.numel() for each in forces.values()))
@@ -147,9 +147,11 @@ def formulate_phases(scene: Scene) -> tuple[PhaseProblem, ...]:
             inertia = np.empty(0)
             if target is not None and stage.inertia.numel():
                 inertia = np.array(scene.model.inertias[target.root_joint].toDynamicParameters())
-            fixed = np.concatenate([scene.q, close_velocity(scene) if stage.grips and not found else scene.v])
+            fixed = np.concatenate(
+                [scene.q, close_velocity(scene) if stage.grips and not problems else scene.v]
+            )
             begin, beginning = initial_conditions(stage, plan, fixed, (lower, upper))
-            if found:  # one that does not begin the plan begins where the one before it ends
+            if problems:  # one that does not begin the plan begins where the one before it ends
                 begin = (np.full(fixed.size, -np.inf), np.full(fixed.size, np.inf))
             problem = PlanningProblem(
                 stage=stage,
@@ -174,17 +176,17 @@ def formulate_phases(scene: Scene) -> tuple[PhaseProblem, ...]:
                 magnitudes=forces,
                 inertia=inertia,
             )
-            found.append(PhaseProblem(name, plan, problem, impact))
+            problems.append(PhaseProblem(name, plan, problem, impact))
         before = closed
-    return tuple(found)
+    return tuple(problems)
 
 
-def check_weights(whole: PlanSection, phases: Sequence[PhaseProblem]) -> None:
+def check_weights(section: PlanSection, phases: Sequence[PhaseProblem]) -> None:
     """Refuse a weight on what there is in no phase.
 
     Parameters
     ----------
-    whole, phases
+    section, phases
         The plan section, and the problems of its phases.
 
     Raises
@@ -192,11 +194,11 @@ def check_weights(whole: PlanSection, phases: Sequence[PhaseProblem]) -> None:
     ScenarioError
         Naming the term.
     """
-    found = {name for phase in phases for name in (*phase.problem.terms, *phase.problem.ends)}
+    term_names = {name for phase in phases for name in (*phase.problem.terms, *phase.problem.ends)}
     for phase in phases:
         for name, cost in phase.plan.costs.items():
-            if cost.weight and name != "time" and name not in found:
-                with located_in_phase(whole, phase.name):
+            if cost.weight and name != "time" and name not in term_names:
+                with located_in_phase(section, phase.name):
                     raise phase.problem.stage.scene.error(
                         f"found a weight of {cost.weight:g}, but {cost.weighs.absent}; or leave the "
                         "weight out",
@@ -225,7 +227,7 @@ def located_in_phase(whole: PlanSection, name: str) -> Iterator[None]:
         raise ScenarioError(fault.message, source=fault.source, where=where) from None
 
 
-def closed_grasps_by_phase(scene: Scene, whole: PlanSection) -> Iterator[tuple[SceneGrasp, ...]]:
+def closed_grasps_by_phase(scene: Scene, section: PlanSection) -> Iterator[tuple[SceneGrasp, ...]]:
     """Grasps that hold in each phase of a plan: those that phases before it captured and did not release.
 
     Raises
@@ -235,15 +237,15 @@ def closed_grasps_by_phase(scene: Scene, whole: PlanSection) -> Iterator[tuple[S
         springs.
     """
     closed, open_ = {grasp.name: grasp for grasp in closed_grasps(scene)}, {g.name: g for g in scene.grasps}
-    for name, plan in whole.by_phase.items():
+    for name, plan in section.by_phase.items():
         phase = scene.scenario.phases.get(name) if name else None
         for let_go in phase.releases if phase is not None else ():
             closed.pop(let_go, None)
         yield tuple(closed.values())
         captured = (phase.until.captured or ()) if phase is not None and phase.until is not None else ()
-        if name == [*whole.by_phase][-1]:
+        if name == [*section.by_phase][-1]:
             return  # what closes behind the plan, closes as the scenario says
-        for grasp in (open_[own] for own in captured):
+        for grasp in (open_[label] for label in captured):
             # refuse a capture that no goal leads to, or a spring that would be strained by it
             config, where = grasp.config, f"plan.phases.{name}.goals"
             mating = mated(config, plan.goals)

@@ -45,13 +45,13 @@ def goal_rows(stage: Stage, goals: Mapping[str, Goal]) -> Iterator[BoundedRow]:
         twist = goal.settling(view)
         if twist is not None:
             twists.setdefault(goal.body, []).append(twist)
-    for robot, own in twists.items():
+    for robot, components in twists.items():
         joints = bodies[robot].driven_joints
         columns = [int(model.idx_vs[joint]) for joint in joints]
         names, rates = [model.names[joint] for joint in joints], stage.v[columns]
         for name, acceleration in zip(names, ca.vertsplit(stage.a[columns]), strict=True):
             yield zero(f"settled: acceleration of {name}", "rad/s2 or m/s2", acceleration)
-        slopes = ca.densify(ca.jacobian(ca.vertcat(*own), stage.v)[:, columns])
+        slopes = ca.densify(ca.jacobian(ca.vertcat(*components), stage.v)[:, columns])
         taken, count = slopes.shape
         if taken >= count:
             continue

@@ -32,15 +32,15 @@ def closed_grasps(scene: Scene) -> tuple[SceneGrasp, ...]:
     ScenarioError
         If one of them is neither rigid nor springs and dampers.
     """
-    found = begun(scene.grasps)
-    for grasp in found:
+    initial_grasps = begun(scene.grasps)
+    for grasp in initial_grasps:
         if not is_rigid(grasp) and not grasp.config.has_springs:
             raise scene.error(
                 f"found {grasp.config.kind!r}, closed from the start; plans know rigid grasps, "
                 "and springs and dampers",
                 grasp.path,
             )
-    return found
+    return initial_grasps
 
 
 def wrench_axes(scene: Scene, grasp: SceneGrasp) -> list[str]:
@@ -52,16 +52,16 @@ def wrench_axes(scene: Scene, grasp: SceneGrasp) -> list[str]:
 
 def tip_slip(scene: Scene, kinematics: Kinematics, grasps: Sequence[SceneGrasp]) -> ca.SX:
     """Velocity of each tip relative to the target's point there (n x 1), as :func:`wrench_axes` orders it."""
-    model, found = scene.model, ca.SX(0, 1)
+    model, velocities = scene.model, ca.SX(0, 1)
     for grasp in grasps:
         (speed, spin), (moving, turning) = (
             frame_velocity(model, kinematics, frame) for frame in (grasp.tip.frame, grasp.frame)
         )
         linear = speed - moving - cross(turning, _gap(scene, kinematics, grasp))
-        found = ca.vertcat(found, linear[list(scene.translation_axes)])
+        velocities = ca.vertcat(velocities, linear[list(scene.translation_axes)])
         if grasp.config.holds_orientation:
-            found = ca.vertcat(found, (spin - turning)[list(scene.rotation_axes)])
-    return found
+            velocities = ca.vertcat(velocities, (spin - turning)[list(scene.rotation_axes)])
+    return velocities
 
 
 def spring_wrench(scene: Scene, kinematics: Kinematics, grasp: SceneGrasp) -> tuple[ca.SX, ca.SX]:
@@ -86,10 +86,10 @@ def spring_wrench(scene: Scene, kinematics: Kinematics, grasp: SceneGrasp) -> tu
             data = scene.model.createData()
             pin.framesForwardKinematics(scene.model, data, np.array(scene.q))
             rest = np.asarray(data.oMf[grasp.frame].rotation.T @ data.oMf[grasp.tip.frame].rotation)
-        wanted = ca.mtimes(mate, exact_directions(rest))
-        relative = ca.mtimes(wanted.T, held)
+        rest_rotation = ca.mtimes(mate, exact_directions(rest))
+        relative = ca.mtimes(rest_rotation.T, held)
         flat = ca.atan2(relative[1, 0], relative[0, 0])
-        twist[about] = flat if scene.planar else ca.mtimes(wanted, rotation_log(relative))
+        twist[about] = flat if scene.planar else ca.mtimes(rest_rotation, rotation_log(relative))
         spin[about] = rate[len(along) :]
     tip = Displacement(gap, twist, velocity, spin)
     force, torque = config.spring_wrench(lambda key: ca.SX(getattr(config, key)), tip)

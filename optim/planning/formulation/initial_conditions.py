@@ -43,18 +43,19 @@ def initial_conditions(
     for name, room in plan.start.items():
         where = f"plan.start.{name}"
         body = find_robot(stage.scene, name, where)
-        for _, joint, given in joints_named(stage.scene, body, room.joints, f"{where}.joints"):
+        for _, joint, freedom in joints_named(stage.scene, body, room.joints, f"{where}.joints"):
             # refuse an angle of a prismatic joint, and an offset of another one
             urdf = urdf_joint(stage.scene, body, joint)
             key = "offset" if urdf.kind == "prismatic" else "angle_deg"
-            if getattr(given, key) is None:
+            if getattr(freedom, key) is None:
                 raise stage.scene.error(f"{urdf.name} is {urdf.kind}: give `{key}`", f"{where}.joints")
-            own, reach = model.joints[joint], np.radians(given.angle_deg or 0.0) + (given.offset or 0.0)
-            if own.nq == 2:
-                rows.append(_turned(stage, own.idx_q, reach, sides, f"start of {model.names[joint]}"))
+            joint_model = model.joints[joint]
+            reach = np.radians(freedom.angle_deg or 0.0) + (freedom.offset or 0.0)
+            if joint_model.nq == 2:
+                rows.append(_turned(stage, joint_model.idx_q, reach, sides, f"start of {model.names[joint]}"))
             else:
-                least[own.idx_q] -= reach
-                greatest[own.idx_q] += reach
+                least[joint_model.idx_q] -= reach
+                greatest[joint_model.idx_q] += reach
         if room.places:
             if not body.root_joint:
                 raise stage.scene.error(
@@ -62,19 +63,23 @@ def initial_conditions(
                     "place it",
                     where,
                 )
-            own = model.joints[body.root_joint]
-            if (own.nv == 3 and room.position[2]) or (own.nv == 6 and room.rotation_deg):
-                key = "position" if own.nv == 3 else "rotation_deg"
-                told = (
-                    "a planar base stays in its plane" if own.nv == 3 else "only a planar base begins turned"
+            joint_model = model.joints[body.root_joint]
+            if (joint_model.nv == 3 and room.position[2]) or (joint_model.nv == 6 and room.rotation_deg):
+                key = "position" if joint_model.nv == 3 else "rotation_deg"
+                message = (
+                    "a planar base stays in its plane"
+                    if joint_model.nv == 3
+                    else "only a planar base begins turned"
                 )
-                raise stage.scene.error(told, f"{where}.{key}")
-            axes = 2 if own.nv == 3 else 3
-            least[own.idx_q : own.idx_q + axes] -= room.position[:axes]
-            greatest[own.idx_q : own.idx_q + axes] += room.position[:axes]
+                raise stage.scene.error(message, f"{where}.{key}")
+            axes = 2 if joint_model.nv == 3 else 3
+            least[joint_model.idx_q : joint_model.idx_q + axes] -= room.position[:axes]
+            greatest[joint_model.idx_q : joint_model.idx_q + axes] += room.position[:axes]
             if room.rotation_deg:
                 turn = np.radians(room.rotation_deg)
-                rows.append(_turned(stage, own.idx_q + 2, turn, sides, f"start of {body.name}'s base"))
+                rows.append(
+                    _turned(stage, joint_model.idx_q + 2, turn, sides, f"start of {body.name}'s base")
+                )
     # refuse a free placement where something counts from it, and free starts of what is held
     if stage.grips:
         raise stage.scene.error(

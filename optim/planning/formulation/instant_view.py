@@ -146,13 +146,13 @@ class InstantView:
         """Position and rate of each joint of a body's flexible links."""
         model, bodies = self.stage.scene.model, {one.name: one.passive for one in self.stage.scene.bodies}
         flexible = {name: passive for name, passive in bodies.items() if passive}
-        own = self._named(flexible, f"flexible links of {body!r}", body, key)
-        joints = {model.names[joint]: model.joints[joint] for joint in own}
+        selected_joints = self._named(flexible, f"flexible links of {body!r}", body, key)
+        joints = {model.names[joint]: model.joints[joint] for joint in selected_joints}
         return {name: (self.stage.q[one.idx_q], self.stage.v[one.idx_v]) for name, one in joints.items()}
 
     def bases(self) -> dict[str, PlannedBase]:
         """Floating bases, by robot."""
-        stage, found = self.stage, {}
+        stage, planned_bases = self.stage, {}
         scene, moving = stage.scene, stage.kinematics
         still = forward_kinematics(scene.model, ca.SX(np.asarray(scene.q)))
         for body in scene.robots:
@@ -168,8 +168,8 @@ class InstantView:
             turn[list(self.turns)] = self.turned(began, moving.rotation[root])
             shift = moving.origin[root] - ca.SX(ca.DM(still.origin[root]))
             frame = self._frame(body.root_frame)
-            found[body.name] = PlannedBase(frame, turn, shift, wrench[:3], wrench[3:])
-        return found
+            planned_bases[body.name] = PlannedBase(frame, turn, shift, wrench[:3], wrench[3:])
+        return planned_bases
 
     def base_reactions(self) -> dict[str, tuple[ca.SX, ca.SX]]:
         """Wrenches that the robots' arms put on their bases, by robot: force [N], and torque about the root
@@ -181,18 +181,18 @@ class InstantView:
         """
         stage, scene, model = self.stage, self.stage.scene, self.stage.scene.model
         moving = stage.kinematics
-        inertias, found = Inertias.from_model(model), {}
+        inertias, reactions = Inertias.from_model(model), {}
         state, rate = ca.vertcat(stage.q, stage.v), ca.vertcat(stage.rate, stage.a)
         for body in scene.robots:
             # panels of the base are part of it, flexible booms of the arm
-            own = set(body.driven_joints)
-            panels = [j for j in body.passive if own.isdisjoint(model.supports[j])]
+            arm_joints = set(body.driven_joints)
+            panels = [j for j in body.passive if arm_joints.isdisjoint(model.supports[j])]
             floating = (body.root_joint, *body.owned, *panels)
             joints = floating if body.root_joint else body.joints
             # what the bodies' motion takes in addition to gravity and grasps, about the root link's origin
             momenta = ca.vertcat(*momentum(model, moving, inertias, joints))
-            whole = ca.jtimes(momenta, state, rate)
-            force, torque = whole[:3], whole[3:]
+            momentum_rate = ca.jtimes(momenta, state, rate)
+            force, torque = momentum_rate[:3], momentum_rate[3:]
             weight = total_mass(model, inertias, joints) * sparse(np.asarray(model.gravity.linear))
             acting = [(weight, centre_of_mass(model, moving, inertias, joints))] if weight.nnz() else []
             for grip in (*stage.grips, *stage.springs):
@@ -213,8 +213,8 @@ class InstantView:
                     first = 0 if axis[0] == "f" else 3
                     wrench[first : first + 3] -= rotation[:, "xyz".index(axis[1])] * drive
             about = [3 + axis for axis in self.turns]
-            found[body.name] = wrench[list(self.axes)], wrench[about]
-        return found
+            reactions[body.name] = wrench[list(self.axes)], wrench[about]
+        return reactions
 
     def grips(self) -> dict[str, tuple[ca.SX, ca.SX]]:
         """Force and torque on its tip of each grasp that holds, by grasp."""
@@ -222,14 +222,16 @@ class InstantView:
 
     def wheels(self) -> dict[str, PlannedWheels]:
         """Reaction wheels that alone turn a base, by robot."""
-        found = wheel_driven_bases(self.stage)
-        if not found:
+        driven_bases = wheel_driven_bases(self.stage)
+        if not driven_bases:
             raise self.stage.scene.error(
                 "no robot's base is turned by one set of `reaction_wheels` alone, so that momentum is not "
                 "conserved or there is none; leave it out, or `base_force` and other actuators of the base",
                 self.where,
             )
-        return {name: PlannedWheels(one.momenta, one.speeds, one.motors) for name, one in found.items()}
+        return {
+            name: PlannedWheels(one.momenta, one.speeds, one.motors) for name, one in driven_bases.items()
+        }
 
     def gaps(self, between: tuple[str, str], wrap: Wrap | None) -> Iterator[tuple[str, ca.SX, Implicit]]:
         """Distances of pairs of shapes."""
@@ -243,12 +245,12 @@ class InstantView:
         return there[name]
 
     def _joint(self, name: str, joint: int) -> JointCoordinate:
-        own, stage = self.stage.scene.model.joints[joint], self.stage
-        place = slice(own.idx_q, own.idx_q + own.nq)
-        model, bounded = stage.scene.model, own.nq == own.nv
-        lower = float(model.lowerPositionLimit[own.idx_q]) if bounded else -np.inf
-        upper = float(model.upperPositionLimit[own.idx_q]) if bounded else np.inf
-        return JointCoordinate(name, stage.q[place], stage.v[own.idx_v], lower, upper)
+        joint_model, stage = self.stage.scene.model.joints[joint], self.stage
+        place = slice(joint_model.idx_q, joint_model.idx_q + joint_model.nq)
+        model, bounded = stage.scene.model, joint_model.nq == joint_model.nv
+        lower = float(model.lowerPositionLimit[joint_model.idx_q]) if bounded else -np.inf
+        upper = float(model.upperPositionLimit[joint_model.idx_q]) if bounded else np.inf
+        return JointCoordinate(name, stage.q[place], stage.v[joint_model.idx_v], lower, upper)
 
     def _frame(self, frame: int) -> MovingFrame:
         return MovingFrame(*self.stage.placement(frame), *self.stage.velocity(frame))
@@ -304,20 +306,20 @@ def _by_joint(stage: Stage, values: Sequence[ca.SX]) -> dict[str, ca.SX]:
 
 def _vectors(wrenches: Mapping[str, tuple[ca.SX, ca.SX]], part: int, axes: Sequence[int]) -> dict[str, ca.SX]:
     """Forces (0) or torques (1) of wrenches as vectors (3x1), without those that have no entry."""
-    found = {label: ca.SX(3, 1) for label, wrench in wrenches.items() if wrench[part].numel()}
-    for label, vector in found.items():
+    vectors = {label: ca.SX(3, 1) for label, wrench in wrenches.items() if wrench[part].numel()}
+    for label, vector in vectors.items():
         vector[list(axes)] = wrenches[label][part]
-    return found
+    return vectors
 
 
 def _arrivals(view: InstantView) -> dict[str, ca.SX]:
     """Velocity and spin of tips relative to the mating frames that goals lead them to, by goal."""
-    found = dict[str, ca.SX]()
+    velocities = dict[str, ca.SX]()
     for name, goal in view.goals.items():
         arrival = goal.arrival(InstantView(view.stage, f"plan.goals.{name}"))
         if arrival is not None:
-            found |= {f"{name} velocity": arrival[0], f"{name} spin": arrival[1]}
-    return found
+            velocities |= {f"{name} velocity": arrival[0], f"{name} spin": arrival[1]}
+    return velocities
 
 
 def _vibration_energy(view: InstantView) -> dict[str, ca.SX]:

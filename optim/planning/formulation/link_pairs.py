@@ -94,14 +94,14 @@ def link_pairs(scene: Scene) -> list[LinkPair]:
     plans = plan_section(scene)
     if not plans.collision_avoidance:
         return []
-    model, found = scene.model, list[LinkPair]()
+    model, pairs = scene.model, list[LinkPair]()
     by_link: dict[str, dict[str, tuple[Solid, ...]]] = {body.name: {} for body in scene.bodies}
     for body in scene.bodies:
-        known = list(solids(scene, body))
+        body_solids = list(solids(scene, body))
         for link in body.description.links:
-            own = tuple(solid for solid in known if solid.link == link.name)
-            if link.collisions and len(own) == len(link.collisions):  # all of its meshes can be read
-                by_link[body.name][f"{body.name}/{link.name}"] = own
+            link_solids = tuple(solid for solid in body_solids if solid.link == link.name)
+            if link.collisions and len(link_solids) == len(link.collisions):  # all of its meshes can be read
+                by_link[body.name][f"{body.name}/{link.name}"] = link_solids
     # joints whose links may collide: of tips and the mating frames that they come to, and of contacts
     tips = {tip.label: tip.joint for tip in scene.tips}
     meant = {frozenset((grasp.tip.joint, grasp.joint)) for grasp in scene.grasps}
@@ -142,8 +142,8 @@ def link_pairs(scene: Scene) -> list[LinkPair]:
             links = list(itertools.combinations(by_link[one.name].items(), 2))
         else:
             links = list(itertools.product(by_link[one.name].items(), by_link[other.name].items()))
-        for (first, own), (second, others) in links:
-            joints = own[0].joint, others[0].joint
+        for (first, solids_of_first), (second, solids_of_second) in links:
+            joints = solids_of_first[0].joint, solids_of_second[0].joint
             if joints[0] == joints[1] or frozenset(joints) in meant:
                 continue
             if joints[0] == model.parents[joints[1]] or joints[1] == model.parents[joints[0]]:
@@ -151,16 +151,25 @@ def link_pairs(scene: Scene) -> list[LinkPair]:
             if one is not other:  # refuse those that cannot come near within the longest duration
                 radii = [
                     max(reach[s.joint] + float(np.linalg.norm(s.centre)) + s.radius for s in parts)
-                    for reach, parts in ((reaches[one.name], own), (reaches[other.name], others))
+                    for reach, parts in (
+                        (reaches[one.name], solids_of_first),
+                        (reaches[other.name], solids_of_second),
+                    )
                 ]
                 away, rate = (b - a for a, b in zip(centres[one.name], centres[other.name], strict=True))
                 when = np.clip(-(away @ rate) / max(float(rate @ rate), 1e-300), 0.0, longest)
                 if np.linalg.norm(away + when * rate) > sum(radii):
                     continue
             places = [data.oMi[joint] for joint in joints]
-            if max(overlap_depth(*both, *places) for both in itertools.product(own, others)) <= 0:
-                found.append(LinkPair(first, second, (own, others)))
-    return found
+            if (
+                max(
+                    overlap_depth(*both, *places)
+                    for both in itertools.product(solids_of_first, solids_of_second)
+                )
+                <= 0
+            ):
+                pairs.append(LinkPair(first, second, (solids_of_first, solids_of_second)))
+    return pairs
 
 
 def collisions(pairs: Sequence[LinkPair], model: Any, q: Array, time: Array) -> list[Collision]:
@@ -187,7 +196,7 @@ def collisions(pairs: Sequence[LinkPair], model: Any, q: Array, time: Array) -> 
         for side in pair.shapes
         for solid in side
     }
-    found = []
+    overlaps = []
     for pair in pairs:
         depth, when, only = 0.0, 0.0, list[int]()
         for number, (a, b) in enumerate(itertools.product(*pair.shapes)):
@@ -196,13 +205,13 @@ def collisions(pairs: Sequence[LinkPair], model: Any, q: Array, time: Array) -> 
                 (overlap_depth(a, b, places[k][a.joint], places[k][b.joint]), -float(time[k]))
                 for k in np.flatnonzero(apart < -ALLOWED)
             ]
-            own, before = max(depths, default=(0.0, 0.0))
-            if own > ALLOWED:
+            deepest, before = max(depths, default=(0.0, 0.0))
+            if deepest > ALLOWED:
                 only.append(number)
-                depth, when = max((depth, when), (own, -before), key=lambda one: one[0])
+                depth, when = max((depth, when), (deepest, -before), key=lambda one: one[0])
         if only:
-            found.append(Collision(pair.first, pair.second, depth, when, tuple(only)))
-    return sorted(found, key=lambda one: -one.depth_m)
+            overlaps.append(Collision(pair.first, pair.second, depth, when, tuple(only)))
+    return sorted(overlaps, key=lambda one: -one.depth_m)
 
 
 def keep_apart(scene: Scene, entered: Sequence[Collision]) -> Scene:
@@ -234,7 +243,7 @@ def keep_apart(scene: Scene, entered: Sequence[Collision]) -> Scene:
                 "nothing keeps them apart; name pads in `keep_out`, or give `collision_avoidance: false`",
                 "plan",
             )
-        given = {"between": between, "only": one.only, "wrap": wrap}
-        zones[f"{PREFIX}_{number}"] = create("plan_limit", "keep_out", **given)
+        settings = {"between": between, "only": one.only, "wrap": wrap}
+        zones[f"{PREFIX}_{number}"] = create("plan_limit", "keep_out", **settings)
     scenario = scene.scenario.model_copy(update={"plan": plan.model_copy(update={"keep_out": zones})})
     return dataclasses.replace(scene, scenario=scenario)

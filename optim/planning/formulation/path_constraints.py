@@ -27,7 +27,7 @@ Limits = Mapping[str, PlanLimit]
 """A plan's ``limits``, by name."""
 
 
-def driven_coordinates(scene: Scene, given: Limits) -> DrivenCoordinates:
+def driven_coordinates(scene: Scene, section_limits: Limits) -> DrivenCoordinates:
     """Joints that are planned, and bases that actuators drive.
 
     Raises
@@ -45,19 +45,19 @@ def driven_coordinates(scene: Scene, given: Limits) -> DrivenCoordinates:
     for body in scene.robots:
         for joint in body.driven_joints:
             planned = planned_joint(scene, body, joint)
-            for name, limit in given.items():
+            for name, limit in section_limits.items():
                 for fault in limit.faults(planned):
                     raise scene.error(fault, f"plan.limits.{name}")
             names.append(str(scene.model.names[joint]))
             columns.append(int(scene.model.idx_vs[joint]))
             joints.append(int(joint))
-            own = body.config.joints[body.joint_name(scene.model, joint)].torque_limit
-            limits.append(min(own or np.inf, _least(given, planned, "torque")))
+            torque_limit = body.config.joints[body.joint_name(scene.model, joint)].torque_limit
+            limits.append(min(torque_limit or np.inf, _least(section_limits, planned, "torque")))
     for body in scene.robots:
         if not body.root_joint:
             continue
         first, size = int(scene.model.idx_vs[body.root_joint]), int(scene.model.nvs[body.root_joint])
-        most = base_wrench_limits(given, body, size == 3).largest
+        most = base_wrench_limits(section_limits, body, size == 3).largest
         for k, axis in enumerate((0, 1, 5) if size == 3 else range(6)):
             if most[axis]:
                 names.append(f"{body.name}/base.{AXES[axis]}")
@@ -101,20 +101,20 @@ def path_rows(stage: Stage, plan: PlanSection) -> list[BoundedRow]:
     return rows
 
 
-def avoidance_rows(stage: Stage, plan: PlanSection, known: Collection[str] = ()) -> list[BoundedRow]:
+def avoidance_rows(stage: Stage, plan: PlanSection, excluded: Collection[str] = ()) -> list[BoundedRow]:
     """Rows of the keep-out zones that a search added; they are the last ones of a path.
 
     Parameters
     ----------
     stage, plan
         An instant, and the section.
-    known
+    excluded
         Names of zones that are left out.
     """
     return [
         row
         for name, limit in plan.keep_out.items()
-        if name.startswith(PREFIX) and name not in known
+        if name.startswith(PREFIX) and name not in excluded
         for row in limit_rows(stage, plan, "keep_out", name, limit)
     ]
 
@@ -124,14 +124,14 @@ def limit_rows(
 ) -> list[BoundedRow]:
     """Rows of one limit, under its name where that is not its kind's."""
     prefix = "" if name == limit.kind else f"{name}: "
-    found = limit.rows(InstantView(stage, f"plan.{section}.{name}", plan.goals))
-    return [dataclasses.replace(row, name=f"{prefix}{row.name}") for row in found]
+    bounded_rows = limit.rows(InstantView(stage, f"plan.{section}.{name}", plan.goals))
+    return [dataclasses.replace(row, name=f"{prefix}{row.name}") for row in bounded_rows]
 
 
 def urdf_joint(scene: Scene, body: SceneBody, joint: int) -> UrdfJoint:
     """A joint as its URDF has it."""
     name = body.joint_name(scene.model, joint)
-    return next(found for found in body.description.joints if found.name == name)
+    return next(candidate for candidate in body.description.joints if candidate.name == name)
 
 
 def planned_joint(scene: Scene, body: SceneBody, joint: int) -> PlannedJoint:

@@ -37,8 +37,8 @@ def only_wheels(body: SceneBody) -> MomentumStorage | None:
     """The one set of wheels of a robot on whose base nothing else acts."""
     if not isinstance(body.config, Robot):
         return None
-    own = [part for _, part in body.config.driven_by() if part.base_wrench]
-    return own[0].momentum_storage() if len(own) == 1 else None
+    actuators = [part for _, part in body.config.driven_by() if part.base_wrench]
+    return actuators[0].momentum_storage() if len(actuators) == 1 else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ class WheelDrivenBase:
 
 def wheel_driven_bases(stage: Stage) -> dict[str, WheelDrivenBase]:
     """Robots whose bases wheels alone drive, by name."""
-    scene, found = stage.scene, {}
+    scene, driven_bases = stage.scene, {}
     for body in scene.robots:
         wheels, driven = only_wheels(body), stage.driven.of_base(body.name)
         if wheels is None or not driven or not all(axis.startswith("t") for axis in driven):
@@ -84,8 +84,8 @@ def wheel_driven_bases(stage: Stage) -> dict[str, WheelDrivenBase]:
         spins[about] = np.array(start)[columns]
         began = inertia * (axes.T @ spins + wheels.speeds)
         turn = np.array(ca.DM(before.rotation[body.root_joint]))
-        whole = np.array(ca.DM(_angular(scene, body, before))).ravel() + turn @ axes @ began
-        left = sparse(whole) - _angular(scene, body, stage.kinematics)
+        total_momentum = np.array(ca.DM(_angular(scene, body, before))).ravel() + turn @ axes @ began
+        left = sparse(total_momentum) - _angular(scene, body, stage.kinematics)
         carried = ca.mtimes(stage.kinematics.rotation[body.root_joint].T, left)
         momenta = sparse(began) + ca.mtimes(sparse(np.linalg.pinv(axes)), carried - sparse(axes @ began))
         spin, torque = ca.SX(3, 1), ca.SX(3, 1)
@@ -93,8 +93,8 @@ def wheel_driven_bases(stage: Stage) -> dict[str, WheelDrivenBase]:
         for k, axis in zip(about, ("tx", "ty", "tz") if size == 6 else ("tz",), strict=True):
             torque[k] = stage.u[stage.driven.names.index(f"{body.name}/base.{axis}")]
         speeds = momenta / inertia - ca.mtimes(sparse(axes.T), spin)
-        found[body.name] = WheelDrivenBase(wheels, momenta, speeds, torque + cross(spin, carried))
-    return found
+        driven_bases[body.name] = WheelDrivenBase(wheels, momenta, speeds, torque + cross(spin, carried))
+    return driven_bases
 
 
 def wheel_rows(stage: Stage, plan: PlanSection) -> Iterator[BoundedRow]:
@@ -137,12 +137,12 @@ def wheel_rows(stage: Stage, plan: PlanSection) -> Iterator[BoundedRow]:
 
 def commanded_base_wrench(stage: Stage) -> ca.SX:
     """Wrench commanded by controllers that follow a plan, along the axes of driven bases (n x 1) [N, N m]."""
-    joints, found = len(stage.driven.joints), wheel_driven_bases(stage)
+    joints, driven_bases = len(stage.driven.joints), wheel_driven_bases(stage)
     asked = list[ca.SX]()
     for k, name in enumerate(stage.driven.names[joints:], start=joints):
         robot, _, axis = name.rpartition("/base.")
-        own = found.get(robot)
-        asked.append(stage.u[k] if own is None else own.commanded["xyz".index(axis[1])])
+        wheel_base = driven_bases.get(robot)
+        asked.append(stage.u[k] if wheel_base is None else wheel_base.commanded["xyz".index(axis[1])])
     return ca.vertcat(ca.SX(0, 1), *asked)
 
 

@@ -25,41 +25,45 @@ def symbols_of(found: Sequence[Implicit]) -> ca.SX:
     return ca.vertcat(ca.SX(0, 1), *(one.symbol for one in found))
 
 
-def implicit_values(found: Sequence[Implicit], given: Array, call: Call) -> Array:
+def implicit_values(implicit: Sequence[Implicit], inputs: Array, call: Call) -> Array:
     """Values that iterations find (n, N), all columns of one function at once.
 
     Parameters
     ----------
-    found
-        What is looked for.
-    given
+    implicit
+        Unknowns of iterations.
+    inputs
         Values of their ``given``, one below the other (m, N).
     call
         Evaluates one of their functions, by its name, for columns.
     """
-    count = given.shape[1]
-    parts = np.split(given, np.cumsum([one.given.numel() for one in found])[:-1]) if found else []
-    values: list[Array] = [np.empty((0, count))] * len(found)
-    functions = {one.function.name(): one.function for one in found if one.function is not None}
+    count = inputs.shape[1]
+    parts = np.split(inputs, np.cumsum([one.given.numel() for one in implicit])[:-1]) if implicit else []
+    values: list[Array] = [np.empty((0, count))] * len(implicit)
+    functions = {one.function.name(): one.function for one in implicit if one.function is not None}
     for name in functions:
-        own = [k for k, one in enumerate(found) if one.function is not None and one.function.name() == name]
-        columns = call(name, np.hstack([parts[k] for k in own]))
-        for k, value in zip(own, np.hsplit(columns, len(own)), strict=True):
+        matching = [
+            k for k, one in enumerate(implicit) if one.function is not None and one.function.name() == name
+        ]
+        columns = call(name, np.hstack([parts[k] for k in matching]))
+        for k, value in zip(matching, np.hsplit(columns, len(matching)), strict=True):
             values[k] = value
     return np.vstack([np.empty((0, count)), *values])
 
 
 def row_values(rows: Sequence[BoundedRow], at: ca.SX, columns: Array) -> Array:
     """Values of rows (rows, N) where a symbol (n x 1) has the values of columns (n, N)."""
-    found, size = implicit_in(rows), columns.shape[1]
-    symbols = symbols_of(found)
-    given = ca.Function("given", [at], [ca.vertcat(ca.SX(0, 1), *(one.given for one in found))])
-    functions = {one.function.name(): one.function for one in found if one.function is not None}
+    implicit, size = implicit_in(rows), columns.shape[1]
+    symbols = symbols_of(implicit)
+    inputs = ca.Function("given", [at], [ca.vertcat(ca.SX(0, 1), *(one.given for one in implicit))])
+    functions = {one.function.name(): one.function for one in implicit if one.function is not None}
 
     def call(name: str, arguments: Array) -> Array:
         """One of the functions."""
         return np.array(functions[name](arguments).full())
 
-    held = implicit_values(found, np.array(given(columns).full()), call) if found else np.empty((0, size))
+    held = (
+        implicit_values(implicit, np.array(inputs(columns).full()), call) if implicit else np.empty((0, size))
+    )
     values = ca.Function("rows", [at, symbols], [ca.densify(ca.vertcat(*(row.value for row in rows)))])
     return np.array(values(columns, held).full()).reshape(len(rows), size)

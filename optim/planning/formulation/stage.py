@@ -73,8 +73,8 @@ class DrivenCoordinates:
 
     def strength(self, robot: str, part: str) -> float:
         """Bound of the force, ``f``, or torque, ``t``, on a robot's base [N, N m]; zero where none acts."""
-        own = [f"{robot}/base.{axis}" for axis in self.of_base(robot) if axis.startswith(part)]
-        return float(np.linalg.norm([self.limits[self.names.index(name)] for name in own]))
+        components = [f"{robot}/base.{axis}" for axis in self.of_base(robot) if axis.startswith(part)]
+        return float(np.linalg.norm([self.limits[self.names.index(name)] for name in components]))
 
 
 def spring_forces(scene: Scene, q: ca.SX) -> ca.SX:
@@ -87,11 +87,11 @@ def spring_forces(scene: Scene, q: ca.SX) -> ca.SX:
     q
         Configuration (nq x 1).
     """
-    found, stiffness = ca.SX(scene.model.nv, 1), scene.stiffness
+    forces, stiffness = ca.SX(scene.model.nv, 1), scene.stiffness
     for joint in scene.model.joints[1:]:
         if stiffness[joint.idx_v]:
-            found[joint.idx_v] = stiffness[joint.idx_v] * q[joint.idx_q]
-    return found
+            forces[joint.idx_v] = stiffness[joint.idx_v] * q[joint.idx_q]
+    return forces
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +202,7 @@ class Stage:
         """Force and torque of a grasp on its tip, world axes."""
         if grip in self.springs:
             return spring_wrench(self.scene, self.kinematics, grip)
-        first = sum(len(wrench_axes(self.scene, own)) for own in self.grips[: self.grips.index(grip)])
+        first = sum(len(wrench_axes(self.scene, other)) for other in self.grips[: self.grips.index(grip)])
         linear, size = len(self.scene.translation_axes), len(wrench_axes(self.scene, grip))
         return self.w[first : first + linear], self.w[first + linear : first + size]
 

@@ -73,10 +73,10 @@ class MpcRollout:
                 f"plans are made in {flown.phase!r}, allowed in batches and campaigns: in the first phase",
                 "phases",
             )
-        whole, signals = resumed(extended), measures.signals
+        resumed_loop, signals = resumed(extended), measures.signals
         begin, names = ca.SX.sym(BEGIN), [one.name for one in loop.variables if one.name.startswith(MEASURED)]
         switches = ca.SX.sym(SWITCHES, len(extended.switches))
-        known = dataclasses.replace(
+        resumed_signals = dataclasses.replace(
             signals,
             outputs={**signals.outputs, SWITCHES: switches},
             parameters={**signals.parameters, BEGIN: begin},
@@ -91,7 +91,7 @@ class MpcRollout:
         named |= {name: final(signals[name]) for name in names}
         named[STATE] = final(ca.vertcat(signals.x, switches))
         self.rollout = build_rollout(
-            whole, measures=Measures(known, named, costs=lambda _r, _p: {}), **options
+            resumed_loop, measures=Measures(resumed_signals, named, costs=lambda _r, _p: {}), **options
         )
 
     @property
@@ -133,12 +133,12 @@ class MpcRollout:
         count = max(1, min(control.get("threads") or usable_cores(), len(rows)))
         planners = self.planners(count)
         faults = fly(Computer(self.scene, self.flown, plant), planners)
-        told: list[Mapping[str, Any]] = [
+        statistics_by_row: list[Mapping[str, Any]] = [
             statistics(self.flown.settings, one) if one else {} for one in planners.end(range(len(rows)))
         ]
         # no number where there was no plan
         plans = {
-            f"mpc_{key}": np.array([[float(np.sum(one.get(key, np.nan)))] for one in told])
+            f"mpc_{key}": np.array([[float(np.sum(one.get(key, np.nan)))] for one in statistics_by_row])
             for key in STATISTICS
         }
         plant.diverged_at[[bool(fault) for fault in faults]] = 0.0
@@ -167,10 +167,10 @@ class LanePlant:
 
     Parameters
     ----------
-    own
-        What rolls out.
+    mpc_rollout
+        Compiled rollout between plans.
     parameters
-        Of the closed loop (N, np).
+        Parameters of the closed loop (N, np).
     outputs
         Names of outputs to sample.
     control
@@ -182,26 +182,30 @@ class LanePlant:
         If samples of outputs are not at the instants of plans.
     """
 
-    def __init__(self, own: MpcRollout, parameters: Array, outputs: Sequence[str], control: Controls) -> None:
-        self.loop, self.parameters, self._own, self._names = own.loop, parameters, own, tuple(outputs)
-        self._control, count, whole = control, len(parameters), own.rollout.grid
-        self.time = whole.time if outputs else np.empty(0)
-        self._sample_s = whole.step_s * whole.every
-        for name, length in (("period", own.flown.settings.period), ("delay", own.flown.settings.delay)):
+    def __init__(
+        self, mpc_rollout: MpcRollout, parameters: Array, outputs: Sequence[str], control: Controls
+    ) -> None:
+        self.loop, self.parameters, self._names = mpc_rollout.loop, parameters, tuple(outputs)
+        self._mpc_rollout, self._control = mpc_rollout, control
+        count, grid = len(parameters), mpc_rollout.rollout.grid
+        self.time = grid.time if outputs else np.empty(0)
+        self._sample_s = grid.step_s * grid.every
+        settings = mpc_rollout.flown.settings
+        for name, length in (("period", settings.period), ("delay", settings.delay)):
             if outputs and abs(length / self._sample_s - round(length / self._sample_s)) > ROUNDING * length:
-                told = (
+                message = (
                     f"found {self._sample_s:g} s, allowed with kind mpc: a part of its {name}, {length:g} s"
                 )
-                raise own.scene.error(told, "campaign.series_step")
-        x0, c = (value.full().T for value in own.loop.setup(parameters.T))
-        self.start = np.hstack([np.zeros((count, 1)), x0, c[:, list(own.loop.switches)]])
+                raise mpc_rollout.scene.error(message, "campaign.series_step")
+        x0, c = (value.full().T for value in mpc_rollout.loop.setup(parameters.T))
+        self.start = np.hstack([np.zeros((count, 1)), x0, c[:, list(mpc_rollout.loop.switches)]])
         self.readings: list[Readings] = [{} for _ in range(count)]
         self.over, self.ended = np.zeros(count, bool), np.zeros(count, bool)
         self.diverged_at, self.done = np.full(count, np.nan), np.ones(count, bool)
         self.unclosed, self.gaps = ("",) * count, dict[str, Array]()
-        sizes = {name: one.expression.numel() for name, one in own.measures.named.items()}
+        sizes = {name: one.expression.numel() for name, one in mpc_rollout.measures.named.items()}
         self.measures = {name: np.zeros((count, size)) for name, size in sizes.items()}
-        numel = own.loop.outputs.numel_out
+        numel = mpc_rollout.loop.outputs.numel_out
         self.outputs = {name: np.full((count, len(self.time), numel(name)), np.nan) for name in outputs}
 
     def roll(self, p: Array, start: Array, length: float) -> Ends:
@@ -214,38 +218,38 @@ class LanePlant:
         if until - now <= ROUNDING * until:
             return
         begins = now == 0
-        found = self._rolled(self.parameters[rows], self.start[rows], until - now, self._names)
+        segment = self._rolled(self.parameters[rows], self.start[rows], until - now, self._names)
         if begins:
-            self.gaps = dict(found.gaps)
-            self.unclosed = found.unclosed
-        self.done[rows] &= found.done
-        lost = np.isfinite(found.diverged_at_s)
-        self.diverged_at[rows[lost]] = now + found.diverged_at_s[lost]
-        self.ended[rows] = lost | ~found.done
-        if found.events is not None:
-            self.ended[rows] |= np.isfinite(found.events.ended_at_s)
+            self.gaps = dict(segment.gaps)
+            self.unclosed = segment.unclosed
+        self.done[rows] &= segment.done
+        lost = np.isfinite(segment.diverged_at_s)
+        self.diverged_at[rows[lost]] = now + segment.diverged_at_s[lost]
+        self.ended[rows] = lost | ~segment.done
+        if segment.events is not None:
+            self.ended[rows] |= np.isfinite(segment.events.ended_at_s)
             kinds = np.array([rule.kind == "phase" for rule in self.loop.events] + [False])
-            self.over[rows] |= kinds[found.events.event].any(axis=1)
-        for name, one in self._own.measures.named.items():
-            values, known = found.measures[name], self.measures[name]
+            self.over[rows] |= kinds[segment.events.event].any(axis=1)
+        for name, one in self._mpc_rollout.measures.named.items():
+            values, totals = segment.measures[name], self.measures[name]
             if one.kind == "integral":
-                known[rows] += values
+                totals[rows] += values
             elif one.kind == "peak" and not begins:
-                known[rows] = np.maximum(known[rows], values)
+                totals[rows] = np.maximum(totals[rows], values)
             else:
-                known[rows] = values
+                totals[rows] = values
         for name in self._names:
             first = round(now / self._sample_s)
-            part = found.outputs[name]
+            part = segment.outputs[name]
             self.outputs[name][rows, first : first + part.shape[1]] = part
-        ends = self._ends(found, self.start[rows], until - now)
+        ends = self._ends(segment, self.start[rows], until - now)
         self.start[rows] = ends.start
         self.start[rows, 0] = until
         for row, known_there in zip(rows, ends.readings, strict=True):
             self.readings[row] = known_there
 
     def _rolled(self, p: Array, start: Array, length: float, outputs: Sequence[str]) -> Batch:
-        rollout = self._own.rollout
+        rollout = self._mpc_rollout.rollout
         sample_s = self._sample_s if outputs else length
         grid = time_grid(length, rollout.grid.step_s * (1 + ROUNDING), sample_s)
         return dataclasses.replace(rollout, grid=grid).batch(
@@ -254,7 +258,7 @@ class LanePlant:
 
     def _ends(self, found: Batch, start: Array, length: float) -> Ends:
         ends = np.hstack([start[:, :1] + length, found.measures[STATE]])
-        variables = [one for one in self._own.variables if one.name in found.measures]
+        variables = [one for one in self._mpc_rollout.variables if one.name in found.measures]
         read = {one.name: found.measures[one.name] for one in variables}
         return Ends(
             ends,

@@ -103,14 +103,14 @@ class Computer:
     ) -> None:
         self.scene, self.flown, self.plant = scene, flown, plant
         self.handover = handover or Handover.at_start(scene)
-        loop, own, known = plant.loop, scene_with_plan_model(scene), dict[str, float]()
-        if own is not scene:
-            before, after = (dict(numbers(to_document(one.scenario))) for one in (scene, own))
-            known = {path: value for path, value in after.items() if value != before.get(path)}
+        loop, plan_scene, overrides = plant.loop, scene_with_plan_model(scene), dict[str, float]()
+        if plan_scene is not scene:
+            before, after = (dict(numbers(to_document(one.scenario))) for one in (scene, plan_scene))
+            overrides = {path: value for path, value in after.items() if value != before.get(path)}
         # parameters of the controllers' own model (np,): those of `plan.model`, and sensors without errors
         self.model = np.array(loop.parameter_values, dtype=float)
         for place, path in enumerate(loop.parameter_paths):
-            self.model[place] = known.get(path, self.model[place])
+            self.model[place] = overrides.get(path, self.model[place])
             if ".sensors." in path:
                 self.model[place] = TRUE.get(path.rpartition(".")[2], self.model[place])
             if path == DRAW:
@@ -127,15 +127,19 @@ class Computer:
     def measured(self, rows: Rows, readings: Sequence[Readings]) -> Array:
         """Estimated states of some simulations (n, nq + nv)."""
         plan, plant = first_plan(self.scene), self.plant
-        found = [
-            measured_state(self.scene, plan, known, plant.start[row, 1:], self.first[row], self.handover.held)
-            for row, known in zip(rows, readings, strict=True)
+        states = [
+            measured_state(
+                self.scene, plan, reading, plant.start[row, 1:], self.first[row], self.handover.held
+            )
+            for row, reading in zip(rows, readings, strict=True)
         ]
-        return np.array(found)
+        return np.array(states)
 
     def inertia(self, readings: Sequence[Readings], measured: Array) -> list[Array | None]:
         """Inertial parameters of the target as some simulations estimate them; None where they do not."""
-        return [self.handover.inertia(known, state) for known, state in zip(readings, measured, strict=True)]
+        return [
+            self.handover.inertia(reading, state) for reading, state in zip(readings, measured, strict=True)
+        ]
 
     def predicted(self, rows: Rows, measured: Array, delay: float) -> Array:
         """Predicted states after a delay [s], under the present plans (n, nq + nv).
@@ -149,10 +153,10 @@ class Computer:
         p[:, self.places] = self.plant.parameters[np.ix_(rows, self.places)]
         start[:, 1 : 1 + measured.shape[1]] = measured
         start[:, self.biases] = 0.0
-        found = self.plant.roll(p, start, delay).start[:, 1 : 1 + measured.shape[1]]
-        if not np.isfinite(found).all():
+        states = self.plant.roll(p, start, delay).start[:, 1 : 1 + measured.shape[1]]
+        if not np.isfinite(states).all():
             raise SpaceRobotError(f"the plans' own model diverges within their delay of {delay:g} s")
-        return found
+        return states
 
 
 def fly(
@@ -186,10 +190,10 @@ def fly(
         if len(rows):
             plant.parameters[np.ix_(rows, places)] = pilots.points(rows.tolist(), now)
 
-    seen = plant.roll(plant.parameters, plant.start, SHORT).readings
-    measured = computer.measured(everyone, seen)
+    readings = plant.roll(plant.parameters, plant.start, SHORT).readings
+    measured = computer.measured(everyone, readings)
     faults = pilots.first(
-        everyone.tolist(), computer.handover.planned(measured), computer.inertia(seen, measured)
+        everyone.tolist(), computer.handover.planned(measured), computer.inertia(readings, measured)
     )
     plant.ended |= np.array([bool(fault) for fault in faults])
     for k in itertools.count():
@@ -200,9 +204,9 @@ def fly(
         notify(f"flying: {begin + now:.3g} of {begin + end:.3g} s, {len(rows)} under predictive control")
         show(rows, now)
         if k and flown.replans_at(now + delay):
-            seen = [plant.readings[row] for row in rows]
-            measured = computer.measured(rows, seen)
-            inertia = computer.inertia(seen, measured)
+            readings = [plant.readings[row] for row in rows]
+            measured = computer.measured(rows, readings)
+            inertia = computer.inertia(readings, measured)
             if delay:
                 measured = computer.predicted(rows, measured, delay)
             pilots.replan(rows.tolist(), now + delay, computer.handover.planned(measured), inertia)

@@ -116,13 +116,13 @@ class FlownScene:
 
     def places(self, paths: Sequence[str]) -> NDArray[np.int64]:
         """Places among the parameters of a closed loop, by their paths, of what :meth:`numbers` gives."""
-        place, found = {path: i for i, path in enumerate(paths)}, []
+        place, indices = {path: i for i, path in enumerate(paths)}, []
         for robot, (key, _) in mpc_controllers(self.scene).items():
             path, count = f"robots.{robot}.controllers.{key}", len(self.joints[robot])
             points = first_plan(self.scene).order // 2 + 1
             cells = list(itertools.product(TABLES, range(points), range(count)))
-            found += [place[f"{path}.begin"], *(place[f"{path}.knots.{t}.{k}.{j}"] for t, k, j in cells)]
-        return np.array(found, dtype=np.int64)
+            indices += [place[f"{path}.begin"], *(place[f"{path}.knots.{t}.{k}.{j}"] for t, k, j in cells)]
+        return np.array(indices, dtype=np.int64)
 
     def resting(self, state: Array) -> Array:
         """The same numbers of no plan: robots rest where they are.
@@ -133,11 +133,11 @@ class FlownScene:
             Configuration and velocity (nq + nv, or more).
         """
         model, points = self.scene.model, first_plan(self.scene).order // 2 + 1
-        found: list[Array] = []
+        values: list[Array] = []
         for body in self.scene.robots:
             angles = [joint_angle(model.joints[joint], state) for joint in body.driven_joints]
-            found += [np.zeros(1), np.tile(angles, points), np.zeros(2 * points * len(angles))]
-        return np.concatenate(found)
+            values += [np.zeros(1), np.tile(angles, points), np.zeros(2 * points * len(angles))]
+        return np.concatenate(values)
 
     def replans_at(self, begin: float) -> bool:
         """Whether a plan is to begin at a time [s]: the last one before the end is kept until there.
@@ -145,10 +145,10 @@ class FlownScene:
         None where the shortest time to look ahead is longer than the first plan.
         """
         plan = plan_section(self.scene)
-        whole = first_plan(self.scene).duration.upper
-        left, least = whole - begin, self.settings.min_horizon
-        behind = left < ROUNDING * whole and not plan.phases
-        return least <= whole and (left > least - ROUNDING * whole or behind)
+        full_duration = first_plan(self.scene).duration.upper
+        left, least = full_duration - begin, self.settings.min_horizon
+        behind = left < ROUNDING * full_duration and not plan.phases
+        return least <= full_duration and (left > least - ROUNDING * full_duration or behind)
 
     def numbers(
         self, horizon: Horizon, now: float, begin: float = 0.0, locked: Mapping[str, float] | None = None
@@ -164,7 +164,7 @@ class FlownScene:
         locked
             Positions of joints that plans do not move [rad or m], by ``robot/joint``.
         """
-        found: list[Array] = []
+        values: list[Array] = []
         for robot, names in self.joints.items():
             knots = horizon.knots(now, self.settings.period, robot)
             rests = {name: (locked or {}).get(f"{robot}/{name}", 0.0) for name in names}
@@ -172,8 +172,8 @@ class FlownScene:
                 rows = [dict(zip(knots["joints"], row, strict=True)) for row in knots[table]]
                 still = rests if table == "position" else dict.fromkeys(names, 0.0)
                 knots[table] = [(still | row)[name] for row in rows for name in names]
-            found += [np.array([begin + now]), *(np.array(knots[table]) for table in TABLES)]
-        return np.concatenate(found)
+            values += [np.array([begin + now]), *(np.array(knots[table]) for table in TABLES)]
+        return np.concatenate(values)
 
 
 def mpc_settings(scene: Scene) -> Replanning:
@@ -190,25 +190,25 @@ def mpc_settings(scene: Scene) -> Replanning:
         If robots differ in them, one has none, they do not rest behind the first phase, or the plan's
         duration is not so many periods.
     """
-    given, plan = mpc_controllers(scene), first_plan(scene)
+    controllers, plan = mpc_controllers(scene), first_plan(scene)
     for body in scene.robots:
-        if body.name not in given:
+        if body.name not in controllers:
             raise scene.error(
                 "has no controller of kind mpc; a plan moves the joints of all robots",
                 f"robots.{body.name}.controllers",
             )
-    leads = [lead for _, lead in given.values()]
+    leads = [lead for _, lead in controllers.values()]
     for key in ("period", "min_horizon", "delay", "iterations"):
         if len({getattr(lead, key) for lead in leads}) > 1:
-            told = f"controllers of kind mpc differ in {key}, allowed: one for all robots"
-            raise scene.error(told, "robots")
+            message = f"controllers of kind mpc differ in {key}, allowed: one for all robots"
+            raise scene.error(message, "robots")
     settings = leads[0]
     where = (
         "plan" if not plan_section(scene).phases else f"plan.phases.{next(iter(plan_section(scene).phases))}"
     )
     if plan.start:
-        told = "found a free start, allowed with kind mpc: none"
-        raise scene.error(told, f"{where}.start")
+        message = "found a free start, allowed with kind mpc: none"
+        raise scene.error(message, f"{where}.start")
     count, timed = plan.duration.upper / settings.period, plan.duration
     if timed.lower != timed.upper or abs(count - round(count)) > ROUNDING * count:
         free = "" if timed.lower == timed.upper else f"{timed.lower:g} to "
@@ -229,32 +229,32 @@ def mpc_phase(scene: Scene) -> str | None:
     ScenarioError
         If there are several or none, or it comes again.
     """
-    phases, found = scene.scenario.phases, dict[str, None]()
+    phases, mpc_phases = scene.scenario.phases, dict[str, None]()
     for name, (robot, (key, _)) in itertools.product(phases, mpc_controllers(scene).items()):
         if key in scene.scenario.during(name).robots[robot].controllers:
-            found[name] = None
-            if len(found) > 1:
+            mpc_phases[name] = None
+            if len(mpc_phases) > 1:
                 raise scene.error(
-                    f"plans are made in one phase alone, found them in {next(iter(found))!r} too; write "
+                    f"plans are made in one phase alone, found them in {next(iter(mpc_phases))!r} too; write "
                     f"`{key}: null` in one of them",
                     f"phases.{name}.robots.{robot}.controllers",
                 )
     if not phases:
         return None
-    if not found:
-        told = "none has the controllers of kind mpc, which rest in all of them"
-        raise scene.error(told, "phases")
-    (phase,) = found
+    if not mpc_phases:
+        message = "none has the controllers of kind mpc, which rest in all of them"
+        raise scene.error(message, "phases")
+    (phase,) = mpc_phases
     for robot, (key, _) in mpc_controllers(scene).items():
         if key not in scene.scenario.during(phase).robots[robot].controllers:
-            told = "rests in the phase in which plans are made and flown; they move all robots"
+            message = "rests in the phase in which plans are made and flown; they move all robots"
             where = f"phases.{phase}.robots.{robot}.controllers.{key}"
-            raise scene.error(told, where)
+            raise scene.error(message, where)
     for name, follows in successors(phases).items():
         if phase in follows and name in reached_from(phase, phases):
-            told = f"leads back to {phase!r}; plans are made in it once"
-            raise scene.error(told, f"phases.{name}")
+            message = f"leads back to {phase!r}; plans are made in it once"
+            raise scene.error(message, f"phases.{name}")
     if phase != next(iter(phases)) and plan_section(scene).phases:
-        told = f"found phases, allowed where plans are made in {phase!r}: none; give the plan's own keys"
-        raise scene.error(told, "plan.phases")
+        message = f"found phases, allowed where plans are made in {phase!r}: none; give the plan's own keys"
+        raise scene.error(message, "plan.phases")
     return phase

@@ -84,12 +84,12 @@ class Handover:
         locked, document = {}, to_document(scene.scenario)
         for body in scene.robots:
             assert isinstance(body.config, Robot)
-            kept = {
+            actuators = {
                 key: document["robots"][body.name]["actuators"][key]
                 for key, one in body.config.actuators.items()
                 if not one.fails_joints and not one.detects_failures  # of joints that are no longer there
             }
-            changes.append((f"{body.path}.actuators", kept))
+            changes.append((f"{body.path}.actuators", actuators))
             for joint in body.driven_joints:
                 name = body.joint_name(model, joint)
                 label = f"{body.name}/{name}"
@@ -97,8 +97,8 @@ class Handover:
                     continue
                 locked[label] = angle = joint_angle(model.joints[joint], state)
                 kind = next(one.kind for one in body.description.joints if one.name == name)
-                own = {"offset": angle} if kind == "prismatic" else {"angle_deg": np.degrees(angle)}
-                changes.append((f"{body.path}.joints.{name}", {"locked": True} | own))
+                position = {"offset": angle} if kind == "prismatic" else {"angle_deg": np.degrees(angle)}
+                changes.append((f"{body.path}.joints.{name}", {"locked": True} | position))
         built = build_scene(scene.scenario, changes, source=scene.source)
         places: tuple[list[int], list[int]] = ([], [])
         for joint in range(1, built.model.njoints):
@@ -143,12 +143,12 @@ class Handover:
                 readings[f"{HELD}{key}", label] for key in ("mass", "first_moment", "moments", "products")
             )
             (xx, yy, zz), (xy, xz, yz) = moments, products
-            found = np.array([*mass, *moment, xx, xy, yy, xz, yz, zz])
-            if not is_realisable(found[list(PLANAR)] if self.whole.planar else found):
+            parameters = np.array([*mass, *moment, xx, xy, yy, xz, yz, zz])
+            if not is_realisable(parameters[list(PLANAR)] if self.whole.planar else parameters):
                 continue
             model = self.whole.model
             data = moved(model, state[: model.nq], state[model.nq :])
             grip = data.oMf[grasp.tip.frame].actInv(data.oMi[self.whole.target.root_joint])
-            there = grip.actInv(pin.Inertia.FromDynamicParameters(found))
+            there = grip.actInv(pin.Inertia.FromDynamicParameters(parameters))
             return np.array(there.toDynamicParameters())
         return None

@@ -100,22 +100,22 @@ class Horizon:
             If none is found.
         """
         problem = with_inertia(dataclasses.replace(solver.problem, fixed=measured), inertia)
-        own = solver.with_first(problem=problem)
-        request = own.request(refine=False)
-        found = solve_request(own, request)
-        if found.solution is None:
-            raise NoPlanError(str(failure_message(found)), source=solver.scene.source, where="plan")
-        motion, solver = own.motion(request, found), solver.keeping_apart(found.apart)
-        program: PhaseChain = own.keeping_apart(found.apart).program(request, found.meshes)
+        phase_solver = solver.with_first(problem=problem)
+        request = phase_solver.request(refine=False)
+        result = solve_request(phase_solver, request)
+        if result.solution is None:
+            raise NoPlanError(str(failure_message(result)), source=solver.scene.source, where="plan")
+        motion, solver = phase_solver.motion(request, result), solver.keeping_apart(result.apart)
+        program: PhaseChain = phase_solver.keeping_apart(result.apart).program(request, result.meshes)
         return cls(
             solver,
             motion,
-            found.solution,
+            result.solution,
             program,
             motion.duration_s,
             min_horizon,
-            iterations=[one.iterations for one in found.runs],
-            seconds=[one.seconds for one in found.runs],
+            iterations=[one.iterations for one in result.runs],
+            seconds=[one.seconds for one in result.runs],
         )
 
     def replan(self, begin: float, measured: Array, iterations: int, inertia: Array | None = None) -> None:
@@ -137,8 +137,11 @@ class Horizon:
         clock, scale = time.perf_counter(), self.solution.scale
         solver = self.solver.with_first(problem=with_inertia(self.solver.problem, inertia))
         problem = self._problem(solver, begin, measured)
-        duration, whole = problem.duration[0], self.solver.plan.intervals
-        intervals = max(min(whole, FEWEST), int(np.ceil(whole * duration / self.first_duration_s - ROUNDING)))
+        duration, full_intervals = problem.duration[0], self.solver.plan.intervals
+        intervals = max(
+            min(full_intervals, FEWEST),
+            int(np.ceil(full_intervals * duration / self.first_duration_s - ROUNDING)),
+        )
         program = self._program(solver, problem, intervals)
         later = self.program.parts(self.solution.w)[1:]
         # Part of the present plan that is over where the next one begins, if both end together.
@@ -166,30 +169,30 @@ class Horizon:
         z = np.hstack([q, v, a, u, w])
         z[0, : first.nx] = measured
         ahead = np.concatenate([z.ravel(), [duration], *later])
-        found = solve(program, ahead, warm, iterations=min(iterations, PATIENCE))
-        spent = found.iterations
-        if not is_usable(program, found) and spent < iterations:
+        candidate = solve(program, ahead, warm, iterations=min(iterations, PATIENCE))
+        spent = candidate.iterations
+        if not is_usable(program, candidate) and spent < iterations:
             fresh = initial_guess(problem, solver.lobatto, intervals).unknowns
             fresh = np.concatenate([fresh, *later])
-            found = solve(program, fresh, scale=scale, iterations=iterations - spent)
-            spent += found.iterations
-        while is_usable(program, found):
-            own = program.programs[0]
-            z, duration = own.split(found.w[: own.size])
-            motion = Motion(problem, solver.lobatto, own.mesh, duration, z)
+            candidate = solve(program, fresh, scale=scale, iterations=iterations - spent)
+            spent += candidate.iterations
+        while is_usable(program, candidate):
+            collocation = program.programs[0]
+            z, duration = collocation.split(candidate.w[: collocation.size])
+            motion = Motion(problem, solver.lobatto, collocation.mesh, duration, z)
             wider = solver.keeping_apart(course_collisions(PhasedMotion((motion,)), solver.pairs))
             if wider is solver:
                 self.solver, self.motion = solver, motion
-                self.solution, self.program, self.begin_s = found, program, begin
-                self.unfinished += not found.converged
+                self.solution, self.program, self.begin_s = candidate, program, begin
+                self.unfinished += not candidate.converged
                 break
             # links collide: once more from here, with the keep-out zones that this plan needs
             problem, before, solver = self._problem(wider, begin, measured), program, wider
             program = self._program(solver, problem, intervals)
-            warm = transfer_constrained(found, before, program)
+            warm = transfer_constrained(candidate, before, program)
             left = max(iterations - spent, 1)
-            found = solve(program, found.w, warm, scale=scale, iterations=min(left, PATIENCE))
-            spent += found.iterations
+            candidate = solve(program, candidate.w, warm, scale=scale, iterations=min(left, PATIENCE))
+            spent += candidate.iterations
         else:
             self.missed += 1
         self.iterations.append(spent)
@@ -249,17 +252,17 @@ class Horizon:
         model, driven = stage.scene.model, stage.driven
         times = self.solver.lobatto.nodes * period
         q, v, _, u, *_ = self.at(now + times)
-        own = [k for k, name in enumerate(driven.names) if name.startswith(f"{robot}/")]
-        own = [k for k in own if k < len(driven.joints)]
-        joints = [model.joints[driven.joints[k]] for k in own]
+        robot_drives = [k for k, name in enumerate(driven.names) if name.startswith(f"{robot}/")]
+        robot_drives = [k for k in robot_drives if k < len(driven.joints)]
+        joints = [model.joints[driven.joints[k]] for k in robot_drives]
         angles = np.array([[joint_angle(joint, row) for joint in joints] for row in q])
         return {
             "times": times.tolist(),
             "points": len(times),
-            "joints": [driven.names[k].partition("/")[2] for k in own],
+            "joints": [driven.names[k].partition("/")[2] for k in robot_drives],
             "position": np.unwrap(angles, axis=0).tolist(),
-            "rate": v[:, [driven.columns[k] for k in own]].tolist(),
-            "effort": u[:, own].tolist(),
+            "rate": v[:, [driven.columns[k] for k in robot_drives]].tolist(),
+            "effort": u[:, robot_drives].tolist(),
         }
 
 

@@ -40,13 +40,13 @@ def readings_of(variables: Iterable[OutputVariable], outputs: Mapping[str, Array
     outputs
         Values by the output's name, each (n,).
     """
-    found: dict[tuple[str, str], Array] = {}
+    readings: dict[tuple[str, str], Array] = {}
     for one in variables:
         if one.name.startswith(MEASURED) and one.name in outputs:
             rows = np.reshape(outputs[one.name], (len(one.labels), -1))
             signal = one.name.removeprefix(MEASURED)
-            found |= {(signal, label): row for label, row in zip(one.labels, rows, strict=True)}
-    return {key: value for key, value in found.items() if np.isfinite(value).all()}
+            readings |= {(signal, label): row for label, row in zip(one.labels, rows, strict=True)}
+    return {key: value for key, value in readings.items() if np.isfinite(value).all()}
 
 
 def measured_state(
@@ -86,12 +86,12 @@ def measured_state(
     start, truth = moved(model, first, np.zeros(model.nv)), moved(model, q, v)
     for body in scene.robots:
         for joint in body.driven_joints:
-            own, label = model.joints[joint], f"{body.name}/{body.joint_name(model, joint)}"
+            joint_model, label = model.joints[joint], f"{body.name}/{body.joint_name(model, joint)}"
             if ("joint_position", label) in readings:
                 (angle,) = readings["joint_position", label]
-                value = [np.cos(angle), np.sin(angle)] if own.nq == 2 else angle
-                q[own.idx_q : own.idx_q + own.nq] = value
-            v[own.idx_v] = readings.get(("joint_rate", label), v[[own.idx_v]])[0]
+                value = [np.cos(angle), np.sin(angle)] if joint_model.nq == 2 else angle
+                q[joint_model.idx_q : joint_model.idx_q + joint_model.nq] = value
+            v[joint_model.idx_v] = readings.get(("joint_rate", label), v[[joint_model.idx_v]])[0]
         signals = ("base_position", "base_orientation", "base_velocity", "base_spin")
         if not body.root_joint or not any((signal, body.name) in readings for signal in signals):
             continue
@@ -110,22 +110,22 @@ def measured_state(
         )
         rotation = pin.exp3(turn) @ first
         _place(scene, body, q, v, (place, rotation, rotation.T @ linear, rotation.T @ angular))
-    own, tips = moved(model, q, v), {tip.label: tip for tip in scene.tips}
+    estimate, tips = moved(model, q, v), {tip.label: tip for tip in scene.tips}
     for grasp in held[:1]:
         assert scene.target is not None, "what is held is the target"
         tip = grasp.tip.frame
         grip = truth.oMf[tip].actInv(truth.oMi[scene.target.root_joint])
-        twist = grip.actInv(pin.getFrameVelocity(model, own, tip, pin.ReferenceFrame.LOCAL))
-        pose = own.oMf[tip] * grip
+        twist = grip.actInv(pin.getFrameVelocity(model, estimate, tip, pin.ReferenceFrame.LOCAL))
+        pose = estimate.oMf[tip] * grip
         _place(scene, scene.target, q, v, (pose.translation, pose.rotation, twist.linear, twist.angular))
         return np.concatenate([q, v])
-    seen = [
-        _seen(scene, (tips[goal.tip], goal.follows), readings, (start, truth, own))
+    sightings = [
+        _seen(scene, (tips[goal.tip], goal.follows), readings, (start, truth, estimate))
         for goal in plan.goals.values()
         if isinstance(goal, TipGoal) and goal.follows
     ]
-    if seen and scene.target is not None:
-        shift, turn, velocity, spin = np.mean(seen, axis=0)
+    if sightings and scene.target is not None:
+        shift, turn, velocity, spin = np.mean(sightings, axis=0)
         root = truth.oMi[scene.target.root_joint]
         rotation = pin.exp3(turn) @ root.rotation
         _place(scene, scene.target, q, v, (root.translation + shift, rotation, velocity, spin))
@@ -150,14 +150,16 @@ def moved(model: Any, q: Array, v: Array) -> Any:
     return data
 
 
-def _seen(scene: Scene, who: tuple[SceneTip, str], readings: Readings, known: tuple[Any, Any, Any]) -> Array:
-    """Where the target's root seems to be, by what a tip sees of a mating frame (4, 3).
+def _seen(
+    scene: Scene, who: tuple[SceneTip, str], readings: Readings, kinematics: tuple[Any, Any, Any]
+) -> Array:
+    """Estimate the target root's motion from one tip's measurement of a mating frame (4, 3).
 
-    Shift [m] and turn [rad] in world axes, velocity [m/s] and spin [rad/s] in the root's. ``known`` is how
-    all is at the start, how it is, and how it is by the robots' knowledge of themselves.
+    Shift [m] and turn [rad] in world axes, velocity [m/s] and spin [rad/s] in the root axes. ``kinematics``:
+    Pinocchio data at the start, of the true state, and of the state that the robots estimate.
     """
     model, (tip, frame), along, about = scene.model, who, scene.translation_axes, scene.rotation_axes
-    start, truth, own = known
+    start, truth, estimate = kinematics
     mate = model.getFrameId(f"target/{frame}", pin.FrameType.BODY)
     motion = pin.getFrameVelocity(model, truth, mate, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
     there, here, first = truth.oMf[mate], truth.oMf[tip.frame], start.oMf[mate].rotation
@@ -168,11 +170,11 @@ def _seen(scene: Scene, who: tuple[SceneTip, str], readings: Readings, known: tu
         return _along(readings.get((signal, tip.label)), value, axes)
 
     # what is seen from a tip is turned and shifted with the tip's own error
-    error = own.oMf[tip.frame].rotation @ here.rotation.T
+    error = estimate.oMf[tip.frame].rotation @ here.rotation.T
     turn = read("target_orientation", pin.log3(there.rotation @ first.T), about)
     error = error @ pin.exp3(turn) @ first @ there.rotation.T
     place = read("target_position", there.translation, along)
-    place = place + own.oMf[tip.frame].translation - here.translation
+    place = place + estimate.oMf[tip.frame].translation - here.translation
     velocity, spin = read("target_velocity", motion.linear, along), read("target_spin", motion.angular, about)
     lever = error @ (there.translation - root.translation)
     back = (error @ root.rotation).T

@@ -67,11 +67,11 @@ class Planners:
         self._horizons: dict[int, Horizon] = {}
         driven = self._solver.problem.stage.driven
         if len(driven.names) > len(driven.joints):
-            told = (
+            message = (
                 "found an actuator on a base, allowed with kind mpc: only joints are controlled; leave the "
                 "base to its own controller by `limits: {base_torque: 0, base_force: 0}`"
             )
-            raise scene.error(told, "plan.limits")
+            raise scene.error(message, "plan.limits")
 
     def first(self, numbers: Sequence[int], measured: Array, inertia: Sequence[Array | None]) -> list[str]:
         """Plan simulations from their start, each from a first guess.
@@ -90,16 +90,16 @@ class Planners:
         list
             Why there is no plan, in words; empty where there is one.
         """
-        found = []
-        for number, state, known in zip(numbers, measured, inertia, strict=True):
+        failures = []
+        for number, state, target_inertia in zip(numbers, measured, inertia, strict=True):
             try:
-                horizon = Horizon.of(self._solver, state, self._flown.settings.min_horizon, known)
+                horizon = Horizon.of(self._solver, state, self._flown.settings.min_horizon, target_inertia)
             except NoPlanError as fault:
-                found.append(fault.message)
+                failures.append(fault.message)
                 continue
             self._horizons[number] = horizon
-            found.append("")
-        return found
+            failures.append("")
+        return failures
 
     def replan(
         self, numbers: Sequence[int], begin: float, measured: Array, inertia: Sequence[Array | None]
@@ -117,8 +117,8 @@ class Planners:
         inertia
             Estimated inertial parameters of the target (10,) of each, None for what was known before.
         """
-        for number, state, known in zip(numbers, measured, inertia, strict=True):
-            self._horizons[number].replan(begin, state, self._flown.settings.iterations, known)
+        for number, state, target_inertia in zip(numbers, measured, inertia, strict=True):
+            self._horizons[number].replan(begin, state, self._flown.settings.iterations, target_inertia)
 
     def points(self, numbers: Sequence[int], now: float) -> list[Array]:
         """Points of each plan in the period that begins now [s], as in :meth:`FlownScene.numbers`."""
@@ -176,16 +176,16 @@ class ParallelPlanners:
         return self._spread("end", numbers, lambda _: ())
 
     def _spread(
-        self, what: str, numbers: Sequence[int], given: Callable[[list[int]], tuple[Any, ...]]
+        self, what: str, numbers: Sequence[int], arguments: Callable[[list[int]], tuple[Any, ...]]
     ) -> list[Any]:
         """One method of all processes, each for its own simulations; results in the order of these."""
         shares: dict[int, list[int]] = {}
         for row, number in enumerate(numbers):
             shares.setdefault(number % len(self._processes), []).append(row)
         for place, rows in shares.items():
-            own = [int(numbers[row]) for row in rows]
-            _send(self._processes[place], (what, (own, *given(rows))))
-        found: list[Any] = [None] * len(numbers)
+            assigned_numbers = [int(numbers[row]) for row in rows]
+            _send(self._processes[place], (what, (assigned_numbers, *arguments(rows))))
+        results: list[Any] = [None] * len(numbers)
         answers = {}
         for place in shares:
             process = self._processes[place]
@@ -194,14 +194,16 @@ class ParallelPlanners:
                 answers[place] = pickle.load(process.stdout)  # noqa: S301 (of a process that this one began)
             except EOFError:
                 code = process.wait()
-                told = f"a process that solves plans has ended with code {code}; its memory may not suffice"
-                raise SpaceRobotError(told) from None
+                message = (
+                    f"a process that solves plans has ended with code {code}; its memory may not suffice"
+                )
+                raise SpaceRobotError(message) from None
         for place, rows in shares.items():
             if isinstance(answers[place], SpaceRobotError):
                 raise answers[place]
             for row, answer in zip(rows, answers[place] or [None] * len(rows), strict=True):
-                found[row] = answer
-        return found
+                results[row] = answer
+        return results
 
 
 def serve() -> None:

@@ -82,8 +82,8 @@ class SinglePlant:
         return joined(self.pieces)
 
     def _rolled(self, p: Array, start: Array, length: float) -> Trajectory:
-        own = time_grid(length, self.rollout.grid.step_s * (1 + ROUNDING), self._sample_s)
-        return dataclasses.replace(self.rollout, grid=own).run(
+        grid = time_grid(length, self.rollout.grid.step_s * (1 + ROUNDING), self._sample_s)
+        return dataclasses.replace(self.rollout, grid=grid).run(
             np.concatenate([p[0], start[0]]), estimate=True
         )
 
@@ -115,19 +115,19 @@ class CheckedPlant(SinglePlant):
         """See :class:`optim.planning.mpc.flight.ControlledPlant`."""
         if not len(rows) or until - self.start[0, 0] <= ROUNDING * until:
             return
-        run, known = self.run, len(self.run.integrator.events)
+        run, event_count = self.run, len(self.run.integrator.events)
         run.engine.change(self.parameters[0, self._order])
         run.advance(until, self._sample_s)
         self.ended[0] = run.integrator.stopped or run.trajectory.status != "completed"
-        self.over[0] |= any(event.kind == "phase" for event in run.integrator.events[known:])
+        self.over[0] |= any(event.kind == "phase" for event in run.integrator.events[event_count:])
         self.start = np.concatenate([[until], run.integrator.x, run.engine.switches])[None, :]
         self.readings = [readings_of(self.loop.variables, run.last_outputs)]
 
     @property
     def trajectory(self) -> Trajectory:
         """Everything so far."""
-        found = self.run.trajectory
-        return dataclasses.replace(found, events=fired_events(self.loop, found))
+        trajectory_so_far = self.run.trajectory
+        return dataclasses.replace(trajectory_so_far, events=fired_events(self.loop, trajectory_so_far))
 
 
 def simulate_mpc(scene: Scene, *, backend: str = "auto", progress: Progress | None = None) -> Result:
@@ -199,43 +199,43 @@ def simulate_mpc(scene: Scene, *, backend: str = "auto", progress: Progress | No
             plant.over[:] = False
             handover = Handover.at(scene, loop, plant.start[0])
             planners = Planners(scene, backend, notify, (flown, handover))
-    told: Mapping[str, Any] | None = None
+    planner_statistics: Mapping[str, Any] | None = None
     if planners is not None:
         (fault,) = fly(Computer(scene, flown, plant, handover), planners, notify)
         if fault:
             raise NoPlanError(fault, source=scene.source, where="plan")
-        (told,) = planners.end([0])
+        (planner_statistics,) = planners.end([0])
     trajectory = plant.trajectory
-    whole = build_dataset(scene, trajectory, loop)
+    dataset = build_dataset(scene, trajectory, loop)
     total = time.perf_counter() - began
     timing = {"closed_loop": 0.0, "compile_or_load": 0.0, "rollout": trajectory.wall_s, "total": total}
     notes = {"toolchain": rollout.summary, "step_error": f"{trajectory.step_error:.1e}"}
     events = build_events(scene, loop, trajectory.events)
-    summary = build_summary(scene, whole, trajectory, timing, notes, events)
-    if told:
-        summary["mpc"] = statistics(flown.settings, told)
-    return Result(scene.scenario, whole, summary)
+    summary = build_summary(scene, dataset, trajectory, timing, notes, events)
+    if planner_statistics:
+        summary["mpc"] = statistics(flown.settings, planner_statistics)
+    return Result(scene.scenario, dataset, summary)
 
 
-def statistics(settings: Replanning, told: Mapping[str, Any]) -> MpcStatistics:
+def statistics(settings: Replanning, planner_statistics: Mapping[str, Any]) -> MpcStatistics:
     """Plans of a simulation, and the time that they took, for its summary.
 
     Parameters
     ----------
     settings
-        Of the controllers.
-    told
+        Settings of the controllers.
+    planner_statistics
         Statistics of its horizon.
     """
-    seconds: Sequence[float] = told["seconds"]
+    seconds: Sequence[float] = planner_statistics["seconds"]
     again, allowed = seconds[1:], settings.delay or settings.period
     return {
         "period_s": settings.period,
         "delay_s": settings.delay,
-        "plans": told["plans"],
-        "missed": told["missed"],
-        "unfinished": told["unfinished"],
-        "iterations": told["iterations"],
+        "plans": planner_statistics["plans"],
+        "missed": planner_statistics["missed"],
+        "unfinished": planner_statistics["unfinished"],
+        "iterations": planner_statistics["iterations"],
         "first_solve_s": seconds[0],
         "median_solve_s": float(np.median(again or [0.0])),
         "longest_solve_s": max(again, default=0.0),

@@ -38,8 +38,12 @@ def constraint_variables(
         "torque": list(range(first, first + len(driven.joints))),
     }
     variables: dict[str, Any] = {
-        f"{name}_limit": (("joint", "side"), _limits(phased_motion, own), {"long_name": f"limits of {name}"})
-        for name, own in places.items()
+        f"{name}_limit": (
+            ("joint", "side"),
+            _limits(phased_motion, indices),
+            {"long_name": f"limits of {name}"},
+        )
+        for name, indices in places.items()
     }
     coordinates: dict[str, Any] = {"side": SIDES}
     # axes of bases that are driven in any phase, and the greatest force or torque of each [N, N m].
@@ -60,12 +64,12 @@ def constraint_variables(
     points = [len(motion.time) for motion in phased_motion.motions]
     for k, (phase, motion) in enumerate(zip(names, phased_motion.motions, strict=True)):
         rows = [row for row in motion.problem.path if row.lower < row.upper]  # equations hold nothing back
-        own = row_values(rows, motion.problem.stage.z, motion.z.T) if rows else ()
-        for row, of_row in zip(rows, own, strict=True):
+        values_of_rows = row_values(rows, motion.problem.stage.z, motion.z.T) if rows else ()
+        for row, of_row in zip(rows, values_of_rows, strict=True):
             name = f"{phase}: {row.name}" if several else row.name
-            told, limits = _told(row, of_row)
+            physical_values, limits = _told(row, of_row)
             over = np.full(sum(points), np.nan)
-            over[sum(points[:k]) : sum(points[: k + 1])] = told
+            over[sum(points[:k]) : sum(points[: k + 1])] = physical_values
             share = first_constrained(motion.lobatto, motion.mesh, row.final_fraction)
             notes.setdefault(name, (row.unit, limits, phased_motion.begins[k] + share * motion.duration_s))
             # another segment of the same phase has the same constraints
@@ -119,18 +123,20 @@ def with_flown(plan: xr.Dataset, scene: Scene, flown: xr.Dataset) -> xr.Dataset:
     """
     phases = formulate_phases(scene)
     names, times = [str(name) for name in plan.constraint_name.values], flown.time.values
-    found = np.full((len(times), len(names)), np.nan)
+    flown_values = np.full((len(times), len(names)), np.nan)
     for phase in phases:
-        own = plan.time.values if len(phases) == 1 else plan.time.values[plan.phase.values == phase.name]
-        inside = (times >= own[0]) & (times <= own[-1])
+        phase_times = (
+            plan.time.values if len(phases) == 1 else plan.time.values[plan.phase.values == phase.name]
+        )
+        inside = (times >= phase_times[0]) & (times <= phase_times[-1])
         stage = phase.problem.stage
         state, later = ca.vertcat(stage.q, stage.v), ca.vertcat(stage.a, stage.u, stage.w, stage.s)
         at = np.hstack([flown.q.values[inside], flown.v.values[inside]]).T
         for row in phase.problem.path:
             name = f"{phase.name}: {row.name}" if len(phases) > 1 else row.name
             if name in names and not ca.depends_on(row.value, later):
-                found[inside, names.index(name)] = _told(row, row_values([row], state, at)[0])[0]
-    data = {"constraint_flown": (("flown_time", "constraint_name"), found)}
+                flown_values[inside, names.index(name)] = _told(row, row_values([row], state, at)[0])[0]
+    data = {"constraint_flown": (("flown_time", "constraint_name"), flown_values)}
     return plan.assign(data).assign_coords(flown_time=times)
 
 
@@ -147,7 +153,7 @@ def multiplier_norms(planned: PlanSolution) -> Array:
         The plan.
     """
     solution = planned.solution
-    found, row, unknown = [], 0, 0
+    norms, row, unknown = [], 0, 0
     for motion in planned.phased_motion.motions:
         problem, (points, nz) = motion.problem, motion.z.shape
         nx, count = len(problem.start[0]), problem.stage.balance.numel() + len(problem.path)
@@ -156,6 +162,6 @@ def multiplier_norms(planned: PlanSolution) -> Array:
         of_limits = solution.bound_multipliers[unknown : unknown + points * nz].reshape(points, nz).copy()
         of_limits[0, :nx] = 0.0  # the start is no limit
         pull = np.linalg.norm(np.hstack([of_rows, of_limits]), axis=1)
-        found.append(pull / (motion.duration_s * motion.lobatto.quadrature(motion.mesh)))
+        norms.append(pull / (motion.duration_s * motion.lobatto.quadrature(motion.mesh)))
         row, unknown = first + points * count + len(problem.goal), unknown + points * nz + 1
-    return np.concatenate(found)
+    return np.concatenate(norms)

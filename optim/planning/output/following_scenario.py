@@ -47,12 +47,12 @@ def following_scenario(planned: PlanSolution) -> Scenario:
     for name, room in plan_section(scene).start.items():
         body, robot = scene.body(name), document["robots"][name]
         for joint in body.driven_joints:
-            own = robot["joints"][body.joint_name(scene.model, joint)]
+            settings = robot["joints"][body.joint_name(scene.model, joint)]
             position = joint_angle(scene.model.joints[joint], q)
-            if own["angle_deg"] is not None:
-                own["angle_deg"] = float(np.degrees(position))
-            elif own["offset"] is not None:
-                own["offset"] = position
+            if settings["angle_deg"] is not None:
+                settings["angle_deg"] = float(np.degrees(position))
+            elif settings["offset"] is not None:
+                settings["offset"] = position
         if room.places:
             first = int(scene.model.idx_qs[body.root_joint])
             place = robot["base"]["position"]
@@ -95,8 +95,8 @@ def _in_phases(planned: PlanSolution, document: Document) -> Document:
     """The plan in the first phases, what is left of the last one behind it, and the phases that follow."""
     scenario = planned.scene.scenario
     flown = planned.names if any(planned.names) else (plan_phase(scenario),)
-    own = scenario.phases or {flown[0]: Phase()}
-    phases = {name: phase.model_dump(mode="json") for name, phase in own.items()}
+    scenario_phases = scenario.phases or {flown[0]: Phase()}
+    phases = {name: phase.model_dump(mode="json") for name, phase in scenario_phases.items()}
     phased_motion, last = planned.phased_motion, flown[-1]
     closing = flown[:-1]
     if len(flown) > 1:  # the plan may end where all is mated that its last phase is to capture
@@ -115,7 +115,7 @@ def _in_phases(planned: PlanSolution, document: Document) -> Document:
             at = float(phased_motion.begins[k]) + duration
             document["grasps"][grasp]["capture"] = {"at": at, **capture}
     end, left = phases.pop(last), _unused(f"{last}_wait", set(phases))
-    rest, (next_phase, on_timeout) = None, successors(own)[last]
+    rest, (next_phase, on_timeout) = None, successors(scenario_phases)[last]
     if last not in closing:
         end |= {"next": next_phase, "on_timeout": on_timeout}
         end, rest = _parted(
@@ -135,7 +135,11 @@ def _in_phases(planned: PlanSolution, document: Document) -> Document:
             waits = (end["until"] or {}).get("captured") or ()
             if any(scenario.grasps[name].begins == "open" for name in waits):
                 end["until"] = None  # it ends with the plan
-    order = [*flown, *([left] if rest is not None else []), *(name for name in own if name not in flown)]
+    order = [
+        *flown,
+        *([left] if rest is not None else []),
+        *(name for name in scenario_phases if name not in flown),
+    ]
     phases |= {last: end} | ({} if rest is None else {left: rest})
     phases = {name: phases[name] for name in order}
     # Give each robot what follows each phase of the plan, and rests in all others, in place.
@@ -157,10 +161,14 @@ def _in_phases(planned: PlanSolution, document: Document) -> Document:
         robot["actuators"] = _actuated(planned, name, robot["actuators"])
     for phase in phases.values():  # what they change of controllers that the document no longer has
         for name, robot in phase["robots"].items():
-            kept = document["robots"][name]["controllers"]
-            own = (robot or {}).get("controllers") or {}
-            for key in [key for key, section in own.items() if section is None and key not in kept]:
-                del own[key]
+            controllers = document["robots"][name]["controllers"]
+            phase_controllers = (robot or {}).get("controllers") or {}
+            for key in [
+                key
+                for key, section in phase_controllers.items()
+                if section is None and key not in controllers
+            ]:
+                del phase_controllers[key]
     document["phases"] = phases
     return document
 
@@ -186,16 +194,16 @@ def _parted(own: Document, duration: float, left: str) -> tuple[Document, Docume
 
 def _resting(robot: Document) -> Document:
     """Changes of a robot while its joints track the plan: its own controllers rest."""
-    found: Document = {"tips": {}, "controllers": dict.fromkeys(robot["controllers"])}
+    changes: Document = {"tips": {}, "controllers": dict.fromkeys(robot["controllers"])}
     for name, tip in robot["tips"].items():
-        own: Document = {key: None for key in CONTROLLERS if tip[key] is not None}
+        rest: Document = {key: None for key in CONTROLLERS if tip[key] is not None}
         reference = {"kind": "plan", "file": PLAN}
-        found["tips"][name] = {
-            **own,
+        changes["tips"][name] = {
+            **rest,
             "controllers": dict.fromkeys(tip["controllers"]),
             "reference": reference,
         }
-    return found | ({} if robot["joint_pd"] is None else {"joint_pd": None})
+    return changes | ({} if robot["joint_pd"] is None else {"joint_pd": None})
 
 
 def _has_controllers(robot: Document) -> bool:
@@ -207,7 +215,9 @@ def _has_controllers(robot: Document) -> bool:
 def _unused(name: str, taken: set[str]) -> str:
     """A name that is not taken."""
     return next(
-        found for found in itertools.accumulate(itertools.repeat("_"), initial=name) if found not in taken
+        candidate
+        for candidate in itertools.accumulate(itertools.repeat("_"), initial=name)
+        if candidate not in taken
     )
 
 
@@ -215,25 +225,25 @@ def _tracking(planned: PlanSolution, robot: str, k: int, key: str) -> Document:
     """Controllers of a robot that follow a phase of the plan, by name."""
     scene, motion = planned.scene, planned.phased_motion.motions[k]
     driven = motion.problem.stage.driven
-    file, found = {"file": PLAN} | ({"phase": planned.names[k]} if planned.names[k] else {}), {}
+    file, controllers = {"file": PLAN} | ({"phase": planned.names[k]} if planned.names[k] else {}), {}
     if scene.body(robot).driven_joints:
-        found[key] = {"kind": "joint_tracking", **file, **tracking_gains(motion, robot)}
+        controllers[key] = {"kind": "joint_tracking", **file, **tracking_gains(motion, robot)}
     if driven.of_base(robot):
-        found[f"{key}_base"] = {"kind": "base_tracking", **file, **base_gains(scene, robot)}
-    return found
+        controllers[f"{key}_base"] = {"kind": "base_tracking", **file, **base_gains(scene, robot)}
+    return controllers
 
 
 def _actuated(planned: PlanSolution, robot: str, actuators: Document) -> Document:
     """A robot's actuators, and an ideal one where they do not deliver what the plan asks of the base."""
     scenario = planned.scene.scenario
     axes = [a for motion in planned.phased_motion.motions for a in motion.problem.stage.driven.of_base(robot)]
-    own = [part for _, one in scenario.robots[robot].driven_by() for part in one.base_wrench]
-    if {"torque" if axis[0] == "t" else "force" for axis in axes} <= set(own):
+    driven_parts = [part for _, one in scenario.robots[robot].driven_by() for part in one.base_wrench]
+    if {"torque" if axis[0] == "t" else "force" for axis in axes} <= set(driven_parts):
         return actuators
     limits = [section_base_limits(plan.limits) for plan in plan_section(planned.scene).by_phase.values()]
     ideal = {
         "kind": "base_wrench",
-        "force": max(own.get("force", 0.0) for own in limits) or None,
-        "torque": max(own.get("torque", 0.0) for own in limits) or None,
+        "force": max(base_limits.get("force", 0.0) for base_limits in limits) or None,
+        "torque": max(base_limits.get("torque", 0.0) for base_limits in limits) or None,
     }
     return actuators | {_unused("plan", set(actuators)): ideal}

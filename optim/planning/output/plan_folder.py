@@ -77,11 +77,13 @@ def dataset(planned: PlanSolution) -> xr.Dataset:
     ]
     parts = [_over_time(scene, motion, drives, grips) for motion in phased_motion.motions]
     variables: dict[str, Any] = {
-        name: (dims, np.concatenate([part[name][1] for part in parts]), told)
-        for name, (dims, _, told) in parts[0].items()
+        name: (dims, np.concatenate([part[name][1] for part in parts]), description)
+        for name, (dims, _, description) in parts[0].items()
     }
-    told = _told("1", "norm of the multipliers of equations of motion and limits, as densities over time")
-    variables["multiplier_norm"] = ("time", multiplier_norms(planned), told)
+    norm_description = _told(
+        "1", "norm of the multipliers of equations of motion and limits, as densities over time"
+    )
+    variables["multiplier_norm"] = ("time", multiplier_norms(planned), norm_description)
     solution, text = planned.solution, "for warm starts, in the program's order"
     variables["multiplier"] = (
         "equation",
@@ -171,27 +173,27 @@ def _over_time(scene: Scene, motion: Motion, drives: Mapping[str, int], grips: l
     for name, unit, text in TIP_MOTION:
         variables[name] = (("time", "tip", "axis"), tips[name], _told(unit, text))
     if drives:
-        told = _told("N or N m", "forces and torques commanded of bases, in their own axes")
+        attributes = _told("N or N m", "forces and torques commanded of bases, in their own axes")
         asked = ca.Function("asked", [stage.z], [ca.densify(commanded_base_wrench(stage))])
         wrench = _spread(list(drives), driven.names[count:], np.array(asked(motion.z.T).full()).T)
-        variables["base_wrench"] = (("time", "drive"), wrench, told)
-        told = _told("m/s or rad/s", "velocities and spins of bases along and about these axes")
-        variables["base_rate"] = (("time", "drive"), v[:, list(drives.values())], told)
+        variables["base_wrench"] = (("time", "drive"), wrench, attributes)
+        attributes = _told("m/s or rad/s", "velocities and spins of bases along and about these axes")
+        variables["base_rate"] = (("time", "drive"), v[:, list(drives.values())], attributes)
     if grips:
-        told = _told("N or N m", "forces and torques of grasps on tips, world axes")
+        attributes = _told("N or N m", "forces and torques of grasps on tips, world axes")
         closed = (*stage.grips, *stage.springs)
-        own = [f"{grip.name}.{axis}" for grip in closed for axis in wrench_axes(scene, grip)]
+        wrench_labels = [f"{grip.name}.{axis}" for grip in closed for axis in wrench_axes(scene, grip)]
         wrenches = ca.vertcat(ca.SX(0, 1), *(part for grip in closed for part in stage.wrench(grip)))
         values = np.array(ca.Function("grip", [stage.z], [ca.densify(wrenches)])(motion.z.T).full()).T
-        variables["grip_wrench"] = (("time", "grip"), _spread(grips, own, values), told)
+        variables["grip_wrench"] = (("time", "grip"), _spread(grips, wrench_labels, values), attributes)
     return variables
 
 
-def _spread(names: Sequence[str], own: Sequence[str], values: Array) -> Array:
+def _spread(names: Sequence[str], columns: Sequence[str], values: Array) -> Array:
     """Columns of one's own names among all names; zeros elsewhere."""
-    found = np.zeros((len(values), len(names)))
-    found[:, [names.index(name) for name in own]] = values
-    return found
+    spread = np.zeros((len(values), len(names)))
+    spread[:, [names.index(name) for name in columns]] = values
+    return spread
 
 
 TIP_MOTION = (
@@ -261,12 +263,14 @@ def write(planned: PlanSolution, folder: StrPath, sensitivities: Mapping[str, fl
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with uninterrupted(), staged(folder) as stage:
-            found = dataset(planned)
-            encoding = {str(name): {"zlib": True, "complevel": 1} for name in found.data_vars}
-            found.to_netcdf(stage / PLAN, engine="netcdf4", encoding=encoding)
+            data = dataset(planned)
+            encoding = {str(name): {"zlib": True, "complevel": 1} for name in data.data_vars}
+            data.to_netcdf(stage / PLAN, engine="netcdf4", encoding=encoding)
             (stage / PLAN).replace(folder / PLAN)
-            told = summary(planned) | ({"cost_sensitivities": dict(sensitivities)} if sensitivities else {})
-            text = json.dumps(plain(told), indent=1, allow_nan=False)
+            summary_data = summary(planned) | (
+                {"cost_sensitivities": dict(sensitivities)} if sensitivities else {}
+            )
+            text = json.dumps(plain(summary_data), indent=1, allow_nan=False)
             write_text(folder / SUMMARY, text + "\n")
             notes = "".join(f"# {line}\n" for line in handover_warnings(planned))
             write_text(folder / FOLLOWED, notes + to_yaml(following_scenario(planned)))
@@ -330,9 +334,9 @@ def _data_fault(data: xr.Dataset) -> str | None:
     for name, dims in DIMENSIONS.items():
         if name not in data.variables:
             return f"no variable {name!r}"
-        found = tuple(map(str, data[name].dims))
-        if found != dims:
-            return f"{name}: found the dimensions {', '.join(found)}, allowed: {', '.join(dims)}"
+        stored_dims = tuple(map(str, data[name].dims))
+        if stored_dims != dims:
+            return f"{name}: found the dimensions {', '.join(stored_dims)}, allowed: {', '.join(dims)}"
         if dims[0] == "time" and not (
             np.issubdtype(data[name].dtype, np.number) and np.isfinite(data[name].values).all()
         ):
@@ -355,11 +359,11 @@ def _unit(scene: Scene, joints: tuple[int, ...], either: str) -> str:
 
 def _entries(model: Any, size: str) -> list[str]:
     """A name for each coordinate of configuration or velocity."""
-    found = []
+    entries = []
     for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
         count = getattr(joint, size)
-        found += [str(name)] if count == 1 else [f"{name}[{k}]" for k in range(count)]
-    return found
+        entries += [str(name)] if count == 1 else [f"{name}[{k}]" for k in range(count)]
+    return entries
 
 
 def _told(unit: str, text: str) -> dict[str, str]:

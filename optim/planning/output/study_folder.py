@@ -21,7 +21,7 @@ def to_data(study: DesignStudy) -> dict[str, Any]:
     """A study, plain; no number where no plan was found."""
     variables = study.variables
     held = at_bound(variables.names, variables.unit(study.found.values))
-    told = {
+    variable_data = {
         name: {
             "paths": list(variables.paths[k]),
             "unit": unit_at(study.scene.scenario, variables.paths[k][0]),
@@ -37,7 +37,7 @@ def to_data(study: DesignStudy) -> dict[str, Any]:
     }
     data = {
         "scenario": study.scene.scenario.name,
-        "variables": told,
+        "variables": variable_data,
         "cost": {"start": study.trials[0].cost, "found": study.found.cost},
         "ended": study.ended,
         "trials": [vars(trial) for trial in study.trials],

@@ -55,7 +55,7 @@ def best_candidate(
     best: tuple[float, T] | None = None
     candidates, choices = list[Candidate](), plan_section(scene).choices
     # combinations of choices, each with its scene; the scene itself where its plan has no choices
-    found: list[tuple[dict[str, Value], Scene]] = [] if choices else [({}, scene)]
+    scenes: list[tuple[dict[str, Value], Scene]] = [] if choices else [({}, scene)]
     for values in itertools.product(*(choice.among for choice in choices.values())) if choices else ():
         changes = [
             (path, value)
@@ -63,8 +63,8 @@ def best_candidate(
             for path in choice.paths
         ]
         built = build_scene(scene.scenario, [("plan.choices", {}), *changes], source=scene.source)
-        found.append((dict(zip(choices, values, strict=True)), built))
-    for chosen, each in found:
+        scenes.append((dict(zip(choices, values, strict=True)), built))
+    for chosen, each in scenes:
         words = ", ".join(f"{name} {value}" for name, value in chosen.items())
         try:
             cost, planned = plan(each, words)
@@ -77,6 +77,10 @@ def best_candidate(
         if best is None or cost < best[0]:
             best = cost, planned
     if best is None:
-        told = "; ".join(f"{', '.join(map(str, one.chosen.values()))}: {one.failure}" for one in candidates)
-        raise NoPlanError(f"no candidate leads to a plan: {told}", source=scene.source, where="plan.choices")
-    return best[1], tuple(candidates) if found[0][0] else ()
+        failures = "; ".join(
+            f"{', '.join(map(str, one.chosen.values()))}: {one.failure}" for one in candidates
+        )
+        raise NoPlanError(
+            f"no candidate leads to a plan: {failures}", source=scene.source, where="plan.choices"
+        )
+    return best[1], tuple(candidates) if scenes[0][0] else ()

@@ -106,16 +106,16 @@ def infeasibility_message(
     # limits of unknowns that hold most, by name
     pulls, times, first = dict[str, float](), dict[str, float](), 0
     for one in program.programs:
-        own = slice(first, first + one.size)
-        limit = np.where(pressed[own] > 0, high[own], low[own])
-        fixed = low[own] == high[own]
+        block = slice(first, first + one.size)
+        limit = np.where(pressed[block] > 0, high[block], low[block])
+        fixed = low[block] == high[block]
         fixed[-1] = False  # a duration that is given is a limit, too
-        pull = np.where(np.isfinite(limit) & ~fixed, np.abs(pressed[own]), 0.0)
+        pull = np.where(np.isfinite(limit) & ~fixed, np.abs(pressed[block]), 0.0)
         pull = pull * np.maximum(np.abs(np.where(np.isfinite(limit), limit, 0.0)), 1e-3)
         per_point = pull[:-1].reshape(one.points, one.nz).sum(axis=0)
         for k, (name, _) in limit_names(one.problem).items():
             pulls[name] = pulls.get(name, 0.0) + float(per_point[k])
-        times[f"the duration (at most {high[own][-1]:g} s)"] = float(pull[-1]) * (pressed[own][-1] > 0)
+        times[f"the duration (at most {high[block][-1]:g} s)"] = float(pull[-1]) * (pressed[block][-1] > 0)
         first += one.size
     most = max(pulls.values(), default=0.0)
     worst = sorted(pulls, key=lambda name: -pulls[name])[:NAMED]
@@ -137,7 +137,7 @@ def largest_violations(program: PhaseChain, w: Array) -> str:
         What is solved, and its unknowns.
     """
     g, (least, greatest) = program.constraints(w), program.limits()
-    over, found = np.maximum(np.maximum(least - g, g - greatest), 0.0), dict[str, tuple[float, str]]()
+    over, violations = np.maximum(np.maximum(least - g, g - greatest), 0.0), dict[str, tuple[float, str]]()
     # scale and unit of each constraint's violation, by name
     scales = {"equations of motion": (1.0, "N or N m")}
     for one in program.programs:
@@ -145,8 +145,8 @@ def largest_violations(program: PhaseChain, w: Array) -> str:
     for name, rows in _rows(program):
         scale, unit = scales.get(name, (1.0, "m or rad"))
         value = float(np.max(over[rows], initial=0.0)) * scale
-        found[name] = max((value, unit), found.get(name, (0.0, unit)))
-    worst = sorted(found.items(), key=lambda item: -item[1][0])
+        violations[name] = max((value, unit), violations.get(name, (0.0, unit)))
+    worst = sorted(violations.items(), key=lambda item: -item[1][0])
     named = [f"{name} ({value:.2g} {unit})" for name, (value, unit) in worst if value > VIOLATED][:NAMED]
     return ", ".join(named) or "nothing"
 
@@ -156,18 +156,18 @@ def soft_rows(program: PhaseChain) -> npt.NDArray[np.int64]:
 
     Equations of motion and collocation stay, and so does what grasps hold.
     """
-    found, first = list[npt.NDArray[np.int64]](), 0
+    blocks, first = list[npt.NDArray[np.int64]](), 0
     for one in program.programs:
         hard = np.zeros((one.points, one.per_point), dtype=bool)
         hard[:, : one.nv] = True
         for k, row in enumerate(one.problem.path):
             hard[:, one.nv + k] = row.lower == row.upper
-        own = np.concatenate(
+        soft = np.concatenate(
             [np.zeros(one.defects, dtype=bool), ~hard.ravel(), np.ones(len(one.problem.goal), dtype=bool)]
         )
-        found.append(first + np.flatnonzero(own))
+        blocks.append(first + np.flatnonzero(soft))
         first += one.rows
-    rows, (least, greatest) = np.concatenate(found), program.limits()
+    rows, (least, greatest) = np.concatenate(blocks), program.limits()
     return rows[np.isfinite(least[rows]) | np.isfinite(greatest[rows])]
 
 

@@ -41,10 +41,10 @@ def check_start(problem: PlanningProblem) -> None:
     scene, driven = problem.stage.scene, problem.stage.driven
     model = scene.model
     for joint in driven.joints:
-        own, name = model.joints[joint], str(model.names[joint])
-        checked = [("rate", model.nq + own.idx_v, "rad/s or m/s")]
-        if own.nq == 1:
-            checked.append(("position", own.idx_q, "rad or m"))
+        joint_model, name = model.joints[joint], str(model.names[joint])
+        checked = [("rate", model.nq + joint_model.idx_v, "rad/s or m/s")]
+        if joint_model.nq == 1:
+            checked.append(("position", joint_model.idx_q, "rad or m"))
         for what, place, unit in checked:
             least, greatest = problem.lower[place], problem.upper[place]
             if not least - SLACK <= problem.fixed[place] <= greatest + SLACK:
@@ -59,8 +59,8 @@ def check_start(problem: PlanningProblem) -> None:
     if not rows:
         return
     rest = np.zeros(problem.stage.z.numel() - len(problem.fixed))
-    found = row_values(rows, problem.stage.z, np.concatenate([problem.fixed, rest])[:, None])[:, 0]
-    for row, value in zip(rows, found, strict=True):
+    start_values = row_values(rows, problem.stage.z, np.concatenate([problem.fixed, rest])[:, None])[:, 0]
+    for row, value in zip(rows, start_values, strict=True):
         if not row.lower - SLACK <= value <= row.upper + SLACK:
             over = max(row.lower - value, value - row.upper) * row.scale
             raise scene.error(
@@ -104,8 +104,8 @@ def check_momentum(problem: PlanningProblem, plan: PlanSection) -> None:
         names = {one.name for one in group}
         resting |= dict.fromkeys(names, name)
         if names == {"target"}:
-            told = "moves on as it does, for nothing holds it"
-            raise scene.error(f"{body.name} {told}", where)
+            message = "moves on as it does, for nothing holds it"
+            raise scene.error(f"{body.name} {message}", where)
         if any(not one.root_joint for one in group):
             continue  # the world takes it
         # bounds of the force [N], and of the torque about their centre of mass [N m], on the bases of bodies
@@ -122,13 +122,13 @@ def check_momentum(problem: PlanningProblem, plan: PlanSection) -> None:
             size, most = float(np.linalg.norm(momentum)), able * problem.duration[1]
             if size <= max(SLACK, most * (1 + 1e-6)):
                 continue
-            told = f"for nothing takes its momentum of {size:.4g} {unit}; give `limits.{key}`"
+            message = f"for nothing takes its momentum of {size:.4g} {unit}; give `limits.{key}`"
             if able:
-                told = (
+                message = (
                     f"for its momentum is {size:.4g} {unit}, of which {problem.duration[1]:g} s take no more "
                     f"than {most:.4g} {unit}; raise `limits.{key}`, or the duration"
                 )
-            raise scene.error(f"{body.name} cannot come to rest, {told}", where)
+            raise scene.error(f"{body.name} cannot come to rest, {message}", where)
 
 
 def check_joined(problem: PlanningProblem, plan: PlanSection) -> None:
@@ -154,7 +154,7 @@ def check_joined(problem: PlanningProblem, plan: PlanSection) -> None:
             continue
         linear, angular = _momenta(scene, [tip.body])
         mass = sum(float(model.inertias[joint].mass) for joint in tip.body.subtree)
-        own, near = linear / mass, _greatest_distance(problem, tip)
+        velocity, near = linear / mass, _greatest_distance(problem, tip)
         # velocity and spin of the mating frame, world axes, when the plan may end (n, 3) each [m/s, rad/s]
         frame, mate = model.getFrameId(f"target/{goal.follows}", pin.FrameType.BODY), []
         for q, v in zip(*_free_motion(problem), strict=True):
@@ -163,12 +163,11 @@ def check_joined(problem: PlanningProblem, plan: PlanSection) -> None:
             mate.append((motion.linear, motion.angular))
         velocities, spins = (np.array(side) for side in zip(*mate, strict=True))
         turning, turned = np.linalg.norm(spins, axis=1), float(np.linalg.norm(angular))
-        apart = np.linalg.norm(velocities - own, axis=1) - turning * near - goal.end_speed
+        apart = np.linalg.norm(velocities - velocity, axis=1) - turning * near - goal.end_speed
         fault = ""
         if apart.min() > SLACK:
-            fault = (
-                f"its centre of mass continues at {np.linalg.norm(own):.4g} m/s, another velocity than that"
-            )
+            speed = np.linalg.norm(velocity)
+            fault = f"its centre of mass continues at {speed:.4g} m/s, another velocity than that"
         elif np.all((spins @ angular <= SLACK * turned) & (turning + turned > SLACK)):
             fault = f"its angular momentum stays {turned:.4g} N m s, so it cannot turn likewise"
         if fault:
@@ -218,8 +217,9 @@ def check_changeable(problem: PlanningProblem) -> None:
     free = [joint for body in scene.bodies if body.name not in driven for joint in body.subtree]
     fixed = np.ones(scene.model.nq, dtype=bool), np.ones(scene.model.nv, dtype=bool)
     for joint in free:
-        own = scene.model.joints[joint]
-        fixed[0][own.idx_q : own.idx_q + own.nq] = fixed[1][own.idx_v : own.idx_v + own.nv] = False
+        joint_model = scene.model.joints[joint]
+        fixed[0][joint_model.idx_q : joint_model.idx_q + joint_model.nq] = False
+        fixed[1][joint_model.idx_v : joint_model.idx_v + joint_model.nv] = False
     moved = ca.vertcat(
         stage.q[np.flatnonzero(fixed[0]).tolist()],
         stage.v[np.flatnonzero(fixed[1]).tolist()],
@@ -231,9 +231,9 @@ def check_changeable(problem: PlanningProblem) -> None:
         return
     state = np.hstack(_free_motion(problem)).T
     values = ca.Function("goals", [ca.vertcat(stage.q, stage.v)], [ca.vertcat(*(row.value for row in rows))])
-    for row, found in zip(rows, np.array(values(state)).reshape(len(rows), -1), strict=True):
-        over = np.maximum(row.lower - found, found - row.upper)
-        crossed = row.lower == row.upper and found.min() <= row.lower <= found.max()
+    for row, extremes in zip(rows, np.array(values(state)).reshape(len(rows), -1), strict=True):
+        over = np.maximum(row.lower - extremes, extremes - row.upper)
+        crossed = row.lower == row.upper and extremes.min() <= row.lower <= extremes.max()
         if not crossed and over.min() > MISSED:
             raise scene.error(
                 f"{row.name}: nothing that is planned changes it, and it misses by at least "

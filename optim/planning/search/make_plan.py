@@ -121,11 +121,11 @@ def make_plan(
         solver = PlanSolver.of(each, backend, (lambda text: notify(f"{words}: {text}")) if words else notify)
         near = None if warm_start is None else stored_motion(solver, Path(warm_start))
         tasks = plan_tasks(solver, solver.request(near=near))
-        found = run_tasks(solver, tasks, folder, dask)
-        fault = failure_message(found[PLAN], solver.plan.starts)
+        results = run_tasks(solver, tasks, folder, dask)
+        fault = failure_message(results[PLAN], solver.plan.starts)
         if fault is not None:
             raise NoPlanError(fault, source=scene.source, where="plan")
-        plan = plan_result(solver, solver.request(), found)
+        plan = plan_result(solver, solver.request(), results)
         return plan.cost, plan
 
     best, candidates = best_candidate(scene, of)
@@ -158,15 +158,15 @@ def plan_tasks(solver: PlanSolver, request: SolveRequest, name: str = PLAN) -> d
 def failure_message(result: SolveResult, starts: int = 1) -> str | None:
     """Why there is no plan; None if there is one."""
     names = ", ".join(dict.fromkeys(f"{one.first} and {one.second}" for one in result.apart))
-    told = f"; `collision_avoidance` keeps apart {names}" if names else ""
+    avoidance = f"; `collision_avoidance` keeps apart {names}" if names else ""
     if result.solution is None:
         many = f" from {starts} starts" if starts > 1 else ""
-        return f"no plan was found{many}: {result.cause}{told}"
+        return f"no plan was found{many}: {result.cause}{avoidance}"
     assert result.verification is not None
     faults = result.verification.failures()
     if faults and result.cause:
         faults.append(result.cause)
-    return f"the plan is refused: {'; '.join(faults)}{told}" if faults else None
+    return f"the plan is refused: {'; '.join(faults)}{avoidance}" if faults else None
 
 
 def plan_result(
@@ -203,14 +203,14 @@ def integrals(motion: Motion) -> dict[str, float]:
     weights; those of magnitudes by the polynomials between the points.
     """
     problem = motion.problem
-    found: dict[str, float] = {}
+    totals: dict[str, float] = {}
     weights = motion.lobatto.quadrature(motion.mesh)
     for name, term in problem.terms.items():
         values = ca.Function("term", [problem.stage.z], [ca.densify(term)])(motion.z.T).full()
-        found[name] = float(weights @ np.array(values).ravel()) * motion.duration_s
+        totals[name] = float(weights @ np.array(values).ravel()) * motion.duration_s
     for name, forces in problem.magnitudes.items():  # whose quadrature misses changes of sign between points
         # forces are polynomials in each interval: between their roots the magnitude's integral is exact
-        lobatto, whole = motion.lobatto, 0.0
+        lobatto, variation = motion.lobatto, 0.0
         drive = np.array(ca.Function("forces", [problem.stage.z], [ca.densify(forces)])(motion.z.T).full())
         for n, width in enumerate(motion.mesh.widths):
             inside = slice(n * (lobatto.points - 1), (n + 1) * (lobatto.points - 1) + 1)
@@ -218,8 +218,8 @@ def integrals(motion: Motion) -> dict[str, float]:
                 force = Polynomial(np.transpose(lobatto.basis) @ values)
                 roots = force.roots()
                 ends = np.unique([*np.clip(roots[np.abs(roots.imag) < 1e-09].real, 0, 1).tolist(), 0.0, 1.0])
-                whole += width * float(np.abs(np.diff(force.integ()(ends))).sum())
-        found[name] = float(whole * motion.duration_s)
+                variation += width * float(np.abs(np.diff(force.integ()(ends))).sum())
+        totals[name] = float(variation * motion.duration_s)
     for name, end in problem.ends.items():
-        found[name] = float(ca.Function("end", [problem.stage.z], [end])(motion.z[-1]))
-    return found | ({"time": motion.duration_s} if problem.time_weight else {})
+        totals[name] = float(ca.Function("end", [problem.stage.z], [end])(motion.z[-1]))
+    return totals | ({"time": motion.duration_s} if problem.time_weight else {})

@@ -213,20 +213,20 @@ class PlanSolver:
         ScenarioError
             If its plan section asks for what cannot be.
         """
-        formulated, whole = formulate_phases(scene), plan_section(scene)
+        formulated, section = formulate_phases(scene), plan_section(scene)
         first = formulated[0]
         plan, problem = first.plan, first.problem
-        with located_in_phase(whole, first.name):
+        with located_in_phase(section, first.name):
             check_start(problem)
             check_reach(problem, plan, {tip.label: tip for tip in scene.tips})
             check_joined(problem, plan)
         for phase in formulated:
-            with located_in_phase(whole, phase.name):
+            with located_in_phase(section, phase.name):
                 check_momentum(phase.problem, phase.plan)
             if phase.problem.stage.driven.drives_bases:
                 break  # what momentum is left behind it nobody knows
-        check_weights(whole, formulated)
-        with located_in_phase(whole, first.name):
+        check_weights(section, formulated)
+        with located_in_phase(section, first.name):
             check_changeable(problem)
             check_posture(problem)
         intervals = sum(phase.plan.intervals for phase in formulated)
@@ -298,13 +298,15 @@ class PlanSolver:
         ]
         if not new:
             return self
-        scene, whole = keep_apart(self.scene, new), (*self.apart, *new)
+        scene, all_apart = keep_apart(self.scene, new), (*self.apart, *new)
         plans = plan_section(scene).by_phase
-        known = tuple(tuple((one.first, one.second, one.only) for one in each) for each in (self.apart, new))
+        pair_keys = tuple(
+            tuple((one.first, one.second, one.only) for one in each) for each in (self.apart, new)
+        )
 
         phases = []
         for one in self.phases:
-            key = one.name, *known
+            key = one.name, *pair_keys
             if key not in self._known:
                 rows = tuple(
                     avoidance_rows(one.problem.stage, plans[one.name], plan_section(self.scene).keep_out)
@@ -313,7 +315,7 @@ class PlanSolver:
             rows, instants = self._known[key]
             problem = dataclasses.replace(one.problem, path=(*one.problem.path, *rows))
             phases.append(dataclasses.replace(one, plan=plans[one.name], problem=problem, instants=instants))
-        return dataclasses.replace(self, scene=scene, phases=tuple(phases), apart=whole)
+        return dataclasses.replace(self, scene=scene, phases=tuple(phases), apart=all_apart)
 
     @property
     def recipe(self) -> BuildRecipe:
@@ -381,7 +383,7 @@ class PlanSolver:
         program = self.keeping_apart(result.apart).program(request, result.meshes)
         parts = program.parts(result.solution.w)
         motions = [
-            Motion(p.problem, p.lobatto, p.mesh, *p.split(own)[::-1])
-            for p, own in zip(program.programs, parts, strict=False)
+            Motion(p.problem, p.lobatto, p.mesh, *p.split(unknowns)[::-1])
+            for p, unknowns in zip(program.programs, parts, strict=False)
         ]
         return PhasedMotion(tuple(motions), tuple(parts[len(motions) :]))

@@ -64,9 +64,9 @@ def check_posture(problem: PlanningProblem) -> None:
     search = _Postures(problem, goals, moving)
     nearest, misses = np.inf, dict[str, tuple[float, str]]()
     for posture in search.starts():
-        size, found = search.run(posture)
+        size, end_posture = search.run(posture)
         if size < nearest:
-            nearest, misses = size, search.misses(found)
+            nearest, misses = size, search.misses(end_posture)
         if nearest < MET:
             return
     missed = {name: one for name, one in misses.items() if one[0] > MISSED}
@@ -122,11 +122,11 @@ class _Postures:
             q = self._at(self.drift[0][0], part, np.ones(model.nv, dtype=bool))
             step = np.zeros(model.nv)
             for joint in self.problem.stage.driven.joints if k else ():
-                own = model.joints[joint]
-                low, high = max(lower[own.idx_q], -np.pi), min(upper[own.idx_q], np.pi)
-                bounded = own.nq == 1
-                step[own.idx_v] = (
-                    rng.uniform(low, high) - q[own.idx_q] if bounded else rng.uniform(-np.pi, np.pi)
+                joint_model = model.joints[joint]
+                low, high = max(lower[joint_model.idx_q], -np.pi), min(upper[joint_model.idx_q], np.pi)
+                bounded = joint_model.nq == 1
+                step[joint_model.idx_v] = (
+                    rng.uniform(low, high) - q[joint_model.idx_q] if bounded else rng.uniform(-np.pi, np.pi)
                 )
             yield self._clipped(pin.integrate(model, q, step)), part
 
@@ -151,16 +151,18 @@ class _Postures:
             held = np.append(bound[self.columns], int(part >= 1.0) - int(part <= least / greatest))
             free = ~((held != 0) & (np.sign(pull) == held))
             free[-1] &= least < greatest
-            own, step = slopes[:, free], np.zeros(len(pull))
-            step[free] = np.linalg.solve(own.T @ own + damping * np.eye(own.shape[1]), pull[free])
+            jacobian, step = slopes[:, free], np.zeros(len(pull))
+            step[free] = np.linalg.solve(
+                jacobian.T @ jacobian + damping * np.eye(jacobian.shape[1]), pull[free]
+            )
             step /= max(1.0, np.abs(step).max())
             along = np.zeros(model.nv)
             along[self.columns] = step[:-1]
             later = float(np.clip(part + step[-1], least / greatest, 1.0))
             other = self._at(self._clipped(pin.integrate(model, q, along)), later, drifting)
-            found, after = self._residual(other, later)
-            if np.linalg.norm(found) < np.linalg.norm(off):
-                q, part, off, slopes, damping = other, later, found, after, max(damping / 10, 1e-9)
+            residual, after = self._residual(other, later)
+            if np.linalg.norm(residual) < np.linalg.norm(off):
+                q, part, off, slopes, damping = other, later, residual, after, max(damping / 10, 1e-9)
             else:
                 damping *= 10
         return float(np.linalg.norm(off)), (q, part)
@@ -186,13 +188,14 @@ class _Postures:
         drifting = rate.copy()
         drifting[self.columns] = 0.0
         centres, of_centres = self._centres(q)
-        wanted, of_wanted = self._centres(self._at(self.drift[0][0], part, np.ones(len(rate), dtype=bool)))
+        drift_q = self._at(self.drift[0][0], part, np.ones(len(rate), dtype=bool))
+        drift_centres, of_drift = self._centres(drift_q)
         return (
-            np.concatenate([scale * over, FIRM * (centres - wanted)]),
+            np.concatenate([scale * over, FIRM * (centres - drift_centres)]),
             np.block(
                 [
                     [slopes[:, self.columns], (slopes @ drifting)[:, None]],
-                    [FIRM * of_centres[:, self.columns], -FIRM * (of_wanted @ rate)[:, None]],
+                    [FIRM * of_centres[:, self.columns], -FIRM * (of_drift @ rate)[:, None]],
                 ]
             ),
         )

@@ -49,12 +49,12 @@ class ResultStore:
             return None
         try:
             with np.load(self._file(request), allow_pickle=False) as stored:
-                told = json.loads(str(stored["told"]))
+                fields = json.loads(str(stored["told"]))
                 runs = tuple(
                     SolverRun(**(one | {key: tuple(one[key]) for key in ("costs", "violations")}))
-                    for one in told["runs"]
+                    for one in fields["runs"]
                 )
-                solution, verification = told["solution"], told["verification"]
+                solution, verification = fields["solution"], fields["verification"]
                 if solution is not None:
                     solution = Solution(**{name: stored[name] for name in ARRAYS}, **solution)
                 if verification is not None:
@@ -64,10 +64,10 @@ class ResultStore:
                             | {"violations": tuple(Violation(**v) for v in verification["violations"])}
                         )
                     )
-                cost = np.inf if told["cost"] is None else told["cost"]
-                meshes = tuple(Mesh(tuple(knots)) for knots in told["meshes"])
-                apart = tuple(Collision(**(one | {"only": tuple(one["only"])})) for one in told["apart"])
-                return SolveResult(runs, solution, meshes, cost, verification, told["cause"], apart)
+                cost = np.inf if fields["cost"] is None else fields["cost"]
+                meshes = tuple(Mesh(tuple(knots)) for knots in fields["meshes"])
+                apart = tuple(Collision(**(one | {"only": tuple(one["only"])})) for one in fields["apart"])
+                return SolveResult(runs, solution, meshes, cost, verification, fields["cause"], apart)
         except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
             return None
 
@@ -83,7 +83,7 @@ class ResultStore:
         if self.folder is None or late or not (result.runs or result.solution):
             return  # what time ended may come farther another time
         buffer = io.BytesIO()
-        told: dict[str, Any] = {
+        fields: dict[str, Any] = {
             "runs": [vars(solve) for solve in result.runs],
             "meshes": [mesh.knots for mesh in result.meshes],
             "cost": result.cost,
@@ -92,12 +92,12 @@ class ResultStore:
             "solution": None,
             "verification": None if result.verification is None else dataclasses.asdict(result.verification),
         }
-        found = {}
+        arrays_by_name = {}
         if result.solution is not None:
             parts = vars(result.solution)
-            found = {name: parts[name] for name in ARRAYS}
-            told["solution"] = {name: value for name, value in parts.items() if name not in ARRAYS}
-        arrays = found | {"told": np.array(json.dumps(plain(told)))}
+            arrays_by_name = {name: parts[name] for name in ARRAYS}
+            fields["solution"] = {name: value for name, value in parts.items() if name not in ARRAYS}
+        arrays = arrays_by_name | {"told": np.array(json.dumps(plain(fields)))}
         np.savez(buffer, allow_pickle=False, **arrays)
         write_bytes(self._file(request), buffer.getvalue())
 

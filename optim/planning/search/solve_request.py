@@ -127,8 +127,8 @@ class _SolverRuns:
         """
         while self.kept is not None and self.kept[0] is not self.cleared:
             (solution, meshes), solver = self.kept, self.solver
-            found = SolveResult((), solution, meshes, self.cost, None, "", solver.apart)
-            entered = course_collisions(solver.phased_motion(self.request, found), solver.pairs)
+            current = SolveResult((), solution, meshes, self.cost, None, "", solver.apart)
+            entered = course_collisions(solver.phased_motion(self.request, current), solver.pairs)
             self.solver = solver.keeping_apart(entered)
             if self.solver is solver:
                 self.cleared = solution
@@ -139,7 +139,7 @@ class _SolverRuns:
             if len(meshes) == len(solver.phases):  # else forces jump: from a first guess
                 programs = (each.program(self.request, meshes) for each in (solver, self.solver))
                 near = dataclasses.replace(
-                    found, solution=transfer_constrained(solution, *programs), apart=self.solver.apart
+                    current, solution=transfer_constrained(solution, *programs), apart=self.solver.apart
                 )
             if only_warm and near is not None:
                 self.warm(near)
@@ -149,34 +149,34 @@ class _SolverRuns:
     def cold(self) -> None:
         """Solve from a first guess, on the first mesh, and before on a coarser one where that is fine."""
         many = self.solver.plan.intervals
-        wanted = self.solver.meshes(many)
+        meshes = self.solver.meshes(many)
         if many < MANY:
             coarser = many // COARSER
-            found = self._guessed(wanted, give_up=coarser > 1)
-            if self.stalled and not found:
-                found = self._guessed(self.solver.meshes(coarser)) and self._finer(wanted)
-                if not found:
+            solved = self._guessed(meshes, give_up=coarser > 1)
+            if self.stalled and not solved:
+                solved = self._guessed(self.solver.meshes(coarser)) and self._finer(meshes)
+                if not solved:
                     self.kept, self.cost = None, np.inf
-                    self._guessed(wanted)
+                    self._guessed(meshes)
         else:
             if self._guessed(self.solver.meshes(many // COARSER)):
                 self.clear(only_warm=True)  # until no links collide on the coarse mesh
-            if self.kept is None or not self._finer(wanted):
+            if self.kept is None or not self._finer(meshes):
                 self.kept, self.cost = None, np.inf
-                self._guessed(wanted)
+                self._guessed(meshes)
         # From a symmetric guess, as a turn about its eigenaxis, IPOPT's steps are symmetric too and may end
         # at a saddle point: search from drawn guesses then, and keep what costs less.
         for k in range(1, DRAWN + 1):
             if self.kept is None:
                 return
-            kept, cost = self.kept, self.cost
-            if descent_direction(self.solver.program(self.request, kept[1]), kept[0], _size(cost)) is None:
+            best, cost = self.kept, self.cost
+            if descent_direction(self.solver.program(self.request, best[1]), best[0], _size(cost)) is None:
                 return
             if (
-                not self._guessed(kept[1], self.request.start + k * self.solver.plan.starts)
+                not self._guessed(best[1], self.request.start + k * self.solver.plan.starts)
                 or self.cost >= cost
             ):
-                self.kept, self.cost, self.cause = kept, cost, ""
+                self.kept, self.cost, self.cause = best, cost, ""
 
     def warm(self, near: SolveResult) -> None:
         """Solve from the solution of a problem with another duration or other weights, on its mesh."""
@@ -247,19 +247,19 @@ class _SolverRuns:
         w = solution.w if np.isfinite(solution.w).all() else self._first
         elastic = ElasticProgram(program, soft_rows(program), _size(program.objective(w)))
         self.solver.notify("looking for the least violation")
-        found = solve(
+        relaxation = solve(
             elastic,
             elastic.started(w),
             iterations=min(self.solver.plan.iterations, RELAXED),
             told=lambda k, cost, _: self._late(f"least violation: iteration {k}, {cost:.3g}"),
         )
-        own = found.w[: program.size]
-        if elastic.violation(found.w) < FEASIBLE and found.converged:
-            near = SolveResult((), dataclasses.replace(solution, w=own), meshes, 0.0, None, "")
+        unknowns = relaxation.w[: program.size]
+        if elastic.violation(relaxation.w) < FEASIBLE and relaxation.converged:
+            near = SolveResult((), dataclasses.replace(solution, w=unknowns), meshes, 0.0, None, "")
             if not self._solve(self.solver.phased_motion(self.request, near), meshes):
                 self.cause = self.cause or AIMLESS
-        elif found.converged or not self.cause:
-            self.cause = infeasibility_message(program, elastic, found, solution.status)
+        elif relaxation.converged or not self.cause:
+            self.cause = infeasibility_message(program, elastic, relaxation, solution.status)
 
     def _late(self, words: str) -> bool:
         """Tell what is being done; whether the time is over, so that no further iteration begins."""

@@ -55,29 +55,29 @@ def run_tasks(
     SpaceRobotError
         If the cluster cannot be reached, or loses an attempt on one worker after the other.
     """
-    left, found, kept = dict(tasks), ResultsByTask(), ResultStore(folder, solver.recipe.key)
+    left, results, store = dict(tasks), ResultsByTask(), ResultStore(folder, solver.recipe.key)
 
     def ready() -> Iterator[tuple[str, SolveRequest]]:
         """Tasks whose turn has come, with what is asked; what is kept already is taken from there."""
         for name, task in list(left.items()):
-            if not found.keys() >= set(task.after):
+            if not results.keys() >= set(task.after):
                 continue
             del left[name]
-            request = task.request(found)
-            known = kept.find(request)
-            if known is None:
+            request = task.request(results)
+            stored_result = store.find(request)
+            if stored_result is None:
                 yield name, request
             else:
-                found[name] = known
+                results[name] = stored_result
 
     if dask is None:
         for name, request in ready():
-            found[name] = solve_request(solver, request)
-            kept.add(request, found[name])
-        return found
+            results[name] = solve_request(solver, request)
+            store.add(request, results[name])
+        return results
     requests = list(ready())
     if not requests:
-        return found
+        return results
     with connect(dask) as client:
         # give every task to a worker as soon as those that it builds on are done
         flight = distributed_module().as_completed([], loop=client.loop, with_results=False)
@@ -95,8 +95,8 @@ def run_tasks(
         for future in flight:
             name, request = asked.pop(future.key)
             with faults_of(f"the search {name!r}"):
-                found[name] = future.result()
-            kept.add(request, found[name])
+                results[name] = future.result()
+            store.add(request, results[name])
             with faults_of("the rest"):
                 send(ready())
-    return found
+    return results

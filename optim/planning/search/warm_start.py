@@ -68,28 +68,31 @@ def stored_motion(solver: PlanSolver, path: Path) -> SolveResult:
         )
     motions = []
     for problem, (first, last) in zip(problems, (rows[name] for name in names), strict=True):
-        own = plan.isel(time=slice(first, last + 1))
-        rises = np.append(np.diff(own.time.values) > 0, True)  # forces may jump at knots, states do not
-        own = own.isel(time=rises)
-        stage, times, points = problem.stage, own.time.values, int(own.attrs.get("points", 0))
-        known = 3 <= points <= 5 and len(times) >= points and (len(times) - 1) % (points - 1) == 0
-        if not (known and np.isfinite(times).all()):
-            raise ScenarioError("not a own whose motion is known between its points; own again", source=file)
+        phase_plan = plan.isel(time=slice(first, last + 1))
+        # forces may jump at knots, states do not
+        rises = np.append(np.diff(phase_plan.time.values) > 0, True)
+        phase_plan = phase_plan.isel(time=rises)
+        stage, times, points = problem.stage, phase_plan.time.values, int(phase_plan.attrs.get("points", 0))
+        readable = 3 <= points <= 5 and len(times) >= points and (len(times) - 1) % (points - 1) == 0
+        if not (readable and np.isfinite(times).all()):
+            raise ScenarioError(
+                "not a plan whose motion is known between its points; plan again", source=file
+            )
         knots = np.asarray(times - times[0], dtype=float)[:: points - 1]
-        q = numbers(own, "q", ("time", "configuration"))
-        v, a = (numbers(own, name, ("time", "velocity")) for name in ("v", "acceleration"))
+        q = numbers(phase_plan, "q", ("time", "configuration"))
+        v, a = (numbers(phase_plan, name, ("time", "velocity")) for name in ("v", "acceleration"))
         axes = [f"{grip.name}.{axis}" for grip in stage.grips for axis in wrench_axes(stage.scene, grip)]
         w = np.zeros((len(times), len(axes)))
         if axes:
-            there = [str(name) for name in own.grip.values] if "grip" in own.coords else []
+            there = [str(name) for name in phase_plan.grip.values] if "grip" in phase_plan.coords else []
             _same(file, "grasps that hold", [axis for axis in axes if axis in there], axes)
-            w = numbers(own, "grip_wrench", ("time", "grip"))[:, [there.index(axis) for axis in axes]]
+            w = numbers(phase_plan, "grip_wrench", ("time", "grip"))[:, [there.index(axis) for axis in axes]]
         drive, parts = (np.zeros((len(times), one.numel())) for one in (stage.u, stage.s))
         z = np.hstack([q, v, a, drive, w, parts])
         drives = stage.q.numel() + stage.v.numel() + stage.a.numel()
         # the drive is what the equations of motion leave without it
-        given = ca.vertcat(stage.z, stage.inertia)
-        left = ca.Function("left", [given], [ca.densify(stage.balance[list(stage.driven.columns)])])
+        arguments = ca.vertcat(stage.z, stage.inertia)
+        left = ca.Function("left", [arguments], [ca.densify(stage.balance[list(stage.driven.columns)])])
         z[:, drives : drives + stage.u.numel()] = np.array(left(problem.arguments(z)).full()).T
         mesh = Mesh(tuple(float(knot) for knot in knots / knots[-1]))
         lobatto = Lobatto.of_order(2 * points - 2)
@@ -107,8 +110,8 @@ def stored_motion(solver: PlanSolver, path: Path) -> SolveResult:
         np.asarray(plan[name].values, dtype=float).ravel() if name in plan.variables else np.empty(0)
         for name in MULTIPLIERS
     )
-    known = fits and (multipliers.size, of_bounds.size) == (program.rows, program.size)
-    if not (known and np.isfinite(multipliers).all() and np.isfinite(of_bounds).all()):
+    complete = fits and (multipliers.size, of_bounds.size) == (program.rows, program.size)
+    if not (complete and np.isfinite(multipliers).all() and np.isfinite(of_bounds).all()):
         multipliers = of_bounds = np.empty(0)
     barrier = float(plan.attrs.get("barrier", 0.0))
     solution = Solution(
@@ -120,9 +123,9 @@ def stored_motion(solver: PlanSolver, path: Path) -> SolveResult:
 def _same(file: Path, what: str, there: Iterable[str], here: Iterable[str]) -> None:
     """Refuse names that differ."""
     alone = [
-        f"{', '.join(sorted(set(own) - set(other))[:3])} only {where}"
-        for own, other, where in ((there, here, "in the file"), (here, there, "in this scene"))
-        if set(own) - set(other)
+        f"{', '.join(sorted(set(names) - set(other))[:3])} only {where}"
+        for names, other, where in ((there, here, "in the file"), (here, there, "in this scene"))
+        if set(names) - set(other)
     ]
     if alone:
         raise ScenarioError(f"a plan of another scene: its {what} differ, {', '.join(alone)}", source=file)

@@ -114,17 +114,17 @@ def solve(
     presolved = PresolvedProgram(program, first)
     if warm is None:
         return _solve(presolved, first, None, ipopt_options(iterations, scale) | always, told)
-    known = warm.multipliers.size > 0
-    options = ipopt_options(min(iterations, PATIENCE), scale, warm.barrier, known=known)
-    found = _solve(presolved, first, warm if known else None, options | always, told)
-    if found.converged or iterations <= PATIENCE or found.status == TIME_LIMIT:
-        return found
+    has_multipliers = warm.multipliers.size > 0
+    options = ipopt_options(min(iterations, PATIENCE), scale, warm.barrier, known=has_multipliers)
+    first_run = _solve(presolved, first, warm if has_multipliers else None, options | always, told)
+    if first_run.converged or iterations <= PATIENCE or first_run.status == TIME_LIMIT:
+        return first_run
     anew = _solve(presolved, first, None, ipopt_options(iterations, scale) | always, told)
     return dataclasses.replace(
         anew,
-        iterations=found.iterations + anew.iterations,
-        evaluations_s=found.evaluations_s + anew.evaluations_s,
-        seconds=found.seconds + anew.seconds,
+        iterations=first_run.iterations + anew.iterations,
+        evaluations_s=first_run.evaluations_s + anew.evaluations_s,
+        seconds=first_run.seconds + anew.seconds,
     )
 
 
@@ -140,7 +140,7 @@ def _solve(
     watch = _IterationCallback(program, bridge, told)
     solver = ca.nlpsol("plan", "ipopt", bridge.problem, bridge.options(watch) | {"ipopt": ipopt})
     (low, high), (least, greatest) = program.bounds(), program.limits()
-    given: dict[str, Any] = {
+    arguments: dict[str, Any] = {
         "x0": first[program.free],
         "lbx": low,
         "ubx": high,
@@ -148,16 +148,16 @@ def _solve(
         "ubg": greatest,
     }
     if warm is not None:
-        given["lam_g0"] = warm.multipliers[program.held]
-        given["lam_x0"] = warm.bound_multipliers[program.free]
+        arguments["lam_g0"] = warm.multipliers[program.held]
+        arguments["lam_x0"] = warm.bound_multipliers[program.free]
     with one_thread(), without_interrupts():
-        found = solver(**given)
+        result = solver(**arguments)
     stats = solver.stats()
     if bridge.fault is not None:
         raise bridge.fault
     if bridge.interrupted or stats["return_status"] == THROWN:
         raise KeyboardInterrupt
-    w, multipliers, of_bounds = (np.array(found[name]).ravel() for name in ("x", "lam_g", "lam_x"))
+    w, multipliers, of_bounds = (np.array(result[name]).ravel() for name in ("x", "lam_g", "lam_x"))
     return Solution(
         program.unknowns(w),
         program.multipliers(w, multipliers),
@@ -313,17 +313,17 @@ class _ProgramCallback(ca.Callback):
         """Whether :meth:`eval_buffer` is called."""
         return True
 
-    def eval_buffer(self, given: Sequence[Any], wanted: Sequence[Any]) -> int:
+    def eval_buffer(self, inputs: Sequence[Any], outputs: Sequence[Any]) -> int:
         """Evaluate, from and into CasADi's own memory."""
         begin = time.perf_counter()
         try:
             arrays = [
                 np.zeros(place.nnz()) if one is None else np.frombuffer(one)
-                for place, one in zip(self._inputs.values(), given, strict=True)
+                for place, one in zip(self._inputs.values(), inputs, strict=True)
             ]
-            for (_, function), found in zip(self._outputs.values(), wanted, strict=True):
-                if found is not None:
-                    np.frombuffer(found)[:] = function(*arrays)
+            for (_, function), buffer in zip(self._outputs.values(), outputs, strict=True):
+                if buffer is not None:
+                    np.frombuffer(buffer)[:] = function(*arrays)
         except KeyboardInterrupt:
             self._bridge.interrupted = True
         except Exception as fault:
@@ -340,8 +340,8 @@ class _IterationCallback(_ProgramCallback):
         sizes = {"x": program.size, "f": 1, "g": program.rows, "lam_x": program.size}
         sizes |= {"lam_g": program.rows, "lam_p": 0}
         names = [str(ca.nlpsol_out(i)) for i in range(ca.nlpsol_n_out())]
-        given = {n: ca.Sparsity.dense(sizes[n]) if sizes[n] else ca.Sparsity(0, 0) for n in names}
-        super().__init__(bridge, "watch", given, {"stop": (ca.Sparsity.dense(1), bool)})
+        sparsities = {n: ca.Sparsity.dense(sizes[n]) if sizes[n] else ca.Sparsity(0, 0) for n in names}
+        super().__init__(bridge, "watch", sparsities, {"stop": (ca.Sparsity.dense(1), bool)})
         self._told, self._count, self._limits = told, -1, program.limits()
 
     def has_eval_buffer(self) -> bool:

@@ -163,15 +163,15 @@ def determined(pattern: sparse.csc_matrix, equal: Mask, free: Mask) -> tuple[Pla
     # equations, the square one, and the one with too many unknowns.
     _, by_row, by_column, _, _, row_ends, column_ends = where.btf()
     squares = np.array(by_row[row_ends[2] : row_ends[3]], dtype=np.int64)
-    known = np.array(by_column[column_ends[1] : column_ends[2]], dtype=np.int64)
+    square_unknowns = np.array(by_column[column_ends[1] : column_ends[2]], dtype=np.int64)
     pairs, over = part[squares], by_column[: column_ends[1]]
-    graph = pairs[:, known].T
+    graph = pairs[:, square_unknowns].T
     begin = pairs[:, over].sum(axis=1)
     first = sparse.csr_matrix(np.ravel(begin))
-    whole = sparse.bmat([[None, first], [sparse.csr_matrix((graph.shape[0], 1)), graph]], format="csr")
-    left_out = np.asarray(breadth_first_order(whole, 0, return_predecessors=False))[1:] - 1
-    kept = np.setdiff1d(np.argsort(known), left_out, assume_unique=True)
-    return rows[squares[kept]], columns[known[kept]]
+    bipartite = sparse.bmat([[None, first], [sparse.csr_matrix((graph.shape[0], 1)), graph]], format="csr")
+    left_out = np.asarray(breadth_first_order(bipartite, 0, return_predecessors=False))[1:] - 1
+    match_indices = np.setdiff1d(np.argsort(square_unknowns), left_out, assume_unique=True)
+    return rows[squares[match_indices]], columns[square_unknowns[match_indices]]
 
 
 def _part(pattern: sparse.csc_matrix, rows: Mask, columns: Mask) -> tuple[Places, sparse.csc_matrix]:

@@ -97,7 +97,7 @@ class OptimalPoint:
             If the scene cannot be built beside these values.
         """
         step = STEP * max(SMALL, *(abs(value) for value in numbers.values()))
-        found = 0.0
+        derivative = 0.0
         for many, weight in SIDES:
             ahead, behind = (
                 self._lagrangian(
@@ -108,8 +108,8 @@ class OptimalPoint:
                 )
                 for side in (1, -1)
             )
-            found += weight * (ahead - behind)
-        return found / (12 * step)
+            derivative += weight * (ahead - behind)
+        return derivative / (12 * step)
 
     @cached_property
     def _bounds(self) -> Array:
@@ -132,8 +132,10 @@ class OptimalPoint:
         if segments:
             problems = segment_problems(problems[0], len(before))
         programs = [
-            CollocationProgram(problem, with_values_of(own.instants, problem), own.lobatto, own.mesh)
-            for problem, own in zip(problems, before, strict=True)
+            CollocationProgram(
+                problem, with_values_of(collocation.instants, problem), collocation.lobatto, collocation.mesh
+            )
+            for problem, collocation in zip(problems, before, strict=True)
         ]
         if segments:
             program = PhaseChain(programs, links, segment_constraints(programs, phases[0].problem))

@@ -166,10 +166,10 @@ class _DesignSearch:
         self.variables, self.begun, self.folder, self.notify = variables, begun, folder, notify
         self.intervals = begun.motion.intervals
         self.trials: list[DesignTrial] = []
-        given = SolveResult(
+        first_result = SolveResult(
             begun.runs, begun.solution, begun.phased_motion.meshes, begun.cost, begun.verification, ""
         )
-        self.best = self._planned_for(variables.start, given, given)
+        self.best = self._planned_for(variables.start, first_result, first_result)
 
     def descend(self) -> str:
         """Search for the best design; why that ended, in words."""
@@ -179,33 +179,33 @@ class _DesignSearch:
         def least(x: Array) -> tuple[float, Array]:
             """Least cost and its slopes, in costs of the first design."""
             u = x * FIRST
-            known = self._planned_for(variables.values(u), self.best[2]) if self.trials else self.best
-            trial, solver, _ = known
+            design = self._planned_for(variables.values(u), self.best[2]) if self.trials else self.best
+            trial, solver, _ = design
             self.trials.append(trial)
             if solver is None:
                 return LOST, np.zeros(len(x))
             if trial.cost < self.best[0].cost:
-                self.best = known
+                self.best = design
             return trial.cost / size, trial.slopes * variables.slope(u) * FIRST / size
 
         options = {"maxfun": DESIGNS, "ftol": PRECISE, "gtol": PRECISE}
         box = [(0.0, 1 / FIRST)] * len(variables)
-        found = optimize.minimize(least, begin, jac=True, method="L-BFGS-B", bounds=box, options=options)
-        return ENDS.get(int(found.status), "nothing better was found along the slopes")
+        minimum = optimize.minimize(least, begin, jac=True, method="L-BFGS-B", bounds=box, options=options)
+        return ENDS.get(int(minimum.status), "nothing better was found along the slopes")
 
     def sweep(self, k: int, points: int) -> tuple[DesignTrial, ...]:
         """Designs that differ from the best one by a variable, each begun with its neighbour's plan."""
-        own = self.best[0].values
-        grid = np.tile(self.variables.unit(own), (points, 1))
+        best_values = self.best[0].values
+        grid = np.tile(self.variables.unit(best_values), (points, 1))
         grid[:, k] = np.linspace(0.0, 1.0, points)
         values = self.variables.values(grid)
-        above = int(np.searchsorted(values[:, k], own[k]))
-        found: dict[int, DesignTrial] = {}
+        above = int(np.searchsorted(values[:, k], best_values[k]))
+        trials: dict[int, DesignTrial] = {}
         for way in (range(above, points), range(above - 1, -1, -1)):
             near = self.best[2]
             for n in way:
-                found[n], _, near = self._planned_for(values[n], near)
-        return tuple(found[n] for n in range(points))
+                trials[n], _, near = self._planned_for(values[n], near)
+        return tuple(trials[n] for n in range(points))
 
     def finish(self) -> PlanSolution:
         """The plan of the best design, refined and verified.
@@ -237,17 +237,17 @@ class _DesignSearch:
             solver = PlanSolver.of(scene, self.begun.backend, self.notify)
         except ScenarioError as fault:
             return _lost(values, fault.message, 0), None, near
-        request, kept = solver.request(near=near, refine=False), ResultStore(self.folder, solver.recipe.key)
-        result = result or kept.find(request)
+        request, store = solver.request(near=near, refine=False), ResultStore(self.folder, solver.recipe.key)
+        result = result or store.find(request)
         if result is None:
             result = solve_request(solver, request)
-            kept.add(request, result)
+            store.add(request, result)
         iterations = sum(solve.iterations for solve in result.runs)
         if result.solution is None:
             return _lost(values, f"no plan was found: {result.cause}", iterations), None, near
-        own = solver.keeping_apart(result.apart)
-        program = own.interpreted.program(request, result.meshes)
-        solution = OptimalPoint(own.scene, program, result.solution)
+        solver_of_solution = solver.keeping_apart(result.apart)
+        program = solver_of_solution.interpreted.program(request, result.meshes)
+        solution = OptimalPoint(solver_of_solution.scene, program, result.solution)
         tied = [dict.fromkeys(paths, float(v)) for paths, v in zip(variables.paths, values, strict=True)]
         slopes = np.array([solution.slope(numbers) for numbers in tied])
         return DesignTrial(values, result.cost, slopes, "", iterations), solver, result

@@ -90,9 +90,10 @@ class ParetoFront:
     @property
     def costs(self) -> dict[str, PlanCost]:
         """The two terms, by name; the duration is one though it may have no weight."""
-        given = plan_section(self.scene).costs
+        section_costs = plan_section(self.scene).costs
         return {
-            name: given[name] if name in given else PlanCost(kind=name, weight=0.0) for name in self.names
+            name: section_costs[name] if name in section_costs else PlanCost(kind=name, weight=0.0)
+            for name in self.names
         }
 
 
@@ -147,14 +148,14 @@ def make_front(
             tasks |= plan_tasks(solver, requests[k], names[k])
         else:
             tasks[names[k]] = _after(requests[k], names[parent])
-    found = run_tasks(solver, tasks, folder, dask)
-    points = [_point(solver, request, found, name) for name, request in zip(names, requests, strict=True)]
+    results = run_tasks(solver, tasks, folder, dask)
+    points = [_point(solver, request, results, name) for name, request in zip(names, requests, strict=True)]
     return ParetoFront(scene, wanted.names, tuple(_compared(points, wanted.names)))
 
 
 def bisection_order(count: int) -> list[tuple[int, int | None]]:
     """Numbers from 0 on, from the middle, each with a number before it that is near; none for the first."""
-    found: list[tuple[int, int | None]] = []
+    order: list[tuple[int, int | None]] = []
     gaps = [(-1, count)]
     while gaps:
         low, high = gaps.pop(0)
@@ -162,9 +163,9 @@ def bisection_order(count: int) -> list[tuple[int, int | None]]:
             continue
         k = (low + high) // 2
         ends = [end for end in (high, low) if 0 <= end < count]
-        found.append((k, min(ends, key=lambda end: abs(end - k), default=None)))
+        order.append((k, min(ends, key=lambda end: abs(end - k), default=None)))
         gaps += [(low, k), (k, high)]
-    return found
+    return order
 
 
 def _asks(solver: PlanSolver, wanted: FrontRequest) -> list[SolveRequest]:
@@ -179,9 +180,9 @@ def _asks(solver: PlanSolver, wanted: FrontRequest) -> list[SolveRequest]:
     if len(solver.phases) > 1:
         raise solver.scene.error("a front takes a plan of one phase", "plan.phases")
     for name in wanted.names:
-        known = dict.fromkeys([*solver.plan.costs, *planned()])
-        if name not in known:
-            raise ScenarioError(f"no term {name!r}; {near_names(name, known)}", where="--pareto")
+        terms = dict.fromkeys([*solver.plan.costs, *planned()])
+        if name not in terms:
+            raise ScenarioError(f"no term {name!r}; {near_names(name, terms)}", where="--pareto")
         if name != "time" and not weights.get(name):
             raise solver.scene.error(
                 "has no weight, so that nothing makes it small; give it one", f"plan.costs.{name}"
@@ -247,9 +248,10 @@ def _compared(points: Sequence[FrontPoint], names: tuple[str, str]) -> list[Fron
 
     def beaten(name: str) -> bool:
         """Whether another point is nowhere worse and somewhere better."""
-        own = at.get(name)
-        return own is not None and any(
-            (own >= other).all() and (own > (1 + ROUNDING) * other).any() for other in at.values()
+        term_values = at.get(name)
+        return term_values is not None and any(
+            (term_values >= other).all() and (term_values > (1 + ROUNDING) * other).any()
+            for other in at.values()
         )
 
     return [dataclasses.replace(p, status="dominated") if beaten(p.name) else p for p in points]

@@ -99,15 +99,15 @@ class CollocationProgram:
             np.arange(self.intervals), np.arange(self.inner), np.arange(self.nx), indexing="ij"
         )
         defect = (n * self.inner + i) * self.nx + k
-        found = [(defect, self._of[n, i + 1] * self.nz + k), (defect, self._of[n, 0] * self.nz + k)]
+        blocks = [(defect, self._of[n, i + 1] * self.nz + k), (defect, self._of[n, 0] * self.nz + k)]
         moving = rows < self.nq
-        found.append(self._by_point(defect, rows[moving], columns[moving]))
-        own = np.arange(self.nq, self.nx)
-        found.append(self._by_point(defect, own, self.nx + own - self.nq))
-        found.append((defect, np.full(defect.shape, self.size - 1)))
+        blocks.append(self._by_point(defect, rows[moving], columns[moving]))
+        velocity_rows = np.arange(self.nq, self.nx)
+        blocks.append(self._by_point(defect, velocity_rows, self.nx + velocity_rows - self.nq))
+        blocks.append((defect, np.full(defect.shape, self.size - 1)))
         inside = (rows >= self.nq) & (rows < self.ncost)
         point = np.arange(self.points)[:, None]
-        found.append(
+        blocks.append(
             (
                 self.defects + point * self.per_point + rows[inside] - self.nq,
                 point * self.nz + columns[inside],
@@ -115,16 +115,16 @@ class CollocationProgram:
         )
         goal_rows, goal_columns = instants.goal_jacobian
         held, first = goal_rows < len(problem.goal), self.rows - len(problem.goal)
-        found.append((first + goal_rows[held], (self.points - 1) * self.nz + goal_columns[held]))
-        self._jacobian = SparseSums.of(found, (self.rows, self.size))
+        blocks.append((first + goal_rows[held], (self.points - 1) * self.nz + goal_columns[held]))
+        self._jacobian = SparseSums.of(blocks, (self.rows, self.size))
         rows, columns = instants.hessian
         every, last = np.arange(self.size - 1), (self.points - 1) * self.nz
-        found = [
+        blocks = [
             (point * self.nz + rows, point * self.nz + columns),
             (last + instants.goal_hessian[0], last + instants.goal_hessian[1]),
             (every, np.full(every.shape, self.size - 1)),
         ]
-        self._hessian = SparseSums.of(found, (self.size, self.size))
+        self._hessian = SparseSums.of(blocks, (self.size, self.size))
         self.jacobian_pattern, self.hessian_pattern = self._jacobian.matrix, self._hessian.matrix
 
     def split(self, w: Array) -> tuple[Array, float]:
@@ -159,8 +159,8 @@ class CollocationProgram:
 
     def objective(self, w: Array) -> float:
         """Cost."""
-        found, duration = self._at(w, "values"), float(w[-1])
-        running = duration * (self._running(found) + self.problem.time_weight)
+        values, duration = self._at(w, "values"), float(w[-1])
+        running = duration * (self._running(values) + self.problem.time_weight)
         if not self.end_weights.size:
             return running
         return running + float(self._last("goal_values", w)[len(self.problem.goal) :] @ self.end_weights)
@@ -169,26 +169,26 @@ class CollocationProgram:
         """Of the cost (size,)."""
         entries, duration = self._at(w, "jacobian"), float(w[-1])
         rows, columns = self.instants.jacobian
-        own = rows >= self.ncost
+        cost_entries = rows >= self.ncost
         out = np.zeros((self.points, self.nz))
-        weighted = self.term_weights[rows[own] - self.ncost] * entries[:, own]
-        np.add.at(out.T, columns[own], (duration * self.weights[:, None] * weighted).T)
+        weighted = self.term_weights[rows[cost_entries] - self.ncost] * entries[:, cost_entries]
+        np.add.at(out.T, columns[cost_entries], (duration * self.weights[:, None] * weighted).T)
         if self.end_weights.size:
             rows, columns = self.instants.goal_jacobian
-            own, first = rows >= len(self.problem.goal), len(self.problem.goal)
-            jacobian = self._last("goal_jacobian", w)[own]
-            np.add.at(out[-1], columns[own], self.end_weights[rows[own] - first] * jacobian)
+            end_entries, first = rows >= len(self.problem.goal), len(self.problem.goal)
+            jacobian = self._last("goal_jacobian", w)[end_entries]
+            np.add.at(out[-1], columns[end_entries], self.end_weights[rows[end_entries] - first] * jacobian)
         return np.append(out, self._running(self._at(w, "values")) + self.problem.time_weight)
 
     def constraints(self, w: Array) -> Array:
         """All constraints (rows,)."""
-        (z, duration), found = self.split(w), self._at(w, "values")
-        x, rate = z[:, : self.nx], self._rates(z, found)
+        (z, duration), values = self.split(w), self._at(w, "values")
+        x, rate = z[:, : self.nx], self._rates(z, values)
         moved = np.einsum("jk,nkx->njx", self.lobatto.integral[1:], rate[self._of])
         defects = x[self._of[:, 1:]] - x[self._of[:, :1]] - duration * self._parts * moved
-        own = found[:, self.nq : self.ncost]
+        path_values = values[:, self.nq : self.ncost]
         goal = self._last("goal_values", w)[: len(self.problem.goal)]
-        return np.concatenate([defects.ravel(), own.ravel(), goal])
+        return np.concatenate([defects.ravel(), path_values.ravel(), goal])
 
     def jacobian(self, w: Array) -> Array:
         """Entries of the constraints' first derivatives, as :attr:`jacobian_pattern` has them."""
@@ -202,9 +202,9 @@ class CollocationProgram:
         by_acceleration = np.broadcast_to(-step * a[:, :, None], (*shape[:2], self.inner + 1, self.nv))
         rate = self._rates(z, self._at(w, "values"))
         by_time = -self._parts * np.einsum("jk,nkx->njx", a, rate[self._of])
-        own = entries[:, (rows >= self.nq) & (rows < self.ncost)]
+        path_entries = entries[:, (rows >= self.nq) & (rows < self.ncost)]
         goal = self._last("goal_jacobian", w)[self.instants.goal_jacobian[0] < len(self.problem.goal)]
-        parts = [np.ones(shape), -np.ones(shape), by_rate, by_acceleration, by_time, own, goal]
+        parts = [np.ones(shape), -np.ones(shape), by_rate, by_acceleration, by_time, path_entries, goal]
         return self._jacobian.entries(np.concatenate([part.ravel() for part in parts]))
 
     def hessian(self, w: Array, factor: float, multipliers: Array) -> Array:
@@ -218,9 +218,9 @@ class CollocationProgram:
         by_defects = -self._parts * np.einsum("jk,njx->nkx", self.lobatto.integral[1:], of_defects)
         pulled = np.zeros((self.points, self.nx))
         np.add.at(pulled, self._of, by_defects)
-        own = multipliers[self.defects : first].reshape(self.points, self.per_point)
+        path_multipliers = multipliers[self.defects : first].reshape(self.points, self.per_point)
         terms = factor * self.weights[:, None] * self.term_weights
-        weights = np.hstack([pulled[:, : self.nq], own, terms])
+        weights = np.hstack([pulled[:, : self.nq], path_multipliers, terms])
         scaled = weights.copy()
         scaled[:, : self.nq] *= duration
         scaled[:, self.ncost :] *= duration
@@ -258,10 +258,10 @@ class CollocationProgram:
         key = w.tobytes()
         if self._seen[0] != key:
             self._seen = (key, {})
-        found = self._seen[1]
-        if name not in found:
-            found[name] = self.instants.call(name, self.problem.arguments(self.split(w)[0])).T
-        return found[name]
+        cache = self._seen[1]
+        if name not in cache:
+            cache[name] = self.instants.call(name, self.problem.arguments(self.split(w)[0])).T
+        return cache[name]
 
     def _by_point(self, defect: Array, rows: Array, columns: Array) -> tuple[Array, Array]:
         """Defects (N, s - 1, nx) of some rows by some entries of the instants at each of their points."""

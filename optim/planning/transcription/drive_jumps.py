@@ -48,12 +48,12 @@ def segment_problems(problem: PlanningProblem, count: int) -> list[PlanningProbl
     greatest = problem.duration[1]
     span = (SHORTEST * greatest, greatest, greatest / count)
     anywhere = (np.full(problem.fixed.size, -np.inf), np.full(problem.fixed.size, np.inf))
-    found = []
+    segments = []
     for k in range(count):
-        own = dataclasses.replace(problem, duration=span, linear_drives=True)
-        own = own if k == 0 else dataclasses.replace(own, begin=anywhere)
-        found.append(own if k == count - 1 else dataclasses.replace(own, goal=(), ends={}))
-    return found
+        segment = dataclasses.replace(problem, duration=span, linear_drives=True)
+        segment = segment if k == 0 else dataclasses.replace(segment, begin=anywhere)
+        segments.append(segment if k == count - 1 else dataclasses.replace(segment, goal=(), ends={}))
+    return segments
 
 
 def segment_constraints(
@@ -112,7 +112,7 @@ def split_at_jumps(phased_motion: PhasedMotion, problem: PlanningProblem) -> Pha
     problem
         What it is a motion of.
     """
-    found = list[Motion]()
+    pieces = list[Motion]()
     largest = np.max([np.abs(motion.u).max(axis=0) for motion in phased_motion.motions], axis=0)
     for motion in phased_motion.motions:
         jumps = find_jumps(motion, np.minimum(problem.stage.driven.limits, largest))
@@ -137,13 +137,13 @@ def split_at_jumps(phased_motion: PhasedMotion, problem: PlanningProblem) -> Pha
             piece = Motion(problem, motion.lobatto, mesh, (end - begin) * motion.duration_s, z)
             # Accelerations jump with the drives: without that the search begins far from the equations of
             # motion and may end at another, worse optimum.
-            found.append((piece.balanced() if len(ends) > 1 else piece).split_forces())
-    if len(found) == len(phased_motion.motions):
+            pieces.append((piece.balanced() if len(ends) > 1 else piece).split_forces())
+    if len(pieces) == len(phased_motion.motions):
         return None
-    problems = segment_problems(problem, len(found))
+    problems = segment_problems(problem, len(pieces))
     return PhasedMotion(
-        tuple(dataclasses.replace(m, problem=own) for m, own in zip(found, problems, strict=True)),
-        tuple(np.empty(0) for _ in found[1:]),
+        tuple(dataclasses.replace(m, problem=segment) for m, segment in zip(pieces, problems, strict=True)),
+        tuple(np.empty(0) for _ in pieces[1:]),
     )
 
 
@@ -152,7 +152,7 @@ def find_jumps(motion: Motion, limits: Array) -> list[DriveJump]:
 
     A drive is at a level where it is near to a limit, or near to none for an interval at least.
     """
-    share, width, found = motion.lobatto.times(motion.mesh, 1.0), motion.mesh.widths, list[DriveJump]()
+    share, width, jumps = motion.lobatto.times(motion.mesh, 1.0), motion.mesh.widths, list[DriveJump]()
     for k, limit in enumerate(limits):
         part = motion.u[:, k] / limit if limit > 0 else np.zeros(len(share))
         level = np.where(
@@ -167,7 +167,7 @@ def find_jumps(motion: Motion, limits: Array) -> list[DriveJump]:
         runs = [run for run in runs if run[0] or share[run[2]] - share[run[1]] >= width.min()]
         for (one, _, last), (other, first, _) in itertools.pairwise(runs):
             middle = (share[last] + share[first]) / 2
-            own = width[motion.mesh.located(np.array([middle]))[0][0]]
-            if one != other and share[first] - share[last] <= NEAR * own:
-                found.append(DriveJump(float(middle), k, one * limit, other * limit))
-    return sorted(found, key=lambda jump: jump.share)
+            interval = width[motion.mesh.located(np.array([middle]))[0][0]]
+            if one != other and share[first] - share[last] <= NEAR * interval:
+                jumps.append(DriveJump(float(middle), k, one * limit, other * limit))
+    return sorted(jumps, key=lambda jump: jump.share)

@@ -222,7 +222,7 @@ def drift(
         right = -np.concatenate([pin.nle(model, data, q, v), bias.ravel()])
         return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0][: model.nv])
 
-    times, found = lobatto.times(mesh, duration), [(q, v)]
+    times, states = lobatto.times(mesh, duration), [(q, v)]
     for begin, end in itertools.pairwise(times):
         steps = max(1, round(STEPS * (end - begin) / duration))
         h = (end - begin) / steps
@@ -230,8 +230,8 @@ def drift(
             one = falling(q, v)
             other = falling(pin.integrate(model, q, h * v), v + h * one)
             q, v = pin.integrate(model, q, h * (v + h / 4 * (one + other))), v + h / 2 * (one + other)
-        found.append((q, v))
-    qs, vs = zip(*found, strict=True)
+        states.append((q, v))
+    qs, vs = zip(*states, strict=True)
     return np.array(qs), np.array(vs)
 
 

@@ -91,15 +91,15 @@ def extended(
             return instants.call(name, *given)
         if name == "hessian":
             z, weights = given
-            own = np.delete(weights, slice(first, first + count), axis=0)
-            both = instants.call(name, z, own), added.call(name, z, weights[first : first + count])
+            path_weights = np.delete(weights, slice(first, first + count), axis=0)
+            both = instants.call(name, z, path_weights), added.call(name, z, weights[first : first + count])
             return np.vstack(both)
         one, other = instants.call(name, *given), added.call(name, *given)
         return np.vstack([one[:first], other, one[first:]] if name == "values" else [one, other])
 
-    (rows_of, columns), (own, at) = instants.jacobian, added.jacobian
+    (rows_of, columns), (added_rows, at) = instants.jacobian, added.jacobian
     moved = np.where(rows_of < first, rows_of, rows_of + count)
-    jacobian = np.concatenate([moved, first + own]), np.concatenate([columns, at])
+    jacobian = np.concatenate([moved, first + added_rows]), np.concatenate([columns, at])
     hessian = tuple(np.concatenate(both) for both in zip(instants.hessian, added.hessian, strict=True))
     return dataclasses.replace(instants, call=call, jacobian=jacobian, hessian=(hessian[0], hessian[1]))
 
@@ -138,35 +138,39 @@ def _instants(
     # Sharing common parts of derivatives saves 5 % of their evaluation, and takes most of the time in which
     # they are made: where a problem is interpreted, it is left to the values.
     functions, patterns, share = dict[str, ca.Function](), list[Pattern](), backend != "interpreted"
-    for prefix, (expression, found) in rows.items():
-        symbols = symbols_of(found) if found else None
+    for prefix, (expression, iterated) in rows.items():
+        symbols = symbols_of(iterated) if iterated else None
         if derivatives:
-            own, where = derived(z, expression, prefix, symbols, constant=constant, share=share)
-            functions |= own
+            derivative_functions, where = derived(
+                z, expression, prefix, symbols, constant=constant, share=share
+            )
+            functions |= derivative_functions
             patterns += where
         else:
             functions[f"{prefix}values"] = _function(
                 f"{prefix}values", _inputs(z, symbols, constant), expression
             )
-        if found:
-            given = ca.vertcat(*(one.given for one in found))
-            functions[f"{prefix}given"] = _function(f"{prefix}given", _inputs(z, None, constant), given)
-            functions |= {one.function.name(): one.function for one in found if one.function is not None}
+        if iterated:
+            inputs = ca.vertcat(*(one.given for one in iterated))
+            functions[f"{prefix}given"] = _function(f"{prefix}given", _inputs(z, None, constant), inputs)
+            functions |= {one.function.name(): one.function for one in iterated if one.function is not None}
     call, used = _caller(functions, backend)
     none = (np.empty(0, dtype=np.int64),) * 2
     # what iterations find is cached
-    implicit = {f"{prefix}{name}": (prefix, found) for prefix, (_, found) in rows.items() for name in NAMES}
-    kept: dict[str, tuple[bytes, Array]] = {}
+    implicit = {
+        f"{prefix}{name}": (prefix, iterated) for prefix, (_, iterated) in rows.items() for name in NAMES
+    }
+    cache: dict[str, tuple[bytes, Array]] = {}
 
     def called(name: str, z: Array, *others: Array) -> Array:
         """Values (n, count) of a function at columns of instants, and of what else it takes."""
-        prefix, found = implicit[name]
-        if not found:
+        prefix, iterated = implicit[name]
+        if not iterated:
             return call(name, z, *others)
         key = z.tobytes()
-        if prefix not in kept or kept[prefix][0] != key:
-            kept[prefix] = key, implicit_values(found, call(f"{prefix}given", z), call)
-        return call(name, z, kept[prefix][1], *others)
+        if prefix not in cache or cache[prefix][0] != key:
+            cache[prefix] = key, implicit_values(iterated, call(f"{prefix}given", z), call)
+        return call(name, z, cache[prefix][1], *others)
 
     return InstantFunctions(called, used, *(patterns + [none] * (4 - len(patterns))))
 
@@ -186,13 +190,13 @@ def derived(
     constant, if such are given, and the second derivatives with weights of the rows. With ``share``
     derivatives share their common parts, else only those of the values.
     """
-    weights, given, rows = ca.SX.sym("weights", rows.numel()), _inputs(z, held, constant), ca.cse(rows)
+    weights, inputs, rows = ca.SX.sym("weights", rows.numel()), _inputs(z, held, constant), ca.cse(rows)
     jacobian = ca.jacobian(rows, z)
     hessian = ca.triu(ca.hessian(ca.dot(weights, rows), z)[0])
     functions = {
-        f"{prefix}values": _function(f"{prefix}values", given, rows),
-        f"{prefix}jacobian": _function(f"{prefix}jacobian", given, _entries(jacobian), share=share),
-        f"{prefix}hessian": _function(f"{prefix}hessian", [*given, weights], _entries(hessian), share=share),
+        f"{prefix}values": _function(f"{prefix}values", inputs, rows),
+        f"{prefix}jacobian": _function(f"{prefix}jacobian", inputs, _entries(jacobian), share=share),
+        f"{prefix}hessian": _function(f"{prefix}hessian", [*inputs, weights], _entries(hessian), share=share),
     }
     return functions, [_pattern(jacobian), _pattern(hessian)]
 

@@ -76,10 +76,10 @@ class Lobatto:
     def quadrature(self, mesh: int | Mesh) -> Array:
         """Weights of all points of N intervals, for a duration of one (N (s - 1) + 1,)."""
         mesh = Mesh.of(mesh)
-        found = np.zeros(mesh.intervals * (self.points - 1) + 1)
+        point_weights = np.zeros(mesh.intervals * (self.points - 1) + 1)
         at = np.arange(mesh.intervals)[:, None] * (self.points - 1) + np.arange(self.points)
-        np.add.at(found, at, mesh.widths[:, None] * self.weights)
-        return found
+        np.add.at(point_weights, at, mesh.widths[:, None] * self.weights)
+        return point_weights
 
     def values_at(self, place: Array) -> Array:
         """Values at places (n,) in an interval of the polynomials that are one at a node: (n, s)."""
@@ -93,8 +93,8 @@ class Lobatto:
 
 def _basis(nodes: Array) -> list[Array]:
     """See :attr:`Lobatto.basis`."""
-    found = []
+    polynomials = []
     for k, node in enumerate(nodes):
         others = np.delete(nodes, k)
-        found.append(polynomial.polyfromroots(others) / np.prod(node - others))
-    return found
+        polynomials.append(polynomial.polyfromroots(others) / np.prod(node - others))
+    return polynomials

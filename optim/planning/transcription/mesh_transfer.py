@@ -38,11 +38,11 @@ def solve_from(
         What was found on the coarse mesh, and on the program's.
     """
     coarse = CollocationProgram(program.problem, program.instants, motion.lobatto, motion.mesh)
-    found = solve(coarse, motion.unknowns, scale=scale, iterations=iterations, told=told)
-    z, duration = coarse.split(found.w)
+    coarse_solution = solve(coarse, motion.unknowns, scale=scale, iterations=iterations, told=told)
+    z, duration = coarse.split(coarse_solution.w)
     near = dataclasses.replace(motion, z=z, duration_s=duration).on(program.lobatto, program.mesh)
-    warm = transfer_remaining(found, coarse, program) if found.converged else None
-    return found, solve(program, near.unknowns, warm, scale=scale, iterations=iterations, told=told)
+    warm = transfer_remaining(coarse_solution, coarse, program) if coarse_solution.converged else None
+    return coarse_solution, solve(program, near.unknowns, warm, scale=scale, iterations=iterations, told=told)
 
 
 def transfer(solution: Solution, source: PhaseChain, target: PhaseChain) -> Solution:
@@ -79,7 +79,7 @@ def transfer_constrained(solution: Solution, source: PhaseChain, target: PhaseCh
         Its program, and the one whose path has all rows of the source's, in the same order, and more of other
         names: their multipliers are zero.
     """
-    found = list[Array]()
+    blocks = list[Array]()
     for part, old, new in zip(source.parted(solution), source.programs, target.programs, strict=False):
         last = old.rows - len(old.problem.goal)
         held = part.multipliers[old.defects : last].reshape(old.points, -1)
@@ -89,11 +89,11 @@ def transfer_constrained(solution: Solution, source: PhaseChain, target: PhaseCh
             if k < old.per_point and row.name == old.problem.path[k - old.nv].name:
                 values[:, column] = held[:, k]
                 k += 1
-        found.append(
+        blocks.append(
             np.concatenate([part.multipliers[: old.defects], values.ravel(), part.multipliers[last:]])
         )
-    found.append(solution.multipliers[sum(one.rows for one in source.programs) :])  # of links
-    return dataclasses.replace(solution, multipliers=np.concatenate(found))
+    blocks.append(solution.multipliers[sum(one.rows for one in source.programs) :])  # of links
+    return dataclasses.replace(solution, multipliers=np.concatenate(blocks))
 
 
 def transfer_remaining(
@@ -109,9 +109,9 @@ def transfer_remaining(
         Part of the source's duration at which the target begins; both end together.
     """
     left = 1.0 - begin
-    share, wanted = (at.lobatto.times(at.mesh, 1.0) for at in (source, target))
-    wanted = begin + left * wanted
-    between = np.array([np.interp(wanted, share, unit) for unit in np.eye(len(share))]).T
+    share, target_share = (at.lobatto.times(at.mesh, 1.0) for at in (source, target))
+    target_share = begin + left * target_share
+    between = np.array([np.interp(target_share, share, unit) for unit in np.eye(len(share))]).T
     weights = left * target.weights[:, None] * between / source.weights
     last = source.rows - len(source.problem.goal)
     held = weights @ solution.multipliers[source.defects : last].reshape(source.points, -1)
@@ -119,9 +119,11 @@ def transfer_remaining(
     if source.problem.begin is None:
         bounds[0, : target.nx] = 0.0  # the start is no unknown
     # multipliers of the target's defects (N, s - 1, nx)
-    found = solution.multipliers[: source.defects].reshape(source.intervals, source.inner, source.nx)
+    defect_multipliers = solution.multipliers[: source.defects].reshape(
+        source.intervals, source.inner, source.nx
+    )
     lobatto, other = source.lobatto, target.lobatto
-    costates = np.einsum("jk,njx->nkx", lobatto.integral[1:], found) / lobatto.weights[:, None]
+    costates = np.einsum("jk,njx->nkx", lobatto.integral[1:], defect_multipliers) / lobatto.weights[:, None]
     starts, widths = (begin + (1.0 - begin) * target.mesh.starts), (1.0 - begin) * target.mesh.widths
     inside = source.mesh.located(starts + widths / 2)[0]  # one polynomial for all points of an interval
     places = starts[:, None] + widths[:, None] * other.nodes - source.mesh.starts[inside, None]

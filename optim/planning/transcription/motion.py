@@ -120,9 +120,9 @@ class Motion:
         if not forces:
             return self
         parts = [part for each in forces.values() for part in (ca.fmax(each, 0), ca.fmax(-each, 0))]
-        found = ca.Function("parts", [stage.z], [ca.densify(ca.vertcat(*parts))])(self.z.T).full()
-        own = self.z[:, : self.z.shape[1] - stage.s.numel()]
-        return dataclasses.replace(self, z=np.hstack([own, np.array(found).T]))
+        parts_values = ca.Function("parts", [stage.z], [ca.densify(ca.vertcat(*parts))])(self.z.T).full()
+        unsplit = self.z[:, : self.z.shape[1] - stage.s.numel()]
+        return dataclasses.replace(self, z=np.hstack([unsplit, np.array(parts_values).T]))
 
     def balanced(self) -> Motion:
         """The same motion with the accelerations and grasp wrenches that its drives cause.
@@ -195,8 +195,8 @@ class PhasedMotion:
 
     def on(self, lobatto: Lobatto, meshes: Sequence[Mesh]) -> PhasedMotion:
         """The same motions on other meshes."""
-        found = (motion.on(lobatto, mesh) for motion, mesh in zip(self.motions, meshes, strict=True))
-        return PhasedMotion(tuple(found), self.impulses)
+        motions = (motion.on(lobatto, mesh) for motion, mesh in zip(self.motions, meshes, strict=True))
+        return PhasedMotion(tuple(motions), self.impulses)
 
 
 def normalised(model: Any, q: Array) -> Array:

@@ -56,14 +56,14 @@ class Linkage:
         impact
             Whether rigid grasps close where it begins.
         """
-        given, rows, count = _joined(stage, impact)
-        functions, (jacobian, hessian) = derived(given, rows, "")
+        arguments, rows, count = _joined(stage, impact)
+        functions, (jacobian, hessian) = derived(arguments, rows, "")
         return cls(functions, jacobian, hessian, count)
 
     def with_values_of(self, stage: Stage, impact: bool) -> Linkage:
         """The values of a link into a phase that differs by numbers alone; no derivatives."""
-        given, rows, _ = _joined(stage, impact)
-        return dataclasses.replace(self, functions={"values": ca.Function("values", [given], [rows])})
+        arguments, rows, _ = _joined(stage, impact)
+        return dataclasses.replace(self, functions={"values": ca.Function("values", [arguments], [rows])})
 
     @property
     def rows(self) -> int:
@@ -154,8 +154,8 @@ class PhaseChain:
         # places of the derivatives' entries: those of the programs, and those of the links
         jacobian, hessian, row = list[Pattern](), list[Pattern](), np.cumsum([0, *self._counts])
         for k, program in enumerate(programs):
-            own, bends = program.jacobian_pattern.tocoo(), program.hessian_pattern.tocoo()
-            jacobian.append((row[k] + own.row, first[k] + own.col))
+            slopes, bends = program.jacobian_pattern.tocoo(), program.hessian_pattern.tocoo()
+            jacobian.append((row[k] + slopes.row, first[k] + slopes.col))
             hessian.append((first[k] + bends.row, first[k] + bends.col))
         for k, (link, joined) in enumerate(zip(links, self._joined, strict=True), start=len(programs)):
             jacobian.append((row[k] + link.jacobian[0], joined[link.jacobian[1]]))
@@ -175,8 +175,8 @@ class PhaseChain:
         of = zip(*(self.parts(a) for a in (solution.w, solution.bound_multipliers)), strict=True)
         rows = np.split(solution.multipliers, np.cumsum(self._counts)[:-1])
         return [
-            dataclasses.replace(solution, w=w, bound_multipliers=bounds, multipliers=own)
-            for (w, bounds), own in zip(of, rows, strict=False)
+            dataclasses.replace(solution, w=w, bound_multipliers=bounds, multipliers=multipliers)
+            for (w, bounds), multipliers in zip(of, rows, strict=False)
         ]
 
     def bounds(self) -> tuple[Array, Array]:
@@ -194,38 +194,38 @@ class PhaseChain:
 
     def objective(self, w: Array) -> float:
         """Cost of all phases."""
-        return sum(p.objective(own) for p, own in zip(self.programs, self.parts(w), strict=False))
+        return sum(p.objective(unknowns) for p, unknowns in zip(self.programs, self.parts(w), strict=False))
 
     def gradient(self, w: Array) -> Array:
         """Of the cost (size,)."""
-        found = [p.gradient(own) for p, own in zip(self.programs, self.parts(w), strict=False)]
-        return np.concatenate([*found, np.zeros(sum(link.impulses for link in self.links))])
+        gradients = [p.gradient(unknowns) for p, unknowns in zip(self.programs, self.parts(w), strict=False)]
+        return np.concatenate([*gradients, np.zeros(sum(link.impulses for link in self.links))])
 
     def constraints(self, w: Array) -> Array:
         """All constraints (rows,)."""
-        found = [p.constraints(own) for p, own in zip(self.programs, self.parts(w), strict=False)]
-        return np.concatenate([*found, *self._linked("values", w), self.rest.matrix @ w])
+        blocks = [p.constraints(unknowns) for p, unknowns in zip(self.programs, self.parts(w), strict=False)]
+        return np.concatenate([*blocks, *self._linked("values", w), self.rest.matrix @ w])
 
     def jacobian(self, w: Array) -> Array:
         """Entries of the constraints' first derivatives, as :attr:`jacobian_pattern` has them."""
-        found = [p.jacobian(own) for p, own in zip(self.programs, self.parts(w), strict=False)]
-        jacobian = np.concatenate([*found, *self._linked("jacobian", w), self.rest.matrix.tocoo().data])
+        entries = [p.jacobian(unknowns) for p, unknowns in zip(self.programs, self.parts(w), strict=False)]
+        jacobian = np.concatenate([*entries, *self._linked("jacobian", w), self.rest.matrix.tocoo().data])
         return self._jacobian.entries(jacobian)
 
     def hessian(self, w: Array, factor: float, multipliers: Array) -> Array:
         """Entries of the upper triangle of the Lagrangian's second derivatives, likewise."""
         weights = np.split(multipliers, np.cumsum(self._counts)[:-1])
-        found = [
-            p.hessian(own, factor, weight)
-            for p, own, weight in zip(self.programs, self.parts(w), weights, strict=False)
+        entries = [
+            p.hessian(unknowns, factor, weight)
+            for p, unknowns, weight in zip(self.programs, self.parts(w), weights, strict=False)
         ]
-        found += [
-            link.call("hessian", w[own], weight)
-            for link, own, weight in zip(
+        entries += [
+            link.call("hessian", w[indices], weight)
+            for link, indices, weight in zip(
                 self.links, self._joined, weights[len(self.programs) :], strict=False
             )
         ]
-        return self._hessian.entries(np.concatenate(found))
+        return self._hessian.entries(np.concatenate(entries))
 
     def _linked(self, name: str, w: Array) -> list[Array]:
-        return [link.call(name, w[own]) for link, own in zip(self.links, self._joined, strict=True)]
+        return [link.call(name, w[indices]) for link, indices in zip(self.links, self._joined, strict=True)]

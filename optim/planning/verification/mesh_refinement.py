@@ -57,14 +57,14 @@ def refined_meshes(
     if verification.error_m > verification.tolerance_m:
         errors = local_errors(phased_motion, backend)
         # Errors of intervals cancel, or grow on the way: what they sum up to is scaled to what was seen.
-        seen = verification.error_m / max(sum(float(own.sum()) for own in errors), 1e-300)
-        errors = [own * seen for own in errors]
+        scale = verification.error_m / max(sum(float(phase_errors.sum()) for phase_errors in errors), 1e-300)
+        errors = [phase_errors * scale for phase_errors in errors]
         # One piece more for the interval that adds most, until all of them add no more than is allowed.
         order = 2 * phased_motion.motions[0].lobatto.points - 2
-        rest = [own / count**order for own, count in zip(errors, counts, strict=True)]
-        heap = [(-error, k, n) for k, own in enumerate(rest) for n, error in enumerate(own)]
+        rest = [remaining / count**order for remaining, count in zip(errors, counts, strict=True)]
+        heap = [(-error, k, n) for k, remaining in enumerate(rest) for n, error in enumerate(remaining)]
         heapq.heapify(heap)
-        total = sum(float(own.sum()) for own in rest)
+        total = sum(float(remaining.sum()) for remaining in rest)
         while heap and total > SAFETY * verification.tolerance_m:
             error, k, n = heapq.heappop(heap)
             if counts[k][n] >= PIECES:
@@ -74,13 +74,13 @@ def refined_meshes(
             total += error + after
             heapq.heappush(heap, (-after, k, n))
     meshes = []
-    for motion, own in zip(phased_motion.motions, counts, strict=True):
+    for motion, splits in zip(phased_motion.motions, counts, strict=True):
         room = max_intervals - motion.intervals
-        for n in np.argsort(-own, kind="stable"):  # those that need most pieces first
-            own[n] = min(own[n], 1 + max(room, 0))
-            room -= own[n] - 1
-        meshes.append(motion.mesh.split(own.tolist()))
-    return None if all((own == 1).all() for own in counts) else tuple(meshes)
+        for n in np.argsort(-splits, kind="stable"):  # those that need most pieces first
+            splits[n] = min(splits[n], 1 + max(room, 0))
+            room -= splits[n] - 1
+        meshes.append(motion.mesh.split(splits.tolist()))
+    return None if all((splits == 1).all() for splits in counts) else tuple(meshes)
 
 
 def sharper_meshes(phased_motion: PhasedMotion, max_intervals: int) -> tuple[Mesh, ...] | None:
@@ -103,18 +103,19 @@ def sharper_meshes(phased_motion: PhasedMotion, max_intervals: int) -> tuple[Mes
     """
     counts = []
     for motion in phased_motion.motions:
-        own, room = np.ones(motion.intervals, dtype=int), max_intervals - motion.intervals
+        pieces, room = np.ones(motion.intervals, dtype=int), max_intervals - motion.intervals
         if forces := [*motion.problem.magnitudes.values()]:
             drive = ca.Function("drive", [motion.problem.stage.z], [ca.densify(ca.vertcat(*forces))])
             knots = np.array(drive(motion.z[:: motion.lobatto.points - 1].T).full())
             change = np.abs(np.diff(knots)).max(axis=0) / max(np.abs(knots).max(), 1e-300)
             steepest = np.argsort(-change, kind="stable")[: max(room, 0)]
-            own[steepest[change[steepest] > JUMP]] = 2
-        counts.append(own)
-    if all((own == 1).all() for own in counts):
+            pieces[steepest[change[steepest] > JUMP]] = 2
+        counts.append(pieces)
+    if all((pieces == 1).all() for pieces in counts):
         return None
     return tuple(
-        motion.mesh.split(own.tolist()) for motion, own in zip(phased_motion.motions, counts, strict=True)
+        motion.mesh.split(pieces.tolist())
+        for motion, pieces in zip(phased_motion.motions, counts, strict=True)
     )
 
 
@@ -128,7 +129,7 @@ def local_errors(phased_motion: PhasedMotion, backend: str = "auto") -> list[Arr
     backend
         What integrates: ``auto``, ``compiled`` or ``interpreted``.
     """
-    found = []
+    errors = []
     for begin, motion in zip(phased_motion.begins, phased_motion.motions, strict=True):
         stage, step = motion.problem.stage, steps_of(motion, backend)
         model, none = stage.scene.model, np.zeros(2 * len(stage.driven.joints))
@@ -139,5 +140,5 @@ def local_errors(phased_motion: PhasedMotion, backend: str = "auto") -> list[Arr
             state = step(n, knots[n], none)
             drift = left[n] * (state[model.nq :] - knots[n + 1, model.nq :])
             states[n + 1, : model.nq] = pin.integrate(model, state[: model.nq], drift)
-        found.append(np.max([own[1:] for own in tip_errors(motion, states).values()], axis=0))
-    return found
+        errors.append(np.max([distances[1:] for distances in tip_errors(motion, states).values()], axis=0))
+    return errors

@@ -45,14 +45,14 @@ def _loop(stage: Stage, lobatto: Lobatto) -> DerivedLoop:
     nx, nu = model.nq + model.nv, len(driven.columns)
     joints, points = len(driven.joints), lobatto.points
     count = 1 + 3 * joints + (nu + 2 * joints) * points
-    t, x, given = ca.SX.sym("t"), ca.SX.sym("x", nx), ca.SX.sym("c", count)
+    t, x, parameters = ca.SX.sym("t"), ca.SX.sym("x", nx), ca.SX.sym("c", count)
     q, v = x[: model.nq], x[model.nq :]
     sizes = [1, joints, joints, joints, points * nu, points * joints, points * joints]
-    length, kp, kd, first, *rest = ca.vertsplit(given, np.cumsum([0, *sizes]).tolist())
+    length, kp, kd, first, *rest = ca.vertsplit(parameters, np.cumsum([0, *sizes]).tolist())
     drive, rates, accelerations = (ca.reshape(part, part.numel() // points, points) for part in rest)
     place = t
     torque = _summed(lobatto.basis, place, drive)
-    wanted = first + length * _summed(lobatto.primitives, place, rates)
+    target = first + length * _summed(lobatto.primitives, place, rates)
     rate = rates[:, 0] + length * _summed(lobatto.primitives, place, accelerations)
     force = -sparse(np.asarray(model.damping)) * v - spring_forces(stage.scene, q)
     for k, column in enumerate(driven.columns):
@@ -60,10 +60,10 @@ def _loop(stage: Stage, lobatto: Lobatto) -> DerivedLoop:
     for k, joint in enumerate(driven.joints):
         column = driven.columns[k]
         # how far it is behind [rad or m], the short way round if it is unbounded
-        own, near = model.joints[joint], q[model.joints[joint].idx_q]
-        behind = wanted[k] - near
-        if own.nq == 2:
-            c, s, other = ca.cos(wanted[k]), ca.sin(wanted[k]), q[own.idx_q + 1]
+        joint_model, near = model.joints[joint], q[model.joints[joint].idx_q]
+        behind = target[k] - near
+        if joint_model.nq == 2:
+            c, s, other = ca.cos(target[k]), ca.sin(target[k]), q[joint_model.idx_q + 1]
             behind = ca.atan2(s * near - c * other, c * near + s * other)
         force[column] += kp[k] * behind + kd[k] * (rate[k] - v[column])
     # forward dynamics with the grasps that hold
@@ -82,10 +82,10 @@ def _loop(stage: Stage, lobatto: Lobatto) -> DerivedLoop:
         wrench = factors.solve_negated(ca.mtimes(slopes, free) + drift)
         acceleration = free + ca.mtimes(response, wrench)
     change = ca.vertcat(configuration_derivative(model, q, v), acceleration)
-    p, none = ca.SX.sym("p", nx + given.numel()), ca.SX(0, 1)
+    p, none = ca.SX.sym("p", nx + parameters.numel()), ca.SX(0, 1)
     names = tuple(f"p{i}" for i in range(p.numel()))
     xdot, e = ca.SX.sym("xdot", nx), ca.SX.sym("e")
-    at, at_names = [t, x, given], ["t", "x", "c"]
+    at, at_names = [t, x, parameters], ["t", "x", "c"]
     return DerivedLoop(
         parameter_paths=names,
         parameter_values=np.ones(p.numel()),
@@ -123,13 +123,13 @@ def replay_motion(
     feedback = np.array([[gains[robot][key] for robot in robots] for key in ("kp", "kd")]).ravel()
     if starts is None:
         starts = (np.concatenate([motion.q[0], motion.v[0]]),) * 2
-    step, found = steps_of(motion, backend), []
-    for start, given in zip(starts, (0 * feedback, feedback), strict=True):
+    step, replays = steps_of(motion, backend), []
+    for start, applied_gains in zip(starts, (0 * feedback, feedback), strict=True):
         states = [start]
         for n in range(motion.intervals):
-            states.append(step(n, states[-1], given))
-        found.append(np.array(states))
-    return found[0], found[1]
+            states.append(step(n, states[-1], applied_gains))
+        replays.append(np.array(states))
+    return replays[0], replays[1]
 
 
 def steps_of(motion: Motion, backend: str = "auto") -> Callable[[int, Array, Array], Array]:
@@ -153,9 +153,9 @@ def steps_of(motion: Motion, backend: str = "auto") -> Callable[[int, Array, Arr
         rollout = _rollout(motion.problem.stage, motion.lobatto, steps, backend)
         # joint positions where an interval begins; drive, joint rates and accelerations at its points
         driven, model = motion.problem.stage.driven, motion.problem.stage.scene.model
-        own = slice(n * (motion.lobatto.points - 1), (n + 1) * (motion.lobatto.points - 1) + 1)
+        rows = slice(n * (motion.lobatto.points - 1), (n + 1) * (motion.lobatto.points - 1) + 1)
         columns = list(driven.columns[: len(driven.joints)])
-        q, v, a, u, _ = (part[own] for part in motion.parts(motion.z))
+        q, v, a, u, _ = (part[rows] for part in motion.parts(motion.z))
         first = [joint_angle(model.joints[joint], q[0]) for joint in driven.joints]
         interval = np.concatenate([first, u.ravel(), v[:, columns].ravel(), a[:, columns].ravel()])
         p = np.concatenate([state, [lengths[n]], gains, interval])
@@ -198,13 +198,13 @@ def tip_errors(motion: Motion, states: Array) -> Mapping[str, Array]:
     roots = {body.name: body.root_frame for body in bodies if body.name not in led}
     bending = {model.names[joint]: model.joints[joint] for body in bodies for joint in body.passive}
     errors: dict[str, list[float]] = {label: [] for label in (*tips, *roots, *bending)}
-    for planned, found in zip(knots, states[:, : model.nq], strict=True):
+    for planned, replayed_q in zip(knots, states[:, : model.nq], strict=True):
         placements = []
-        for q in (planned, found):
+        for q in (planned, replayed_q):
             pin.framesForwardKinematics(model, data, np.array(q))
             placements.append({label: data.oMf[frame].copy() for label, frame in (tips | roots).items()})
         for label, joint in bending.items():
-            errors[label].append(abs(joint_angle(joint, planned) - joint_angle(joint, found)))
+            errors[label].append(abs(joint_angle(joint, planned) - joint_angle(joint, replayed_q)))
         for label in (*tips, *roots):
             one, other = (placed[label] for placed in placements)
             turned = pin.log3(one.rotation.T @ other.rotation) if label in roots else np.zeros(3)
@@ -215,10 +215,10 @@ def tip_errors(motion: Motion, states: Array) -> Mapping[str, Array]:
 
 def _summed(polynomials: Sequence[Array], place: ca.SX, values: ca.SX) -> ca.SX:
     """Values (n x s) times polynomials of a place in 0 .. 1, coefficients lowest first: (n x 1)."""
-    found = ca.SX(values.size1(), 1)
+    total = ca.SX(values.size1(), 1)
     for k, row in enumerate(polynomials):
         weight = ca.SX(0)
         for coefficient in row[::-1]:
             weight = weight * place + coefficient
-        found = found + weight * values[:, k]
-    return found
+        total = total + weight * values[:, k]
+    return total

@@ -66,25 +66,25 @@ def descent_direction(program: PhaseChain, solution: Solution, scale: float) -> 
     hessian = upper + sparse.triu(upper, 1).T
     matrix = (hessian + sparse.diags(held) + slopes.T @ sparse.diags(stiff) @ slopes).tocsc()  # H + J' D J
     free = np.flatnonzero(weights)
-    matrix, own = matrix[free][:, free].tocsc(), sparse.diags(weights[free], format="csc")
-    if _positive(matrix + FLAT * scale * own) is not None:
+    matrix, metric = matrix[free][:, free].tocsc(), sparse.diags(weights[free], format="csc")
+    if _positive(matrix + FLAT * scale * metric) is not None:
         return None
     shift = FLAT * scale
     for _ in range(60):
         shift *= 4
-        factors = _positive(matrix + shift * own)
+        factors = _positive(matrix + shift * metric)
         if factors is not None:
             break
     else:
         return None  # no number: the problem's derivatives are at fault
-    found = np.random.default_rng(0).standard_normal(len(free))
+    direction = np.random.default_rng(0).standard_normal(len(free))
     for _ in range(STEPS):
-        found = factors.solve(own @ found)
-        found /= np.sqrt(found @ (own @ found))
-    if not found @ (matrix @ found) < -FLAT * scale / 2:
+        direction = factors.solve(metric @ direction)
+        direction /= np.sqrt(direction @ (metric @ direction))
+    if not direction @ (matrix @ direction) < -FLAT * scale / 2:
         return None
     out = np.zeros(program.size)
-    out[free] = found
+    out[free] = direction
     return out
 
 
@@ -92,9 +92,9 @@ def _stiffness(values: Array, least: Array, greatest: Array, multipliers: Array,
     """Multiplier over room of each limit, no more than ``most``, which equations have."""
     room = np.where(multipliers > 0, greatest - values, values - least)
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = np.abs(multipliers) / np.maximum(room, 0.0)
-    found = np.where(np.isfinite(room), np.nan_to_num(found, nan=0.0, posinf=most), 0.0)
-    return np.where(least == greatest, most, np.minimum(found, most))
+        stiffness = np.abs(multipliers) / np.maximum(room, 0.0)
+    stiffness = np.where(np.isfinite(room), np.nan_to_num(stiffness, nan=0.0, posinf=most), 0.0)
+    return np.where(least == greatest, most, np.minimum(stiffness, most))
 
 
 def _positive(matrix: sparse.csc_matrix) -> SuperLU | None:

@@ -51,4 +51,4 @@ def base_gains(scene: Scene, robot: str) -> dict[str, float]:
     mobility = inverse.diagonal()[first : first + size]
     linear = size - (3 if size == 6 else 1)
     kinds = {"kd_linear": mobility[:linear], "kd_angular": mobility[linear:]}
-    return {key: float(f"{BANDWIDTH / max(own):.3g}") for key, own in kinds.items()}
+    return {key: float(f"{BANDWIDTH / max(compliances):.3g}") for key, compliances in kinds.items()}

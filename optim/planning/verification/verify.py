@@ -115,21 +115,21 @@ class VerificationResult:
 
     def failures(self) -> list[str]:
         """Why the plan is refused, a clause each; none where it is not."""
-        found = []
+        clauses = []
         if not self.residual <= RESIDUAL:
-            found.append(f"the first-order residual is {self.residual:.1e}, allowed {RESIDUAL:g}")
+            clauses.append(f"the first-order residual is {self.residual:.1e}, allowed {RESIDUAL:g}")
         replayed = {"replayed": self.replay_errors_m} if self.open_loop else {}
         for how, errors in (replayed | {"followed": self.followed_errors_m}).items():
             label, error = max(errors.items(), key=lambda item: item[1], default=("", 0.0))
             if not error <= self.tolerance_m:
-                found.append(
+                clauses.append(
                     f"{how}, {label} ends up to {error:.1e} m off the plan, allowed {self.tolerance_m:g} m"
                 )
-        found += [
+        clauses += [
             f"{v.name} is passed by {v.amount:.3g} {v.unit} at {v.time_s:.3g} s, allowed {v.allowed:.3g}"
             for v in self.exceeded[:3]
         ]
-        return found
+        return clauses
 
 
 def verify(
@@ -162,8 +162,8 @@ def verify(
             starts = one, other
         replayed = replay_motion(motion, backend, starts)
         for greatest, states in zip((alone, followed), replayed, strict=True):
-            for label, own in tip_errors(motion, states).items():
-                greatest[label] = max(greatest.get(label, 0.0), float(own.max()))
+            for label, distances in tip_errors(motion, states).items():
+                greatest[label] = max(greatest.get(label, 0.0), float(distances.max()))
         ends = [states[-1] for states in replayed]
     violations = [
         Violation(one.name, one.unit, float(one.excess.max()), max(one.allowed, 1e-12), begin + one.worst_s)
@@ -251,10 +251,10 @@ def between_points(motion: Motion) -> Iterator[LimitExcess]:
         yield LimitExcess(name, unit, RELATIVE * float(size), time, over)
     if problem.path:
         values = row_values(problem.path, problem.stage.z, z.T)
-        for row, found in zip(problem.path, values, strict=True):
+        for row, row_samples in zip(problem.path, values, strict=True):
             held = row.held(shares, first_constrained(motion.lobatto, mesh, row.final_fraction))
             allowed = ABSOLUTE if row.size is None else RELATIVE * row.size
-            over = row.scale * np.maximum(row.lower - found[held], found[held] - row.upper)
+            over = row.scale * np.maximum(row.lower - row_samples[held], row_samples[held] - row.upper)
             yield LimitExcess(row.name, row.unit, allowed, time[held], over)
 
 
@@ -283,13 +283,13 @@ def course_collisions(phased_motion: PhasedMotion, pairs: Sequence[LinkPair]) ->
 def limit_names(problem: PlanningProblem) -> Mapping[int, tuple[str, str]]:
     """Name and unit of each entry of an instant that has a limit."""
     stage = problem.stage
-    model, found = stage.scene.model, {}
+    model, names = stage.scene.model, {}
     for joint in stage.driven.joints:
-        own = model.joints[joint]
-        if own.nq == 1:
-            found[own.idx_q] = (f"range of {model.names[joint]}", "rad or m")
-        found[model.nq + own.idx_v] = (f"rate of {model.names[joint]}", "rad/s or m/s")
+        joint_model = model.joints[joint]
+        if joint_model.nq == 1:
+            names[joint_model.idx_q] = (f"range of {model.names[joint]}", "rad or m")
+        names[model.nq + joint_model.idx_v] = (f"rate of {model.names[joint]}", "rad/s or m/s")
     first = model.nq + 2 * model.nv
     for k, name in enumerate(stage.driven.names):
-        found[first + k] = (f"torque of {name}", "N m or N")
-    return {k: v for k, v in found.items() if np.isfinite([problem.lower[k], problem.upper[k]]).any()}
+        names[first + k] = (f"torque of {name}", "N m or N")
+    return {k: v for k, v in names.items() if np.isfinite([problem.lower[k], problem.upper[k]]).any()}

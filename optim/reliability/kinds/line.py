@@ -39,14 +39,16 @@ class LineSampling(ProbabilityEstimator):
         if not points:
             return ProbabilityEstimate(0.0, np.inf)
         rng, along = effort.rng, points[0].direction
-        found = np.empty(0)
-        while (len(found) + BLOCK) * ROLLOUTS <= effort.budget:
+        line_probabilities = np.empty(0)
+        while (len(line_probabilities) + BLOCK) * ROLLOUTS <= effort.budget:
             z = rng.standard_normal((BLOCK, len(along)))
             z -= np.outer(z @ along, along)
-            found = np.append(found, stats.norm.sf(_distances(state, z, along, points[0].beta)))
-            if len(found) >= LEAST and mean_of(found).variation <= effort.variation:
+            line_probabilities = np.append(
+                line_probabilities, stats.norm.sf(_distances(state, z, along, points[0].beta))
+            )
+            if len(line_probabilities) >= LEAST and mean_of(line_probabilities).variation <= effort.variation:
                 break
-        return mean_of(found) if len(found) else ProbabilityEstimate(0.0, np.inf)
+        return mean_of(line_probabilities) if len(line_probabilities) else ProbabilityEstimate(0.0, np.inf)
 
     def missing_share(self, points: Sequence[DesignPoint]) -> float:
         """Share of all regions but the most probable; opposite ones count too."""
@@ -58,8 +60,8 @@ def _distances(state: LimitState, z: Array, along: Array, beta: float) -> Array:
     """Distances (n,) along the lines at which they fail; infinite where a line never does."""
 
     def value(distance: Array, index: Array) -> Array:
-        found = state.values(z[index.astype(int)] + np.multiply.outer(distance, along))
-        return np.maximum(found, -np.finfo(float).max)
+        state_values = state.values(z[index.astype(int)] + np.multiply.outer(distance, along))
+        return np.maximum(state_values, -np.finfo(float).max)
 
     lines = np.arange(float(len(z)))
     ends = np.full(len(z), MOST_SCORE)

@@ -39,14 +39,18 @@ class SubsetSimulation(ProbabilityEstimator):
         """Product of the levels' probabilities; see :meth:`ProbabilityEstimator.estimate`."""
         rng = effort.rng
         size = min(SIZE, effort.budget)
-        kept = int(SHARE * size)
+        seed_count = int(SHARE * size)
         steps = int(1 / SHARE)
         z = rng.standard_normal((1, size, len(state.names)))  # (steps of a chain, chains, k)
         values = state.values(z[0])[None]
         probability, variance, spent = 1.0, 0.0, size
         for _ in range(LEVELS):
             flat = np.sort(values.ravel())
-            level = 0.5 * (flat[kept - 1] + flat[kept]) if np.isfinite(flat[kept - 1]) else flat[kept - 1]
+            level = (
+                0.5 * (flat[seed_count - 1] + flat[seed_count])
+                if np.isfinite(flat[seed_count - 1])
+                else flat[seed_count - 1]
+            )
             level = max(0.0, level)
             inside = values < level if level > 0 else values < 0
             share = float(inside.mean())
@@ -62,11 +66,11 @@ class SubsetSimulation(ProbabilityEstimator):
                 correlation = float(np.mean(centred[lag:] * centred[:-lag])) / start if start > 0 else 0.0
                 gamma += 2 * (1 - lag / length) * correlation
             variance += (1 - share) / (share * inside.size) * max(1.0, 1 + gamma)
-            if level <= 0 or spent + kept * (steps - 1) > effort.budget:
+            if level <= 0 or spent + seed_count * (steps - 1) > effort.budget:
                 break
             seeds, at = z[inside], values[inside]
             # Markov chains below the level: states (steps, chains, k) and their values (steps, chains)
-            path, found = [seeds], [at]
+            path, chain_values = [seeds], [at]
             for _ in range(steps - 1):
                 drawn = rng.standard_normal(seeds.shape)
                 trial = CORRELATION * path[-1] + np.sqrt(1 - CORRELATION**2) * drawn
@@ -74,8 +78,8 @@ class SubsetSimulation(ProbabilityEstimator):
                 value = state.values(trial)
                 accepted = value < level
                 path.append(np.where(accepted[:, None], trial, path[-1]))
-                found.append(np.where(accepted, value, found[-1]))
-            z, values = np.array(path), np.array(found)
+                chain_values.append(np.where(accepted, value, chain_values[-1]))
+            z, values = np.array(path), np.array(chain_values)
             spent += len(seeds) * (steps - 1)
         if level > 0:
             return ProbabilityEstimate(0.0, np.inf)
