@@ -20,7 +20,7 @@ from spacerobot.scene import Scene
 from spacerobot.scene.scene import SceneBody
 
 PARTS: dict[WrenchPart, int] = {"force": 0, "torque": 3}
-"""Where the parts of a wrench begin."""
+"""First index of each part of a wrench in the vector (6,): force [N] 0, torque [N m] 3."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class BaseWrenchLimits:
     largest
         Greatest force along [N] and torque about [N m] each axis of the root link (6,).
     source
-        Where they come from, in words, for those that the section does not give.
+        Actuators that set the limits, in words, for the parts that the section does not limit.
     """
 
     largest: Array
@@ -81,7 +81,7 @@ def section_base_limits(limits: Mapping[str, PlanLimit]) -> dict[WrenchPart, flo
 
 
 def limiting_actuators(scene: Scene, plans: Iterable[PlanSection]) -> dict[str, str]:
-    """By robot, the actuators whose limits hold for its base because the section gives none."""
+    """Actuators whose limits hold for each robot's base because the section gives none, by robot."""
     bodies = [body for body in scene.robots if body.root_joint]
     sources = {
         body.name: dict.fromkeys(base_wrench_limits(plan.limits, body, scene.planar).source for plan in plans)

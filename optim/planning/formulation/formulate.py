@@ -1,4 +1,4 @@
-"""From a scene's plan section to planning problems, one for each phase."""
+"""Formulation of a scene's plan section as planning problems, one for each phase."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def scene_with_plan_model(scene: Scene) -> Scene:
     Raises
     ------
     ScenarioError
-        If a change leads nowhere, or changes what is moved or where it begins.
+        If a change names an unknown path, or changes the moving joints or the initial state.
     """
     changes = plan_section(scene).model
     if not changes:
@@ -79,18 +79,18 @@ def scene_with_plan_model(scene: Scene) -> Scene:
 
 @dataclass(frozen=True, eq=False)
 class PhaseProblem:
-    """One phase of a plan.
+    """Planning problem of one phase.
 
     Attributes
     ----------
     name
-        Of the scenario's phase; none where the plan tells no phases.
+        Name of the scenario's phase; empty where the plan names no phases.
     plan
-        What the section says of it.
+        Plan section of the phase.
     problem
-        Its planning problem.
+        Planning problem of the phase.
     impact
-        Whether rigid grasps close where it begins, so that an impulse leads into it.
+        Whether rigid grasps close at its beginning, so that velocities jump by an impulse.
     """
 
     name: str
@@ -105,7 +105,7 @@ def formulate(scene: Scene) -> PlanningProblem:
     Raises
     ------
     ScenarioError
-        If the section asks for what there is not.
+        If the section names something that the scene lacks.
     """
     return formulate_phases(scene)[0].problem
 
@@ -116,7 +116,7 @@ def formulate_phases(scene: Scene) -> tuple[PhaseProblem, ...]:
     Raises
     ------
     ScenarioError
-        If the section asks for what there is not.
+        If the section names something that the scene lacks.
     """
     section, scene = plan_section(scene), scene_with_plan_model(scene)
     if section.choices:
@@ -213,7 +213,7 @@ def located_in_phase(whole: PlanSection, name: str) -> Iterator[None]:
     Raises
     ------
     ScenarioError
-        As it comes, elsewhere or at that place.
+        The error itself, located in the phase where it belongs to one.
     """
     try:
         yield

@@ -97,7 +97,7 @@ def spring_wrench(scene: Scene, kinematics: Kinematics, grasp: SceneGrasp) -> tu
 
 
 def _gap(scene: Scene, kinematics: Kinematics, grasp: SceneGrasp) -> ca.SX:
-    """From mating frame to tip (3x1) [m]."""
+    """Vector from mating frame to tip, world axes (3x1) [m]."""
     tip, mate = (
         frame_placement(scene.model, kinematics, frame)[1] for frame in (grasp.tip.frame, grasp.frame)
     )

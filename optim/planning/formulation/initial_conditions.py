@@ -1,4 +1,4 @@
-"""Where a motion begins: as the scenario says, or within what is left free of postures and placements."""
+"""Initial conditions of a motion: the scenario's, or bounds on free postures and placements."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ def initial_conditions(
     Parameters
     ----------
     stage, plan
-        One instant, and the section.
+        Instant of the motion, and the plan section.
     fixed
-        Where the scenario begins (nq + nv,).
+        Initial state of the scenario (nq + nv,).
     limits
-        Of an instant (nz,): ranges of joints among them.
+        Limits of an instant (nz,), with the ranges of joints.
 
     Raises
     ------
     ScenarioError
-        If the section leaves free what there is not, or what others count from.
+        If the section frees something that the scene lacks, or a quantity that fixes others.
     """
     if not plan.start:
         return None, []

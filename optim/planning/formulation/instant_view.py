@@ -1,4 +1,4 @@
-"""One instant of a plan as its goals, costs and limits see it."""
+"""View of one instant of a plan for its goals, costs and limits."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from spacerobot.shapes import Implicit, Shape, held_gap
 
 T = TypeVar("T")
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
-"""Axes of what drives a base, in its own axes."""
+"""Force and torque axes of a driven base, in its own frame."""
 
 
 @dataclass(frozen=True, eq=False)

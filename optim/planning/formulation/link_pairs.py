@@ -36,7 +36,7 @@ from spacerobot.scene.overlaps import Solid, overlap_depth, solids
 from spacerobot.scene.reference_checks import com_from_base, joint_from_base
 
 ALLOWED = 1e-4
-"""[m] Overlap between the points of a mesh that is allowed, as of keep-out zones."""
+"""Allowed overlap between the points of a mesh, equal to that of keep-out zones [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,9 +67,9 @@ class Collision:
     depth_m
         Greatest depth [m].
     time_s
-        When that is [s].
+        Instant of the greatest depth [s].
     only
-        Which pairs of their shapes overlap, as a keep-out zone counts them.
+        Pairs of their shapes that overlap, by index as in a keep-out zone.
     """
 
     first: str
@@ -89,7 +89,7 @@ def link_pairs(scene: Scene) -> list[LinkPair]:
     Parameters
     ----------
     scene
-        With a ``plan`` section.
+        Scene with a ``plan`` section.
     """
     plans = plan_section(scene)
     if not plans.collision_avoidance:

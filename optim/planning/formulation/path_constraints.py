@@ -22,7 +22,7 @@ from spacerobot.scene import Scene
 from spacerobot.scene.scene import SceneBody
 
 PREFIX = "collision_avoidance"
-"""Of the names of keep-out zones that a search adds for links that collide."""
+"""Prefix of the names of keep-out zones that a search adds for colliding links."""
 Limits = Mapping[str, PlanLimit]
 """A plan's ``limits``, by name."""
 
@@ -33,7 +33,7 @@ def driven_coordinates(scene: Scene, section_limits: Limits) -> DrivenCoordinate
     Raises
     ------
     ScenarioError
-        If a limit that is asked for is missing in a URDF, or a joint mimics another one.
+        If a limit that is required is missing in a URDF, or a joint mimics another one.
     """
     if scene.ties:
         raise scene.error(

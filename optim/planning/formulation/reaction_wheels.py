@@ -52,7 +52,7 @@ class WheelDrivenBase:
     momenta
         Angular momentum of each about its axis (n x 1) [N m s].
     speeds
-        Of each relative to the base (n x 1) [rad/s].
+        Speed of each wheel relative to the base (n x 1) [rad/s].
     commanded
         Torque that the base is to ask for, gyroscopic torque of the wheels included (3x1) [N m].
     """

@@ -59,7 +59,7 @@ def row_values(rows: Sequence[BoundedRow], at: ca.SX, columns: Array) -> Array:
     functions = {one.function.name(): one.function for one in implicit if one.function is not None}
 
     def call(name: str, arguments: Array) -> Array:
-        """One of the functions."""
+        """Evaluate one of the functions."""
         return np.array(functions[name](arguments).full())
 
     held = (

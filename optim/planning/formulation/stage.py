@@ -47,9 +47,9 @@ class DrivenCoordinates:
     Attributes
     ----------
     names
-        Of joints (robot/joint) and of axes of driven bases, one for each entry of u.
+        Labels of joints (robot/joint) and of axes of driven bases, one for each entry of u.
     columns
-        Velocity of each.
+        Index of each one's velocity in v.
     limits
         Greatest magnitude of each [N m or N]; infinite where there is none.
     joints
@@ -109,7 +109,7 @@ class Stage:
     q, v, a, u, w
         Symbols (nq, nv, nv, nu, nw).
     kinematics
-        At (q, v).
+        Kinematics at (q, v).
     s
         Symbols of positive and negative parts of forces whose magnitudes are a cost (ns).
     inertia
@@ -223,9 +223,9 @@ def state_after_impact(stage: Stage, state: Array, *, locked: bool = False) -> A
     stage
         An instant of the phase.
     state
-        Before it (nq + nv,).
+        State before the impact (nq + nv,).
     locked
-        Whether it stops the joints too.
+        Whether the joints stop too.
     """
     model = stage.scene.model
     q, v = np.split(state, [model.nq])
@@ -250,23 +250,23 @@ class PlanningProblem:
     Attributes
     ----------
     stage
-        One instant.
+        Symbols and expressions of one instant.
     path
-        What must hold at all instants, besides the limits of z.
+        Rows bounded at all instants, besides the limits of z.
     goal
-        What must hold at the last one.
+        Rows bounded at the last instant.
     terms
         Integrands of the cost (1x1 each), by name.
     ends
-        What the last instant costs (1x1 each), by name.
+        Costs of the last instant (1x1 each), by name.
     weights
-        Of the terms, of what the end costs, and of ``time``, the duration.
+        Weights of the terms, of the costs of the last instant, and of ``time``, the duration.
     lower, upper
         Limits of z (nz,).
     duration
         Least, greatest and first guess of the duration [s].
     fixed
-        Where the motion begins: q and v (nq + nv,), or where it is looked for first.
+        Initial q and v (nq + nv,), or the first guess of them where the start is free.
     tolerance
         Greatest replay error of a tip [m].
     begin

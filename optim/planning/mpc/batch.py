@@ -43,11 +43,11 @@ class MpcRollout:
     scene, flown, loop
         The scene, the one with places for plans, and its closed loop.
     extended
-        The same with states that are added for what is measured.
+        The same loop with states added for the measures.
     measures
         Over the signals of ``extended``.
     **options
-        As of :func:`spacerobot.rollout.build_rollout`.
+        Options of :func:`spacerobot.rollout.build_rollout`.
 
     Raises
     ------
@@ -174,7 +174,7 @@ class LanePlant:
     outputs
         Names of outputs to sample.
     control
-        How it runs.
+        Threads, progress and interruption of the batch.
 
     Raises
     ------

@@ -31,7 +31,7 @@ from spacerobot.symbolic.noise import DRAW, NOISELESS
 
 Rows = NDArray[np.int64]
 SHORT = 1e-11
-"""Length of a rollout after which what is measured at its start is known [s]."""
+"""Length of a rollout whose readings stand for those at its start [s]."""
 
 TRUE = {"offset": 0.0, "scale": 1.0}
 """Numbers of a sensor that shows what there is; the draw of zeros takes its noise and bias away."""
@@ -46,7 +46,7 @@ class Ends:
     start
         Time, state and switches there (n, 1 + nx + ns), where the next rollouts begin.
     readings
-        What sensors show there, of each.
+        Sensor readings at the ends, one mapping for each rollout.
     """
 
     start: Array
@@ -59,11 +59,11 @@ class ControlledPlant(Protocol):
     Attributes
     ----------
     parameters
-        Of the closed loop (N, np).
+        Parameters of the closed loop (N, np).
     start
-        Where each has come to (N, 1 + nx + ns): time, state, switches.
+        Present time [s], state and switches of each simulation (N, 1 + nx + ns).
     readings
-        What its sensors show there.
+        Present sensor readings of each simulation.
     over, ended
         Whether the phase that is controlled by plans is over, and whether the simulation is (N,).
     """
@@ -95,7 +95,7 @@ class Computer:
     plant
         The simulations.
     handover
-        Where plans begin; at the start of the simulations if None.
+        State in which plans begin; the start of the simulations if None.
     """
 
     def __init__(
@@ -169,11 +169,11 @@ def fly(
     Parameters
     ----------
     computer
-        What plans are made from, with the simulations.
+        Estimates and predictions for the plans, with the simulations.
     pilots
-        What makes the plans.
+        Planners of the simulations.
     notify
-        Told how far it is.
+        Callback for progress.
 
     Returns
     -------

@@ -49,13 +49,13 @@ class FlownScene:
     Attributes
     ----------
     scene
-        With the points of one period in the controllers, numbers that plans replace.
+        Scene whose controllers hold the points of one period, numbers that plans replace.
     settings
-        What the controllers share.
+        Settings that all mpc controllers share.
     joints
         Names of each robot's joints in the order of these points, by robot.
     duration_s
-        Of the simulation [s]: that of the plan where there are no phases.
+        Duration of the simulation [s]: that of the plan where there are no phases.
     phase
         Phase in which plans are made, if another one comes before it.
     """
@@ -68,12 +68,12 @@ class FlownScene:
 
     @classmethod
     def of(cls, scene: Scene, vary: Collection[str] = ()) -> FlownScene:
-        """With places for plans.
+        """Build the scene with parameters for a plan's points.
 
         Parameters
         ----------
         scene
-            With a ``plan`` section, and a controller of kind ``mpc`` for each robot.
+            Scene with a ``plan`` section, and a controller of kind ``mpc`` for each robot.
         vary
             Numbers by dotted path that are changed; sensors among them are read though they are ideal.
 
@@ -125,7 +125,7 @@ class FlownScene:
         return np.array(indices, dtype=np.int64)
 
     def resting(self, state: Array) -> Array:
-        """The same numbers of no plan: robots rest where they are.
+        """Return the same numbers for robots that rest where they are.
 
         Parameters
         ----------
@@ -160,7 +160,7 @@ class FlownScene:
         horizon, now
             The plans, and the time since the first one began [s].
         begin
-            When the first one began [s].
+            Time at which the first one began [s].
         locked
             Positions of joints that plans do not move [rad or m], by ``robot/joint``.
         """
@@ -182,12 +182,12 @@ def mpc_settings(scene: Scene) -> Replanning:
     Parameters
     ----------
     scene
-        With a controller of kind ``mpc`` for each robot.
+        Scene with a controller of kind ``mpc`` for each robot.
 
     Raises
     ------
     ScenarioError
-        If robots differ in them, one has none, they do not rest behind the first phase, or the plan's
+        If robots differ in them, one has none, they do not rest after the first phase, or the plan's
         duration is not so many periods.
     """
     controllers, plan = mpc_controllers(scene), first_plan(scene)

@@ -1,4 +1,4 @@
-"""Where model predictive control begins: with what is held and locked at the beginning of its phase."""
+"""Beginning of model predictive control: the grasps held and joints locked when its phase begins."""
 
 from __future__ import annotations
 
@@ -50,12 +50,12 @@ class Handover:
 
     @classmethod
     def at_start(cls, scene: Scene) -> Handover:
-        """Of plans from the start of the simulation on."""
+        """Hand over at the start of the simulation."""
         return cls(scene, scene, 0.0, np.arange(scene.model.nq), np.arange(scene.model.nv), {})
 
     @classmethod
     def at(cls, scene: Scene, loop: ClosedLoop, start: Array) -> Handover:
-        """Of plans from an instant on.
+        """Hand over at a later instant.
 
         Parameters
         ----------
@@ -131,7 +131,7 @@ class Handover:
         Parameters
         ----------
         readings
-            What is measured; estimates are in axes of the tip.
+            Sensor readings; estimates are in axes of the tip.
         state
             Configuration and velocity as they seem to be (nq + nv,).
         """

@@ -34,13 +34,13 @@ from spacerobot.arrays import Array
 from spacerobot.errors import NoPlanError
 
 FEWEST = 4
-"""Intervals of a plan at least, where the first one has as many."""
+"""Minimum number of intervals of a plan, where the first one has as many."""
 ROUNDING = 1e-9
-"""Of numbers of intervals, and of times in parts of a period."""
+"""Tolerance of the number of intervals, and of times relative to a period."""
 GOOD = 1e-4
 """Maximum violation [m, rad, N or N m] of a plan that is flown before the solver is content."""
 ROOM = 1e-6
-"""By which a limit that is violated where a plan begins is wider than that."""
+"""Margin by which a limit that the measured state violates is widened [m, rad, N or N m]."""
 
 
 @dataclass
@@ -56,13 +56,13 @@ class Horizon:
     first_duration_s
         Duration of the first plan [s].
     begin_s
-        When the present plan began [s].
+        Time at which the present plan began [s].
     min_horizon
         Shortest time that a plan looks ahead [s].
     iterations, seconds
-        Of each solve.
+        Number of iterations, and time [s], of each solve.
     missed, unfinished
-        How many led to no plan, and to one that was flown before the solver was content.
+        Number of solves without a plan, and of plans that were flown before the solver converged.
     """
 
     solver: PlanSolver
@@ -81,7 +81,7 @@ class Horizon:
     def of(
         cls, solver: PlanSolver, measured: Array, min_horizon: float, inertia: Array | None = None
     ) -> Horizon:
-        """With the first plan, from a first guess.
+        """Make the first plan, from a first guess.
 
         Parameters
         ----------
@@ -126,11 +126,11 @@ class Horizon:
         Parameters
         ----------
         begin
-            When the plan begins [s].
+            Time at which the plan begins [s].
         measured
             Configuration and velocity then (nq + nv,), as they seem to be.
         iterations
-            At most.
+            Maximum number of iterations.
         inertia
             Inertial parameters of the target as they are estimated (10,); as before if None.
         """

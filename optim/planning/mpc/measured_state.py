@@ -36,7 +36,7 @@ def readings_of(variables: Iterable[OutputVariable], outputs: Mapping[str, Array
     Parameters
     ----------
     variables
-        Of the closed loop, whose controllers of kind ``mpc`` name the signals that they read.
+        Outputs of the closed loop, whose controllers of kind ``mpc`` name the signals that they read.
     outputs
         Values by the output's name, each (n,).
     """
@@ -68,7 +68,7 @@ def measured_state(
     scene, plan
         The scene, and its section.
     readings
-        What is measured; signals that are not among them are known as they are.
+        Sensor readings; the true value stands in for a signal that is missing.
     state
         Begins with the true configuration and velocity (nq + nv, or more).
     first

@@ -30,7 +30,7 @@ from spacerobot.interrupts import leave
 from spacerobot.scene import Scene
 
 OFTEN = 1000
-"""Motions that are made in flight, as far as it counts whether compiling pays: time presses there."""
+"""Number of motions assumed when deciding whether compiling pays, because time presses in flight."""
 Notify = Callable[[str], None]
 
 
@@ -40,11 +40,11 @@ class Planners:
     Parameters
     ----------
     scene
-        Whose motion is planned.
+        Scene whose motion is planned.
     backend
         ``auto``, ``compiled`` or ``interpreted``.
     notify
-        Told in a few words what begins.
+        Callback that receives a short message at each step.
     begun
         Places of plans and where they begin, if not at the start of the simulation.
 
@@ -79,7 +79,7 @@ class Planners:
         Parameters
         ----------
         numbers
-            Of the simulations.
+            Numbers of the simulations.
         measured
             Configuration and velocity of each at its start (n, nq + nv), as they seem to be.
         inertia
@@ -109,9 +109,9 @@ class Planners:
         Parameters
         ----------
         numbers
-            Of the simulations.
+            Numbers of the simulations.
         begin
-            When the plans begin [s].
+            Time at which the plans begin [s].
         measured
             Configuration and velocity of each then (n, nq + nv), as they seem to be.
         inertia
@@ -131,14 +131,14 @@ class Planners:
 
 
 class ParallelPlanners:
-    """The same by several processes; see :class:`Planners`.
+    """Planners in several processes; see :class:`Planners`.
 
     Parameters
     ----------
     scene
-        Whose motion is planned.
+        Scene whose motion is planned.
     count
-        How many processes.
+        Number of processes.
     """
 
     def __init__(self, scene: Scene, count: int) -> None:
@@ -178,7 +178,7 @@ class ParallelPlanners:
     def _spread(
         self, what: str, numbers: Sequence[int], arguments: Callable[[list[int]], tuple[Any, ...]]
     ) -> list[Any]:
-        """One method of all processes, each for its own simulations; results in the order of these."""
+        """Call one method in all processes, each for its simulations; results are in the order of these."""
         shares: dict[int, list[int]] = {}
         for row, number in enumerate(numbers):
             shares.setdefault(number % len(self._processes), []).append(row)

@@ -93,12 +93,12 @@ class SinglePlant:
 
 
 class CheckedPlant(SinglePlant):
-    """One simulation by the independent engine; what controllers predict is by their own model as ever.
+    """One simulation by the independent engine; controllers predict with their own model.
 
     Parameters
     ----------
     loop, rollout
-        As of :class:`SinglePlant`.
+        Closed loop and rollout, as in :class:`SinglePlant`.
     flown
         The scene with places for plans.
     """
@@ -136,12 +136,12 @@ def simulate_mpc(scene: Scene, *, backend: str = "auto", progress: Progress | No
     Parameters
     ----------
     scene
-        With a ``plan`` section, and a controller of kind ``mpc`` for each robot, which acts in one phase
+        Scene with a ``plan`` section and a controller of kind ``mpc`` for each robot, which acts in one phase
         where there are phases.
     backend
         ``auto``, ``compiled`` or ``interpreted``.
     progress
-        Told in a few words what begins.
+        Callback that receives a short message at each step.
 
     Returns
     -------

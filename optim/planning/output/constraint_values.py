@@ -109,9 +109,9 @@ def with_flown(plan: xr.Dataset, scene: Scene, flown: xr.Dataset) -> xr.Dataset:
     Parameters
     ----------
     plan
-        What stands in ``plan.nc``.
+        Dataset of ``plan.nc``.
     scene
-        With its plan section.
+        Scene with its plan section.
     flown
         A result's data, of the same bodies.
 

@@ -77,7 +77,7 @@ def following_scenario(planned: PlanSolution) -> Scenario:
 
 
 def handover_warnings(planned: PlanSolution) -> list[str]:
-    """One for each goal behind which the scenario's own controllers take over joints in full motion."""
+    """Warn of each goal after which the scenario's controllers take over moving joints."""
     scenario = planned.scene.scenario
     if not plan_phase(scenario):
         return []

@@ -249,7 +249,7 @@ def write(planned: PlanSolution, folder: StrPath, sensitivities: Mapping[str, fl
     planned
         The plan.
     folder
-        Its folder.
+        Folder of the plan.
     sensitivities
         Derivatives of its optimal cost by numbers of its scenario, by dotted path; kept in its summary as
         ``cost_sensitivities``.

@@ -1,1 +1,1 @@
-"""One solve and many: initial guesses, mesh refinement, stored results, candidates."""
+"""Search for plans: initial guesses, mesh refinement, stored results, candidates."""

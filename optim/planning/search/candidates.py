@@ -17,14 +17,14 @@ Value = str | float
 
 @dataclass(frozen=True)
 class Candidate:
-    """One candidate.
+    """Outcome of one candidate.
 
     Attributes
     ----------
     chosen
-        What was taken, by the choice's name.
+        Value of each choice, by name.
     cost
-        Of its plan; None where there is none.
+        Cost of its plan; None where there is none.
     failure
         Why there is none.
     """
@@ -49,7 +49,7 @@ def best_candidate(
     Raises
     ------
     ScenarioError
-        If there are no choices, and there is no plan, or one names a path that is not there, or a value that
+        If there are no choices and no plan, or a choice names a path that is not there, or a value that
         it does not take; NoPlanError where none of them leads to a plan.
     """
     best: tuple[float, T] | None = None

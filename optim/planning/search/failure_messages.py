@@ -17,9 +17,9 @@ from spacerobot.scenario.plan import PlanSection
 VIOLATED = 1e-6
 """Smallest violation that messages report."""
 NAMED = 4
-"""Constraints and limits that are named at most."""
+"""Maximum number of constraints and limits named in a message."""
 SHARE = 0.05
-"""Part of the strongest limit's pull from which on another one is named."""
+"""Share of the strongest limit's multiplier from which another limit is named."""
 
 
 def limit_message(program: PhaseChain, solution: Solution, plan: PlanSection) -> str:
@@ -28,7 +28,7 @@ def limit_message(program: PhaseChain, solution: Solution, plan: PlanSection) ->
     Parameters
     ----------
     program, solution
-        What was to be solved, and where that ended.
+        Program, and the solver's last iterate.
     plan
         The section, whose limits are named.
     """
@@ -57,7 +57,7 @@ def bad_guess_message(program: PhaseChain, first: Array) -> str | None:
     Parameters
     ----------
     program, first
-        What is to be solved, and the unknowns to begin with.
+        Program, and its initial unknowns.
     """
     g, cost = program.constraints(first), program.objective(first)
     wrong = [name for name, rows in _rows(program) if not np.isfinite(g[rows]).all()]
@@ -80,9 +80,9 @@ def infeasibility_message(
     Parameters
     ----------
     program
-        What was to be solved.
+        Program that has no solution.
     elastic, solution
-        Its elastic form, and where that ended.
+        Elastic form of the program, and its solution.
     status
         IPOPT's word for where the program itself ended.
     """
@@ -134,7 +134,7 @@ def largest_violations(program: PhaseChain, w: Array) -> str:
     Parameters
     ----------
     program, w
-        What is solved, and its unknowns.
+        Program, and its unknowns.
     """
     g, (least, greatest) = program.constraints(w), program.limits()
     over, violations = np.maximum(np.maximum(least - g, g - greatest), 0.0), dict[str, tuple[float, str]]()

@@ -21,11 +21,11 @@ from spacerobot.scene.reference_checks import com_from_base, reach
 from spacerobot.scene.scene import SceneBody, SceneTip
 
 SLACK = 1e-9
-"""Violation of a start that is rounding."""
+"""Violation of a start that counts as rounding."""
 MISSED = 1e-6
-"""Miss of a goal that nothing changes, for which it is refused."""
+"""Miss of an unchangeable goal from which it is refused."""
 INSTANTS = 100
-"""Instants of a free duration at which a moving goal is looked for."""
+"""Number of instants of a free duration at which a moving goal is evaluated."""
 
 
 def check_start(problem: PlanningProblem) -> None:
@@ -76,7 +76,7 @@ def check_momentum(problem: PlanningProblem, plan: PlanSection) -> None:
     Raises
     ------
     ScenarioError
-        With that momentum.
+        If such a goal is given; the message states the momentum.
     """
     scene, resting = problem.stage.scene, dict[str, str]()
     for name, goal in plan.goals.items():
@@ -140,7 +140,7 @@ def check_joined(problem: PlanningProblem, plan: PlanSection) -> None:
     Raises
     ------
     ScenarioError
-        With the velocity, or the spin, that nothing changes.
+        If such a goal is given; the message states the velocity or spin that nothing changes.
     """
     scene, tips = problem.stage.scene, {tip.label: tip for tip in problem.stage.scene.tips}
     model, data = scene.model, scene.model.createData()
@@ -207,7 +207,7 @@ def check_changeable(problem: PlanningProblem) -> None:
     Raises
     ------
     ScenarioError
-        By how much the goal is missed at the least.
+        If a goal is missed; the message states the least distance.
     """
     stage, scene = problem.stage, problem.stage.scene
     if problem.begin is not None or stage.grips or stage.springs or not problem.goal:
@@ -251,7 +251,7 @@ def check_reach(problem: PlanningProblem, plan: PlanSection, tips: dict[str, Sce
     Raises
     ------
     ScenarioError
-        With both distances.
+        If a goal cannot be reached; the message states both distances.
     """
     scene, driven = problem.stage.scene, problem.stage.driven
     pushed = any(driven.strength(body.name, "f") for body in scene.robots)

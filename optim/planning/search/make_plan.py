@@ -36,21 +36,21 @@ class PlanSolution:
     scene, phased_motion
         The scene and its motion, in one phase or several.
     names
-        Of the scenario's phases; one of no name where the plan tells no phases.
+        Names of the scenario's phases; one empty name where the plan names no phases.
     cost, terms
         Cost, and its parts by name.
     runs
         Every run of the solver, in turn.
     solution
-        Where the solver ended, with its multipliers.
+        Last iterate of the solver, with its multipliers.
     verification
-        On the motion.
+        Verification of the motion.
     backend
         ``compiled`` or ``interpreted``: what evaluated the problem's functions.
     candidates
         Candidates among which the plan chose, where it had a choice; its scene has what was chosen.
     pairs, kept_apart
-        How many pairs of links were checked for collisions, and the names of those for which the plan was
+        Number of pairs of links checked for collisions, and the names of those for which the plan was
         made again with a keep-out zone, which its scene has.
     """
 
@@ -98,7 +98,7 @@ def make_plan(
     progress
         Called with a few words whenever something that may take a while begins.
     folder
-        Where searches are kept as they end, so that a killed plan goes on where it was; nowhere if None.
+        Folder in which finished searches are stored, so that a killed plan resumes; not stored if None.
     dask
         Address of a cluster, as for :func:`optim.workers.cluster.connect`, whose workers search from several
         starts at once; this process alone if None. No number but times depends on it.
@@ -109,9 +109,9 @@ def make_plan(
     Raises
     ------
     ScenarioError
-        If the section asks for what cannot be, or ``warm_start`` is no plan of such a scene.
+        If the section is contradictory, or ``warm_start`` is no plan of such a scene.
     NoPlanError
-        If no motion was found, naming what stands against it, or the one found does not hold.
+        If no motion was found, with the reason, or the motion fails the verification.
     """
     folder = None if folder is None else Path(folder)
 

@@ -46,21 +46,21 @@ ProgressCallback = Callable[[str], None]
 ITERATIONS = 50
 """Typical number of iterations of one solve with its mesh refinement."""
 COMPILED = 30_000
-"""Instants from which on it takes less time to compile a problem's functions than to interpret them."""
+"""Number of instants from which compiling a problem's functions takes less time than interpreting them."""
 
 
 @dataclass(frozen=True)
 class SolverRun:
-    """One run of the solver.
+    """Record of one run of the solver.
 
     Attributes
     ----------
     start, intervals
-        Which start it came from, and its mesh.
+        Number of the first guess, and of the intervals.
     cost, status, converged
-        Where it ended, the solver's word for it, and whether it is a solution.
+        Final cost, the solver's status message, and whether it converged to a solution.
     iterations, evaluations_s, seconds
-        Its steps, time [s] spent in the problem's functions and altogether.
+        Number of iterations, time in the problem's functions [s] and in total [s].
     costs, violations
         Cost, and greatest violation of a constraint, at each iteration.
     """
@@ -88,9 +88,9 @@ class SolveResult:
     solution, meshes, cost
         The best solution, the mesh of each phase and its cost; None where there is none.
     verification
-        On it, where it was refined.
+        Verification of the solution, where the mesh was refined.
     cause
-        What stands against a solution, where there is none.
+        Reason for the lack of a solution; empty where there is one.
     apart
         Pairs of links that collided where nothing kept them apart, each with a keep-out zone since.
     """
@@ -113,13 +113,13 @@ class SolveRequest:
     duration
         Least, greatest and first guess of the duration [s].
     weights
-        Of the terms of the cost, and of ``time``.
+        Weights of the terms of the cost, and of ``time``.
     start
-        Which first guess it begins with, where it begins with no motion.
+        Number of the first guess, used where there is no motion to begin with.
     near
         Result of the same solver whose motion is the first guess.
     is_solved
-        Whether that is a solution of what is asked for, which is left to be refined.
+        Whether ``near`` solves this request already, so that only refinement remains.
     refine
         Whether the mesh is refined until the verification passes.
     """
@@ -148,9 +148,9 @@ class SolverPhase:
     Attributes
     ----------
     name, plan, problem, instants
-        Of the scenario's phase, none where the plan tells no phases; its section, the problem, its functions.
+        Name (empty where the plan names no phases), plan section, problem and functions of the phase.
     link
-        What leads into it; None into the first one.
+        Link from the phase before; None for the first one.
     """
 
     name: str
@@ -169,7 +169,7 @@ class PlanSolver:
     scene, phases, lobatto, backend
         The scene, the phases of its plan, the collocation, and what evaluates them.
     notify
-        Told in a few words what begins.
+        Callback that receives a short message at each step.
     pairs, apart
         Pairs of links that a plan keeps apart, and those of them that have a keep-out zone because they
         collided in its search.
@@ -200,18 +200,18 @@ class PlanSolver:
         Parameters
         ----------
         scene
-            With a ``plan`` section.
+            Scene with a ``plan`` section.
         backend
             ``auto``, ``compiled`` or ``interpreted``; ``auto`` compiles where so much is solved that it pays.
         notify
-            Told in a few words what begins.
+            Callback that receives a short message at each step.
         motions
-            How many are to be planned, each from all starts.
+            Number of motions to plan, each from all starts.
 
         Raises
         ------
         ScenarioError
-            If its plan section asks for what cannot be.
+            If the plan section is contradictory.
         """
         formulated, section = formulate_phases(scene), plan_section(scene)
         first = formulated[0]
@@ -262,7 +262,7 @@ class PlanSolver:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of all phases."""
+        """Names of all phases."""
         return tuple(one.name for one in self.phases)
 
     @property
@@ -271,12 +271,12 @@ class PlanSolver:
         return [one.link for one in self.phases if one.link is not None]
 
     def with_first(self, **changes: Any) -> PlanSolver:
-        """The same with changes of its first phase."""
+        """Return a solver with changes of its first phase."""
         first = dataclasses.replace(self.phases[0], **changes)
         return dataclasses.replace(self, phases=(first, *self.phases[1:]))
 
     def keeping_apart(self, apart: Sequence[Collision]) -> PlanSolver:
-        """The same with a keep-out zone for each of some pairs of links, in this order.
+        """Return a solver with a keep-out zone for each of some pairs of links, in this order.
 
         Only their rows are differentiated. What is known of a pair of shapes already is left out.
 
@@ -324,7 +324,7 @@ class PlanSolver:
 
     @cached_property
     def interpreted(self) -> PlanSolver:
-        """The same with the problem's functions by CasADi, to judge by."""
+        """Solver whose functions CasADi interprets, for the verification."""
         if self.instants.backend == "interpreted":
             return self
         phases = (

@@ -1,4 +1,4 @@
-"""Whether any posture of the robots reaches the goals: inverse kinematics before a solver runs.
+"""Reachability of the goals, checked by inverse kinematics before a solver runs.
 
 A free-floating robot moves its base by moving its arm, but not its centre of mass: on which nothing acts that
 goes on uniformly. So a posture in which a motion may end has joints within their ranges and bases anywhere,
@@ -28,17 +28,17 @@ from spacerobot.arrays import Array
 from spacerobot.elements.goals.plan_instant import BoundedRow
 
 POSTURES = 20
-"""From which inverse kinematics begins."""
+"""Number of postures from which inverse kinematics begins."""
 INSTANTS = 50
-"""Between which the free motion of the target is interpolated."""
+"""Number of instants between which the free motion of the target is interpolated."""
 STEPS = 60
-"""Of one search for a posture, at most."""
+"""Maximum number of steps of one search for a posture."""
 MET, MISSED = 1e-6, 1e-4
-"""[m, rad] Residual of a goal that is met, and the least one for which it is refused."""
+"""Residual of a goal that counts as met, and the smallest for which it is refused [m, rad]."""
 FIRM = 30.0
-"""Weight of centres of mass, which the goals yield to."""
+"""Weight of the centre-of-mass rows, which goals yield to."""
 NAMED = 3
-"""Goals whose misses are told at most."""
+"""Maximum number of goals whose misses the message names."""
 
 
 def check_posture(problem: PlanningProblem) -> None:
@@ -47,12 +47,12 @@ def check_posture(problem: PlanningProblem) -> None:
     Parameters
     ----------
     problem
-        Of the first phase; nothing is refused where its start is free or grasps hold.
+        Problem of the first phase; nothing is refused where its start is free or grasps hold.
 
     Raises
     ------
     ScenarioError
-        By how much the goals are missed at the least.
+        If a goal is out of reach; the message states the least distance.
     """
     if problem.begin is not None or problem.stage.grips or problem.stage.springs:
         return
@@ -229,5 +229,5 @@ class _Postures:
         return self.problem.lower[:nq], self.problem.upper[:nq]
 
     def _clipped(self, q: Array) -> Array:
-        """With joints within their ranges."""
+        """Return a configuration with joints clipped to their ranges."""
         return np.clip(q, *self._sides)

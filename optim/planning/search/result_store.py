@@ -35,9 +35,9 @@ class ResultStore:
     Attributes
     ----------
     folder
-        Where they lie.
+        Folder of the stored results.
     fingerprint
-        What all of them depend on.
+        Fingerprint of everything that the results depend on.
     """
 
     folder: Path | None = None

@@ -1,4 +1,4 @@
-"""One search for a trajectory: solved from a guess or a nearby solution, refined, verified."""
+"""Search for one trajectory: solve from a guess or a nearby solution, refine, verify."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ from optim.planning.verification.second_order_conditions import descent_directio
 from optim.planning.verification.verify import VerificationResult, course_collisions, verify
 
 BARRIER = 1e-4
-"""Barrier parameter, in units of the cost's size, to begin with from another problem's solution."""
+"""Barrier parameter relative to the cost, for a start from another problem's solution."""
 NEAR_BARRIER = 1e-5
-"""The same where a motion is solved in segments, without multipliers to begin with."""
+"""Barrier parameter in segments between jumps, which begin without multipliers."""
 
 Meshes = tuple[Mesh, ...]
-"""One for each phase."""
+"""Mesh of each phase."""
 
 RELAXED = 150
-"""Iterations of the elastic program at most."""
+"""Maximum number of iterations of the elastic program."""
 AIMLESS = (
     "a motion that meets all constraints was found, but no best one; try further first guesses "
     "(`starts: 5`), other `intervals`, or a weight on `joint_acceleration`"
@@ -45,11 +45,11 @@ AIMLESS = (
 FEASIBLE = 1e-7
 """Violation of the elastic program's solution that counts as none."""
 MOST_SEGMENTS = 40
-"""Segments between jumps of the drives from which on a mesh is refined alone."""
+"""Number of segments between jumps from which only the mesh is refined."""
 GAIN = 1e-3
-"""Part of the cost that a mesh that is finer where forces jump must gain to be refined once more."""
+"""Minimum relative gain in cost for another refinement at the jumps of forces."""
 DRAWN = 2
-"""Guesses that are drawn, at most, to leave a saddle point."""
+"""Maximum number of drawn guesses for leaving a saddle point."""
 
 MANY, COARSER = 16, 4
 """Intervals from which on a first mesh is solved from one that is coarser by a factor, where iterations cost
@@ -68,7 +68,7 @@ def solve_request(solver: PlanSolver, request: SolveRequest) -> SolveResult:
     solver
         The problem.
     request
-        What is asked for.
+        Request that is answered.
     """
     near = request.near
     run = _SolverRuns(solver if near is None else solver.keeping_apart(near.apart), request)

@@ -20,12 +20,12 @@ ResultsByTask = dict[str, SolveResult]
 
 @dataclass(frozen=True)
 class SolveTask:
-    """One solve among others.
+    """One solve that may depend on others.
 
     Attributes
     ----------
     request
-        What is asked for, from what was found before.
+        Function from the results so far to the request.
     after
         Names of the tasks that it builds on; they stand before it.
     """
@@ -44,9 +44,9 @@ def run_tasks(
     solver
         The problem.
     tasks
-        By name, each after those that it builds on.
+        Tasks by name, each after those that it depends on.
     folder
-        Where attempts are kept as soon as they are there; nowhere if None.
+        Folder in which finished attempts are stored; not stored if None.
     dask
         Address of a cluster as for :func:`optim.workers.cluster.connect`; this process if None.
 

@@ -27,9 +27,9 @@ class ElasticProgram:
     Parameters
     ----------
     program
-        With all constraints hard.
+        Program with hard constraints only.
     soft
-        Which of its constraints may be violated (m,).
+        Mask of the constraints that may be violated (m,).
     scale
         Size of its cost.
 
@@ -76,12 +76,12 @@ class ElasticProgram:
         return self._weight * self.program.objective(w[:size]) + float(w[size:].sum())
 
     def gradient(self, w: Array) -> Array:
-        """Of the objective (size,)."""
+        """Gradient of the objective (size,)."""
         size = self.program.size
         return np.append(self._weight * self.program.gradient(w[:size]), np.ones(2 * len(self.soft)))
 
     def constraints(self, w: Array) -> Array:
-        """All constraints (rows,)."""
+        """Values of all constraints (rows,)."""
         over, under = np.split(w[self.program.size :], 2)
         g = self.program.constraints(w[: self.program.size])
         g[self.soft] += under - over

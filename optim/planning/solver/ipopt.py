@@ -22,9 +22,9 @@ from optim.planning.solver.presolve import PresolvedProgram
 from spacerobot.arrays import Array
 
 PATIENCE = 30
-"""Iterations after which a search from multipliers that do not fit begins anew without them."""
+"""Number of iterations after which a warm start is abandoned for a cold one."""
 LEAST_BARRIER = 1e-8
-"""Barrier parameter with which a search goes on at least, in units of the cost's size."""
+"""Minimum barrier parameter of a warm start, relative to the cost."""
 
 FROM_A_GUESS = {"mu_init": 1e-2, "constr_mult_init_max": 0.0}
 """Options without multipliers to begin with: those of least squares lead astray more often than zeros do."""
@@ -33,10 +33,10 @@ FROM_A_MOTION = {"constr_mult_init_max": 1e3}
 """Options near a solution whose multipliers are not known: those of least squares are near its own there."""
 
 THROWN = "NonIpopt_Exception_Thrown"
-"""IPOPT's word where something raised; our own functions' faults never reach it, which leaves Ctrl-C."""
+"""IPOPT's status after an exception; our functions' faults never reach it, which leaves Ctrl-C."""
 
 TIME_LIMIT = "Time_Limit"
-"""Status of a search that was stopped by who was told of its iterations."""
+"""Status of a search that its iteration callback stopped."""
 
 Told = Callable[[int, float, float], bool]
 """Called at each iteration with its number, the cost and the greatest violation; whether to stop there."""
@@ -44,20 +44,20 @@ Told = Callable[[int, float, float], bool]
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Where IPOPT ended.
+    """Last iterate of IPOPT, with its multipliers.
 
     Attributes
     ----------
     w
         Unknowns.
     multipliers, bound_multipliers
-        Of the constraints and of the limits of the unknowns, positive where an upper one holds.
+        Multipliers of the constraints, and of the limits of unknowns; positive at an upper limit.
     status
-        IPOPT's word for it.
+        Status message of IPOPT.
     converged
-        Whether it is a solution by IPOPT's judgement.
+        Whether IPOPT converged to a solution.
     iterations, evaluations_s, seconds
-        Its steps, time [s] spent in the problem's functions and altogether.
+        Number of iterations, time in the problem's functions [s] and in total [s].
     scale, barrier
         Size of the cost that was taken, and the barrier parameter at the end in units of it.
     """
@@ -88,7 +88,7 @@ def solve(
     Parameters
     ----------
     program
-        What is solved.
+        Program to be solved.
     first
         Unknowns to begin with.
     warm
@@ -98,14 +98,14 @@ def solve(
     scale
         Size of the cost: residuals are taken relative to it. That of ``warm``, or one, if not given.
     iterations
-        At most, in each of the two searches.
+        Maximum number of iterations of each of the two searches.
     told
         Called at each iteration.
 
     Raises
     ------
     KeyboardInterrupt
-        If Ctrl-C came meanwhile.
+        If the user interrupts with Ctrl-C.
     """
     # where constraints follow from others, their multipliers are kept small at every iteration
     always = {"perturb_always_cd": "yes"} if getattr(program, "is_redundant", False) else {}
@@ -286,11 +286,11 @@ class _ProgramCallback(ca.Callback):
         self.construct(name, {})
 
     def get_n_in(self) -> int:
-        """How many inputs."""
+        """Number of inputs."""
         return len(self._inputs)
 
     def get_n_out(self) -> int:
-        """How many outputs."""
+        """Number of outputs."""
         return len(self._outputs)
 
     def get_name_in(self, i: int) -> str:
@@ -302,15 +302,15 @@ class _ProgramCallback(ca.Callback):
         return list(self._outputs)[i]
 
     def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        """Where an input has entries."""
+        """Sparsity of an input."""
         return list(self._inputs.values())[i]
 
     def get_sparsity_out(self, i: int) -> ca.Sparsity:
-        """Where an output has entries."""
+        """Sparsity of an output."""
         return list(self._outputs.values())[i][0]
 
     def has_eval_buffer(self) -> bool:
-        """Whether :meth:`eval_buffer` is called."""
+        """True: :meth:`eval_buffer` is called."""
         return True
 
     def eval_buffer(self, inputs: Sequence[Any], outputs: Sequence[Any]) -> int:
@@ -345,7 +345,7 @@ class _IterationCallback(_ProgramCallback):
         self._told, self._count, self._limits = told, -1, program.limits()
 
     def has_eval_buffer(self) -> bool:
-        """Whether :meth:`eval_buffer` is called."""
+        """True: :meth:`eval_buffer` is called."""
         return False
 
     def eval(self, given: Sequence[ca.DM]) -> list[Any]:

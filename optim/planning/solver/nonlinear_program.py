@@ -17,11 +17,11 @@ class NonlinearProgram(Protocol):
 
     @property
     def jacobian_pattern(self) -> sparse.csc_matrix:
-        """Where the constraints' first derivatives stand."""
+        """Sparsity of the constraints' first derivatives (rows, size)."""
 
     @property
     def hessian_pattern(self) -> sparse.csc_matrix:
-        """Where the upper triangle of the Lagrangian's second derivatives stands."""
+        """Sparsity of the upper triangle of the Lagrangian's second derivatives (size, size)."""
 
     def bounds(self) -> tuple[Array, Array]:
         """Least and greatest unknowns."""
@@ -33,10 +33,10 @@ class NonlinearProgram(Protocol):
         """Cost."""
 
     def gradient(self, w: Array) -> Array:
-        """Of the cost."""
+        """Gradient of the cost (size,)."""
 
     def constraints(self, w: Array) -> Array:
-        """All constraints."""
+        """Values of all constraints (rows,)."""
 
     def jacobian(self, w: Array) -> Array:
         """Entries of the constraints' first derivatives."""

@@ -21,11 +21,11 @@ Places = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 STEPS = 12
-"""Of Newton's method at most."""
+"""Maximum number of steps of Newton's method."""
 EXACT = 1e-11
 """Maximum residual, and greatest violation of a limit, that count as none."""
 SINGULAR = 1e-12
-"""Least pivot, as a part of the greatest, of equations that determine their unknowns."""
+"""Minimum pivot, relative to the largest, of equations that determine their unknowns."""
 
 
 class PresolvedProgram:
@@ -34,16 +34,16 @@ class PresolvedProgram:
     Parameters
     ----------
     program
-        With all unknowns.
+        Program with all unknowns.
     first
-        All unknowns to begin with (size,).
+        Initial values of all unknowns (size,).
 
     Attributes
     ----------
     free, held
-        Unknowns and constraints of the program that are left.
+        Indices of the remaining unknowns and constraints of the program.
     size, rows
-        How many they are.
+        Number of remaining unknowns and of remaining constraints.
     """
 
     def __init__(self, program: NonlinearProgram, first: Array) -> None:
@@ -76,7 +76,7 @@ class PresolvedProgram:
         return self.program.objective(self.unknowns(w))
 
     def gradient(self, w: Array) -> Array:
-        """Of the cost (size,)."""
+        """Gradient of the cost (size,)."""
         return self.program.gradient(self.unknowns(w))[self.free]
 
     def constraints(self, w: Array) -> Array:
@@ -93,7 +93,7 @@ class PresolvedProgram:
         return self.program.hessian(self.unknowns(w), factor, every)[self._bends]
 
     def unknowns(self, w: Array) -> Array:
-        """All unknowns of the program."""
+        """Values of all unknowns of the program."""
         out = self._w.copy()
         out[self.free] = w
         return out
@@ -147,9 +147,9 @@ def determined(pattern: sparse.csc_matrix, equal: Mask, free: Mask) -> tuple[Pla
     Parameters
     ----------
     pattern
-        Where the constraints' first derivatives stand (constraints, unknowns).
+        Sparsity of the constraints' first derivatives (constraints, unknowns).
     equal, free
-        Which constraints are equations, and which unknowns are not fixed.
+        Masks of the constraints that are equations, and of the unknowns that are not fixed.
 
     Returns
     -------

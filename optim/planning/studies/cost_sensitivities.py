@@ -29,7 +29,7 @@ from spacerobot.scene import Scene, build_scene
 from spacerobot.section import is_number
 
 STEP = 1e-4
-"""Of the differences, relative to a number, or of it where that is smaller than one thousandth."""
+"""Step of the differences, relative to the number or to :data:`SMALL`, whichever is larger."""
 SMALL = 1e-3
 SIDES = ((1, 8.0), (2, -1.0))
 """Steps to both sides and their weights: differences of fourth order."""
@@ -48,7 +48,7 @@ def cost_sensitivities(planned: PlanSolution, paths: Sequence[str]) -> dict[str,
     Returns
     -------
     dict
-        By path. To first order; where a limit becomes active or is no longer so, it jumps.
+        Derivative by path, to first order; where a limit becomes active or is no longer so, it jumps.
 
     Raises
     ------
@@ -89,12 +89,12 @@ class OptimalPoint:
         numbers
             Their values by dotted path.
         rates
-            By how much each changes per unit; one if not given.
+            Change of each number per unit of the parameter; one if not given.
 
         Raises
         ------
         ScenarioError
-            If the scene cannot be built beside these values.
+            If the scene cannot be built at values nearby.
         """
         step = STEP * max(SMALL, *(abs(value) for value in numbers.values()))
         derivative = 0.0
@@ -124,7 +124,7 @@ class OptimalPoint:
         return np.where(low == high, -slope, self.solution.bound_multipliers)
 
     def _lagrangian(self, changes: Mapping[str, float]) -> float:
-        """At the unknowns and multipliers, for other numbers; counted from the cost."""
+        """Lagrangian relative to the cost, at the same unknowns and multipliers, for other numbers."""
         scene, solution = build_scene(self.scene.scenario, changes, source=self.scene.source), self.solution
         # the program with these numbers, on the same meshes, to be evaluated only
         phases, before, links = formulate_phases(scene), self.program.programs, self.program.links

@@ -33,15 +33,15 @@ from spacerobot.files import StrPath
 from spacerobot.scene import Scene, build_scene
 
 DESIGNS = 50
-"""Tried by the search, at most."""
+"""Maximum number of designs that the search tries."""
 PRECISE = 1e-7
-"""Part of the cost that another step must save, and slope per range of a variable that counts as none."""
+"""Minimum relative gain in cost of a step, and slope per range of a variable that counts as zero."""
 ENDS = {0: "no slope leads farther", 1: f"{DESIGNS} designs were tried"}
-"""What L-BFGS-B's word for its end means."""
+"""Meaning of L-BFGS-B's status codes."""
 FIRST = 0.1
 """Length of the first step, in ranges of the variables."""
 LOST = 10.0
-"""What a design without a plan counts as, in costs of the first one."""
+"""Cost assigned to a design without a plan, relative to the first design's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,13 +51,13 @@ class DesignTrial:
     Attributes
     ----------
     values
-        Of the variables (k,), in the scenario's units.
+        Values of the variables (k,), in the scenario's units.
     cost, slopes
         Least cost, and its derivatives by the variables (k,); not finite where no plan was found.
     failure
-        Why there is none.
+        Reason for the lack of a plan; empty where there is one.
     iterations
-        Of the solver.
+        Number of the solver's iterations.
     """
 
     values: Array
@@ -76,7 +76,7 @@ class DesignStudy:
     scene
         The scenario's own.
     variables
-        What was free.
+        Free variables of the study.
     trials
         Designs of the search, in turn; the first is the scenario's own.
     found
@@ -121,7 +121,7 @@ def make_study(
     Raises
     ------
     ScenarioError
-        If the section names no variables, or numbers that there are not.
+        If the section names no variables, or unknown numbers.
     NoPlanError
         If the scenario's own design, or the one that was found, has no plan that holds.
     """
@@ -142,7 +142,7 @@ def design_variables(scene: Scene) -> Variables:
     Raises
     ------
     ScenarioError
-        If there are none, they name numbers that there are not, or the plan has several phases.
+        If there are no variables, they name unknown numbers, or the plan has several phases.
     """
     plan = plan_section(scene)
     named = plan.design

@@ -34,9 +34,9 @@ from spacerobot.scenario.plan_cost import PlanCost
 from spacerobot.scene import Scene
 
 DECADES = 3.0
-"""By how much the ratio of two weights is swept, to either side together."""
+"""Range of the ratio of the two weights [decades], both sides together."""
 ROUNDING = 1e-6
-"""By what part a value must be less to be better."""
+"""Relative improvement below which two values count as equal."""
 Status = Literal["efficient", "dominated", "refused"]
 
 
@@ -47,9 +47,9 @@ class FrontPoint:
     Attributes
     ----------
     name
-        Of its task and its folder.
+        Name of the point's task and folder.
     changes
-        What makes the scenario's plan section that of this point, by dotted path.
+        Changes of the scenario's plan section for this point, by dotted path.
     values
         Duration [s] and what is told of every term, in SI units, by name: root mean squares over the
         duration, of propellant the whole, of the end's the root; empty where refused.
@@ -57,7 +57,7 @@ class FrontPoint:
         ``dominated`` where another point is as good in both and better in one.
     failure
         Why it is refused.
-    plan
+    Reason for the refusal; empty where there is a plan.
         The plan, where there is one.
     """
 
@@ -76,11 +76,11 @@ class ParetoFront:
     Attributes
     ----------
     scene
-        Where they belong.
+        Scene whose plan is varied.
     names
         The two terms.
     points
-        In order.
+        Points from one end of the front to the other.
     """
 
     scene: Scene
@@ -99,7 +99,7 @@ class ParetoFront:
 
 @dataclass(frozen=True)
 class FrontRequest:
-    """Which front is wanted.
+    """Request for a front.
 
     Attributes
     ----------
@@ -129,7 +129,7 @@ def make_front(
     scene
         A scene with a ``plan`` section.
     wanted
-        Which front.
+        Terms and points of the front.
     backend, progress, folder, dask
         As for :func:`optim.planning.search.make_plan.make_plan`.
 
@@ -174,7 +174,7 @@ def _asks(solver: PlanSolver, wanted: FrontRequest) -> list[SolveRequest]:
     Raises
     ------
     ScenarioError
-        If that cannot be.
+        If the terms have no weights, or the duration is fixed.
     """
     weights, plain = solver.problem.weights, solver.request()
     if len(solver.phases) > 1:

@@ -1,1 +1,1 @@
-"""From an instant to a program: collocation, phases in a chain, first guesses, finer meshes."""
+"""Transcription of a motion into a program: collocation, chained phases, first guesses, meshes."""

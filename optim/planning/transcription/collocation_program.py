@@ -31,7 +31,7 @@ class SparseSums:
     Attributes
     ----------
     matrix
-        Where entries stand; its numbers have no meaning.
+        Sparsity of the sum; its entries have no meaning.
     place
         Entry of the matrix for each one given.
     """
@@ -65,7 +65,7 @@ class CollocationProgram:
     problem
         The problem.
     instants
-        Its functions.
+        Functions of the problem.
     lobatto, mesh
         The collocation, and the mesh, or how many equal intervals it has.
     """
@@ -166,7 +166,7 @@ class CollocationProgram:
         return running + float(self._last("goal_values", w)[len(self.problem.goal) :] @ self.end_weights)
 
     def gradient(self, w: Array) -> Array:
-        """Of the cost (size,)."""
+        """Gradient of the cost (size,)."""
         entries, duration = self._at(w, "jacobian"), float(w[-1])
         rows, columns = self.instants.jacobian
         cost_entries = rows >= self.ncost
@@ -181,7 +181,7 @@ class CollocationProgram:
         return np.append(out, self._running(self._at(w, "values")) + self.problem.time_weight)
 
     def constraints(self, w: Array) -> Array:
-        """All constraints (rows,)."""
+        """Values of all constraints (rows,)."""
         (z, duration), values = self.split(w), self._at(w, "values")
         x, rate = z[:, : self.nx], self._rates(z, values)
         moved = np.einsum("jk,nkx->njx", self.lobatto.integral[1:], rate[self._of])
@@ -250,11 +250,11 @@ class CollocationProgram:
         return np.hstack([found[:, : self.nq], z[:, self.nx : self.nx + self.nv]])
 
     def _last(self, name: str, w: Array) -> Array:
-        """One of the last instant's functions."""
+        """Evaluate a function at the last instant."""
         return self.instants.call(name, self.problem.arguments(self.split(w)[0][-1:]))[:, 0]
 
     def _at(self, w: Array, name: str) -> Array:
-        """One of the functions at all points, kept for the last unknowns."""
+        """Evaluate a function at all points, with the values of the last unknowns cached."""
         key = w.tobytes()
         if self._seen[0] != key:
             self._seen = (key, {})

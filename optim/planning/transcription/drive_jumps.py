@@ -32,15 +32,15 @@ from optim.planning.transcription.phase_chain import LinearConstraints
 from spacerobot.arrays import Array
 
 AT_LIMIT, AT_REST = 0.9, 0.1
-"""Parts of a limit above and below which a drive is at one of its levels: the limits, and none."""
+"""Shares of a limit above and below which a drive is at its limit or at zero."""
 NEAR = 2.0
-"""Intervals, at most, between two levels that make a jump."""
+"""Maximum number of intervals between the two levels of a jump."""
 APART = 0.2
-"""Part of an interval by which jumps lie apart, and away from the ends."""
+"""Minimum distance between jumps, and to the ends, in intervals."""
 LEAST = 2
-"""Intervals of a segment, at least."""
+"""Minimum number of intervals of a segment."""
 SHORTEST = 1e-4
-"""Part of the plan's greatest duration that a segment lasts at least."""
+"""Minimum duration of a segment, as a share of the plan's longest duration."""
 
 
 def segment_problems(problem: PlanningProblem, count: int) -> list[PlanningProblem]:
@@ -89,11 +89,11 @@ class DriveJump:
     Attributes
     ----------
     share
-        When, as a part of the duration.
+        Time of the jump, as a share of the duration.
     drive
-        Which one.
+        Index of the drive.
     before, after
-        Its levels [N m or N].
+        Levels before and after the jump [N m or N].
     """
 
     share: float
@@ -110,7 +110,7 @@ def split_at_jumps(phased_motion: PhasedMotion, problem: PlanningProblem) -> Pha
     phased_motion
         The motion, which may have segments already.
     problem
-        What it is a motion of.
+        Problem of the motion.
     """
     pieces = list[Motion]()
     largest = np.max([np.abs(motion.u).max(axis=0) for motion in phased_motion.motions], axis=0)

@@ -1,4 +1,4 @@
-"""Where a search begins: joints on their way to a posture that meets the goal, all else as it drifts."""
+"""Initial guesses: joints interpolate to a posture that meets the goal, free bodies drift."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from spacerobot.arrays import Array
 from spacerobot.scene.scene import SceneBody
 
 STEPS = 200
-"""Steps by which the free motion is integrated."""
+"""Number of steps of the free motion's integration."""
 ITERATIONS = 200
-"""Of the inverse kinematics, at most."""
+"""Maximum number of iterations of the inverse kinematics."""
 DAMPING = 1e-3
-"""Of its normal equations [m^2, rad^2]."""
+"""Damping of the normal equations of the inverse kinematics [m^2, rad^2]."""
 SPREAD = 0.7
-"""[rad or m] Standard deviation by which further starts' postures and base paths differ."""
+"""Standard deviation of the postures and base paths of further starts [rad or m]."""
 WINDINGS = 3
 """Ways in which a base turns to its attitude: the short way, the other way about the same axis, and the short
 way with a full turn about another axis beside it."""
 STEP = 1e-3
-"""Part of the duration over which a base's path is differentiated."""
+"""Step for differentiating a base's path, as a share of the duration."""
 
 
 def initial_guess(
@@ -50,7 +50,7 @@ def initial_guess(
         Draws another posture, another duration where that is free, and another path of each base that is
         driven; the plain guess if None.
     start
-        Which start it is; bases wind in turn in each of the :data:`WINDINGS` ways.
+        Number of the start; bases wind in turn in each of the :data:`WINDINGS` ways.
     """
     stage, (least, greatest, duration) = problem.stage, problem.duration
     model, driven = stage.scene.model, stage.driven

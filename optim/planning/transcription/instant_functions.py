@@ -22,7 +22,7 @@ Places = npt.NDArray[np.int64]
 Pattern = tuple[Places, Places]
 """Rows and columns of the entries of a sparse matrix."""
 NAMES = ("values", "jacobian", "hessian")
-"""Of the functions of rows."""
+"""Names of the functions of rows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class InstantFunctions:
     backend
         ``compiled`` or ``interpreted``.
     jacobian, hessian, goal_jacobian, goal_hessian
-        Where the entries stand.
+        Rows and columns of the nonzero entries.
     """
 
     call: Callable[..., Array]
@@ -56,14 +56,14 @@ def build_instants(problem: PlanningProblem, backend: str = "auto") -> InstantFu
     Parameters
     ----------
     problem
-        What they are of.
+        Problem whose instants are evaluated.
     backend
         ``auto``, ``compiled`` or ``interpreted``.
 
     Raises
     ------
     CompileError
-        If ``compiled`` cannot be had.
+        If ``compiled`` is requested and there is no compiler.
     """
     return _instants(problem, _rows(problem), backend)
 
@@ -248,7 +248,7 @@ def _caller(functions: Mapping[str, ca.Function], backend: str) -> tuple[Callabl
     mapped: dict[tuple[str, int], ca.Function] = {}
 
     def in_turn(name: str, *given: Array) -> Array:
-        """The same, interpreted."""
+        """Evaluate a function interpreted, column by column."""
         count = given[0].shape[1]
         if (name, count) not in mapped:
             mapped[name, count] = functions[name].map(count)

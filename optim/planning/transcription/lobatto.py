@@ -22,7 +22,7 @@ class Lobatto:
     Attributes
     ----------
     nodes
-        Where rates are taken (s,), both ends among them.
+        Collocation nodes in 0 .. 1 (s,), both ends among them.
     integral
         Integral from 0 to each node of the polynomial that is one at another (s, s); its last row holds the
         weights of the quadrature.
@@ -49,7 +49,7 @@ class Lobatto:
 
     @property
     def points(self) -> int:
-        """How many nodes, s."""
+        """Number of nodes, s."""
         return len(self.nodes)
 
     @property

@@ -32,12 +32,12 @@ class Mesh:
 
     @property
     def intervals(self) -> int:
-        """How many, N."""
+        """Number of intervals, N."""
         return len(self.knots) - 1
 
     @property
     def starts(self) -> Array:
-        """Where each interval begins (N,)."""
+        """Start of each interval as a share of the duration (N,)."""
         return np.array(self.knots[:-1])
 
     @property

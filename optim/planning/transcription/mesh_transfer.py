@@ -1,4 +1,4 @@
-"""From one mesh to another: a search on a fine mesh begins near its end, at the solution on a coarse one."""
+"""Transfer of solutions between meshes: a fine mesh is solved from the solution on a coarse one."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ def solve_from(
     Parameters
     ----------
     motion
-        Where the search begins, on a coarse mesh.
+        Initial motion, on a coarse mesh.
     program
-        What is to be solved.
+        Program to be solved.
     scale, iterations, told
-        As for :func:`solve`; iterations on each mesh.
+        Options of :func:`solve`; iterations on each mesh.
 
     Returns
     -------
     tuple
-        What was found on the coarse mesh, and on the program's.
+        Solutions on the coarse mesh, and on the program's.
     """
     coarse = CollocationProgram(program.problem, program.instants, motion.lobatto, motion.mesh)
     coarse_solution = solve(coarse, motion.unknowns, scale=scale, iterations=iterations, told=told)
@@ -54,9 +54,9 @@ def transfer(solution: Solution, source: PhaseChain, target: PhaseChain) -> Solu
     Parameters
     ----------
     solution
-        Where it ended.
+        Solution on the source's mesh.
     source, target
-        Its program, and the one that is to be solved. Unknowns are not carried over.
+        Program of the solution, and the program to be solved. Unknowns are not carried over.
     """
     parts = source.parted(solution)
     of = zip(parts, source.programs, target.programs, strict=False)
@@ -74,7 +74,7 @@ def transfer_constrained(solution: Solution, source: PhaseChain, target: PhaseCh
     Parameters
     ----------
     solution
-        Where it ended.
+        Solution of the source.
     source, target
         Its program, and the one whose path has all rows of the source's, in the same order, and more of other
         names: their multipliers are zero.
@@ -104,7 +104,7 @@ def transfer_remaining(
     Parameters
     ----------
     solution, source, target
-        As for :func:`transfer`.
+        See :func:`transfer`.
     begin
         Part of the source's duration at which the target begins; both end together.
     """

@@ -23,11 +23,11 @@ class Motion:
     Attributes
     ----------
     problem
-        What it is a motion of.
+        Problem of the motion.
     lobatto, mesh
         The collocation and the mesh.
     duration_s
-        From its beginning to its end [s].
+        Duration [s].
     z
         Instants at all points (points, nz): configuration, velocity, acceleration, drive, grips' wrenches,
         parts of forces whose magnitudes are a cost.
@@ -41,7 +41,7 @@ class Motion:
 
     @property
     def intervals(self) -> int:
-        """How many intervals the mesh has."""
+        """Number of intervals of the mesh."""
         return self.mesh.intervals
 
     @property
@@ -115,7 +115,7 @@ class Motion:
         )
 
     def split_forces(self) -> Motion:
-        """The same motion with the parts of forces that follow from its drive."""
+        """Return the motion with the parts of forces that follow from its drive."""
         forces, stage = self.problem.magnitudes, self.problem.stage
         if not forces:
             return self
@@ -125,7 +125,7 @@ class Motion:
         return dataclasses.replace(self, z=np.hstack([unsplit, np.array(parts_values).T]))
 
     def balanced(self) -> Motion:
-        """The same motion with the accelerations and grasp wrenches that its drives cause.
+        """Return the motion with the accelerations and grasp wrenches that its drives cause.
 
         The equations of motion and the acceleration constraints of rigid grasps are linear in both; of all
         solutions it has the one nearest to its own accelerations and wrenches.
@@ -145,7 +145,7 @@ class Motion:
         return dataclasses.replace(self, z=z)
 
     def on(self, lobatto: Lobatto, mesh: int | Mesh) -> Motion:
-        """The same motion on another mesh."""
+        """Return the motion on another mesh."""
         mesh = Mesh.of(mesh)
         z = np.vstack([self.at(mesh, lobatto.nodes[:-1]), self.along(np.array([1.0]))])
         size = self.problem.fixed.size
@@ -160,9 +160,9 @@ class PhasedMotion:
     Attributes
     ----------
     motions
-        One for each phase.
+        Motion of each phase.
     impulses
-        What leads from each to the next one, where rigid grasps close (nw,) [N s, N m s]; empty elsewhere.
+        Impulse into each next phase where rigid grasps close (nw,) [N s, N m s]; empty elsewhere.
     """
 
     motions: tuple[Motion, ...]
@@ -170,12 +170,12 @@ class PhasedMotion:
 
     @property
     def begins(self) -> Array:
-        """When each phase begins [s]."""
+        """Time at which each phase begins [s]."""
         return np.cumsum([0.0, *(motion.duration_s for motion in self.motions[:-1])])
 
     @property
     def duration_s(self) -> float:
-        """Of all phases [s]."""
+        """Duration of all phases [s]."""
         return float(sum(motion.duration_s for motion in self.motions))
 
     @property
@@ -190,11 +190,11 @@ class PhasedMotion:
 
     @property
     def meshes(self) -> tuple[Mesh, ...]:
-        """Of all phases."""
+        """Mesh of each phase."""
         return tuple(motion.mesh for motion in self.motions)
 
     def on(self, lobatto: Lobatto, meshes: Sequence[Mesh]) -> PhasedMotion:
-        """The same motions on other meshes."""
+        """Return the motions on other meshes."""
         motions = (motion.on(lobatto, mesh) for motion, mesh in zip(self.motions, meshes, strict=True))
         return PhasedMotion(tuple(motions), self.impulses)
 

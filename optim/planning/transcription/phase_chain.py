@@ -35,9 +35,9 @@ class Linkage:
     functions
         ``values``, ``jacobian`` and ``hessian`` of the state before, the state behind, and the impulse.
     jacobian, hessian
-        Where the entries stand.
+        Rows and columns of the nonzero entries.
     impulses
-        How many entries the impulse has.
+        Number of components of the impulse.
     """
 
     functions: dict[str, ca.Function]
@@ -54,7 +54,7 @@ class Linkage:
         stage
             An instant of that phase.
         impact
-            Whether rigid grasps close where it begins.
+            Whether rigid grasps close at the beginning of the phase.
         """
         arguments, rows, count = _joined(stage, impact)
         functions, (jacobian, hessian) = derived(arguments, rows, "")
@@ -67,7 +67,7 @@ class Linkage:
 
     @property
     def rows(self) -> int:
-        """How many constraints it makes."""
+        """Number of constraints of the link."""
         return int(self.functions["values"].numel_out(0))
 
     def call(self, name: str, *given: Array) -> Array:
@@ -115,11 +115,11 @@ class PhaseChain:
     Parameters
     ----------
     programs
-        One for each phase.
+        Program of each phase.
     links
         Between each two of them.
     rest
-        What holds beside, linear in all unknowns: the last constraints; none if not given.
+        Further linear constraints on all unknowns, the last rows of the chain; none if not given.
 
     Attributes
     ----------
@@ -197,12 +197,12 @@ class PhaseChain:
         return sum(p.objective(unknowns) for p, unknowns in zip(self.programs, self.parts(w), strict=False))
 
     def gradient(self, w: Array) -> Array:
-        """Of the cost (size,)."""
+        """Gradient of the cost (size,)."""
         gradients = [p.gradient(unknowns) for p, unknowns in zip(self.programs, self.parts(w), strict=False)]
         return np.concatenate([*gradients, np.zeros(sum(link.impulses for link in self.links))])
 
     def constraints(self, w: Array) -> Array:
-        """All constraints (rows,)."""
+        """Values of all constraints (rows,)."""
         blocks = [p.constraints(unknowns) for p, unknowns in zip(self.programs, self.parts(w), strict=False)]
         return np.concatenate([*blocks, *self._linked("values", w), self.rest.matrix @ w])
 

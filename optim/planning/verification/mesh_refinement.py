@@ -21,11 +21,11 @@ from optim.planning.verification.verify import ROUNDING, VerificationResult, bet
 from spacerobot.arrays import Array
 
 SAFETY = 0.3
-"""Part of the tolerance that the errors of all intervals are to sum up to: estimates are asymptotic."""
+"""Share of the tolerance that the summed errors of all intervals may take: estimates are asymptotic."""
 JUMP = 0.1
-"""Change of a force over an interval, as a part of the largest force, that counts as one."""
+"""Change of a force over an interval, relative to the largest force, that counts as a jump."""
 PIECES = 4
-"""Into which one interval is cut at once, at most."""
+"""Maximum number of pieces into which one interval is cut at once."""
 
 
 def refined_meshes(
@@ -38,9 +38,9 @@ def refined_meshes(
     phased_motion, verification
         The motion, and what is wrong with it.
     max_intervals
-        Of each phase.
+        Maximum number of intervals of each phase.
     backend
-        What integrates: ``auto``, ``compiled`` or ``interpreted``.
+        Integrator: ``auto``, ``compiled`` or ``interpreted``.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def sharper_meshes(phased_motion: PhasedMotion, max_intervals: int) -> tuple[Mes
     phased_motion
         The motion.
     max_intervals
-        Of each phase.
+        Maximum number of intervals of each phase.
 
     Returns
     -------
@@ -127,7 +127,7 @@ def local_errors(phased_motion: PhasedMotion, backend: str = "auto") -> list[Arr
     phased_motion
         The motion.
     backend
-        What integrates: ``auto``, ``compiled`` or ``interpreted``.
+        Integrator: ``auto``, ``compiled`` or ``interpreted``.
     """
     errors = []
     for begin, motion in zip(phased_motion.begins, phased_motion.motions, strict=True):

@@ -30,7 +30,7 @@ from spacerobot.dynamics.joints import sparse
 from spacerobot.rollout import Rollout, build_rollout
 
 LONGEST_STEP = 0.01
-"""[s] Of the replay."""
+"""Integration step of the replay [s]."""
 
 
 @functools.lru_cache(maxsize=4)

@@ -30,7 +30,7 @@ FLAT = 1e-3
 EQUATION = 1e8
 """Stiffness of an equation and greatest one of a limit, as a part of the cost."""
 STEPS = 30
-"""Of the inverse iteration."""
+"""Number of steps of the inverse iteration."""
 
 
 def descent_direction(program: PhaseChain, solution: Solution, scale: float) -> Array | None:
@@ -41,7 +41,7 @@ def descent_direction(program: PhaseChain, solution: Solution, scale: float) -> 
     Parameters
     ----------
     program, solution
-        What was solved, and where the solver ended.
+        Program, and its solution.
     scale
         Size of the cost.
     """

@@ -10,7 +10,7 @@ from spacerobot.arrays import Array
 from spacerobot.scene import Scene
 
 BANDWIDTH = 5.0
-"""[rad/s] Of the joint PD that follows a plan, critically damped at the joint that moves least inertia."""
+"""Bandwidth of the joint PD that follows a plan, critically damped for the smallest inertia [rad/s]."""
 
 
 def tracking_gains(motion: Motion, robot: str) -> dict[str, float]:

@@ -22,29 +22,29 @@ from spacerobot.arrays import Array
 RESIDUAL = 1e-6
 """Maximum residual of the first-order conditions."""
 FINER = 10
-"""Instants that are looked at for each interval."""
+"""Number of instants checked in each interval."""
 RELATIVE = 1e-3
-"""Violation allowed between the points, of a limit's size."""
+"""Allowed violation between the points, relative to the limit's magnitude."""
 ABSOLUTE = 1e-4
-"""[m, rad] Violation allowed where a limit has no size."""
+"""Allowed violation where a limit is zero [m, rad]."""
 
 
 ROUNDING = 1e-8
-"""What is no violation: the solver's own tolerance."""
+"""Excess that counts as no violation: the solver's own tolerance."""
 
 
 @dataclass(frozen=True)
 class Violation:
-    """How far a limit is passed, at most.
+    """Largest excess over a limit.
 
     Attributes
     ----------
     name, unit
-        What, and the unit of the amounts.
+        Name of the limit, and the unit of the amounts.
     amount, allowed
-        By how much it is passed, and by how much it may be.
+        Excess over the limit, and the excess that is allowed.
     time_s
-        When [s].
+        Time of the largest excess [s].
     """
 
     name: str
@@ -61,14 +61,14 @@ class VerificationResult:
     Attributes
     ----------
     residual
-        Of the first-order conditions, relative to the cost.
+        Residual of the first-order conditions, relative to the cost.
     violations
-        Of each limit that is passed between the points, the greatest first.
+        Violation of each limit between the points, the largest first.
     replay_errors_m, followed_errors_m
         Greatest distance of each tip from the plan when its torques are replayed [m]: alone, and with the
         feedback by which joints follow it.
     tolerance_m
-        What is allowed of these.
+        Allowed replay error [m].
     open_loop
         Whether the tolerance holds for the replay without feedback too.
     saddle
@@ -105,7 +105,7 @@ class VerificationResult:
 
     @property
     def fine_enough(self) -> bool:
-        """Whether a finer mesh is not needed."""
+        """Whether the mesh is fine enough."""
         return self.error_m <= self.tolerance_m and not self.exceeded
 
     @property
@@ -146,11 +146,11 @@ def verify(
     phased_motion, solution
         The motion, and where the solver ended.
     program
-        What was solved, with functions that are interpreted: the residual is computed by these.
+        Program that was solved, with interpreted functions: they give the residual.
     scale
         Cost that the residual is taken relative to.
     backend
-        What replays: ``auto``, ``compiled`` or ``interpreted``.
+        Backend of the replay: ``auto``, ``compiled`` or ``interpreted``.
     """
     # greatest distance of each tip from the plan in any phase [m], each replayed from where the one before it
     # ended, through the impact of what closes
@@ -211,16 +211,16 @@ def _products(values: Array, least: Array, greatest: Array, multipliers: Array) 
 
 @dataclass(frozen=True, eq=False)
 class LimitExcess:
-    """How far a limit is passed, over time.
+    """Excess over a limit along the motion.
 
     Attributes
     ----------
     name, unit, allowed
-        As of a :class:`Violation`.
+        See :class:`Violation`.
     time_s
         Instants at which the limit holds (n,) [s], from the phase's beginning on.
     excess
-        By how much it is passed at each (n,); negative where it is kept.
+        Excess at each instant (n,); negative where the limit is kept.
     """
 
     name: str
@@ -231,12 +231,12 @@ class LimitExcess:
 
     @property
     def worst_s(self) -> float:
-        """When it is passed most [s]."""
+        """Time of the largest excess [s]."""
         return float(self.time_s[np.argmax(self.excess)])
 
 
 def between_points(motion: Motion) -> Iterator[LimitExcess]:
-    """How far each limit is passed on a grid ten times finer than the intervals."""
+    """Sample the excess over each limit on a grid ten times finer than the intervals."""
     problem, mesh = motion.problem, motion.mesh
     places = np.arange(FINER) / FINER
     z = np.vstack([motion.at(mesh, places), motion.z[-1:]])
@@ -266,7 +266,7 @@ def course_collisions(phased_motion: PhasedMotion, pairs: Sequence[LinkPair]) ->
     phased_motion
         The motion.
     pairs
-        What is looked at.
+        Pairs of links to check.
     """
     if not pairs:
         return []
