@@ -25,9 +25,9 @@ class DaskExecutor:
     Attributes
     ----------
     address
-        As for :func:`optim.workers.cluster.connect`.
+        Address for :func:`optim.workers.cluster.connect`.
     chunk_s
-        How long a chunk shall take.
+        Target duration of a chunk [s].
     size
         Samples of a chunk, if it shall not be sized to seconds.
     """

@@ -85,7 +85,7 @@ class Executor(Protocol):
         evaluator
             Evaluator of the campaign.
         draws
-            All draws, (N, k).
+            Draws of all samples (N, k).
         chunks
             Queue of the chunks that remain.
         """
@@ -98,9 +98,9 @@ class LocalExecutor:
     Attributes
     ----------
     threads
-        One for each usable core if None.
+        Number of threads; one for each usable core if None.
     chunk_s
-        How long a chunk shall take.
+        Target duration of a chunk [s].
     size
         Samples of a chunk, if it shall not be sized to seconds.
     """
@@ -119,7 +119,7 @@ class LocalExecutor:
         evaluator
             Evaluator of the campaign.
         draws
-            All draws, (N, k).
+            Draws of all samples (N, k).
         chunks
             Queue of the chunks that remain.
         """
@@ -158,9 +158,9 @@ class CampaignRun:
     Attributes
     ----------
     folder
-        Its store; read it with :func:`optim.campaign.load_campaign`.
+        Folder of the store; read it with :func:`optim.campaign.load_campaign`.
     evaluator
-        What ran.
+        Evaluator of the samples.
     done, total
         Samples.
     interrupted
@@ -193,15 +193,15 @@ def run_campaign(
     scene
         A scene whose scenario has a ``campaign`` section.
     folder
-        Its store; made if it is not there.
+        Folder of the store; created if it does not exist.
     gains
         Sets of gains: changes by dotted path, by name; the section's if None.
     executor
-        What works; this process if None.
+        Executor of the chunks; this process if None.
     progress
-        Told when a phase begins, and after every chunk.
+        Callback at the beginning of each phase, and after each chunk.
     named
-        How the command line names the scenario, for the commands that run samples again; its file if None.
+        Scenario on the command line, for the commands that run samples again; its file if None.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""All methods on one problem, with the same rollouts, judged by the same measures."""
+"""Comparison of methods on one problem, with the same rollouts and the same measures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from spacerobot.registry import TUNING_METHODS
 
 @dataclass(frozen=True)
 class Assessment:
-    """One design on the nominal plant and on plants it was not tuned for.
+    """Results of one design on the nominal plant and on plants it was not tuned for.
 
     Attributes
     ----------
@@ -58,18 +58,18 @@ class CompileTimes:
 
 @dataclass(frozen=True)
 class ProblemComparison:
-    """All methods on one problem.
+    """Comparison of all methods on one problem.
 
     Attributes
     ----------
     name
-        Of the problem.
+        Name of the problem.
     problem
-        What is searched.
+        Problem to be solved.
     nominal
-        The same, or the problem of its nominal plant where it has several.
+        Problem of the nominal plant; the same one where there is one plant.
     outcomes
-        What each method found, by name.
+        Outcome of each method, by name.
     errors
         Largest error of each run's best in each direction, (runs, n), by method.
     start
@@ -77,9 +77,9 @@ class ProblemComparison:
     baseline, assessments
         The untuned design, and each method's best, by method; empty without a judge.
     sensitivity
-        How much each variable matters at the start and at the best point found.
-    cost unit, readiness
-        What evaluations cost, and what making them ready took.
+        Sensitivity of the objective to each variable, at the start and at the best point.
+    cost_unit, readiness
+        Cost of the evaluations in rollouts, and time to prepare them [s].
     """
 
     name: str
@@ -126,11 +126,11 @@ class BenchmarkProblem:
     Attributes
     ----------
     name
-        Of the problem.
+        Name of the problem.
     problem
-        What is searched.
+        Problem to be solved.
     nominal
-        As :class:`ProblemComparison` has it.
+        See :class:`ProblemComparison`.
     judge
         Rolls out designs on other plants; they are not judged there if None.
     """
@@ -151,9 +151,9 @@ def compare_on_problem(
     entry
         The problem.
     methods
-        Which, in order.
+        Methods, in order of their runs.
     effort
-        What they may do.
+        Budget of the methods.
     session
         Journals, workers and callbacks.
 

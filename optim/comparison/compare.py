@@ -26,9 +26,9 @@ class Comparison:
     Attributes
     ----------
     name
-        Of the scenario, or of the suite.
+        Name of the scenario, or of the suite.
     problems
-        One for each problem.
+        Comparison on each problem.
     wall_s
         Time it all took.
     interrupted
@@ -61,16 +61,16 @@ def compare(
     scene
         The scene.
     methods, variants, sets
-        Which; all that the section names if None.
+        Names of methods, variants and sets of variables; all that the section names if None.
     effort
-        What the methods may do; see :func:`even_effort` if None.
+        Budget of the methods; see :func:`even_effort` if None.
     session
         Who does it, and where journals are kept; threads of this process, and nowhere, if None.
 
     Returns
     -------
     Comparison
-        One problem for each variant and set of variables. After Ctrl-C, what was found until then.
+        One problem for each variant and set of variables; after Ctrl-C, the results so far.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def even_effort(
     Parameters
     ----------
     tuning
-        Its ``baseline_budget``, or its ``budget`` if ``full``, is that of each run.
+        Tuning section; its ``baseline_budget``, or its ``budget`` if ``full``, is that of each run.
     changes
         ``budget``, ``runs``, ``starts``, ``seed`` in place of the section's; None leaves one.
     """
@@ -117,7 +117,7 @@ def compete(
     Parameters
     ----------
     name
-        Of the comparison.
+        Name of the comparison.
     problems
         Problem, methods and effort of each; built when their turn comes.
     session

@@ -1,4 +1,4 @@
-"""One sentence on which method meets the targets at the lowest expected cost, from a comparison's data."""
+"""Sentence on which method meets the targets at the lowest expected cost, from a comparison's data."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Data = Mapping[str, Any]
 
 
 def conclusion(data: Data) -> str:
-    """Which method has the lowest expected running time on how many problems; elsewhere, which, and why.
+    """State which method has the lowest expected running time on how many problems, and the exceptions.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def percent(fraction: float) -> str:
 
 
 def _elsewhere(benchmark: Data, precision: float, target: int, first: str, winner: str | None) -> str:
-    """Which method is ahead in one problem, and why the overall winner is not."""
+    """Name the fastest method of one problem, and why the overall winner is slower."""
     where = f"{benchmark['name']} to {percent(precision)}"
     if winner is None:
         return f"{where}, no method"

@@ -29,7 +29,7 @@ class CostUnit:
     Attributes
     ----------
     operations
-        Of one plain rollout.
+        Number of operations of one plain rollout.
     gradient
         Rollouts that a rollout with one gradient by the adjoint costs, whatever the number of variables.
     slope

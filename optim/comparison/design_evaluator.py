@@ -27,9 +27,9 @@ class DesignEvaluator:
     scene
         The scene of one variant, with sensors whose offsets can be varied.
     rollout
-        Of its closed loop, nothing tied.
+        Rollout of the closed loop without tied parameters.
     spread
-        How other plants differ.
+        Deviations of the other plants.
     """
 
     scene: Scene
@@ -79,9 +79,9 @@ def build_design_evaluator(
     Parameters
     ----------
     scene, variant
-        As for :func:`optim.problem.tuning_problem.build_problem`.
+        See :func:`optim.problem.tuning_problem.build_problem`.
     threads
-        For its rollouts, which this process does; each usable core if None.
+        Number of threads of this process's rollouts; each usable core if None.
     """
     scene = changed_scene(scene, variant)
     robots = scene.scenario.robots

@@ -23,7 +23,7 @@ class DataProfile:
     Attributes
     ----------
     budgets
-        In rollouts (n,).
+        Costs at which the profile is evaluated (n,) [rollouts].
     share, low, high
         Solved within each budget, and the bootstrap interval of it, over problems and runs, each (n,).
     """
@@ -52,10 +52,10 @@ def profile(hits: Sequence[Array], budgets: Array) -> DataProfile:
     Parameters
     ----------
     hits
-        For each problem, the cost at which each run met each target, (runs, targets); infinite where it did
+        Cost at which each run met each target, (runs, targets) for each problem; infinite where it did
         not.
     budgets
-        In rollouts (n,).
+        Costs at which the profile is evaluated (n,) [rollouts].
     """
     # share of the targets that run i of problem c solved within budget b
     solved = [(table[:, :, None] <= budgets).mean(axis=1) for table in hits]

@@ -172,7 +172,7 @@ def _method(benchmark: ProblemComparison, name: str) -> dict[str, Any]:
 
 
 def _assessment(found: Assessment) -> dict[str, Any]:
-    """How a design does on the nominal plant and on others."""
+    """Convert the results of a design on the nominal plant and on others."""
     peaks = {name: values for name, values in found.nominal.items() if name.endswith(("peak", "peak_deg"))}
     varied = found.varied[OBJECTIVE]
     finite = varied[np.isfinite(varied)]

@@ -21,9 +21,9 @@ def write(comparison: Comparison, folder: StrPath) -> dict[str, Any]:
     Parameters
     ----------
     comparison
-        What to write.
+        Comparison to be written.
     folder
-        Where; made if it is not there.
+        Folder; created if it does not exist.
 
     Returns
     -------

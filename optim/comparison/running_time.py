@@ -26,14 +26,14 @@ SEED = 0  # of every bootstrap
 
 @dataclass(frozen=True)
 class MethodRun:
-    """One independent run of a method, as a comparison sees it.
+    """One independent run of a method.
 
     Attributes
     ----------
     costs, objectives
-        Where it improved: cost so far in rollouts and best feasible objective so far, each (n,).
+        Cost so far [rollouts] and best feasible objective so far at each improvement, each (n,).
     spent
-        What it spent in all, in rollouts.
+        Total cost [rollouts].
     """
 
     costs: Array
@@ -81,10 +81,10 @@ def trial_of(run: SearchRun, cost_unit: CostUnit, before: EvaluationCost | None 
     ----------
     run
         The run.
-    cost unit
-        What its evaluations cost.
+    cost_unit
+        Cost of the evaluations in rollouts.
     before
-        What had to be spent before it could begin.
+        Cost of the runs that the method builds on [rollouts].
     """
     before = before or EvaluationCost()
     costs, objectives = list[float](), list[float]()

@@ -41,9 +41,9 @@ def compare_suite(
     Parameters
     ----------
     problems
-        Which; all if None.
+        Names of the problems; all if None.
     methods
-        Which; the suite's if None.
+        Names of the methods; the suite's if None.
     effort
         ``budget``, ``runs``, ``starts`` and ``seed`` in place of the suite's; None leaves one.
     session
@@ -69,9 +69,9 @@ def scene_of(suite: Plain, name: str) -> Scene:
     Parameters
     ----------
     suite
-        As :func:`read_suite` gives it.
+        Data of :func:`read_suite`.
     name
-        Of the problem.
+        Name of the problem.
     """
     benchmark = suite["problems"][name]
     scenario_document = suite["scenes"].get(benchmark["scene"])

@@ -31,7 +31,7 @@ class SweepRun:
     setting, value
         ``crossover``, ``mutation`` or ``population``, and what it was set to.
     runs
-        One for each seed.
+        Outcome for each seed.
     """
 
     setting: str
@@ -59,7 +59,7 @@ def sweep(
     problem
         The problem.
     protocol
-        What does not vary; 1000 rollouts a run and the paper's values if None.
+        Settings that do not vary; 1000 rollouts a run and the paper's values if None.
     runs
         Seeds for each setting; the same ones everywhere.
     seed

@@ -22,11 +22,11 @@ class ComparisonTable:
     Attributes
     ----------
     title
-        What it shows.
+        Title of the table.
     headings
-        One for each column.
+        Heading of each column.
     rows
-        As many cells each.
+        Cells of each row.
     """
 
     title: str
@@ -175,7 +175,7 @@ def tables_of(benchmark: Data, precisions: list[float], *, narrow: bool = False)
 
 
 def doubts(benchmark: Data) -> list[str]:
-    """One sentence for each best design whose ledger is open, or whose contacts are too deep."""
+    """Warn of each best design whose ledger is open, or whose contacts are too deep."""
     sentences = []
     for name, method in benchmark["methods"].items():
         if method["best"].get("open"):
@@ -192,7 +192,7 @@ def doubts(benchmark: Data) -> list[str]:
 
 
 def heading(benchmark: Data) -> str:
-    """One line on the comparison: objective, unit, best known value."""
+    """Summarise the problem in one line: objective, unit, best known value."""
     kind = benchmark["objective"]["kind"] if benchmark["objective"] else "objective"
     value, unit = number_of(benchmark)(benchmark["best_known"]), benchmark["unit"]["name"]
     return f"{benchmark['name']}: {kind} [{unit}], best known {value}"
@@ -226,7 +226,7 @@ def as_markdown(table: ComparisonTable) -> str:
 
 
 def number_of(benchmark: Data) -> Callable[[float | None], str]:
-    """How a problem's objective is written, in its unit."""
+    """Return the function that formats a problem's objective in its unit."""
     factor = benchmark["unit"]["factor"]
     return lambda value: "diverged" if value is None else f"{factor * value:.4g}"
 

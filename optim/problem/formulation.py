@@ -28,7 +28,7 @@ class Formulation:
     scene
         The scene, the tuning problem's changes made.
     loop
-        Its closed loop, the variables not tied yet.
+        Closed loop whose variables are not tied yet.
     variables
         The free numbers.
     terms
@@ -59,12 +59,12 @@ class Formulation:
 
     @property
     def form(self) -> Form:
-        """How the objective is made up."""
+        """Form of the objective: smooth, a sum of squares or a maximum."""
         return self.terms.form
 
     @cached_property
     def constraint_names(self) -> tuple[str, ...]:
-        """One name for each component of each constrained measure, and each required margin."""
+        """Names of the components of constrained measures, and of required margins."""
         sizes, margins = self.terms.measures.sizes, self.terms.margins
         named = tuple(f"{name}.{i}" for name in self.terms.limits for i in range(sizes[name]))
         return named if margins is None else (*named, *margins.names)
@@ -89,7 +89,7 @@ def rollout_of(scene: Scene, loop: ClosedLoopFunctions, terms: ObjectiveTerms) -
     loop
         Closed loop of the scene, variables tied or not.
     terms
-        What is measured.
+        Measures and costs of the problem.
     """
     simulation = scene.scenario.simulation
     return build_rollout(

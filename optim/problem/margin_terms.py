@@ -29,7 +29,7 @@ from spacerobot.section import matching
 from spacerobot.simulation import Backend
 
 INFINITE = 1e3
-"""An infinite margin, in the objective."""
+"""Finite value that stands for an infinite margin in the objective."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class MarginRow:
     Attributes
     ----------
     requirement
-        What is required of it.
+        Requirement on the margin.
     instant, label
         Number of the instant, and its label: ``2.5 s``, or ``captured, after``.
     loop

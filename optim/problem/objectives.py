@@ -68,9 +68,9 @@ class ObjectiveTerms:
     Attributes
     ----------
     measures
-        All measures, and one cost: the objective.
+        Measures, and one cost: the objective.
     form
-        Of the objective.
+        Form of the objective.
     limits
         Limit of each component of each constrained measure, by the measure's name.
     residuals
@@ -132,11 +132,11 @@ def build_terms(
     loop
         The closed loop, from :func:`extended_loop`.
     scene
-        Its scene.
+        Scene of the closed loop.
     objective
         The scenario's objective, or a function that gives a scalar measure.
     constraints
-        What must not be exceeded.
+        Quantities with upper limits.
 
     Raises
     ------

@@ -29,7 +29,7 @@ class Evaluation:
     constraints
         g, shape (N, m); NaN likewise.
     rows
-        What the objective is made of, shape (N, n), where it was asked for; see :class:`Linearisation`.
+        Components of the objective, shape (N, n), where requested; see :class:`Linearisation`.
     """
 
     objective: Array
@@ -71,7 +71,7 @@ class Linearisation:
 
     @classmethod
     def of_smooth(cls, objective: float, gradient: Array) -> Linearisation:
-        """Of a smooth objective without constraints."""
+        """Build the linearisation of a smooth objective without constraints."""
         none, empty = np.empty(0), np.empty((0, len(gradient)))
         return cls(objective, gradient, none, empty, none, empty, objective, np.array(gradient))
 
@@ -149,7 +149,7 @@ class OptimisationProblem(Protocol):
 
     @property
     def form(self) -> Form:
-        """How the objective is made up, which decides how an NLP is posed."""
+        """Form of the objective, which decides how an NLP is posed."""
         return "smooth"
 
     @property

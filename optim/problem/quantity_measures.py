@@ -37,7 +37,7 @@ def with_added_states(
     loop, scene
         The closed loop, and its scene.
     quantities
-        Those that are measured.
+        Quantities to be measured.
     frequency_hz
         Corner frequency of high passes.
     """

@@ -14,14 +14,14 @@ from spacerobot.section import is_number
 
 @dataclass(frozen=True)
 class ScenarioNumber:
-    """One number of a scenario.
+    """Number of a scenario that is varied.
 
     Attributes
     ----------
     path
-        Its dotted path.
+        Dotted path of the number.
     pattern
-        What named it.
+        Pattern that matched the path.
     value
         The scenario's own.
     """
@@ -43,7 +43,7 @@ def find_numbers(
     named
         Patterns by the name of what sets their numbers.
     section
-        Where the names stand in the scenario, for errors.
+        Section of the scenario that holds the names, for errors.
 
     Raises
     ------

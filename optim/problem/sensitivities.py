@@ -1,4 +1,4 @@
-"""Which variables matter: exact gradients at a point, in terms a person can read."""
+"""Sensitivities of the objective to the variables: exact gradients at a point, in readable terms."""
 
 from __future__ import annotations
 

@@ -30,18 +30,18 @@ from spacerobot.scene.memory import check_size
 
 @dataclass(frozen=True)
 class ProblemRecipe:
-    """All it takes to build a tuning problem elsewhere; see :func:`build_problem`.
+    """Settings that build a tuning problem in another process; see :func:`build_problem`.
 
     Attributes
     ----------
     scene
-        As given.
+        Recipe of the scene.
     chosen, variant, also_vary
-        As given.
+        See :func:`build_problem`.
     objective
-        The user's own, which must be picklable to go elsewhere.
+        The user's objective, which must be picklable for other processes.
     halvings
-        How often the step was halved.
+        Number of times the step was halved.
     """
 
     scene: SceneRecipe
@@ -80,7 +80,7 @@ class TuningProblem(Formulation, OptimisationProblem):
     Attributes
     ----------
     recipe
-        What builds it in another process.
+        Recipe that builds the problem in another process.
     workers
         Who rolls out. Results do not depend on it.
     """
@@ -90,7 +90,7 @@ class TuningProblem(Formulation, OptimisationProblem):
 
     @property
     def refined(self) -> TuningProblem:
-        """The same with steps of half the length; nothing is compiled again."""
+        """Return the problem with steps of half the length; nothing is compiled again."""
         rollout = replace(self.rollout, grid=self.rollout.grid.halved)
         return replace(self, rollout=rollout, recipe=replace(self.recipe, halvings=self.recipe.halvings + 1))
 
@@ -123,7 +123,7 @@ class TuningProblem(Formulation, OptimisationProblem):
 
     @property
     def prefers_exact(self) -> bool:
-        """Where there are margins: a frequency response costs more than derivatives of its extremes."""
+        """True with margins: a frequency response costs more than derivatives of its extremes."""
         return self.terms.margins is not None
 
     @cached_property
@@ -145,7 +145,7 @@ class TuningProblem(Formulation, OptimisationProblem):
         return Evaluation(np.array(measures[OBJECTIVE]), self._constraints(measures, len(u)))
 
     def sample(self, u: Array) -> Evaluation:
-        """The same, and the rows (N, n) that the objective is made of; only values where it is smooth."""
+        """Evaluate, with the rows (N, n) of the objective; values only where it is smooth."""
         if self.form == "smooth":
             return super().sample(u)
         measures = self.workers.map(
@@ -204,12 +204,12 @@ def build_problem(
     Parameters
     ----------
     scene
-        What to tune. Objective, constraints and variables are its tuning section's where not given here.
+        Scene to tune. Objective, constraints and variables are its tuning section's where not given here.
     variables
         Names of the section's variables, all of them if None; or new ones: (dotted path, lower, upper) by
         name.
     variant
-        Which of the section's variants; none if None.
+        Variant of the tuning section; none if None.
     objective
         The user's own: function of the closed loop's signals that gives a scalar measure,
         ``lambda s: integral(ca.sumsqr(s["tip_error"]))``. Its gradients are exact. Weighed margins are added.

@@ -14,7 +14,7 @@ from spacerobot.section import numbers
 PLACES = ("robots", "target", "grasps", "gravity", "environment")
 """Parts of a scenario whose numbers may vary."""
 LARGE_RATIO = 10.0
-"""Of upper to lower bound, from which on equal ratios count as equal distances."""
+"""Ratio of upper to lower bound from which a variable is scaled logarithmically."""
 RANGE = re.compile(r"(?P<path>[^=]+)=(?P<lower>[^=]+)\.\.(?P<upper>[^=]+)")
 
 

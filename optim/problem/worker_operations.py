@@ -21,7 +21,7 @@ def measures(problem: Formulation, rows: Array, *, paths: Sequence[str]) -> Arra
 
 
 def samples(problem: Formulation, rows: Array, *, paths: Sequence[str]) -> Arrays:
-    """The same, and the rows (N, n) that the objective is made of."""
+    """Measures, and the rows (N, n) of the objective."""
     batch = problem.rollout.batch(paths, rows, outputs=sampled_outputs(problem), threads=1)
     arrays = {OBJECTIVE: batch.costs[OBJECTIVE], "rows": rows_of(problem, batch.outputs), **batch.measures}
     return _with_margins(problem, rows, paths, arrays)
@@ -104,7 +104,7 @@ def linearise_all(problem: Formulation, u: Array) -> list[Linearisation]:
 
 
 def _linearise(problem: Formulation, u: Array) -> Linearisation:
-    """All but margins at one point u (k,), by forward sensitivities."""
+    """Linearise all but the margins at one point u (k,), by forward sensitivities."""
     values = dict(zip(problem.names, problem.variables.values(u), strict=True))
     sampled = sampled_outputs(problem)
     jacobian = problem.rollout.jacobian(values, wrt=problem.names, outputs=sampled, orders=False)

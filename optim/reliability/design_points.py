@@ -151,7 +151,7 @@ def converge(state: LimitState, starts: Array, known: Sequence[DesignPoint] = ()
     Returns
     -------
     list
-        One for each start; None where the iteration does not converge.
+        Design point of each start; None where the iteration does not converge.
     """
     z = np.atleast_2d(starts).copy()
     ends: list[DesignPoint | None] = [None] * len(z)

@@ -15,7 +15,7 @@ from spacerobot.registry import ESTIMATORS, Registry, required
 
 @dataclass(frozen=True)
 class SamplingEffort:
-    """How accurate an estimate shall be, and what may be spent.
+    """Required accuracy of an estimate, and its budget.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class ProbabilityEstimator:
     Attributes
     ----------
     name, title, place
-        In options and files, for people, and its place in lists.
+        Name in options and files, title for people, and position in lists.
     needs_design_points
         Whether it starts from the most probable failures, which takes gradients.
     """
@@ -87,9 +87,9 @@ class ProbabilityEstimator:
         state
             The limit state.
         points
-            Its design points; none unless the estimator needs them.
+            Design points of the limit state; none unless the estimator needs them.
         effort
-            How accurate, and what it may spend.
+            Required accuracy, and budget.
         """
         raise NotImplementedError
 

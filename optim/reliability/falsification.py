@@ -100,11 +100,11 @@ class WorstCase:
     Attributes
     ----------
     value
-        Of the quantity there.
+        Value of the quantity.
     parameters
         Values of the uncertain parameters by name.
     percentiles
-        Where each value lies in its distribution, by name: 0 at the lower bound, 100 at the upper.
+        Percentile of each value in its distribution, by name: 0 at the lower bound, 100 at the upper.
     """
 
     value: float
@@ -119,15 +119,15 @@ class Falsification(JsonResult):
     Attributes
     ----------
     quantity, unit, limit
-        What must not exceed how much.
+        Name, unit and limit of the quantity.
     nominal
         Value of the quantity at the medians of the parameters.
     worst, random
-        By gradients, and by random search at equal cost.
+        Worst cases by gradients, and by random search at equal cost.
     changes
         Changes of the scenario that give the worst outcome, by dotted path.
     cost
-        What the search by gradients spent, and in plain rollouts what random search had.
+        Cost of the search by gradients, and the budget of random search in plain rollouts.
     diverged, diverged_at
         Simulations of both searches that diverged, and the parameters of the first; None without any.
     """
@@ -214,20 +214,20 @@ def falsify(
     scene
         A scene whose scenario has a ``campaign`` section.
     quantity, limit
-        What must not exceed how much, in its unit; those of ``campaign.limits`` if None.
+        Quantity and its limit, in its unit; those of ``campaign.limits`` if None.
     effort
         Starts, seed, and in ``nlp`` the budget; 16 starts without limit if None.
     session
         Journals, so that an interrupted search continues, and who is told of progress; none if None.
     threads
-        One for each usable core if None; the numbers do not depend on it.
+        Number of threads; one for each usable core if None; the numbers do not depend on it.
 
     Raises
     ------
     DivergedError
         If every simulation diverged.
     KeyboardInterrupt
-        If it was interrupted; called again with the same journals, it continues.
+        If the search was interrupted; called again with the same journals, it continues.
     ScenarioError
         If the section is missing or does not fit; see :func:`.build_limit_state`.
     """

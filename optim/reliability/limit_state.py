@@ -51,13 +51,13 @@ class RolloutLimitState:
     scene, campaign
         The scene and its campaign section.
     space
-        Where draws go in the scenario.
+        Map from draws to the scenario's numbers.
     quantity, limit
-        What must not exceed how much, in the quantity's unit.
+        Quantity and its limit, in the quantity's unit.
     rollout
-        Its one cost is the quantity.
+        Rollout whose only cost is the quantity.
     threads
-        One for each usable core if None; the numbers do not depend on it.
+        Number of threads; one for each usable core if None; the numbers do not depend on it.
     """
 
     scene: Scene
@@ -166,7 +166,7 @@ def build_limit_state(
     limit
         Largest value that is no failure, in the quantity's unit; that of ``campaign.limits`` if None.
     threads
-        One for each usable core if None.
+        Number of threads; one for each usable core if None.
 
     Raises
     ------

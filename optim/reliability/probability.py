@@ -50,7 +50,7 @@ class FailureProbability(JsonResult):
     Attributes
     ----------
     quantity, unit, limit
-        What must not exceed how much.
+        Name, unit and limit of the quantity.
     method
         The estimator.
     probability, variation
@@ -158,13 +158,13 @@ def failure_probability(
     scene
         A scene whose scenario has a ``campaign`` section.
     quantity, limit
-        What must not exceed how much, in its unit; those of ``campaign.limits`` if None.
+        Quantity and its limit, in its unit; those of ``campaign.limits`` if None.
     method
         ``importance``, ``line`` or ``subset``.
     effort
-        How accurate it shall be, and what may be spent.
+        Required accuracy, and budget.
     threads
-        One for each usable core if None; the numbers do not depend on it.
+        Number of threads; one for each usable core if None; the numbers do not depend on it.
 
     Raises
     ------
@@ -214,7 +214,7 @@ def estimate_probability(
     estimator
         Method of the estimate.
     effort
-        How accurate it shall be, and what may be spent.
+        Required accuracy, and budget.
     """
     search = DesignPointSearch((), 0, 0, 0)
     if estimator.needs_design_points:

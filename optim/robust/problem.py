@@ -58,11 +58,11 @@ class RobustProblem(OptimisationProblem):
     Attributes
     ----------
     nominal
-        The same problem without uncertainty; its rollout knows the uncertain numbers as parameters.
+        Nominal problem without uncertainty; its rollout has the uncertain numbers as parameters.
     space, draws
-        Where draws go in the scenario, and the common set of them (S, k).
+        Map from draws to the scenario's numbers, and the common draws (S, k).
     kind, percent
-        Of the objectives of all samples: their mean, a percentile, or the largest. Constraints hold at every
+        Statistic of the samples' objectives: mean, percentile, or the largest. Constraints hold at every
         sample.
     """
 
@@ -172,7 +172,7 @@ class RobustProblem(OptimisationProblem):
         )
 
     def linearise_all(self, u: Array) -> list[Linearisation]:
-        """One point after the other: the samples of one fill the lanes."""
+        """Linearise one point after the other: the samples of one fill the lanes."""
         return [self.linearise(point) for point in u]
 
     def _weights(self, ordered: Array) -> Array:
@@ -204,7 +204,7 @@ class Statistic:
     kind, percent
         The mean, a percentile, or the largest.
     samples
-        Of the common set, drawn by the campaign's distributions and seed.
+        Number of common samples, drawn by the campaign's distributions and seed.
     """
 
     kind: Kind = "worst"
@@ -227,9 +227,9 @@ def build_robust(
     scene
         The scene.
     statistic
-        What of the samples' objectives is made small; the largest if None.
+        Statistic of the samples' objectives to minimise; the largest if None.
     variables, variant, workers
-        As for :func:`optim.problem.tuning_problem.build_problem`.
+        See :func:`optim.problem.tuning_problem.build_problem`.
 
     Raises
     ------
@@ -265,7 +265,7 @@ class RobustTuningResult:
     objective
         There, over the common samples.
     changes
-        The same as changes to the scenario, by dotted path: a set of gains for a campaign.
+        Changes of the scenario for a design, by dotted path: a set of gains for a campaign.
     outcome
         Every run.
     common, fresh
@@ -325,17 +325,17 @@ def tune_robust(
     Parameters
     ----------
     problem
-        From :func:`build_robust`.
+        Problem of :func:`build_robust`.
     method
         ``ga``, ``de``, ``pso``, ``cmaes`` or ``nlp``.
     effort
-        How much may be done; the tuning section's if None.
+        Budget; the tuning section's if None.
     fresh
-        How many fresh samples.
+        Number of fresh samples.
     folder
-        Where journals are kept; a killed call, made again, goes on where it was.
+        Folder of the journals; a killed call, made again, resumes.
     progress
-        Told now and then.
+        Callback for progress.
 
     Raises
     ------

@@ -25,11 +25,11 @@ from spacerobot.scene import Scene, build_scene
 from spacerobot.simulation import Backend, Progress
 
 STARTS = 4
-"""Descents at each instant: from the best of the scenario's own point, the corners and a Sobol' sequence."""
+"""Number of descents at each instant: from the best of the nominal point, corners and a Sobol' sequence."""
 CORNERS = 4
-"""Most parameters whose corners are all screened."""
+"""Maximum number of parameters whose corners are all evaluated."""
 INFINITE = 1e3
-"""An infinite margin, for the descents."""
+"""Finite value that stands for an infinite margin in the descents."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class WorstMargin:
     value, loop
         Least margin that was found; negative where the closed loop is unstable.
     parameters
-        Where, by variable.
+        Values of the variables at the minimum, by name.
     simulated
         The loop's margin there at the state of a simulation with these parameters; NaN if it does not reach
         the instant. The search keeps the nominal simulation's state.
@@ -68,9 +68,9 @@ class WorstMargins:
     Attributes
     ----------
     margin, unit
-        Which margin; of ``gain_down`` the negative.
+        Kind and unit of the margin; ``gain_down`` is negated.
     cases
-        By instant.
+        Smallest margin at each instant.
     evaluations
         Linearisations with gradients that the search took.
     """
@@ -124,7 +124,7 @@ def worst_margins(
     loops
         Break points, ``torque/*``.
     backend, progress
-        As of :func:`spacerobot.simulate`.
+        See :func:`spacerobot.simulate`.
 
     Raises
     ------

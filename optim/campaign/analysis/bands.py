@@ -20,23 +20,23 @@ PERCENT = (0.0, 5.0, 50.0, 95.0, 100.0)
 
 @dataclass(frozen=True)
 class QuantileBands:
-    """How a kept signal spreads over the samples under one set of gains.
+    """Percentile bands of a recorded signal over the samples under one set of gains.
 
     Attributes
     ----------
     name, unit
-        Of the signal.
+        Name and unit of the signal.
     components
-        What each of its c numbers is of.
+        Label of each of the signal's c numbers.
     time
-        When it was kept (nt,) [s].
+        Times of recording (nt,) [s].
     least, low, median, high, greatest
         Over the samples: the least, 5 %, 50 %, 95 % and the greatest, each (nt, c). A rollout that diverged
         counts until it did; NaN where none is left.
     left
         Samples that have not diverged yet (nt,).
     sample, shown
-        One sample, and its own values over time (nt, c).
+        Number of one sample, and its values over time (nt, c).
     """
 
     name: str

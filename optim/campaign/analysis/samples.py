@@ -1,4 +1,4 @@
-"""One sample of a campaign by itself: the command that runs it again, and its result."""
+"""Single samples of a campaign: the command that runs one again, and its result."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def command_of(
     Parameters
     ----------
     evaluator
-        Of the campaign.
+        Evaluator of the campaign.
     draw
         Values of the uncertain parameters (k,).
     gains
@@ -69,7 +69,7 @@ def simulate_sample(evaluator: CampaignEvaluator, draw: Sequence[float], gains: 
     Parameters
     ----------
     evaluator, draw, gains
-        As for :func:`command_of`.
+        See :func:`command_of`.
     """
     member = evaluator.member(gains)
     values = member.space.values(np.asarray(draw, dtype=float))[0]

@@ -15,7 +15,7 @@ WORTH_TELLING = 0.3  # size of a correlation between parameters from which their
 
 
 def what_matters(draws: Array, values: Array, campaign: Campaign, *, complete: bool) -> dict[str, Any]:
-    """How a metric depends on the parameters, as plain data: Sobol' indices if the design allows, else ranks.
+    """Sensitivity of a metric to the parameters as plain data: Sobol' indices if the design allows, or ranks.
 
     ``strongest`` lists what stands out of the noise, by size, each with ``how`` it acts: ``rises`` (more of
     it, more of the metric), ``falls``, ``away`` (more of the metric on both sides of its middle),
@@ -28,7 +28,7 @@ def what_matters(draws: Array, values: Array, campaign: Campaign, *, complete: b
     values
         The metric (n,), infinite where a rollout was not completed or has no such value.
     campaign
-        Its section.
+        Campaign section.
     complete
         Whether every sample is among them.
     """

@@ -43,7 +43,7 @@ def percentile(values: Array, percent: float, confidence: float) -> Estimate:
     percent
         Between 0 and 100.
     confidence
-        Of the interval, at least.
+        Minimum confidence of the interval.
     """
     ordered, share = np.sort(values), percent / 100
     n = len(ordered)
@@ -131,9 +131,9 @@ def sobol_indices(values: Array, names: Sequence[str], confidence: float, seed: 
     values
         The metric at all samples of the design, in order (n,), finite.
     names
-        Of the k parameters.
+        Names of the k parameters.
     confidence, seed
-        Of the intervals, by the bootstrap.
+        Confidence of the intervals, and seed of their bootstrap.
 
     Raises
     ------

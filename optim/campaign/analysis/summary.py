@@ -42,14 +42,14 @@ class SampleStatistics:
     Attributes
     ----------
     metrics
-        By name, (n, places); infinite where a rollout was not completed or has no such value, as the time of
-        a capture that was missed.
+        Values (n, places) by name; infinite where a rollout was not completed or has no such value, such as
+        the time of a capture that was missed.
     places, units
-        What each column of a metric is of, and a metric's unit.
+        Label of each column of a metric, and unit of each metric.
     failed
-        By cause, whether each sample failed (n,).
+        Mask of the samples that failed (n,), by cause.
     unclosed
-        Which grasp of each sample did not close at the start, in words (n of them); empty where all did.
+        Grasp of each sample that did not close at the start, in words (n of them); empty where all did.
     missed
         Whether each sample left a grasp that begins open uncaptured, or was not completed (n,); None where
         no grasp begins open.
@@ -124,9 +124,9 @@ def summarise(
     folder
         A campaign's store.
     evaluator
-        What made it; see :func:`optim.campaign.reopen`.
+        Evaluator of the campaign; see :func:`optim.campaign.reopen`.
     named
-        How the command line names the scenario, for the commands that run samples again; as the store notes
+        Scenario on the command line, for the commands that run samples again; as the store notes
         it if None.
 
     Raises
@@ -260,7 +260,7 @@ def _percentiles(sampled: SampleStatistics, campaign: Campaign) -> list[dict[str
 
 
 def _rate(hits: np.typing.NDArray[np.bool_], campaign: Campaign) -> dict[str, Any]:
-    """How often something occurred, and its probability."""
+    """Count the hits, and estimate their probability."""
     count = int(hits.sum())
     return {"count": count} | _interval(share(count, len(hits), campaign.confidence), campaign)
 
@@ -272,7 +272,7 @@ def _interval(estimate: Estimate, campaign: Campaign) -> dict[str, Any]:
 
 
 def _map(sampled: SampleStatistics, draws: Array, campaign: Campaign) -> dict[str, Any] | None:
-    """Where a grid over two parameters fails and why: causes by level of the first and of the second."""
+    """Map of failures on a grid over two parameters: causes by level of the first and of the second."""
     if not campaign.sampler.is_factorial or draws.shape[1] != 2 or len(draws) != campaign.count:
         return None
     levels = [np.unique(column) for column in draws.T]

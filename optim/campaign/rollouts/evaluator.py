@@ -98,7 +98,7 @@ class SampleTable:
 
 @dataclass(frozen=True)
 class GainSet:
-    """One set of gains: its scene, where draws go in it, what is kept of it and over time, its rollout."""
+    """Compiled form of one set of gains: scene, parameter space, metrics, recorded signals and rollout."""
 
     scene: Scene
     space: ParameterSpace
@@ -121,11 +121,11 @@ class CampaignEvaluator:
     scene
         The scenario's own scene.
     campaign
-        Its section.
+        Campaign section.
     gains
         Changes by name of the set.
     members
-        One for each set of gains.
+        Compiled form of each set of gains.
     """
 
     scene: Scene
@@ -178,7 +178,7 @@ class CampaignEvaluator:
         Parameters
         ----------
         draws
-            All draws (N, k).
+            Draws of all samples (N, k).
         """
         document = to_document(self.scene.scenario)
         document.pop("tuning", None)
@@ -219,7 +219,7 @@ class CampaignEvaluator:
         Raises
         ------
         KeyboardInterrupt
-            If it was interrupted.
+            If the run was interrupted.
         """
         draws = np.ascontiguousarray(np.atleast_2d(draws), dtype=float)
         tables, times, gaps = [], [], []

@@ -36,7 +36,7 @@ LEDGER: Mapping[str, Callable[[Array], Array]] = {
     RESIDUAL: residual_of,
     DEPTH: np.asarray,
 }
-"""What is made of the measures that say whether a rollout captured and can be trusted."""
+"""Columns computed from the measures that show whether a rollout captured and can be trusted."""
 
 PLANS = {"mpc_plans": "1", "mpc_missed": "1", "mpc_unfinished": "1", "mpc_iterations": "1"}
 SOLVE_TIMES = {"mpc_median_solve_s": "s", "mpc_longest_solve_s": "s"}
@@ -45,16 +45,16 @@ SOLVE_TIMES = {"mpc_median_solve_s": "s", "mpc_longest_solve_s": "s"}
 
 @dataclass(frozen=True)
 class MetricColumn:
-    """One number of each rollout.
+    """Scalar result of each rollout, one column of the table.
 
     Attributes
     ----------
     metric
-        Which quantity, as the scenario names it.
+        Name of the quantity in the scenario.
     where
-        Of what: a tip and an axis, a tip, a robot, a grasp, the target, or the total.
+        Label of the component: a tip and an axis, a tip, a robot, a grasp, the target, or the total.
     unit
-        Its unit.
+        Unit of the column.
     """
 
     metric: str
@@ -77,13 +77,13 @@ class CampaignMetrics:
     Attributes
     ----------
     measures
-        For the rollout.
+        Measures of the rollout.
     columns
         M of them.
     duration_s
-        Of a rollout.
+        Duration of a rollout [s].
     labels
-        What each component of a quantity's measure belongs to, by quantity; components of one label make one
+        Label of each component of a quantity's measure, by quantity; components of one label make one
         column, the largest of them.
     """
 
@@ -125,7 +125,7 @@ def build_campaign_metrics(
     loop, extended
         The closed loop, and the one that is rolled out where it has states beside for what is measured.
     scene
-        Its scene.
+        Scene of the closed loop.
     wanted
         Metrics by the names of the scenario's campaign section.
     """

@@ -25,11 +25,11 @@ class RecordedSignal:
     Attributes
     ----------
     name
-        As the closed loop's outputs name it.
+        Name among the closed loop's outputs.
     components
-        What each of its c numbers is of: a tip and an axis, a joint, ...; empty names for a single number.
+        Label of each of its c numbers: a tip and an axis, a joint, ...; empty for a single number.
     unit
-        Of each of them.
+        Unit of the numbers.
     """
 
     name: str
@@ -39,14 +39,14 @@ class RecordedSignal:
 
 @dataclass(frozen=True)
 class SignalRecording:
-    """All that a campaign keeps over time.
+    """Signals that a campaign records over time.
 
     Attributes
     ----------
     series
         The signals.
     time
-        When they are kept (nt,) [s].
+        Times of recording (nt,) [s].
     """
 
     series: tuple[RecordedSignal, ...]
@@ -54,7 +54,7 @@ class SignalRecording:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the signals."""
+        """Names of the signals."""
         return tuple(one.name for one in self.series)
 
     @property
@@ -83,11 +83,11 @@ def build_recording(loop: ClosedLoop, scene: Scene, wanted: Sequence[str], time_
     loop
         The closed loop.
     scene
-        Its scene.
+        Scene of the closed loop.
     wanted
         Names of its outputs.
     time_s
-        When they are kept (nt,).
+        Times of recording (nt,) [s].
 
     Raises
     ------
@@ -121,7 +121,7 @@ def check_size(recording: SignalRecording, samples: int, sets: int) -> None:
     Raises
     ------
     ScenarioError
-        With the numbers that make it large.
+        If they are too large; the message states the sizes.
     """
     size_bytes = samples * sets * recording.bytes_per_rollout
     if size_bytes > MOST_BYTES:

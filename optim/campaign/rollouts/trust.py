@@ -1,4 +1,4 @@
-"""Whether a campaign's rollouts can be trusted: each is judged by its ledger at the end, momenta and energy,
+"""Trust in a campaign's rollouts: each is checked by its ledger at the end, momenta and energy,
 and by the indentation of its contacts, by the limits of :mod:`spacerobot.result.trust`.
 """
 
@@ -83,7 +83,7 @@ def drift_of(values: Array) -> Array:
     Parameters
     ----------
     values
-        Of :func:`drift_measure`, (N, 8).
+        Values of :func:`drift_measure` (N, 8).
     """
     each = values.reshape(len(values), len(KINDS), 4)
     return np.asarray(np.linalg.norm(each[:, :, :3], axis=2) / np.maximum(each[:, :, 3], LEAST_MOMENTUM))
@@ -95,18 +95,18 @@ def residual_of(values: Array) -> Array:
     Parameters
     ----------
     values
-        Of :func:`residual_measure`, (N, 2).
+        Values of :func:`residual_measure` (N, 2).
     """
     return np.asarray(values[:, :1] / np.maximum(values[:, 1:], LEAST_ENERGY))
 
 
 def untrusted(data: xr.Dataset, failed: Mapping[str, Mask]) -> dict[str, dict[str, Any]]:
-    """How many rollouts that were completed are not to be trusted, and by how much, by set of gains.
+    """Count the completed rollouts that are not to be trusted, with their largest errors, by set of gains.
 
     Parameters
     ----------
     data
-        Of a store.
+        Dataset of a campaign's store.
     failed
         Whether each sample failed (n,), by set of gains.
     """

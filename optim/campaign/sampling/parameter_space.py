@@ -29,9 +29,9 @@ class ParameterSpace:
     paths
         Dotted paths of the numbers, m of them.
     patterns
-        What each number was named by in the section (m,).
+        Pattern in the section that names each number (m,).
     owner
-        Which parameter each number follows (m,).
+        Index of the parameter that sets each number (m,).
     factor, offset
         Number = offset + factor times draw, each (m,).
     """
@@ -83,7 +83,7 @@ def gain_set(scene: Scene, changes: Mapping[str, Any]) -> Scene:
 
 
 def resolve_space(scene: Scene, campaign: Campaign) -> ParameterSpace:
-    """Where a campaign's draws go in a scene.
+    """Resolve the parameters of a campaign to the scene's numbers.
 
     Raises
     ------
@@ -133,12 +133,12 @@ def check_range(scene: Scene, space: ParameterSpace, draws: Array) -> None:
     scene, space
         The scene and where the draws go.
     draws
-        All of them (N, k); their least and their greatest values are tried.
+        Draws of all samples (N, k); their smallest and their largest values are checked.
 
     Raises
     ------
     ScenarioError
-        With the number that is not allowed.
+        If a value is not allowed; the message names the number.
     """
     values = space.values(draws)
     plain = to_document(scene.scenario)

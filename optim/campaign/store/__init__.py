@@ -1,1 +1,1 @@
-"""Where a campaign is kept: its folder, its chunks and the netCDF file made of them."""
+"""Store of a campaign: its folder, its chunks and the netCDF file merged from them."""

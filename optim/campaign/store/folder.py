@@ -140,13 +140,13 @@ def open_store(
     Parameters
     ----------
     folder
-        Where it lies.
+        Folder of the store.
     identity
-        What decides the numbers; see ``Evaluator.identity``.
+        Settings that determine the numbers; see ``Evaluator.identity``.
     count
         Samples in all.
     notes
-        What is asked of the numbers and how the campaign was called: what may change from call to call, and
+        Limits and metrics that are evaluated, and the command: these may change from call to call, and
         is written anew; left as it is if None.
 
     Raises
@@ -202,14 +202,14 @@ def load_head(folder: Path) -> dict[str, Any]:
 
 
 def difference(head: Mapping[str, Any], identity: Mapping[str, Any]) -> str | None:
-    """In what a folder's campaign differs from another one; empty if it cannot be told, None if it does not.
+    """First difference between a folder's campaign and another one; empty if unknown, None if there is none.
 
     Parameters
     ----------
     head
         Contents of ``campaign.json``, as :func:`load_head` returns them.
     identity
-        What decides the other one's numbers.
+        Settings that determine the other one's numbers.
     """
     if head.get("fingerprint") == identity["fingerprint"]:
         return None
@@ -229,7 +229,7 @@ def check_place(folder: Path) -> None:
     Raises
     ------
     ResultError
-        With the reason.
+        If the folder holds something else; the message states the reason.
     """
     if folder.exists() and not folder.is_dir():
         raise ResultError("is a file, not a folder", source=folder)

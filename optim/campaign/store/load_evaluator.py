@@ -23,7 +23,7 @@ def reopen(folder: StrPath) -> CampaignEvaluator:
     Parameters
     ----------
     folder
-        What ``spacerobot campaign`` or :func:`optim.campaign.run_campaign` wrote, to its end or not.
+        Folder that ``spacerobot campaign`` or :func:`optim.campaign.run_campaign` wrote, complete or not.
 
     Raises
     ------

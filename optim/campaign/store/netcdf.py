@@ -43,11 +43,11 @@ def write_tables(
     path
         The file.
     evaluator
-        What made the tables.
+        Evaluator that made the tables.
     tables
         Tables with their first sample, in order.
     about
-        What ran, for people.
+        Description of the run, in words.
     complete
         Whether every sample is among them.
     """
@@ -124,7 +124,7 @@ def load_campaign(folder: StrPath, series: Sequence[str] = ()) -> xr.Dataset:
     Parameters
     ----------
     folder
-        What ``spacerobot campaign`` or :func:`optim.campaign.run_campaign` wrote.
+        Folder that ``spacerobot campaign`` or :func:`optim.campaign.run_campaign` wrote.
     series
         Names of the kept signals to read, each (sample, gains, time, component); they may be large.
 
@@ -162,7 +162,7 @@ def load_campaign(folder: StrPath, series: Sequence[str] = ()) -> xr.Dataset:
 def blocks(
     tables: Iterator[tuple[int, SampleTable]], rows: int
 ) -> Iterator[tuple[np.typing.NDArray[np.int64], SampleTable]]:
-    """The same samples in blocks of so many rows, the last one may be shorter; with the samples' numbers."""
+    """Regroup samples in blocks of so many rows, the last one may be shorter; with the samples' numbers."""
     pending: list[tuple[np.typing.NDArray[np.int64], SampleTable]] = []
     count = 0
     for begin, table in tables:

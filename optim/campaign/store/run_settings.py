@@ -16,14 +16,14 @@ ASKED = ("limits", "percentiles", "confidence")
 
 @dataclass(frozen=True)
 class ScenarioSource:
-    """How the command line names a scenario.
+    """Scenario as named on the command line.
 
     Attributes
     ----------
     scenario
         File, or name of a shipped scenario.
     changes
-        What was changed in it, by dotted path.
+        Changes of the scenario, by dotted path.
     """
 
     scenario: str
@@ -36,9 +36,9 @@ def notes_of(evaluator: CampaignEvaluator, named: ScenarioSource | None) -> dict
     Parameters
     ----------
     evaluator
-        What runs.
+        Evaluator of the campaign.
     named
-        How the command line names its scenario; its file if None.
+        Scenario on the command line; its file if None.
     """
     scene = evaluator.scene
     named = named or ScenarioSource(scene.scenario.name if scene.source is None else str(scene.source))
@@ -50,7 +50,7 @@ def notes_of(evaluator: CampaignEvaluator, named: ScenarioSource | None) -> dict
 
 
 def named_in(notes: Mapping[str, Any]) -> ScenarioSource:
-    """How the command line named the scenario, by a folder's notes."""
+    """Read from a folder's notes how the command line named the scenario."""
     return ScenarioSource(
         str(notes["scenario"]), tuple((str(path), value) for path, value in notes["changes"])
     )
