@@ -26,6 +26,9 @@ def elsewhere() -> dict[str, str]:
     for file in sorted((ROOT / "examples").rglob("*.py")):
         name = file.relative_to(ROOT).as_posix()
         pages[name] = name.removesuffix(".py") + ".md"
+    for kind in ("ipynb", "urdf"):  # files to load
+        for file in sorted((ROOT / "examples").rglob(f"*.{kind}")):
+            pages[file.relative_to(ROOT).as_posix()] = file.relative_to(ROOT).as_posix()
     return pages
 
 
@@ -36,6 +39,9 @@ ORIGINS = {site: repository for repository, site in PAGES.items()}
 def on_files(files: Files, config: Any) -> Files:
     """Add the pages from elsewhere; a script is a page with its text."""
     for repository, site in PAGES.items():
+        if not site.endswith(".md"):
+            files.append(File.generated(config, site, abs_src_path=str(ROOT / repository)))
+            continue
         text = (ROOT / repository).read_text(encoding="utf-8")
         inclusion = InclusionLevel.INCLUDED
         if repository.endswith(".py"):  # reached from the page of examples

@@ -9,7 +9,7 @@ import viz
 def main(folder: Path = Path("out/examples/first_steps"), duration_s: float = 10.0) -> None:
     """Two robots carry an object round a circle."""
     scene = sr.load_scene("paper", {"simulation.duration": duration_s})
-    result = sr.simulate(scene)
+    result = sr.simulate(scene, progress=print)  # the first time it is compiled, which takes seconds
 
     # every array has names, units and world axes
     error_m = result.data.tip_error.sel(tip="rpr1/tip", axis="x")
@@ -21,7 +21,8 @@ def main(folder: Path = Path("out/examples/first_steps"), duration_s: float = 10
 
     result.save(folder / "result")  # and back: sr.load(folder / "result")
     viz.write_animation(result, folder / "docking.html")
-    viz.save_figures(result, folder / "figures", formats=("pdf",), names=["tip_errors", "docking"])
+    viz.save_figures(result, folder / "figures", formats=("pdf", "png"), names=["tip_errors", "docking"])
+    viz.write_recording(result, folder / "film.gif", frames_per_s=5, speed=2, size_px=(480, 300))
     print(f"open {folder / 'docking.html'}")
 
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import spacerobot as sr
+import viz
 from spacerobot import description
 
 SCENARIO = """
@@ -39,8 +40,10 @@ def main(folder: Path = Path("out/examples/own_robot"), duration_s: float = 4.0)
     for sentence in scene.assumptions:  # what neither file says, and what was taken instead
         print("-", sentence)
 
-    result = sr.simulate(scene)
+    result = sr.simulate(scene, progress=print)
     print(result.summary["status"]["state"], result.summary["tip_error"]["mine/tip"]["norm"])
+    viz.save_figures(result, folder / "figures", formats=("png",), names=["docking", "joints"])
+    viz.write_recording(result, folder / "film.gif", frames_per_s=5, speed=1, size_px=(480, 300))
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ def main(folder: Path = Path("out/examples/compare"), duration_s: float = 10.0) 
     results = []
     for mass_kg in (20, 60, 180):
         changes = {"target.links.body.mass": mass_kg, "simulation.duration": duration_s}
-        result = sr.simulate(sr.load_scene("paper", changes))
+        result = sr.simulate(sr.load_scene("paper", changes), progress=print)
         error_m = float(abs(result.data.tip_error).max())
         torque = float(abs(result.data.joint_torque).max())
         print(f"{mass_kg:4d} kg: tip error at most {1e3 * error_m:6.3f} mm, torque at most {torque:6.2f} N m")
@@ -19,8 +19,9 @@ def main(folder: Path = Path("out/examples/compare"), duration_s: float = 10.0) 
 
     # figures, pages and reports take several results and draw them over each other
     first, *others = results
-    viz.save_figures(first, folder, *others, formats=("pdf",), names=["tip_errors"])
+    viz.save_figures(first, folder / "figures", *others, formats=("pdf", "png"), names=["tip_errors"])
     viz.write_animation(first, folder / "compared.html", *others)
+    viz.write_recording(results[-1], folder / "film.gif", frames_per_s=5, speed=2, size_px=(480, 300))
 
 
 if __name__ == "__main__":

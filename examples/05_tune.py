@@ -1,18 +1,22 @@
 """Tune three gains of the paper's first robot with exact gradients, and simulate the result."""
 
+from pathlib import Path
+
 import casadi as ca
 
 import spacerobot as sr
+import viz
 from spacerobot import rollout
 
 TIP = "robots.rpr1.tips.tip"
 
 
-def main(duration_s: float = 2.0, method: str = "nlp") -> None:
+def main(folder: Path = Path("out/examples/tune"), duration_s: float = 2.0, method: str = "nlp") -> None:
     """Small tip errors at little torque; ``method`` may be ga, de, pso, cmaes, manual or nlp_ga as well."""
     changes = {"simulation.duration": duration_s, "robots.*.tips.*.reference.duration": duration_s}
+    scene = sr.load_scene("paper", changes)
     problem = sr.build_problem(
-        sr.load_scene("paper", changes),
+        scene,
         variables={
             "kd": (f"{TIP}.pid.kd", 100, 400),
             "ge": (f"{TIP}.amnesia.ge", 100, 2000),
@@ -23,9 +27,12 @@ def main(duration_s: float = 2.0, method: str = "nlp") -> None:
         ),
     )
     # one start: the scenario's own gains; more starts are found by a seeded search
-    found = sr.tune(problem, method, effort=sr.Effort(starts=1))
+    found = sr.tune(problem, method, effort=sr.Effort(starts=1), progress=print)
     print(found.status, found.objective, dict(found.gains))
-    print(sr.simulate(found.scene).summary["tip_error"]["rpr1/tip"])
+    before, after = sr.simulate(scene), sr.simulate(found.scene)
+    print(after.summary["tip_error"]["rpr1/tip"])
+    viz.save_figures(after, folder / "figures", before, formats=("png",), names=["tip_errors"])
+    viz.write_recording(after, folder / "film.gif", frames_per_s=5, speed=0.5, size_px=(480, 300))
 
 
 if __name__ == "__main__":

@@ -3,6 +3,8 @@
 from pathlib import Path
 
 import spacerobot as sr
+import viz
+from viz import figures
 
 CHANGES = {
     "campaign": {
@@ -25,7 +27,7 @@ def main(
 ) -> None:
     """Failures of two sets of gains, what matters, and the worst sample as a result of its own."""
     scene = sr.load_scene("paper", CHANGES | {"campaign.samples": samples} | (changes or {}))
-    found = sr.campaign(scene, folder)  # run again after a kill, it goes on where it was
+    found = sr.campaign(scene, folder, progress=print)  # run again after a kill, it goes on where it was
     for name, told in found.summary["gains"].items():
         failed = told["failure"]["any"]
         print(f"{name}: fails with {failed['value']:.1%} ({failed['low']:.1%} to {failed['high']:.1%})")
@@ -34,6 +36,13 @@ def main(
     worst = int(found.data.tip_error_peak.sel(gains="printed").max("tip_error_peak_of").argmax("sample"))
     result = found.simulate(worst, "printed")
     print(f"worst sample {worst}:", result.summary["tip_error"]["rpr1/tip"]["norm"])
+    peaks = {
+        name: found.data.tip_error_peak.sel(gains=name).max("tip_error_peak_of")
+        for name in CHANGES["campaign"]["gains"]
+    }
+    drawn = figures.robustness(peaks, quantity="largest tip error", unit="m", limit=0.002)
+    (folder / "robustness.png").write_bytes(figures.to_bytes(drawn, "png"))
+    viz.write_recording(result, folder / "film.gif", frames_per_s=5, speed=2, size_px=(480, 300))
 
 
 if __name__ == "__main__":

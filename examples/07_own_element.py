@@ -3,12 +3,17 @@
 from pathlib import Path
 
 import spacerobot as sr
+import viz
 from spacerobot import rollout
 
 PLUGINS = Path(__file__).parent / "plugins"
 
 
-def main(duration_s: float = 10.0, backend: rollout.Backend = "auto") -> None:
+def main(
+    folder: Path = Path("out/examples/own_element"),
+    duration_s: float = 10.0,
+    backend: rollout.Backend = "auto",
+) -> None:
     """Both robots fly a lemniscate; a soft impedance helps the first."""
     for name in ("lemniscate", "impedance"):
         sr.load_plugin(PLUGINS / f"{name}.py")  # on the command line: --plugin FILE
@@ -20,9 +25,12 @@ def main(duration_s: float = 10.0, backend: rollout.Backend = "auto") -> None:
             "simulation.duration": duration_s,
         },
     )
-    result = sr.simulate(scene, backend=backend)
+    result = sr.simulate(scene, backend=backend, progress=print)
     force = result.data.impedance_force.sel(tip="rpr1/tip")  # the element's own output, with its unit
     print(f"impedance force at most {float(abs(force).max()):.3f} {force.attrs['units']}")
+
+    viz.save_figures(result, folder / "figures", formats=("png",), names=["tip_paths"])
+    viz.write_recording(result, folder / "film.gif", frames_per_s=5, speed=2, size_px=(480, 300))
 
     # its numbers are parameters like any other: they can be varied, tuned and differentiated
     loop = sr.build_closed_loop(scene)

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 import spacerobot as sr
+import viz
 
 DURATION_S = 20.0  # until shortly after both grips close
 CHANGES = {  # the scenario's own campaign, with an object that turns faster
@@ -28,9 +29,10 @@ MOST_NM = 100.0  # captures that ask for more torque are told apart
 def main(folder: Path = Path("out/examples/capture"), samples: int = 512) -> None:
     """P(capture) by tumble rate for each set of gains: a table, and a figure with its intervals."""
     scene = sr.load_scene("docking", CHANGES | {"campaign.samples": samples})
-    data = sr.campaign(scene, folder).data  # run again after a kill, it goes on where it was
+    done = sr.campaign(scene, folder, progress=print)
+    data = done.data  # run again after a kill, it goes on where it was
     rate = abs(data.draw.sel(parameter="tumble").values)
-    figure, axes = plt.subplots(figsize=(6, 3.5))
+    figure, axes = plt.subplots(figsize=(6, 3.5), layout="constrained")
     print(f"tumble [deg/s]  gains      P(capture), 95 % interval    and at most {MOST_NM:g} N m")
     for shift, gains in enumerate(map(str, data.gains.values)):
         own = data.sel(gains=gains)
@@ -51,7 +53,11 @@ def main(folder: Path = Path("out/examples/capture"), samples: int = 512) -> Non
         axes.errorbar(middle, value, [value - lower, upper - value], fmt="o-", capsize=3, label=gains)
     axes.set(xlabel="tumble rate [deg/s]", ylabel="P(capture)", ylim=(0, 1.05))
     axes.legend()
-    figure.savefig(folder / "capture.svg")
+    figure.savefig(folder / "capture.png")
+    fastest = int(np.where((data.captured.sel(gains="tuned") > 0).all("captured_of"), rate, 0).argmax())
+    viz.write_recording(
+        done.simulate(fastest, "tuned"), folder / "film.gif", frames_per_s=5, speed=4, size_px=(480, 300)
+    )
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 import spacerobot as sr
+import viz
 from viz import figures
 
 TASK = Path(__file__).with_name("reach.yaml")
@@ -36,9 +37,14 @@ def main(
 ) -> None:
     """A table and a figure; the plan is found first, of what the scenario's ``plan`` section asks for."""
     shared = {"simulation.duration": duration_s}
-    results = {name: sr.simulate(sr.load_scene(TASK, shared | WAYS[name])) for name in names if name in WAYS}
+    results = {}
+    for name in (name for name in names if name in WAYS):
+        print("simulating:", name)
+        results[name] = sr.simulate(sr.load_scene(TASK, shared | WAYS[name]))
     if "plan" in names:
-        sr.plan(sr.load_scene(TASK), folder / "plan")  # writes also the scenario that follows the plan
+        sr.plan(
+            sr.load_scene(TASK), folder / "plan", progress=print
+        )  # writes also the scenario that follows the plan
         results["plan"] = sr.simulate(sr.load_scene(folder / "plan" / "followed.yaml", shared))
     print(f"{'way':30s}base turns   base moves   torque rms   greatest   rest within 0.1 mm   tip at the end")
     for name, result in results.items():
@@ -52,6 +58,8 @@ def main(
         print(f"{rests:14.2f} s{1e3 * away[-1]:19.4f} mm")
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "disturbance.png").write_bytes(figures.to_bytes(figures.disturbance(results), "png"))
+    *_, last = results.values()
+    viz.write_recording(last, folder / "film.gif", frames_per_s=5, speed=3, size_px=(480, 300))
 
 
 if __name__ == "__main__":

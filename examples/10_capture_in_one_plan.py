@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import spacerobot as sr
+import viz
 
 LEFT = {"tip": "servicer/left_tip", "frame": "mate_left"}
 RIGHT = {"tip": "servicer/right_tip", "frame": "mate_right"}
@@ -31,14 +32,16 @@ CHANGES = {  # what stood in the plan of the first arm alone stands in its phase
 def main(scenario: str | Path = "capture", changes: Mapping[str, Any] = CHANGES) -> None:
     """Plan, fly, and tell when and how softly each grip closed."""
     folder = Path("out/examples/one_plan")
-    planned = sr.plan(sr.load_scene(scenario, changes), folder)
+    planned = sr.plan(sr.load_scene(scenario, changes), folder, progress=print)
     for phase in planned.summary["phases"]:
         print(f"{phase['name']:8} {phase['duration_s']:7.3f} s")
-    flown = sr.simulate(planned.scene())
+    flown = sr.simulate(planned.scene(), progress=print)
     for event in flown.summary["events"]:
         if event["kind"] == "captured":
             speed = 1e3 * sum(v**2 for v in event["relative_velocity_m_s"]) ** 0.5
             print(f"{event['who']:8} captured at {event['time_s']:.3f} s, at {speed:.1e} mm/s")
+    viz.save_figures(flown, folder / "figures", formats=("png",), names=["storyboard"])
+    viz.write_recording(flown, folder / "film.gif", frames_per_s=5, speed=2, size_px=(480, 300))
 
 
 if __name__ == "__main__":

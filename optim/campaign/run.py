@@ -53,6 +53,13 @@ class CampaignProgress:
     rate: float = math.nan
     left_s: float = math.nan
 
+    def __str__(self) -> str:
+        """Progress in a few words, so that ``progress=print`` reads well."""
+        if not self.total:
+            return self.phase
+        done = f"{self.done} of {self.total} samples, {100 * self.done / self.total:.0f} %"
+        return f"{done}, {self.rate:.0f} rollouts a second, about {self.left_s:.0f} s left"
+
 
 class ChunkQueue:
     """Samples still to do, handed out in pieces of any size up to ``most``, in order."""

@@ -116,6 +116,13 @@ class SearchProgress:
     seconds: float
     left_s: float
 
+    def __str__(self) -> str:
+        """Progress in a few words, so that ``progress=print`` reads well."""
+        left = f", about {self.left_s:.0f} s left" if self.left_s == self.left_s else ""
+        return (
+            f"{self.method} {self.index + 1}, {100 * self.done:.0f} %, best so far {self.objective:.4g}{left}"
+        )
+
 
 Progress = Callable[[SearchProgress], object]
 

@@ -96,8 +96,6 @@ def shown() -> Iterator[tuple[Callable[[str], None], Progress]]:
 
         def report(now: SearchProgress) -> None:
             keep()
-            left = f", about {now.left_s:.0f} s left" if now.left_s == now.left_s else ""
-            done = f"{100 * now.done:.0f} %, best so far {now.objective:.4g}{left}"
-            tell(f"{begun[0].split(':')[0]}: {now.method} {now.index + 1}, {done}")
+            tell(f"{begun[0].split(':')[0]}: {now}")
 
         yield say, report

@@ -1,23 +1,62 @@
-"""The notebooks run from top to bottom, and print what is kept in them."""
+"""The notebooks run from top to bottom, print what is kept in them and draw the figures kept in them."""
 
+import ast
+import base64
+import io
 import json
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
-NOTEBOOKS = sorted((Path(__file__).parents[2] / "examples" / "notebooks").glob("*.ipynb"))
+from tests.examples.recording import draw_square_frames
+
+FOLDER = Path(__file__).parents[2] / "examples" / "notebooks"
+NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 
 
 def test_notebooks_are_here_and_small():
     assert len(NOTEBOOKS) >= 2
-    assert max(path.stat().st_size for path in NOTEBOOKS) < 20_000
+    assert max(path.stat().st_size for path in NOTEBOOKS) < 600_000
+
+
+def shown(source: str, name: str, names: dict[str, object]) -> object:
+    """Run a cell; the value of its last line if that is an expression."""
+    tree = ast.parse(source, name)
+    last = ast.Expression(tree.body.pop().value) if isinstance(tree.body[-1], ast.Expr) else None
+    exec(compile(tree, name, "exec"), names)
+    return None if last is None else eval(compile(last, name, "eval"), names)
+
+
+def grey(picture: bytes) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(picture)).convert("L")).astype(float)
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_prints_what_it_holds(path, capsys):
+def test_a_notebook_shows_what_it_holds(path, tmp_path, monkeypatch, capsys):
+    """Texts are the same; figures too, up to small differences of fonts."""
+    draw_square_frames(monkeypatch)
+    monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
-    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
-        if cell["cell_type"] == "code":
-            exec(compile("".join(cell["source"]), path.name, "exec"), names)
-            kept = "".join("".join(output["text"]) for output in cell["outputs"])
-            assert capsys.readouterr().out == kept
+    pictures = 0
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    for cell in cells:
+        if cell["cell_type"] != "code":
+            continue
+        value = shown("".join(cell["source"]), path.name, names)
+        texts = [out["text"] for out in cell["outputs"] if out["output_type"] == "stream"]
+        assert capsys.readouterr().out == "".join("".join(text) for text in texts)
+        for out in cell["outputs"]:
+            if out["output_type"] == "execute_result":
+                stored, drawn = grey(base64.b64decode(out["data"]["image/png"])), grey(value._repr_png_())
+                assert stored.shape == drawn.shape
+                assert np.abs(stored - drawn).mean() < 2
+                pictures += 1
+    assert pictures
+    # the film that the last cell writes is shown, with as many frames
+    text = "".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
+    (film,) = re.findall(r"\]\(([^)]+\.gif)\)", text)
+    with Image.open(FOLDER / film) as stored, Image.open(tmp_path / "film.gif") as drawn:
+        assert (stored.size, stored.n_frames) == (drawn.size, drawn.n_frames)

@@ -93,8 +93,8 @@ T = TypeVar("T")
 class Drawing(Figure):
     """A matplotlib figure that needs no display and shows itself in notebooks."""
 
-    def _repr_svg_(self) -> str:
-        return to_bytes(self, "svg").decode("utf-8")
+    def _repr_png_(self) -> bytes:  # GitHub and every front end show PNG
+        return to_bytes(self, "png")
 
 
 def styled(function: Callable[P, T]) -> Callable[P, T]:

@@ -97,11 +97,7 @@ def command(
         def report(now: CampaignProgress) -> None:
             """Say what is being done; what is rolled out is kept."""
             keep(now.phase == ROLLING_OUT)
-            words = now.phase
-            if now.total:
-                done = f"{now.done} of {now.total} samples, {100 * now.done / now.total:.0f} %"
-                words = f"{done}, {now.rate:.0f} rollouts a second, about {now.left_s:.0f} s left"
-            tell(words)
+            tell(str(now))
 
         found = run_campaign(
             scene,

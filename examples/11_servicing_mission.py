@@ -1,0 +1,64 @@
+"""A servicing mission from three URDFs: draft, simulation, planned approach and Monte Carlo analysis."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import spacerobot as sr
+import viz
+from viz import figures
+
+HERE = Path(__file__).parent
+REQUEST = sr.DraftRequest(
+    robots=(),
+    bus=str(HERE / "servicer_bus.urdf"),
+    mounts=[f"arm={HERE / 'service_arm.urdf'}@0.7,0,0"],  # on the front of the bus
+    target=str(HERE / "client.urdf"),
+    include=("wheels", "filters"),  # attitude control; a camera, a star tracker and a gyro with errors
+)
+JOINTS = "robots.servicer_bus.joints"
+FOLDED = {  # the draft begins close to the client; the mission begins with a folded arm
+    f"{JOINTS}.arm_upper.angle_deg": -75,
+    f"{JOINTS}.arm_lower.angle_deg": 135,
+    f"{JOINTS}.arm_wrist_pitch.angle_deg": -60,
+}
+
+
+def main(
+    folder: Path = Path("out/examples/mission"),
+    verify: bool = True,
+    samples: int = 32,
+    planned: bool = True,
+    changes: Mapping[str, Any] = FOLDED,
+) -> None:
+    """Draft, simulate, plan, run a campaign, and draw each; the first run takes some minutes."""
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / "mission.yaml"
+    # the draft is simulated, linearised and slowed down until it captures with margins
+    draft = sr.draft(REQUEST, file, capture=True, simulate=verify, progress=print)
+    file.write_text(draft.text, encoding="utf-8")
+    print(*draft.problems, *draft.checks, sep="\n")
+
+    scene = sr.load_scene(file, {**changes, "campaign.samples": samples})
+    result = sr.simulate(scene, progress=print)
+    for event in result.summary["events"]:
+        print(f"{event['time_s']:7.2f} s  {event['kind']}")
+    names = ["storyboard", "approach", "wheels"]
+    viz.save_figures(result, folder / "figures", formats=("png",), names=names)
+    viz.write_recording(result, folder / "film.gif", frames_per_s=5, speed=15, size_px=(480, 300))
+
+    # the approach from the draft's posture with the least torque and base rotation, verified by replay
+    if planned:
+        print(sr.plan(sr.load_scene(file), folder / "plan", progress=print))
+
+    # uncertain masses, drift and sensor noise
+    campaign = sr.campaign(scene, folder / "campaign", progress=print)
+    failed = campaign.summary["gains"]["scenario"]["failure"]["any"]
+    print(f"fails with {failed['value']:.1%} ({failed['low']:.1%} to {failed['high']:.1%})")
+    times = {"scenario": campaign.data.capture_time.values.ravel()}
+    drawing = figures.robustness(times, quantity="capture time", unit="s")
+    (folder / "figures" / "capture_time.png").write_bytes(figures.to_bytes(drawing, "png"))
+
+
+if __name__ == "__main__":
+    main()
