@@ -1,6 +1,8 @@
-"""The speed of a tip: a quantity, which plans and tuning weigh and campaigns keep, and a limit of plans.
+r"""The speed of a tip: a quantity, which plans and tuning weigh and campaigns keep, and a limit of plans.
 
-spacerobot plan reach.yaml --plugin tip_speed.py --set 'plan.limits.tip_speed={upper: 0.2, tip: arm/tip}'
+spacerobot plan bounce --plugin tip_speed.py --set plan.duration=3 \
+    --set 'plan.goals={up: {kind: posture, robot: arm, joints: {joint_1: {angle_deg: 80}}}}' \
+    --set 'plan.costs={torque: 1, tip_speed: 1}' --set 'plan.limits.tip_speed={upper: 0.3, tip: arm/tip}'
 """
 
 from collections.abc import Iterator

@@ -117,12 +117,17 @@ def help_markup(text: str) -> str:
 
 
 def plugins_first(arguments: Sequence[str]) -> list[str]:
-    """Arguments with every ``--plugin FILE`` in front of the command, where it is an option of the whole."""
+    """Arguments with every ``--plugin FILE`` in front of the command, where it is an option of the whole.
+
+    A command that has an option ``--plugin`` itself, as ``new``, gets those that follow it.
+    """
     front: list[str] = []
     rest: list[str] = []
     waiting = iter(arguments)
     for argument in waiting:
-        if argument == "--":
+        command = command_line().commands.get(rest[0]) if rest else None
+        has_option = command is not None and any("--plugin" in option.opts for option in command.params)
+        if argument == "--" or has_option:
             return [*front, *rest, argument, *waiting]
         if argument == "--plugin":
             front += [argument, *(file for file in [next(waiting, None)] if file is not None)]

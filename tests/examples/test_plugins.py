@@ -1,7 +1,16 @@
-"""The plugins of ``examples/plugins``, all in one scene: simulated, differentiated, planned and on a page."""
+"""The plugins of ``examples/plugins``, all in one scene: simulated, differentiated, planned and on a page.
 
+``spacerobot new --plugin`` writes them as templates, and these files are the ones that are used here.
+"""
+
+import shlex
 from pathlib import Path
 
+import pytest
+
+from spacerobot.cli.app import command_line, plugins_first
+from spacerobot.drafting.plugins import TEMPLATES, plugin_command, plugin_template
+from spacerobot.errors import SpaceRobotError
 from tests import forks
 
 ROOT = Path(__file__).parents[2]
@@ -15,13 +24,18 @@ import numpy as np
 import yaml
 
 import spacerobot as sr
+from optim.planning.output.plan_folder import dataset
 from optim.planning.search.make_plan import make_plan
 from spacerobot.scene.contacts import gaps
 from tests.optim.planning.conftest import REACH
 
-for file in sorted(Path("examples/plugins").glob("*.py")):
-    sr.load_plugin(file)
+from spacerobot.cli.commands.new import write_plugin
+from spacerobot.drafting.plugins import TEMPLATES
+
 robot, folder = "robots.one", Path(sys.argv[1])
+for family in TEMPLATES:
+    write_plugin(family, folder / f"my_{family}.py")
+    sr.load_plugin(folder / f"my_{family}.py")
 own = {
     "actuators": {"wheel": {"kind": "reaction_wheel", "gain": 0.5}},
     "sensors": {"joint_rate": {"kind": "thermal", "temperature": 45}},
@@ -106,6 +120,14 @@ except sr.SpaceRobotError as fault:
 else:
     raise AssertionError("the start was not refused")
 
+# the tip, which starts 50 deg off, looks up at the end: to a degree, and the solver's tolerance of it
+looks = {"kind": "pointing", "tip": "one/tip", "towards": [0, 1, 0]}
+upwards = {"plan.goals": {"camera": looks}, "plan.limits": {}, "plan.keep_out": {}}
+plan = dataset(make_plan(sr.load_scene(folder / "scene.yaml", upwards), backend="interpreted"))
+x, y, z = plan.tip_rotation.isel(time=-1, tip=0).values
+assert abs(np.hypot(x, y)) < 1e-9
+assert abs(z - np.pi / 2) < np.radians(1.01)
+
 sr.animate(result, folder / "page.html")
 page = (folder / "page.html").read_text(encoding="utf-8")
 assert "speed of reaction wheels" in page
@@ -114,10 +136,47 @@ assert '"kind":"mesh"' in page.replace(" ", "")
 
 
 def test_there_is_a_plugin_of_each_kind_that_the_documentation_shows():
-    assert PLUGINS == ["ellipsoid", "impedance", "lemniscate", "reaction_wheel", "thermal", "tip_speed"]
+    shown = ["ellipsoid", "impedance", "lemniscate", "pointing", "reaction_wheel", "thermal", "tip_speed"]
+    assert sorted(TEMPLATES.values()) == PLUGINS == shown
 
 
 def test_plugins_are_simulated_differentiated_planned_with_and_shown(tmp_path):
     """In a process of its own, so that kinds stay out of other tests."""
     done = forks.run(SCRIPT, tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("family", TEMPLATES)
+def test_the_command_in_a_template_uses_it(family, tmp_path):
+    """The options of the command that ``new`` prints are valid, and its scene has the template's kind."""
+    written = forks.command("new", "--plugin", family, folder=tmp_path)
+    assert written.returncode == 0, written.stderr
+    text = (tmp_path / f"{family}.py").read_text(encoding="utf-8")
+    command = plugin_command(text)
+    assert command in written.stdout
+    words = shlex.split(command)
+    assert words[0] == "spacerobot"
+    assert words[words.index("--plugin") + 1] == f"{family}.py"
+    name, *rest = plugins_first(words[1:])[2:]
+    params = command_line().commands[name].make_context(name, list(rest)).params
+    script = """
+    import sys, spacerobot as sr
+    from spacerobot.cli.options import parse_changes
+    sr.load_plugin(sys.argv[1])
+    sr.load_scene(sys.argv[2], parse_changes(sys.argv[3:]))
+    """
+    loaded = forks.run(script, tmp_path / f"{family}.py", params["scenario"], *params["changes"])
+    assert loaded.returncode == 0, loaded.stderr
+
+
+def test_a_template_replaces_no_file_and_has_a_family(tmp_path):
+    (tmp_path / "goal.py").write_text("mine", encoding="utf-8")
+    again = forks.command("new", "--plugin", "goal", folder=tmp_path)
+    assert again.returncode == 2
+    assert "goal.py: exists already" in again.stderr
+    assert (tmp_path / "goal.py").read_text(encoding="utf-8") == "mine"
+    both = forks.command("new", "--plugin", "goal", "--robot", "a.urdf", folder=tmp_path)
+    assert both.returncode == 2
+    with pytest.raises(SpaceRobotError, match="did you mean sensor"):
+        plugin_template("sensors", tmp_path / "mine.py")
+    assert "--plugin 'my goal.py'" in plugin_command(plugin_template("goal", Path("my goal.py")))

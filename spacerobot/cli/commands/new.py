@@ -9,6 +9,8 @@ import typer
 
 from spacerobot.cli.command import Command
 from spacerobot.cli.output import console, progress, warn
+from spacerobot.errors import ScenarioError
+from spacerobot.files import write_text
 
 Robots = Annotated[
     list[str] | None,
@@ -74,8 +76,20 @@ Simulate = Annotated[
     bool,
     typer.Option("--simulate/--no-simulate", help="Whether the draft is simulated before it is written."),
 ]
+Plugin = Annotated[
+    str | None,
+    typer.Option(
+        "--plugin",
+        metavar="FAMILY",
+        help="Write a plugin that runs, in place of a scenario: a sensor, actuator, controller, reference, "
+        "shape, quantity or goal.",
+    ),
+]
 Out = Annotated[
-    Path | None, typer.Option("--out", metavar="FILE", help="Scenario to write; ROBOT.yaml by default.")
+    Path | None,
+    typer.Option(
+        "--out", metavar="FILE", help="File to write; ROBOT.yaml, or FAMILY.py of a plugin, by default."
+    ),
 ]
 
 
@@ -92,9 +106,10 @@ def command(
     capture: Capture = False,
     point: Point = None,
     simulate: Simulate = True,
+    plugin: Plugin = None,
     out: Out = None,
 ) -> None:
-    """Draft a scenario from URDFs of robots and a target.
+    """Draft a scenario from URDFs of robots and a target, or begin a plugin.
 
     Bases, posture, gains, bounds and steps are computed from the URDFs. The draft is simulated and
     linearised; a capture is slowed down until it succeeds. Comments in the file say what was found.
@@ -107,11 +122,17 @@ def command(
 
         spacerobot new --capture --bus satellite_box.urdf --mount arm=panda_arm.urdf@0.5,0,0,0,90,0
             --target satellite_box.urdf --with wheels,filters --out mission.yaml
+
+        spacerobot new --plugin sensor --out my_sensor.py
     """
+    if plugin is not None:
+        if robot or target or bus:
+            message = "a plugin has no robot or target; write the scenario by a command of its own"
+            raise ScenarioError(message, where="--plugin")
+        write_plugin(plugin, out or Path(f"{plugin}.py"))
+        return
     from spacerobot.drafting import DraftRequest, draft, surface_point
     from spacerobot.drafting.capture import POINT
-    from spacerobot.errors import ScenarioError
-    from spacerobot.files import write_text
     from spacerobot.scene.overlaps import overlaps
 
     if target is None or not (robot or bus):
@@ -170,3 +191,29 @@ def command(
     following = "`plan`, `tune` and `campaign`" if capture else "`tune` and `campaign`"
     done = "simulated; show it by" if drafted.is_verified else "written; simulate it by"
     console().print(f"{file}: {done} `spacerobot run {file}`, then {following}", markup=False, soft_wrap=True)
+
+
+def write_plugin(family: str, file: Path) -> None:
+    """Write a plugin that runs, and print the command that uses it.
+
+    Parameters
+    ----------
+    family
+        Family of its kind, as ``sensor``.
+    file
+        Python file to write; there must be none of that name.
+
+    Raises
+    ------
+    ScenarioError
+        If the file exists.
+    SpaceRobotError
+        If there is no template of the family.
+    """
+    from spacerobot.drafting.plugins import plugin_command, plugin_template
+
+    text = plugin_template(family, file)
+    if file.exists():
+        raise ScenarioError("exists already; name another file by --out", source=file)
+    write_text(file, text)
+    console().print(f"{file}: written; use it by\n{plugin_command(text)}", markup=False, soft_wrap=True)
