@@ -142,9 +142,9 @@ def steps_needed(matrix: Array, propellant: Array) -> int:
     """
     size, most = sum(matrix.shape), 3
     layout = ThrusterLayout.of(ca.sparsify(ca.SX(matrix)), ca.SX(propellant))
-    wanted = np.random.default_rng(0).normal(size=(len(matrix), 100))
-    reach = np.maximum(matrix.T @ wanted, 0).sum(0) / (wanted**2).sum(0)
-    wanted = np.hstack([wanted * reach * part for part in (0.1, 0.4, 0.6, 1.0, 2.0)])
+    wrenches = np.random.default_rng(0).normal(size=(len(matrix), 100))
+    reach = np.maximum(matrix.T @ wrenches, 0).sum(0) / (wrenches**2).sum(0)
+    wrenches = np.hstack([wrenches * reach * part for part in (0.1, 0.4, 0.6, 1.0, 2.0)])
     w = ca.SX.sym("w", len(matrix))
     begun = _begin(layout, w)
     names = ("levels", "values", "wrench", "part", "ended")
@@ -152,11 +152,11 @@ def steps_needed(matrix: Array, propellant: Array) -> int:
     begin = ca.Function("begin", [w], [getattr(begun, name) for name in names])
     after = _step(layout, place)
     step = ca.Function("step", [getattr(place, n) for n in names], [getattr(after, n) for n in names])
-    now = begin.map(wanted.shape[1])(wanted)
+    now = begin.map(wrenches.shape[1])(wrenches)
     for count in range(most * size):
         if bool(ca.mmin(now[-1])):
             return size * int(np.ceil((1.25 * count + 1) / size))
-        now = step.map(wanted.shape[1])(*now)
+        now = step.map(wrenches.shape[1])(*now)
     return most * size
 
 
@@ -227,25 +227,27 @@ def largest_box(full: Array, rows: Sequence[int]) -> Array:
         Greatest force along [N] and torque about [N m] each axis (6,), with the sides in the ratio of what
         each axis gets alone.
     """
-    own = full[rows]
-    alone = np.array([min(_reach(own, sign * side) for sign in (1, -1)) for side in np.eye(len(rows))])
+    wrench_rows = full[rows]
+    alone = np.array(
+        [min(_reach(wrench_rows, sign * side) for sign in (1, -1)) for side in np.eye(len(rows))]
+    )
     alone[alone < NOT_DRIVEN * alone.max(initial=0.0)] = 0.0
-    found, sides = np.zeros(6), np.flatnonzero(alone)
+    half_sides, sides = np.zeros(6), np.flatnonzero(alone)
     if sides.size:
         corners = (np.array(signs) for signs in itertools.product((1, -1), repeat=sides.size))
         onto = np.eye(len(rows))[:, sides] * alone[sides]
-        found[rows] = min(_reach(own, onto @ signs) for signs in corners) * alone
-    return found
+        half_sides[rows] = min(_reach(wrench_rows, onto @ signs) for signs in corners) * alone
+    return half_sides
 
 
-def _reach(full: Array, wanted: Array) -> float:
+def _reach(full: Array, wrench: Array) -> float:
     """How much of a wrench nozzles between shut and open give, and nothing else."""
     from scipy.optimize import linprog  # takes time to load, and a run needs none of it
 
     count = full.shape[1]
     size = np.abs(full).max(axis=1, keepdims=True) + (np.abs(full).max(axis=1, keepdims=True) == 0)
-    equal = np.hstack([full, -wanted[:, None]]) / size
+    equal = np.hstack([full, -wrench[:, None]]) / size
     cost = np.append(np.zeros(count), -1.0)
     bounds = [(0, 1)] * count + [(0, None)]
-    found = linprog(cost, A_eq=equal, b_eq=np.zeros(len(wanted)), bounds=bounds)
-    return float(found.x[-1]) if found.status == 0 else 0.0
+    solution = linprog(cost, A_eq=equal, b_eq=np.zeros(len(wrench)), bounds=bounds)
+    return float(solution.x[-1]) if solution.status == 0 else 0.0

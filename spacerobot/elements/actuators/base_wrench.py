@@ -38,18 +38,18 @@ class BaseWrench(Actuator):
     def wrench_limits(self, *, planar: bool) -> Mapping[Part, Array]:
         """Its own limits, along and about every axis."""
         del planar
-        given: dict[Part, float | None] = {"force": self.force, "torque": self.torque}
-        return {part: np.full(3, np.inf if most is None else most) for part, most in given.items()}
+        part_limits: dict[Part, float | None] = {"force": self.force, "torque": self.torque}
+        return {part: np.full(3, np.inf if most is None else most) for part, most in part_limits.items()}
 
     def build(self, actuator: ActuatorContext) -> Contribution:
         """Wrench clipped axis by axis."""
         columns, limits = actuator.base_columns, []
         linear = len(columns) - (3 if len(columns) == 6 else 1)
-        for key, given, count in (
+        for key, section_limit, count in (
             ("force", self.force, linear),
             ("torque", self.torque, len(columns) - linear),
         ):
-            limit = ca.SX(ca.inf) if given is None else actuator.context.number(key)
+            limit = ca.SX(ca.inf) if section_limit is None else actuator.context.number(key)
             limits.append(ca.repmat(limit, count, 1))
         most = ca.vertcat(*limits)
         each: list[float | None] = [self.force] * linear + [self.torque] * (len(columns) - linear)

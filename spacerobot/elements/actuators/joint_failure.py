@@ -66,10 +66,10 @@ class JointFailure(Actuator):
         name = f"{actuator.robot}/{self.joint}"
         if self.mode in HELD:
             running = self.mode == "runaway"
-            found, sets, updates = held_joints(actuator, joints, running=running, known=self.known)
+            holding, sets, updates = held_joints(actuator, joints, running=running, known=self.known)
             impact = self.mode == "locked"
             _, event = failing(context, name, sets=sets, updates=updates, impact=impact)
-            return replace(found, events=(event,))
+            return replace(holding, events=(event,))
         failed, event = failing(context, name)
         left = context.number("remaining") if self.mode == "weak" else ca.SX(1, 1)
         factor = 1 - failed * (1 - left)

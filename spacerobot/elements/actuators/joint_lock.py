@@ -46,21 +46,21 @@ def held_joints(
         Whether controllers know of it from then on; :func:`known_lock` is the switch.
     """
     constants, plant = actuator.context.constants, actuator.plant
-    found, sets, updates = list[Contribution](), dict[str, bool](), dict[str, ca.SX]()
+    parts, sets, updates = list[Contribution](), dict[str, bool](), dict[str, ca.SX]()
     for joint in joints:
         name, column = f"{actuator.robot}/{joint}", actuator.columns[joint]
         made = f"{name}.held" in constants.switches
         held, runs = constants.switch(f"{name}.held"), constants.switch(f"{name}.runs")
-        kept = memory(f"{name}.held_rate", ca.SX.zeros(1))
+        held_rate = memory(f"{name}.held_rate", ca.SX.zeros(1))
         sets |= {held.name(): True, runs.name(): running}
         sets |= {known_lock(constants, actuator.robot, joint).name(): True} if known else {}
-        updates |= {kept.name: plant.v[column]} if running else {}
+        updates |= {held_rate.name: plant.v[column]} if running else {}
         if not made:
-            constraint = _hold(actuator, column, name, held, runs * kept.symbol)
+            constraint = _hold(actuator, column, name, held, runs * held_rate.symbol)
             constraint = replace(constraint, known=known_lock(constants, actuator.robot, joint))
-            found.append(Contribution(states=(kept,), constraints=(constraint,)))
-    states = tuple(state for part in found for state in part.states)
-    constraints = tuple(one for part in found for one in part.constraints)
+            parts.append(Contribution(states=(held_rate,), constraints=(constraint,)))
+    states = tuple(state for part in parts for state in part.states)
+    constraints = tuple(one for part in parts for one in part.constraints)
     return Contribution(states=states, constraints=constraints), sets, updates
 
 
@@ -74,7 +74,7 @@ def _hold(
 ) -> AccelerationConstraint:
     """Constraint that holds a joint at a rate; its one direction stands for the joint's axis."""
     plant = actuator.plant
-    unit, found = ca.SX(plant.v.size1(), 1), plant.v[column]
+    unit, joint_rate = ca.SX(plant.v.size1(), 1), plant.v[column]
     unit[column] = 1
 
     def answer(force: ca.SX, torque: ca.SX) -> Contribution:
@@ -85,7 +85,7 @@ def _hold(
             outputs=(Output("brake_torque", -torque[2], "N m or N", text, "brake", name),),
         )
 
-    slip = found - rate
+    slip = joint_rate - rate
     return AccelerationConstraint(
         (unit_load(2, rotation=True),), plant.reduced(unit), DECAY * slip, slip, answer, held, imposed=rate
     )

@@ -209,7 +209,12 @@ class _Observer:
         turning = base[2:] if len(base) == 3 else base[3:]
         sources = {"velocity_noise": base[: len(base) - len(turning)], "spin_noise": turning}
         sources["joint_noise"] = tuple(actuator.columns.values())
-        places = [(column, key) for key, own in sources.items() for column in own if not context.is_zero(key)]
+        places = [
+            (column, key)
+            for key, source_columns in sources.items()
+            for column in source_columns
+            if not context.is_zero(key)
+        ]
         assert self.config.period is not None
         deviations = [context.number(key) for _, key in places]
         errors, numbers = sample_noise(context, self.name, self.config.period, clock, deviations)

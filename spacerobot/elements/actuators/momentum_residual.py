@@ -80,11 +80,11 @@ def continuous_residual(context: SectionContext, name: str, asked: ca.SX, moment
     momenta
         Momenta and their known rates.
     """
-    found, rate, _ = momenta
-    size = found.size1()
+    momentum, rate, _ = momenta
+    size = momentum.size1()
     explained = ca.SX.sym(f"{name}.explained", size)
-    residual = context.number("bandwidth") * (found - explained)
-    state = State(f"{name}.explained", explained, found, asked + rate + residual)
+    residual = context.number("bandwidth") * (momentum - explained)
+    state = State(f"{name}.explained", explained, momentum, asked + rate + residual)
     return Residual(residual, ca.repmat(context.number("allowance"), size, 1), (state,))
 
 
@@ -112,27 +112,27 @@ def sampled_residual(
     """
     size, period = asked.size1(), context.steady("period")
     clock = Clock.of(f"{name}.samples", context.time, period)
-    found, rate, numbers = momenta(clock)
+    momentum, rate, numbers = momenta(clock)
     effort, zeros = ca.SX.sym(f"{name}.effort", size), ca.SX.zeros(size)
     last, before, residual = (memory(f"{name}.{key}", zeros) for key in ("momentum", "rate", "residual"))
     a = ca.exp(-context.number("bandwidth") * period)
     a = context.once("decay", context.constants.expanded(a))
-    missed = (found - last.symbol - effort) / period - (rate + before.symbol) / 2
+    missed = (momentum - last.symbol - effort) / period - (rate + before.symbol) / 2
     first = clock.count.symbol < 0.5
     after = ca.if_else(first, 0, a * residual.symbol + (1 - a) * missed)
     states = [clock.count, State(f"{name}.effort", effort, zeros, asked), last, before, residual]
-    updates = {f"{name}.effort": zeros, last.name: found, before.name: rate, residual.name: after}
+    updates = {f"{name}.effort": zeros, last.name: momentum, before.name: rate, residual.name: after}
     threshold = ca.repmat(context.number("allowance"), size, 1) if allowance is None else allowance
     tests = threshold.size1()
     if numbers.numel():
-        rows = ca.jacobian(found, numbers)
-        own = ca.densify(ca.sum2(rows * rows))
+        rows = ca.jacobian(momentum, numbers)
+        noise_variance = ca.densify(ca.sum2(rows * rows))
         white, variance = (memory(f"{name}.{key}", zeros) for key in ("white", "variance"))
         scale = ((1 - a) / period) ** 2
         correlated = 2 * a * (clock.count.symbol > 1.5)  # the first residual is zero
-        grown = a**2 * variance.symbol + scale * (own + (1 - correlated) * white.symbol)
+        grown = a**2 * variance.symbol + scale * (noise_variance + (1 - correlated) * white.symbol)
         states += [white, variance]
-        updates |= {white.name: own, variance.name: ca.if_else(first, 0, grown)}
+        updates |= {white.name: noise_variance, variance.name: ca.if_else(first, 0, grown)}
         assert config.period is not None
         passes = config.false_alarms * config.period / 3600 / tests
         exceeded = NormalDist().inv_cdf(1 - min(passes, 1.0) / 2)
@@ -158,11 +158,11 @@ def sample_noise(
         Standard deviations (n of 1x1); structural zeros have no number.
     """
     noisy = [i for i, deviation in enumerate(deviations) if deviation.nnz()]
-    found = ca.SX(len(deviations), 1)
+    errors = ca.SX(len(deviations), 1)
     if not noisy:
-        return found, ca.SX(0, 1)
+        return errors, ca.SX(0, 1)
     rows = math.ceil(context.parameters.value("simulation.duration") / period_s) + 2
     numbers = context.random(name, rows, len(noisy), clock.count.symbol)
     for number, i in zip(ca.vertsplit(numbers), noisy, strict=True):
-        found[i] = deviations[i] * number
-    return found, numbers
+        errors[i] = deviations[i] * number
+    return errors, numbers

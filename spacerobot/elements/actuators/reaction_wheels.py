@@ -128,7 +128,7 @@ class ReactionWheels(WheelSet):
         spin = ca.SX(3, 1)
         spin[about] = actuator.plant.v[list(columns)]
         inertia, carried = context.number("inertia"), ca.mtimes(axes.T, spin)
-        own = momentum = ca.SX.sym(f"{name}.momentum", self.count)
+        momentum_symbol = momentum = ca.SX.sym(f"{name}.momentum", self.count)
         speed, rotation = momentum / inertia - carried, actuator.plant.placement(actuator.base_frame)[0]
         stops = self._stopped(actuator, axes[about, :], speed, inertia)
         if self.seized:
@@ -138,7 +138,7 @@ class ReactionWheels(WheelSet):
         viscous = context.once("viscous", context.parameters.sparse(f"{context.path}.viscous"))
         friction = friction + viscous * speed
         lost = (PowerTerm("wheel_friction", ca.dot(friction, speed)),) if friction.nnz() else ()
-        whole = ca.mtimes(axes, momentum)
+        total_momentum = ca.mtimes(axes, momentum)
         began = ca.vertcat(
             *(context.parameters(f"{context.path}.speeds.{i}") for i in range(len(self.speeds)))
         )
@@ -151,28 +151,33 @@ class ReactionWheels(WheelSet):
 
         def answer(asked: ca.SX) -> Contribution:
             """Everything but what is left to the next actuator."""
-            found = motors(asked)
-            torque = ca.mtimes(rotation, -ca.mtimes(axes, found.net) - cross(spin, whole))
-            tests = self.detected(actuator, found, speed, axes, inertia)
+            motor_torques = motors(asked)
+            torque = ca.mtimes(rotation, -ca.mtimes(axes, motor_torques.net) - cross(spin, total_momentum))
+            tests = self.detected(actuator, motor_torques, speed, axes, inertia)
             return Contribution(
-                states=(State(f"{name}.momentum", own, first, found.net), *tests.states),
+                states=(State(f"{name}.momentum", momentum_symbol, first, motor_torques.net), *tests.states),
                 wrenches=(actuator.on_base(torque=torque),),
-                powers=(PowerTerm("actuator", ca.dot(found.net + found.friction, speed), "in"), *lost),
+                powers=(
+                    PowerTerm("actuator", ca.dot(motor_torques.net + motor_torques.friction, speed), "in"),
+                    *lost,
+                ),
                 outputs=(
-                    *self.observed(actuator, found, speed, ca.mtimes(rotation, whole)),
+                    *self.observed(actuator, motor_torques, speed, ca.mtimes(rotation, total_momentum)),
                     *tests.outputs,
                 ),
-                events=(*found.events, *tests.events),
+                events=(*motor_torques.events, *tests.events),
             )
 
         def left(asked: ca.SX) -> ca.SX:
             return asked + ca.mtimes(axes[about, :], motors(asked).command)
 
         stored = StoredMomentum(
-            actuator.robot, ca.mtimes(rotation, whole), ca.dot(momentum, momentum) / (2 * inertia)
+            actuator.robot, ca.mtimes(rotation, total_momentum), ca.dot(momentum, momentum) / (2 * inertia)
         )
         drive = ActuatorDrive(columns, left, answer, passes_on=columns)
-        return replace(stops, drives=(drive,), stored=(stored,), wheels=(ca.mtimes(rotation, whole),))
+        return replace(
+            stops, drives=(drive,), stored=(stored,), wheels=(ca.mtimes(rotation, total_momentum),)
+        )
 
     def seizing(self, actuator: ActuatorContext, wheel: int) -> tuple[dict[str, bool], dict[str, ca.SX]]:
         """It is remembered that the wheel has stopped."""
@@ -180,10 +185,10 @@ class ReactionWheels(WheelSet):
 
     def _seized(self, actuator: ActuatorContext) -> ca.SX:
         """Switches of wheels that have seized (n x 1)."""
-        context, found = actuator.context, ca.SX(self.count, 1)
+        context, switches = actuator.context, ca.SX(self.count, 1)
         for wheel, i in self.seized.items():
-            found[wheel] = context.at(f"{context.path}.failures.{i}").switch("failed")
-        return found
+            switches[wheel] = context.at(f"{context.path}.failures.{i}").switch("failed")
+        return switches
 
     def _stopped(self, actuator: ActuatorContext, axes: ca.SX, speed: ca.SX, inertia: ca.SX) -> Contribution:
         """Constraints by which wheels (axes k x n, speeds n x 1) that have seized turn with the base.
@@ -193,7 +198,7 @@ class ReactionWheels(WheelSet):
         as the impact of a capture, finds a wheel without a speed of its own, whose momentum is
         ``J a . omega``: the base with its inertia about the axis.
         """
-        plant, found = actuator.plant, Contribution()
+        plant, constraints_of_wheels = actuator.plant, Contribution()
         columns, switches = list(base_rotation_axes(actuator)[0]), self._seized(actuator)
         for wheel in self.seized:
             stopped = memory(f"{names_of(actuator, self.count)[wheel]}.stopped", ca.SX.zeros(1))
@@ -208,8 +213,10 @@ class ReactionWheels(WheelSet):
                 switches[wheel],
                 compliance=1 / inertia,
             )
-            found = concatenate([found, Contribution(states=(stopped,), constraints=(constraint,))])
-        return found
+            constraints_of_wheels = concatenate(
+                [constraints_of_wheels, Contribution(states=(stopped,), constraints=(constraint,))]
+            )
+        return constraints_of_wheels
 
     def _geometry(self, actuator: ActuatorContext, about: list[int]) -> tuple[ca.SX, ca.SX]:
         """Axes (3 x n) and their pseudo-inverse (n x 3), of those parts that can turn the base."""

@@ -36,7 +36,7 @@ def saturation_events(
     side
         Which limit, where parts have several.
     """
-    found = list[Event]()
+    events = list[Event]()
     for i, name in enumerate(names):
         clipped = actuator.context.switch(f"clipped{side}.{i}")
         acts = free[i] if free else ca.SX(1)
@@ -46,5 +46,5 @@ def saturation_events(
         ):
             sets = {clipped.name(): on}
             label = f"{name}.{kind}{side}"
-            found.append(Event(label, kind, name, guard, both(armed, acts), sets, kink=True))
-    return tuple(found)
+            events.append(Event(label, kind, name, guard, both(armed, acts), sets, kink=True))
+    return tuple(events)

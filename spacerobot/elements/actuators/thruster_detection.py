@@ -109,14 +109,14 @@ class ThrusterTest:
         def excess(left: ca.SX) -> ca.SX:
             return ca.mmax(ca.fabs(left) / limit) - 1
 
-        found, events = context.switch("found"), list[Event]()
+        detected, events = context.switch("found"), list[Event]()
         beyond, over = excess(residual), memory(f"{name}.detection.over", ca.SX.zeros(1))
         (sampled,) = test.events
         counted = ca.if_else(beyond > 0, over.symbol + 1, 0)
         sampled = replace(sampled, updates={**sampled.updates, over.name: counted})
         settled = over.symbol * context.steady("period") * context.number("bandwidth") / SETTLED - 1
         events.append(
-            Event(f"{name}.detected", "detected", name, beyond, negated(found), {found.name(): True})
+            Event(f"{name}.detected", "detected", name, beyond, negated(detected), {detected.name(): True})
         )
         missed = {
             (mode, i): (part - lagged[i]) * self.full[:, i]
@@ -130,19 +130,28 @@ class ThrusterTest:
             guard = ca.fmin(settled, -left[mode, i])
             for other in [beyond, *others]:
                 guard = ca.fmin(guard, other)
-            sets = {self.switches(mode)[i].name(): True, found.name(): True}
+            sets = {self.switches(mode)[i].name(): True, detected.name(): True}
             rest = ca.densify(ca.vertcat(residual - wrench, lagged))
             updates = {f"{name}.detection.residual": rest, over.name: ca.SX.zeros(1)}
             who, armed = self.names[i], both(*(negated(switch) for switch in switches))
             events.append(Event(f"{who}.{mode}", "detected", who, guard, armed, sets, updates))
-        whole = ca.SX(6, 1)
-        whole[self.rows] = residual
+        residual_wrench = ca.SX(6, 1)
+        residual_wrench[self.rows] = residual
         text = "missing in the rate of the robot's momentum, root link's axes"
         switches = [switch for mode in MODES for switch in self.switches(mode)]
-        total = ca.fmax(found, sum(switches[1:], switches[0]))
+        total = ca.fmax(detected, sum(switches[1:], switches[0]))
         outputs = (
-            Output("thruster_residual_force", whole[:3], "N", f"force {text}", "body", actuator.robot),
-            Output("thruster_residual_torque", whole[3:], "N m", f"torque {text}", "body", actuator.robot),
+            Output(
+                "thruster_residual_force", residual_wrench[:3], "N", f"force {text}", "body", actuator.robot
+            ),
+            Output(
+                "thruster_residual_torque",
+                residual_wrench[3:],
+                "N m",
+                f"torque {text}",
+                "body",
+                actuator.robot,
+            ),
             Output("failures_detected", total, "1", "failures that were detected", "body", actuator.robot),
         )
         return Contribution(states=(*test.states, over), events=(sampled, *events), outputs=outputs)
@@ -155,7 +164,12 @@ class ThrusterTest:
         turning = base[2:] if len(base) == 3 else base[3:]
         sources = {"velocity_noise": base[: len(base) - len(turning)], "spin_noise": turning}
         sources["joint_noise"] = tuple(actuator.columns.values())
-        places = [(column, key) for key, own in sources.items() for column in own if not context.is_zero(key)]
+        places = [
+            (column, key)
+            for key, source_columns in sources.items()
+            for column in source_columns
+            if not context.is_zero(key)
+        ]
         name = f"{actuator.robot}/{actuator.context.path.rpartition('.')[2]}.detection"
         deviations = [context.number(key) for _, key in places]
         errors, numbers = sample_noise(context, name, self.config.period, clock, deviations)
@@ -174,5 +188,5 @@ class ThrusterTest:
         rate = ca.vertcat(-cross(spin, push), -cross(spin, spun) - cross(point, push))
         none = ca.SX.zeros(len(self.names))
         rows = list(self.rows)
-        seen = ca.densify(ca.vertcat(ca.vertcat(push, spun)[rows], none))
-        return seen, ca.densify(ca.vertcat(rate[rows], none)), numbers
+        momenta = ca.densify(ca.vertcat(ca.vertcat(push, spun)[rows], none))
+        return momenta, ca.densify(ca.vertcat(rate[rows], none)), numbers

@@ -135,10 +135,10 @@ class Thrusters(Actuator):
             **{f"nozzles.{name}.": one for name, one in self.nozzles.items()},
         }.items():
             for key in ("minimum_on_time", "resolution"):
-                found = getattr(part, key)
-                if found is not None and found > self.period:
+                value = getattr(part, key)
+                if value is not None and value > self.period:
                     raise ValueError(
-                        f"{path}{key}: found {found:g} s, allowed: at most the `period` of "
+                        f"{path}{key}: found {value:g} s, allowed: at most the `period` of "
                         f"{self.period:g} s, at whose beginning on-times are decided"
                     )
         return self
@@ -235,14 +235,14 @@ class _Jets:
 
     def number(self, name: str, key: str) -> ca.SX:
         """A number of one nozzle (1x1), its own or the set's; exact zeros are structural."""
-        path, own = self.actuator.context.path, getattr(self.config.nozzles[name], key)
-        where = key if own is None else f"nozzles.{name}.{key}"
+        path, nozzle_value = self.actuator.context.path, getattr(self.config.nozzles[name], key)
+        where = key if nozzle_value is None else f"nozzles.{name}.{key}"
         return self.actuator.context.parameters.sparse(f"{path}.{where}")
 
     def numbers(self, key: str) -> ca.SX:
         """A number of each nozzle (n x 1), once computed."""
-        found = ca.vertcat(*(self.number(name, key) for name in self.config.nozzles))
-        return self.actuator.context.once(f"all.{key}", found)
+        values = ca.vertcat(*(self.number(name, key) for name in self.config.nozzles))
+        return self.actuator.context.once(f"all.{key}", values)
 
     def vectors(self, key: str) -> list[ca.SX]:
         """A vector of each nozzle (3x1 each), root link's axes, an expression of the parameters."""
@@ -275,10 +275,10 @@ class _Jets:
     def layout(self) -> tuple[ThrusterLayout, ca.SX, int]:
         """Layout of rows of one size, the rows' scales, both computed once, and how many steps it takes."""
         context = self.actuator.context
-        own = context.constants.expanded(self.full)[self.rows, :]
-        sizes = ca.sqrt(ca.densify(ca.sum2(own * own)))
+        wrench_rows = context.constants.expanded(self.full)[self.rows, :]
+        sizes = ca.sqrt(ca.densify(ca.sum2(wrench_rows * wrench_rows)))
         scales = ca.if_else(sizes > 0, 1 / sizes, 0)
-        matrix = ca.sparsify(ca.mtimes(ca.diag(scales), own))
+        matrix = ca.sparsify(ca.mtimes(ca.diag(scales), wrench_rows))
         flows = context.constants.expanded(self.flows)
         layout = ThrusterLayout.of(matrix, flows)
         squares = [context.once(f"layout.square.{i}", square) for i, square in enumerate(layout.squares)]
@@ -297,31 +297,31 @@ class _Jets:
     def parts(self, asked: ca.SX) -> ca.SX:
         """Fractions of full thrust (n x 1) that best match the command, with minimum propellant."""
         layout, scales, steps = self.layout
-        out, given = self.failed
-        wanted = self.wanted(asked)
+        out, stuck_parts = self.failed
+        wrench = self.wanted(asked)
         if out.nnz():
-            ready, wanted = 1 - out, wanted - ca.mtimes(self.full[self.rows, :], given)
+            ready, wrench = 1 - out, wrench - ca.mtimes(self.full[self.rows, :], stuck_parts)
             matrix, gains = (ca.mtimes(side, ca.diag(ready)) for side in (layout.matrix, layout.gains))
             squares = tuple(part * ready[i] for i, part in enumerate(layout.squares))
             layout = ThrusterLayout(matrix, gains, squares)
-        return allocate(layout, scales * wanted, steps)
+        return allocate(layout, scales * wrench, steps)
 
     @functools.cached_property
     def failed(self) -> tuple[ca.SX, ca.SX]:
         """Which thrusters are known to have failed, and the parts of their thrust they give (n x 1 each)."""
         context, count = self.actuator.context, len(self.config.nozzles)
-        out, given = ca.SX(count, 1), ca.SX(count, 1)
+        out, stuck_parts = ca.SX(count, 1), ca.SX(count, 1)
         for i, (name, nozzle) in enumerate(self.config.nozzles.items()):
             if nozzle.failure is not None and nozzle.failure.known:
                 valve = context.at(f"{context.path}.nozzles.{name}.failure")
                 out[i] = valve.switch("failed")
-                given[i] = out[i] * valve.number("opening")
+                stuck_parts[i] = out[i] * valve.number("opening")
         if self.test is not None:
             for mode, part in MODES.items():
-                for i, found in enumerate(self.test.switches(mode)):
-                    given[i] += (1 - out[i]) * found * part
-                    out[i] = either(out[i], found)
-        return out, given
+                for i, detected in enumerate(self.test.switches(mode)):
+                    stuck_parts[i] += (1 - out[i]) * detected * part
+                    out[i] = either(out[i], detected)
+        return out, stuck_parts
 
     @functools.cached_property
     def test(self) -> ThrusterTest | None:
@@ -349,8 +349,8 @@ class _Jets:
 
     def expected(self, parts: ca.SX) -> ca.SX:
         """Parts of their thrust that they give (n x 1), of those commanded, as far as is known."""
-        out, given = self.failed
-        return (1 - out) * parts + given if out.nnz() else parts
+        out, stuck_parts = self.failed
+        return (1 - out) * parts + stuck_parts if out.nnz() else parts
 
     def less_pulses(self, asked: ca.SX) -> ca.SX:
         """Residual generalized forces that pulsed thrusters leave to the next actuator."""
@@ -379,13 +379,13 @@ class _Jets:
         part = self.parts(asked)
         # on-times (n x 1) [s] that there are, next to those that are wanted
         shortest, step = self.numbers("minimum_on_time"), self.numbers("resolution")
-        found = []
+        times = []
         for i, time in enumerate(ca.vertsplit(part * period)):
-            own = step[i] * ca.floor(time / step[i] + 0.5) if step[i].nnz() else time
+            on_time = step[i] * ca.floor(time / step[i] + 0.5) if step[i].nnz() else time
             if shortest[i].nnz():
-                own = ca.if_else(time < shortest[i] / 2, 0, ca.fmax(own, shortest[i]))
-            found.append(own)
-        on_times = ca.vertcat(*found)
+                on_time = ca.if_else(time < shortest[i] / 2, 0, ca.fmax(on_time, shortest[i]))
+            times.append(on_time)
+        on_times = ca.vertcat(*times)
         # what is on for all of the period is not switched off at its end, but goes on as decided then
         until = clock.instant + ca.if_else(part < WHOLE, on_times, 2 * period)
         sets = {switch.name(): True for switch in firing}
@@ -411,20 +411,20 @@ class _Jets:
         actuator, expected = self.actuator, self.expected(parts)
         tests = Contribution() if self.test is None else self.test.contribution(expected)
         # parts of their thrust that thrusters give although valves fail (n x 1), and when they do
-        context, given, failures = actuator.context, ca.vertsplit(parts), list[Event]()
+        context, thrust_parts, failures = actuator.context, ca.vertsplit(parts), list[Event]()
         for i, (name, nozzle) in enumerate(self.config.nozzles.items()):
             if nozzle.failure is None:
                 continue
             valve = context.at(f"{context.path}.nozzles.{name}.failure")
             failed, event = failing(valve, f"{self.name}.{name}")
             failures.append(event)
-            given[i] = (1 - failed) * given[i] + failed * valve.number("opening")
-        parts = ca.vertcat(*given)
+            thrust_parts[i] = (1 - failed) * thrust_parts[i] + failed * valve.number("opening")
+        parts = ca.vertcat(*thrust_parts)
         rotation, origin = actuator.plant.placement(actuator.base_frame)
         velocity, spin = actuator.plant.velocity(actuator.base_frame)
-        whole = ca.SX(6, 1)
-        whole[self.rows] = ca.mtimes(self.full[self.rows, :], parts)
-        force, torque = (ca.sparsify(ca.mtimes(rotation, part)) for part in (whole[:3], whole[3:]))
+        wrench = ca.SX(6, 1)
+        wrench[self.rows] = ca.mtimes(self.full[self.rows, :], parts)
+        force, torque = (ca.sparsify(ca.mtimes(rotation, part)) for part in (wrench[:3], wrench[3:]))
         flow = ca.dot(self.flows, parts)
         spent = ca.SX.sym(f"{self.name}.propellant")
         power = ca.dot(force, velocity) + ca.dot(torque, spin)

@@ -153,19 +153,21 @@ class Transmission(Actuator):
         def answer(asked: ca.SX) -> Contribution:
             """States of motors and gears, and their reaction on the links that carry the motors."""
             # torques of the motors (n x 1), and by how much limits are exceeded (n x 1 each), of the limit's
-            wanted = asked / ratio
-            context, given, beyond = actuator.context, wanted, dict[str, ca.SX]()
+            motor_command = asked / ratio
+            context, drive_torque, beyond = actuator.context, motor_command, dict[str, ca.SX]()
             if self.no_load_speed is not None:
                 stall = context.number("torque_limit" if self.stall_torque is None else "stall_torque")
                 relative = speed / context.number("no_load_speed")
-                given = ca.fmin(ca.fmax(wanted, -stall * (1 + relative)), stall * (1 - relative))
-                beyond["forward"] = wanted / stall + relative - 1
-                beyond["backward"] = -wanted / stall - relative - 1
+                drive_torque = ca.fmin(
+                    ca.fmax(motor_command, -stall * (1 + relative)), stall * (1 - relative)
+                )
+                beyond["forward"] = motor_command / stall + relative - 1
+                beyond["backward"] = -motor_command / stall - relative - 1
             if self.torque_limit is not None:
                 limit = context.number("torque_limit")
-                given = ca.fmin(ca.fmax(given, -limit), limit)
-                beyond[""] = ca.fabs(wanted) / limit - 1
-            net = given - torque / ratio - friction
+                drive_torque = ca.fmin(ca.fmax(drive_torque, -limit), limit)
+                beyond[""] = ca.fabs(motor_command) / limit - 1
+            net = drive_torque - torque / ratio - friction
             wrenches = [
                 Wrench(
                     joint.parent,
@@ -179,10 +181,10 @@ class Transmission(Actuator):
             if teeth:
                 damped = ca.dot(torque - number["stiffness"] * stretch, twisting)
             lost = ca.dot(friction, speed) + damped
-            put_in = ca.dot(given, speed) - ca.dot(torque, rates)  # beside that of the joints' torques
-            seen = {
+            put_in = ca.dot(drive_torque, speed) - ca.dot(torque, rates)  # beside that of the joints' torques
+            observations = {
                 "motor_speed": (speed, "rad/s", "speed of motors that drive transmissions"),
-                "motor_torque": (given, "N m", "torque of motors that drive transmissions"),
+                "motor_torque": (drive_torque, "N m", "torque of motors that drive transmissions"),
             }
             limits = (
                 saturation_events(actuator, labels, over, side=side and f".{side}")
@@ -198,18 +200,18 @@ class Transmission(Actuator):
                 powers=(PowerTerm("actuator", put_in, "in"), PowerTerm("transmission", lost)),
                 outputs=tuple(
                     Output(key, value[i], unit, text, "motor", labels[i])
-                    for key, (value, unit, text) in seen.items()
+                    for key, (value, unit, text) in observations.items()
                     for i in range(size)
                 ),
                 events=(*teeth, *(event for events in limits for event in events)),
             )
 
-        whole = sum((axis * momentum[i] for i, axis in enumerate(axes)), ca.SX(3, 1))
+        total_momentum = sum((axis * momentum[i] for i, axis in enumerate(axes)), ca.SX(3, 1))
         energy = ca.dot(momentum, momentum) / (2 * number["inertia"])
         drive = ActuatorDrive(tuple(columns), lambda _: torque, answer)
         return Contribution(
             drives=(drive,),
-            stored=(StoredMomentum(actuator.robot, whole, energy),),
+            stored=(StoredMomentum(actuator.robot, total_momentum, energy),),
             motors=tuple(
                 MotorSide(column, deflection[i], speed[i] / ratio) for i, column in enumerate(columns)
             ),

@@ -43,38 +43,40 @@ class WheelJoints(WheelSet):
         spin[about] = plant.v[list(base)]
         coulomb = self.coulomb_friction(actuator, speed)
         friction = coulomb + plant.damping[places] * speed
-        own = (ca.mtimes(plant.inertias.rotational[j.index], j.angular) for j in joints)
-        inertia = ca.vertcat(*(ca.dot(turned, j.angular) for turned, j in zip(own, joints, strict=True)))
+        moments = (ca.mtimes(plant.inertias.rotational[j.index], j.angular) for j in joints)
+        inertia = ca.vertcat(*(ca.dot(turned, j.angular) for turned, j in zip(moments, joints, strict=True)))
         rotation = plant.placement(actuator.base_frame)[0]
-        whole = ca.mtimes(rotation, ca.mtimes(axes, inertia * (speed + ca.mtimes(axes.T, spin))))
+        total_momentum = ca.mtimes(rotation, ca.mtimes(axes, inertia * (speed + ca.mtimes(axes.T, spin))))
 
         def motors(asked: ca.SX) -> WheelMotors:
-            wanted = -ca.mtimes(inverse, asked[: len(base)])
-            return self.motors(actuator, wanted, axes[about, :], speed, friction)
+            wheel_torque = -ca.mtimes(inverse, asked[: len(base)])
+            return self.motors(actuator, wheel_torque, axes[about, :], speed, friction)
 
         def deliver(asked: ca.SX) -> ca.SX:
-            found = motors(asked)
-            left = asked[: len(base)] + ca.mtimes(axes[about, :], found.command)
-            return ca.vertcat(left, found.net + friction - coulomb)
+            motor_torques = motors(asked)
+            left = asked[: len(base)] + ca.mtimes(axes[about, :], motor_torques.command)
+            return ca.vertcat(left, motor_torques.net + friction - coulomb)
 
         def answer(asked: ca.SX) -> Contribution:
             """Friction's power, what is observed of the wheels, and tests of whether they have failed."""
-            found, taken = motors(asked), ca.dot(coulomb, speed)
+            motor_torques, taken = motors(asked), ca.dot(coulomb, speed)
             lost = (
                 (PowerTerm("actuator", taken, "in"), PowerTerm("wheel_friction", taken))
                 if coulomb.nnz()
                 else ()
             )
-            tests = self.detected(actuator, found, speed, axes, inertia)
-            seen = Contribution(
-                powers=lost, outputs=self.observed(actuator, found, speed, whole), events=found.events
+            tests = self.detected(actuator, motor_torques, speed, axes, inertia)
+            observed = Contribution(
+                powers=lost,
+                outputs=self.observed(actuator, motor_torques, speed, total_momentum),
+                events=motor_torques.events,
             )
-            return concatenate([seen, tests])
+            return concatenate([observed, tests])
 
         drive = ActuatorDrive((*base, *places), deliver, answer, passes_on=base)
         names = self.owns(tuple(columns))
         held, _, _ = held_joints(actuator, [names[wheel] for wheel in self.seized])
-        return replace(held, drives=(drive,), wheels=(whole,))
+        return replace(held, drives=(drive,), wheels=(total_momentum,))
 
     def seizing(self, actuator: ActuatorContext, wheel: int) -> tuple[dict[str, bool], dict[str, ca.SX]]:
         """The joint is held."""
@@ -86,16 +88,16 @@ class WheelJoints(WheelSet):
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
         """Joints that are no wheels, or that there are none of."""
-        known = (*robot.joints, *robot.owned)
-        names = self.owns(known)
+        joints = (*robot.joints, *robot.owned)
+        names = self.owns(joints)
         yield from self.wrong_wheels(len(names))
         if not names:
-            yield "joints", f"no joint {self.joints!r}; {near_names(self.joints, known)}"
+            yield "joints", f"no joint {self.joints!r}; {near_names(self.joints, joints)}"
         for name in names:
             if name not in robot.spinning:
                 able = ", ".join(robot.spinning) or "there is none"
-                told = "continuous joints on the root link that carry no other joint"
-                yield "joints", f"found {name}, allowed: {told} ({able})"
+                required = "continuous joints on the root link that carry no other joint"
+                yield "joints", f"found {name}, allowed: {required} ({able})"
                 return
         if names and not are_independent([robot.spinning[name] for name in names]):
             yield (

@@ -133,15 +133,15 @@ class WheelSet(Actuator):
 
     def left_out(self, actuator: ActuatorContext, count: int) -> ca.SX:
         """Which wheels the allocation leaves out (n x 1): those known to have failed, and those detected."""
-        found, context = ca.SX(count, 1), actuator.context
+        excluded, context = ca.SX(count, 1), actuator.context
         for i, one in enumerate(self.failures):
             if one.known:
                 failed = context.at(f"{context.path}.failures.{i}").switch("failed")
-                found[one.wheel] = either(found[one.wheel], failed)
+                excluded[one.wheel] = either(excluded[one.wheel], failed)
         if self.detection is not None:
             for i in range(count):
-                found[i] = either(found[i], context.switch(f"detected.{i}"))
-        return found
+                excluded[i] = either(excluded[i], context.switch(f"detected.{i}"))
+        return excluded
 
     def detected(
         self, actuator: ActuatorContext, motors: WheelMotors, speed: ca.SX, axes: ca.SX, inertia: ca.SX
@@ -165,21 +165,23 @@ class WheelSet(Actuator):
             errors, numbers = sample_noise(context, name, section.period, clock, deviations)
             turned = ca.SX(3, 1)
             turned[about] = errors[count:]
-            seen = inertia * (speed + errors[:count] + ca.mtimes(axes.T, spin + turned))
-            return ca.densify(seen), ca.densify(-motors.friction), numbers
+            measured_momenta = inertia * (speed + errors[:count] + ca.mtimes(axes.T, spin + turned))
+            return ca.densify(measured_momenta), ca.densify(-motors.friction), numbers
 
         name = f"{actuator.robot}/{actuator.context.path.rpartition('.')[2]}.detection"
-        found = sampled_residual(section, context, name, ca.densify(motors.command), momenta)
+        residual = sampled_residual(section, context, name, ca.densify(motors.command), momenta)
         switches = [actuator.context.switch(f"detected.{i}") for i in range(count)]
         events, outputs = list[Event](), list[Output]()
         for i, (who, switch) in enumerate(zip(names, switches, strict=True)):
-            value, limit = found.values[i], found.threshold[i]
+            value, limit = residual.values[i], residual.threshold[i]
             guard, sets = ca.fabs(value) / limit - 1, {switch.name(): True}
             events.append(Event(f"{who}.detected", "detected", who, guard, negated(switch), sets))
             outputs.append(Output("wheel_residual", value, "N m", "torque that wheels miss", "wheel", who))
         text = "failures that were detected"
         total = Output("failures_detected", ca.sum1(ca.vertcat(*switches)), "1", text, "body", actuator.robot)
-        return Contribution(states=found.states, events=(*found.events, *events), outputs=(*outputs, total))
+        return Contribution(
+            states=residual.states, events=(*residual.events, *events), outputs=(*outputs, total)
+        )
 
     def wrong_wheels(self, count: int) -> Iterable[tuple[str, str]]:
         """Failures of wheels that there are not, or that have seized, as of ``faults``."""
@@ -234,14 +236,14 @@ class WheelSet(Actuator):
             command = ca.fmin(ca.fmax(command, -limit), limit)
         command = actuator.break_point("wheel", names_of(actuator, count), command)
         works, failures = self.failed(actuator, count)
-        given = works * command if self.failures else command
+        motor_torque = works * command if self.failures else command
         events += failures
         if self.speed_limit is None:
-            return WheelMotors(command, given - friction, friction, tuple(events))
+            return WheelMotors(command, motor_torque - friction, friction, tuple(events))
         most, free = actuator.context.number("speed_limit"), list[ca.SX]()
         for i, (name, held) in enumerate(zip(names_of(actuator, count), switches, strict=True)):
             over = ca.fabs(speed[i]) / most - 1
-            faster = (given[i] - friction[i]) * speed[i] / most
+            faster = (motor_torque[i] - friction[i]) * speed[i] / most
             back = ca.fmax(-faster - pull, -SLACK - over)
             turned = held.name()
             events += [
@@ -258,13 +260,13 @@ class WheelSet(Actuator):
             free.append(1 - held)
         ready = ca.vertcat(*free)
         command = (command - friction) * ready + friction
-        return WheelMotors(command, (given - friction) * ready, friction, tuple(events))
+        return WheelMotors(command, (motor_torque - friction) * ready, friction, tuple(events))
 
     def observed(
         self, actuator: ActuatorContext, motors: WheelMotors, speed: ca.SX, momentum: ca.SX
     ) -> tuple[Output, ...]:
         """Speed, torque and margin of each wheel (n x 1 each), and the momentum of all (3x1), world axes."""
-        names, found = names_of(actuator, speed.size1()), list[Output]()
+        names, outputs = names_of(actuator, speed.size1()), list[Output]()
         values = {
             "wheel_speed": (speed, "rad/s", "speed of wheels relative to their bases"),
             "wheel_torque": (motors.net + motors.friction, "N m", "torque of wheels' motors"),
@@ -273,9 +275,9 @@ class WheelSet(Actuator):
             margin = 1 - ca.fabs(speed) / actuator.context.number("speed_limit")
             values["wheel_margin"] = (margin, "1", "part of wheels' speed limits that is left")
         for name, (value, unit, text) in values.items():
-            found += [Output(name, value[i], unit, text, "wheel", names[i]) for i in range(len(names))]
+            outputs += [Output(name, value[i], unit, text, "wheel", names[i]) for i in range(len(names))]
         text = "angular momentum of wheels about their axes, by the bodies that carry them"
-        return (*found, Output("wheel_momentum", momentum, "N m s", text, "body", actuator.robot))
+        return (*outputs, Output("wheel_momentum", momentum, "N m s", text, "body", actuator.robot))
 
 
 @dataclass(frozen=True)
@@ -318,13 +320,13 @@ def pseudo_inverse(axes: ca.SX) -> ca.SX:
     Rows that are structurally zero have no part in it.
     """
     rows = [i for i in range(axes.size1()) if axes[i, :].nnz()]
-    own = axes[rows, :]
-    found = ca.SX(axes.size2(), axes.size1())
+    independent = axes[rows, :]
+    inverse = ca.SX(axes.size2(), axes.size1())
     if len(rows) <= axes.size2():
-        found[:, rows] = SymmetricFactors(ca.mtimes(own, own.T)).solve(own).T
+        inverse[:, rows] = SymmetricFactors(ca.mtimes(independent, independent.T)).solve(independent).T
     else:
-        found[:, rows] = SymmetricFactors(ca.mtimes(own.T, own)).solve(own.T)
-    return found
+        inverse[:, rows] = SymmetricFactors(ca.mtimes(independent.T, independent)).solve(independent.T)
+    return inverse
 
 
 def _taken_over(asked: ca.SX, axes: ca.SX, held: ca.SX) -> ca.SX:
@@ -334,15 +336,15 @@ def _taken_over(asked: ca.SX, axes: ca.SX, held: ca.SX) -> ca.SX:
     which together is the pseudo-inverse of their axes. A held wheel would be one more of them.
     """
     rows = [i for i in range(axes.size1()) if axes[i, :].nnz()]
-    own, free = axes[rows, :], 1 - held
-    matrix = SINGULAR * ca.SX.eye(len(rows)) + ca.mtimes(own, free * own.T)
-    found = SymmetricFactors(matrix).solve(ca.horzcat(ca.mtimes(own, held * asked), own))
-    more, sizes = ca.mtimes(own.T, found[:, 0]), ca.sum1(own * found[:, 1:]).T
+    independent, free = axes[rows, :], 1 - held
+    matrix = SINGULAR * ca.SX.eye(len(rows)) + ca.mtimes(independent, free * independent.T)
+    solution = SymmetricFactors(matrix).solve(ca.horzcat(ca.mtimes(independent, held * asked), independent))
+    more, sizes = ca.mtimes(independent.T, solution[:, 0]), ca.sum1(independent * solution[:, 1:]).T
     return (asked + more) / (1 + held * sizes)
 
 
 def are_independent(axes: Sequence[ArrayLike]) -> bool:
     """Whether :func:`pseudo_inverse` is a pseudo-inverse, of the axes of n wheels (n, 3)."""
-    found: Array = np.array(axes, dtype=float)
-    found = found[:, found.any(axis=0)]
-    return bool(np.linalg.matrix_rank(found, tol=1e-6) == min(found.shape))
+    matrix: Array = np.array(axes, dtype=float)
+    matrix = matrix[:, matrix.any(axis=0)]
+    return bool(np.linalg.matrix_rank(matrix, tol=1e-6) == min(matrix.shape))

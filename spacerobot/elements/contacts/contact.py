@@ -116,13 +116,13 @@ class ContactPair:
 
 def touches(contact: ContactContext) -> list[ContactPair]:
     """Every pair of shapes of a contact."""
-    found = []
+    pairs = []
     for first, second in contact.pairs:
         near = contact.proximity(first, second)
         velocity = contact.velocity(second, near.point) - contact.velocity(first, near.point)
         speed = contact.approach_speed(first, second)
-        found.append(ContactPair(near.gap, near.normal, near.point, velocity, speed, near.lead))
-    return found
+        pairs.append(ContactPair(near.gap, near.normal, near.point, velocity, speed, near.lead))
+    return pairs
 
 
 _WINDOW = 8
@@ -242,6 +242,7 @@ def booked(
         wrenches=tuple(wrenches),
         powers=(PowerTerm("contact", taken),),
         outputs=tuple(
-            Output(name, values[name], *told, "contact", contact.name) for name, told in OBSERVED.items()
+            Output(name, values[name], *attributes, "contact", contact.name)
+            for name, attributes in OBSERVED.items()
         ),
     )

@@ -97,18 +97,18 @@ class HuntCrossley(Contact):
             energy += spring * depth / (exponent + 1)
         pull = [dissipation * touch.opening - 1 for touch in touching] if dissipation.nnz() else []
         marks = watch(contact, touching, self, pull, rough=not self.exponent.is_integer())
-        found = booked(contact, touching, presses)
-        return dataclasses.replace(found, energy=energy, events=marks.events, fine=marks.fine)
+        contribution = booked(contact, touching, presses)
+        return dataclasses.replace(contribution, energy=energy, events=marks.events, fine=marks.fine)
 
     def assumptions(self) -> list[str]:
         """Contact force and outputs."""
-        found = ["one pair of opposite forces for each pair of shapes, at one point"]
+        sentences = ["one pair of opposite forces for each pair of shapes, at one point"]
         if self.friction:
-            found.append(
+            sentences.append(
                 f"friction is regularised: what sticks creeps, at {self.slip_velocity:g} m/s under "
                 f"{0.5**0.5:.2g} of the greatest friction, and slower under less"
             )
-        return found
+        return sentences
 
     def words(self) -> str:
         """Its stiffness and dissipation."""
@@ -126,8 +126,8 @@ def speed_ratio(restitution: ca.SX) -> ca.SX:
     indentation. So ``x - ln(1 + x) = -e x - ln(1 - e x)``, whatever k, n and m. Solved by Newton's method for
     ``w = -ln(1 - e x)``, from within 2 % of the root for every e between 0.01 and 1.
     """
-    e, kept = restitution, 1 - restitution
-    near = kept * (1.5 - 0.5 * kept**2.75) / e
+    e, lost_share = restitution, 1 - restitution
+    near = lost_share * (1.5 - 0.5 * lost_share**2.75) / e
     w = (1 + e) * near - ca.log1p(near)
     for _ in range(_ITERATIONS):
         x = -ca.expm1(-w) / e

@@ -53,11 +53,11 @@ class BaseAttitude(RobotController):
         """Torque on the base that turns it back."""
         plant, context = robot.plant, robot.context
         if self.attitude_deg is None:
-            wanted = context.once("attitude", robot.start.placement(robot.base_frame)[0])
+            reference = context.once("attitude", robot.start.placement(robot.base_frame)[0])
         else:
             angles = context.parameters.sparse_vector(f"{context.path}.attitude_deg") * DEGREE
-            wanted = context.once("attitude", rotation_from_rpy(angles))
-        error = plant.orientation_error(wanted, plant.placement(robot.base_frame)[0])
+            reference = context.once("attitude", rotation_from_rpy(angles))
+        error = plant.orientation_error(reference, plant.placement(robot.base_frame)[0])
         # the signal is the base's rotation relative to the attitude it shall have
         error = -robot.read("base_orientation", -error)
         turning = plant.jacobian(robot.base_frame)[3:, :].T
@@ -77,16 +77,16 @@ class BaseAttitude(RobotController):
         inertia = ca.SX(3, 3)
         inertia[3 - central.size1() :, 3 - central.size1() :] = central
         inertia = robot.context.once("inertia", ca.sparsify(robot.context.constants.expanded(inertia)))
-        own = ca.mtimes(rotation, ca.mtimes(inertia, rotation.T))
+        inertia_world = ca.mtimes(rotation, ca.mtimes(inertia, rotation.T))
         if self.derivative == "filtered":
             spin = plant.velocity(robot.base_frame)[1]
-            carried = ca.mtimes(own, spin)
-            whole = momentum(plant.model, plant.kinematics, plant.inertias, joints, centre)[1]
-            return ArmReaction(None, cross(spin, carried), whole - carried)
+            carried = ca.mtimes(inertia_world, spin)
+            angular_momentum = momentum(plant.model, plant.kinematics, plant.inertias, joints, centre)[1]
+            return ArmReaction(None, cross(spin, carried), angular_momentum - carried)
         lever = centre - origin
         force, torque = plant.inertia_force(joints)
         about_centre = ca.vertcat(cross_columns(lever, ca.SX.eye(3)), ca.SX.eye(3))
-        sense = resistance(robot, about_centre) - plant.reduced(ca.mtimes(turning, own))
+        sense = resistance(robot, about_centre) - plant.reduced(ca.mtimes(turning, inertia_world))
         return ArmReaction(sense, torque - cross(lever, force))
 
     def assumptions(self) -> list[str]:

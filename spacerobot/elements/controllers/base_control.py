@@ -83,9 +83,9 @@ def held(
         if reaction.momentum is not None:
             value = reaction.momentum[axes]
             label = f"{robot.name}/{robot.key}.filter"
-            found = ca.SX.sym(label, value.size1())
-            lag = (value - found) / robot.context.number("filter_time")
-            states.append(State(label, found, value, lag))
+            filtered = ca.SX.sym(label, value.size1())
+            lag = (value - filtered) / robot.context.number("filter_time")
+            states.append(State(label, filtered, value, lag))
             command = command + part * states[-1].derivative
     actuation = actuation[:, axes]
     drive = robot.plant.reduced(actuation)
@@ -111,9 +111,9 @@ def resistance(robot: RobotContext, motions: ca.SX) -> ca.SX:
     plant, base = robot.plant, robot.base_joint
     first, count = int(plant.model.idx_vs[base]), int(plant.model.nvs[base])
     jacobian = plant.jacobian(robot.base_frame)[:, first : first + count]
-    found = ca.SX(plant.v.size1(), 0)
+    loads = ca.SX(plant.v.size1(), 0)
     for motion in ca.horzsplit(motions):
         rates = ca.SX(plant.v.size1(), 1)
         rates[first : first + count] = ca.mtimes(jacobian.T, motion)  # whose columns are orthonormal
-        found = ca.horzcat(found, plant.resistance(ca.sparsify(rates)))
-    return found
+        loads = ca.horzcat(loads, plant.resistance(ca.sparsify(rates)))
+    return loads

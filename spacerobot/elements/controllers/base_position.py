@@ -53,16 +53,16 @@ class BasePosition(RobotController):
         plant, context = robot.plant, robot.context
         here = plant.placement(robot.base_frame)[1]
         if self.position is None:
-            wanted = context.once("position", robot.start.placement(robot.base_frame)[1])
+            reference = context.once("position", robot.start.placement(robot.base_frame)[1])
         else:
-            wanted = context.vector("position")
+            reference = context.vector("position")
         bodies = subtree(plant.model, robot.base_joint)
         lever = centre_of_mass(plant.model, plant.kinematics, plant.inertias, bodies) - here
         jacobian = plant.jacobian(robot.base_frame)
         actuation = jacobian[:3, :] - cross_columns(lever, jacobian[3:, :])
         # the point at the lever moves with v + omega x lever
         reaction = None if context.is_zero("feed_forward") else self._reaction(robot, jacobian[:3, :].T)
-        error = wanted - robot.read("base_position", here)
+        error = reference - robot.read("base_position", here)
         return held(robot, "translation", error, ca.sparsify(actuation).T, reaction)
 
     def _reaction(self, robot: RobotContext, moving: ca.SX) -> ArmReaction:
@@ -70,8 +70,10 @@ class BasePosition(RobotController):
         plant, joints = robot.plant, subtree(robot.plant.model, robot.base_joint)
         mass = total_mass(plant.model, plant.inertias, joints)
         if self.derivative == "filtered":
-            whole = momentum(plant.model, plant.kinematics, plant.inertias, joints)[0]
-            return ArmReaction(None, ca.SX(3, 1), whole - mass * plant.velocity(robot.base_frame)[0])
+            linear_momentum = momentum(plant.model, plant.kinematics, plant.inertias, joints)[0]
+            return ArmReaction(
+                None, ca.SX(3, 1), linear_momentum - mass * plant.velocity(robot.base_frame)[0]
+            )
         along = ca.vertcat(ca.SX.eye(3), ca.SX(3, 3))
         sense = resistance(robot, along) - plant.reduced(mass * moving)
         drift = plant.inertia_force(joints)[0] - mass * plant.drift(robot.base_frame)[0]

@@ -110,19 +110,19 @@ def _inverse_kinematics(robot: RobotContext, desired: ca.SX) -> ca.SX:
             q[pin_joint.idx_q] = position
     # jacobian rows and wanted velocities of all tips: positions, and orientations where controlled
     kinematics = forward_kinematics(model, q)
-    plant, rows, wanted = robot.plant, [], []
+    plant, rows, tip_velocities = robot.plant, [], []
     for tip in robot.tips:
         motion = tip.motion
         jacobian = frame_jacobian(plant.model, kinematics, tip.frame)
         turned, position = frame_placement(plant.model, kinematics, tip.frame)
         axes = list(plant.translation_axes)
         rows.append(jacobian[axes, :])
-        wanted.append((motion.velocity + rate_gain * (motion.position - position))[axes])
+        tip_velocities.append((motion.velocity + rate_gain * (motion.position - position))[axes])
         if "orientation_pid" in tip.siblings:
             axes = list(plant.rotation_axes)
             error = plant.orientation_error(motion.rotation, turned)
             rows.append(jacobian[[axis + 3 for axis in axes], :])
-            wanted.append((motion.angular_velocity + rate_gain * error)[axes])
+            tip_velocities.append((motion.angular_velocity + rate_gain * error)[axes])
     jacobian = robot.plant.gathered(ca.vertcat(*rows).T).T[:, list(robot.columns)]
     gram = ca.mtimes(jacobian, jacobian.T) + damping**2 * ca.SX.eye(jacobian.size1())
-    return ca.mtimes(jacobian.T, SymmetricFactors(gram).solve(ca.vertcat(*wanted)))
+    return ca.mtimes(jacobian.T, SymmetricFactors(gram).solve(ca.vertcat(*tip_velocities)))

@@ -64,15 +64,15 @@ class JointPlanController(RobotController):
     def build(self, robot: RobotContext) -> Contribution:
         """Torques."""
         motion, number, knots = self.planned, robot.context.number, self.among(robot)
-        wanted = knots.motion("position", self._table(robot, "position"), self._table(robot, "rate"))
+        reference = knots.motion("position", self._table(robot, "position"), self._table(robot, "rate"))
         efforts = ca.SX(len(robot.joints), 1)
         if motion.effort is not None:
             efforts = number("feed_forward") * knots.force("effort", self._table(robot, "effort"))
         kp, kd = number("kp"), number("kd")
         speeds = robot.read("joint_rate", robot.plant.v[list(robot.columns)])
         torques = [
-            efforts[i] + kp * (wanted.value[i] - position) + kd * (wanted.rate[i] - speeds[i])
-            for i, position in enumerate(read_positions(robot, wanted.value))
+            efforts[i] + kp * (reference.value[i] - position) + kd * (reference.rate[i] - speeds[i])
+            for i, position in enumerate(read_positions(robot, reference.value))
         ]
         events = () if knots.event is None else (knots.event,)
         return Contribution(torques=(robot.torque(ca.vertcat(*torques)),), events=events)
@@ -103,11 +103,14 @@ class JointPlanController(RobotController):
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
         """Joints that are not the robot's."""
-        given, wanted = set(self.planned.joints), set(robot.joints)
-        for what, names in (("no joint", given - wanted), ("no motion of joint", wanted - given)):
+        plan_joints, robot_joints = set(self.planned.joints), set(robot.joints)
+        for what, names in (
+            ("no joint", plan_joints - robot_joints),
+            ("no motion of joint", robot_joints - plan_joints),
+        ):
             if names:
-                told = ", ".join(sorted(names))
-                yield "knots.joints", f"{what} {told}; {robot.name} has {', '.join(robot.joints)}"
+                joint_names = ", ".join(sorted(names))
+                yield "knots.joints", f"{what} {joint_names}; {robot.name} has {', '.join(robot.joints)}"
 
     def cautions(self, robot: RobotProperties) -> Iterable[str]:
         """A plan that begins elsewhere than the robot."""

@@ -95,11 +95,11 @@ class Mpc(JointPlanController):
             "base_spin": spin,
         }
         for signal in (each for each in self.signals if each in values):
-            found = robot.read(signal, values[signal])
+            reading = robot.read(signal, values[signal])
             if not signal.startswith("joint"):
-                yield _output(signal, found, "body", robot.name)
+                yield _output(signal, reading, "body", robot.name)
                 continue
-            for name, value in zip(robot.joint_names, ca.vertsplit(found), strict=True):
+            for name, value in zip(robot.joint_names, ca.vertsplit(reading), strict=True):
                 yield _output(signal, value, "driven_joint", f"{robot.name}/{name}")
         for tip in robot.tips:
             if tip.held_inertia is not None:
@@ -118,14 +118,14 @@ class Mpc(JointPlanController):
             velocity, spin = plant.velocity(frame)
             first = once(f"attitude.{tip.label}", start.placement(frame)[0])
             turned = plant.orientation_error(rotation, first)
-            seen = {
+            tip_values = {
                 "target_position": (origin - tip.position, origin, None),
                 "target_orientation": (plant.orientation_error(rotation, tip.rotation), turned, None),
                 "target_velocity": (velocity, None, origin),
                 "target_spin": (spin, None, None),
             }
-            for signal in (each for each in self.signals if each in seen):
-                yield _output(signal, tip.read(signal, *seen[signal]), "tip", tip.label)
+            for signal in (each for each in self.signals if each in tip_values):
+                yield _output(signal, tip.read(signal, *tip_values[signal]), "tip", tip.label)
 
     def among(self, robot: RobotContext) -> Knots:
         """The present instant among the points of the plan."""
@@ -148,8 +148,8 @@ class Mpc(JointPlanController):
 
     def reads(self) -> set[str]:
         """Joints, and what is known of the base and the target where a plan is made."""
-        seen = ("position", "velocity", "orientation", "spin")
-        return super().reads() | {f"{what}_{signal}" for what in ("target", "base") for signal in seen}
+        signals = ("position", "velocity", "orientation", "spin")
+        return super().reads() | {f"{what}_{signal}" for what in ("target", "base") for signal in signals}
 
     def words(self) -> str:
         """Its gains and its period."""

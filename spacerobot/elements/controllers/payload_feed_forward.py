@@ -43,9 +43,9 @@ class PayloadFeedForward(TipController):
 
     @model_validator(mode="after")
     def _check(self) -> PayloadFeedForward:
-        given = [key for key in KEYS if getattr(self, key) is not None]
-        if given and len(given) < len(KEYS):
-            raise ValueError(f"found {', '.join(given)} alone, allowed: {', '.join(KEYS)}, or none of them")
+        keys = [key for key in KEYS if getattr(self, key) is not None]
+        if keys and len(keys) < len(KEYS):
+            raise ValueError(f"found {', '.join(keys)} alone, allowed: {', '.join(KEYS)}, or none of them")
         return self
 
     def build(self, tip: TipContext) -> Contribution:

@@ -58,14 +58,14 @@ class Pid(TipController):
         axes = list(tip.plant.rotation_axes if turns else tip.plant.translation_axes)
         # the velocity that is fed back now
         chosen = tip.context.chosen("feedback", self.feedback)
-        found = [(now, _seen_from(word, tip, axes, turns=turns)) for word, now in chosen.items()]
-        (_, fed_back), *others = found
+        feedbacks = [(now, _seen_from(word, tip, axes, turns=turns)) for word, now in chosen.items()]
+        (_, fed_back), *others = feedbacks
         for now, other in others:
             parts = (f.name for f in fields(_FedBack))
             fed_back = _FedBack(*(ca.if_else(now, getattr(other, n), getattr(fed_back, n)) for n in parts))
         motion, states = tip.motion, []
-        wanted = (motion.angular_velocity if turns else motion.velocity)[axes]
-        wanted_rate = (motion.angular_acceleration if turns else motion.acceleration)[axes]
+        desired = (motion.angular_velocity if turns else motion.velocity)[axes]
+        desired_rate = (motion.angular_acceleration if turns else motion.acceleration)[axes]
         memory = "orientation_amnesia" if turns else "amnesia"
         if memory in tip.siblings:
             # Reference minus measured position, or the rotation vector from measured orientation to
@@ -76,36 +76,36 @@ class Pid(TipController):
                 position_error = -tip.read("tip_orientation", -tip.orientation_error)[axes]
             state, correction = correct(tip, memory, position_error)
             states.append(state)
-            wanted, wanted_rate = wanted + correction.value, wanted_rate + correction.rate
-        error = wanted - fed_back.velocity
+            desired, desired_rate = desired + correction.value, desired_rate + correction.rate
+        error = desired - fed_back.velocity
         # command, derivative gain and states (Eq. 35); `error_rate` lacks the part that depends on v'
         kp, ki, kd = (tip.context.number(gain) for gain in ("kp", "ki", "kd"))
         size, name = error.size1(), f"{tip.label}/{tip.key}"
         integral = ca.SX.sym(f"{name}.integral", size)
-        own = [State(f"{name}.integral", integral, ca.SX.zeros(size), error)]
+        channel_states = [State(f"{name}.integral", integral, ca.SX.zeros(size), error)]
         command = kp * error + ki * integral
         if self.derivative == "ideal":
-            command, gain = command + kd * (wanted_rate - fed_back.drift), ca.repmat(kd, size, 1)
+            command, gain = command + kd * (desired_rate - fed_back.drift), ca.repmat(kd, size, 1)
         else:
             lag = tip.context.number("filter_time")
             filtered = ca.SX.sym(f"{name}.filter", size)
             # begins at the error itself, so that the derivative does not kick
-            own.append(State(f"{name}.filter", filtered, error, (error - filtered) / lag))
+            channel_states.append(State(f"{name}.filter", filtered, error, (error - filtered) / lag))
             command, gain = command + kd * (error - filtered) / lag, None
         rows = [axis + 3 * turns for axis in axes]
         channel = ControlChannel(
             tip.robot, tip.arm_jacobian[rows, :].T, fed_back.drive, fed_back.sense, command, gain
         )
-        return Contribution(states=(*states, *own), channels=(channel,))
+        return Contribution(states=(*states, *channel_states), channels=(channel,))
 
     def reads(self, key: str, siblings: Mapping[str, Section]) -> set[str]:
         """The velocity that it feeds back, and what its amnesia controller reads."""
         turns = self.controls(key) == "rotation"
         inertial = "tip_angular_velocity" if turns else "tip_velocity"
-        found = {"joint_rate" if self.feedback == "base" else inertial}
+        signals = {"joint_rate" if self.feedback == "base" else inertial}
         if ("orientation_amnesia" if turns else "amnesia") in siblings:
-            found.add("tip_orientation" if turns else "tip_position")
-        return found
+            signals.add("tip_orientation" if turns else "tip_position")
+        return signals
 
     @property
     def feeds_back_joint_acceleration(self) -> bool:
@@ -118,12 +118,12 @@ class Pid(TipController):
 
     def assumptions(self) -> list[str]:
         """Of the feedback and of the derivative."""
-        found = []
+        sentences = []
         if self.feedback == "base":
-            found.append("feeds back the velocity seen from the base, blind to its drift")
+            sentences.append("feeds back the velocity seen from the base, blind to its drift")
         if self.derivative == "ideal" and self.kd > 0:
-            found.append("ideal derivative, its algebraic loop solved exactly")
-        return found
+            sentences.append("ideal derivative, its algebraic loop solved exactly")
+        return sentences
 
     def words(self) -> str:
         """Its gains and its feedback."""
@@ -157,7 +157,7 @@ def _seen_from(feedback: str, tip: TipContext, axes: list[int], *, turns: bool) 
     if offset is not None:
         ones = ca.SX(plant.v.size1(), 1)
         ones[list(tip.columns)] = 1
-        seen = ca.mtimes(arm, ones)
-        velocity = velocity + offset * seen if last is None else velocity
-        drift = drift + offset * plant.rate(seen)
+        velocity_gain = ca.mtimes(arm, ones)
+        velocity = velocity + offset * velocity_gain if last is None else velocity
+        drift = drift + offset * plant.rate(velocity_gain)
     return _FedBack(velocity, drift, drive, scale * drive)

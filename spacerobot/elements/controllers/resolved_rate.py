@@ -97,10 +97,10 @@ class ResolvedRate(RobotController):
         # Joints that are held keep their rates; the others resolve the tasks with the columns that are left.
         moving = 1 - locked
         tasks = [replace(task, rows=ca.mtimes(task.rows, ca.diag(moving))) for task in tasks]
-        wanted = _resolved(tasks, [task.wanted - task.velocity for task in tasks], rates)
+        desired_rates = _resolved(tasks, [task.wanted - task.velocity for task in tasks], rates)
         ahead = _resolved(tasks, [task.acceleration for task in tasks], ca.SX(rates.shape[0], 1))
         read = robot.read("joint_rate", rates)
-        torque = free.torque(moving * (ahead + number("rate_gain") * (wanted - read)))
+        torque = free.torque(moving * (ahead + number("rate_gain") * (desired_rates - read)))
         torque = moving * (torque + robot.plant.damping[columns] * rates)
         return Contribution(torques=(robot.torque(torque),))
 
@@ -134,8 +134,8 @@ class ResolvedRate(RobotController):
         error = -tip.read("tip_orientation", -tip.orientation_error)
         bend = motion.angular_acceleration + gain * (motion.angular_velocity - now) - drift[3:]
         axes = list(plant.rotation_axes)
-        wanted = (motion.angular_velocity + gain * error)[axes]
-        yield _Task(rows[3:, :][axes, :], now[axes], wanted, bend[axes])
+        desired = (motion.angular_velocity + gain * error)[axes]
+        yield _Task(rows[3:, :][axes, :], now[axes], desired, bend[axes])
 
     def reads(self) -> set[str]:
         """Joint rates, and where the tips are and how they move."""
@@ -150,12 +150,12 @@ class ResolvedRate(RobotController):
             yield "keeps", f"the base of {robot.name} is fixed; leave `keeps` out"
             return
         turning, moving = (1, 2) if robot.base == "planar" else (3, 3)
-        kept = turning + moving * (self.keeps == "base")
-        if kept >= len(robot.joints):
+        constraint_count = turning + moving * (self.keeps == "base")
+        if constraint_count >= len(robot.joints):
             yield (
                 "keeps",
-                f"its {len(robot.joints)} joints cannot keep {kept} velocities of the base and still move; "
-                "allowed: nothing" + (", attitude" if turning < len(robot.joints) else ""),
+                f"its {len(robot.joints)} joints cannot keep {constraint_count} velocities of the base "
+                "and still move; allowed: nothing" + (", attitude" if turning < len(robot.joints) else ""),
             )
 
     def words(self) -> str:
@@ -264,14 +264,14 @@ def _resolved(tasks: list[_Task], missing: list[ca.SX], rates: ca.SX) -> ca.SX:
 
     Each task is solved in the null space of those before it.
     """
-    found, free = ca.SX(rates.shape[0], 1), ca.SX.eye(rates.shape[0])
+    solution, free = ca.SX(rates.shape[0], 1), ca.SX.eye(rates.shape[0])
     for task, lacks in zip(tasks, missing, strict=True):
-        right = lacks + ca.mtimes(task.rows, rates - found)
+        right = lacks + ca.mtimes(task.rows, rates - solution)
         rows = ca.mtimes(task.rows, free)
         gram = ca.mtimes(rows, rows.T)
         if task.damping is not None:
             gram = gram + task.damping**2 * ca.SX.eye(gram.size1())
         factors = SymmetricFactors(gram)
-        found = found + ca.mtimes(rows.T, factors.solve(right))
+        solution = solution + ca.mtimes(rows.T, factors.solve(right))
         free = free - ca.mtimes(rows.T, factors.solve(rows))
-    return found
+    return solution

@@ -138,7 +138,7 @@ class DelayLine:
         """The next sample acts from now on; one that left the register gives no number."""
         size = self.held.symbol.size1()
         since = self.samples.count.symbol - 1 - self.due.count.symbol
-        found = ca.SX.nan(size)
+        sample = ca.SX.nan(size)
         for k in range(self.register.symbol.size1() // size):
-            found = ca.if_else(since == k, self.register.symbol[k * size : (k + 1) * size], found)
-        return self.due.event(f"{self.name}.{kind}", kind, self.name, {self.held.name: found}, silent=True)
+            sample = ca.if_else(since == k, self.register.symbol[k * size : (k + 1) * size], sample)
+        return self.due.event(f"{self.name}.{kind}", kind, self.name, {self.held.name: sample}, silent=True)

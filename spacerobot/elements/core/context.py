@@ -590,8 +590,8 @@ def known(
     if last is not None:
         return last
     offset, scale = context.sensors(signal)
-    shown = scale * value if offset is None else offset + scale * value
-    return shown if world is None else world + shown - value
+    reading = scale * value if offset is None else offset + scale * value
+    return reading if world is None else world + reading - value
 
 
 def joint_of(plant: Plant, frame: int) -> int:

@@ -223,11 +223,11 @@ def jointly(laws: Sequence[SampledLaw]) -> tuple[SampledLaw, ...]:
     a period, which hardly contracts where two laws act on the same light joints (position and orientation of
     one tip: by 0.9 a period).
     """
-    found = []
+    groups = []
     for law in laws:
         peers = [other for other in laws if other.group == law.group]
         before = peers[: [peer.event for peer in peers].index(law.event)]
-        found.append(
+        groups.append(
             dataclasses.replace(
                 law,
                 channels=tuple(channel for peer in peers for channel in peer.channels),
@@ -235,7 +235,7 @@ def jointly(laws: Sequence[SampledLaw]) -> tuple[SampledLaw, ...]:
                 first=sum(peer.output.size1() for peer in before),
             )
         )
-    return tuple(found)
+    return tuple(groups)
 
 
 @dataclass(frozen=True)
@@ -438,10 +438,10 @@ class Contribution:
 
 def concatenate(parts: Iterable[Contribution]) -> Contribution:
     """All contributions as one, in their order."""
-    found = list(parts)
-    energies = [part.energy for part in found if part.energy is not None]
+    contributions = list(parts)
+    energies = [part.energy for part in contributions if part.energy is not None]
     lists = {
-        field.name: tuple(item for part in found for item in getattr(part, field.name))
+        field.name: tuple(item for part in contributions for item in getattr(part, field.name))
         for field in dataclasses.fields(Contribution)
         if field.name != "energy"
     }

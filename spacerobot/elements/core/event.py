@@ -72,18 +72,18 @@ class Event:
 
 def both(*conditions: ca.SX) -> ca.SX:
     """Whether all hold, of switches or other truth values (1x1 each)."""
-    found = ca.SX(1)
+    conjunction = ca.SX(1)
     for condition in conditions:
-        found = ca.logic_and(found, condition)
-    return found
+        conjunction = ca.logic_and(conjunction, condition)
+    return conjunction
 
 
 def either(*conditions: ca.SX) -> ca.SX:
     """Whether any holds (1x1 each)."""
-    found = ca.SX(0)
+    disjunction = ca.SX(0)
     for condition in conditions:
-        found = ca.logic_or(found, condition)
-    return found
+        disjunction = ca.logic_or(disjunction, condition)
+    return disjunction
 
 
 def negated(condition: ca.SX) -> ca.SX:

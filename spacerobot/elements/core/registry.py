@@ -171,12 +171,12 @@ def load_plugin(path: StrPath) -> None:
         raise SpaceRobotError(fault.message, source=path, where=fault.where) from None
     except Exception as fault:
         # line of a file in which an exception arose, if it did there
-        found, trace = None, fault.__traceback__
+        line, trace = None, fault.__traceback__
         while trace is not None:
             if trace.tb_frame.f_code.co_filename == str(path):
-                found = f"line {trace.tb_lineno}"
+                line = f"line {trace.tb_lineno}"
             trace = trace.tb_next
-        raise SpaceRobotError(f"{type(fault).__name__}: {fault}", source=path, where=found) from None
+        raise SpaceRobotError(f"{type(fault).__name__}: {fault}", source=path, where=line) from None
     _PLUGINS[path.resolve()] = text
 
 
@@ -225,11 +225,11 @@ class Family:
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Schema of the union of all kinds there are now."""
-        found = kinds(self.name)
+        kinds_by_name = kinds(self.name)
         if self.only is not None:
-            return handler.generate_schema(found[self.only])
+            return handler.generate_schema(kinds_by_name[self.only])
         union = handler.generate_schema(
-            Annotated[functools.reduce(operator.or_, found.values()), Field(discriminator="kind")]
+            Annotated[functools.reduce(operator.or_, kinds_by_name.values()), Field(discriminator="kind")]
         )
 
         def known(value: Any) -> Any:
@@ -240,24 +240,24 @@ class Family:
                 value = {"kind": self.default} | value
             if isinstance(value, dict) and "kind" not in value:
                 # a section with its kind, where the kinds of its family are told by a key that each has alone
-                keys = {kind.told_by: name for name, kind in found.items() if kind.told_by}
-                given = [key for key in keys if value.get(key)]
-                if keys and len(given) != 1:
-                    told = f"found {', '.join(given) or 'none'}, allowed: one of {', '.join(keys)}"
-                    raise PydanticCustomError("unknown_kind", "{told}", {"told": told})
-                value = {"kind": keys[given[0]]} | dict(value) if keys else value
+                keys = {kind.told_by: name for name, kind in kinds_by_name.items() if kind.told_by}
+                present_keys = [key for key in keys if value.get(key)]
+                if keys and len(present_keys) != 1:
+                    message = f"found {', '.join(present_keys) or 'none'}, allowed: one of {', '.join(keys)}"
+                    raise PydanticCustomError("unknown_kind", "{told}", {"told": message})
+                value = {"kind": keys[present_keys[0]]} | dict(value) if keys else value
                 former = [key for key in value if FORMER_NAMES.get(key) == "kind"]
                 if former and "kind" not in value:
                     raise ValueError(f"unknown key {former[0]!r}; use 'kind'")
-            if isinstance(value, dict) and value.get("kind") not in tuple(found):
+            if isinstance(value, dict) and value.get("kind") not in tuple(kinds_by_name):
                 # the kind that was found, the registered kinds and those with similar names
-                allowed = f"allowed: {', '.join(found)}"
-                told = f"missing, {allowed}"
+                allowed = f"allowed: {', '.join(kinds_by_name)}"
+                message = f"missing, {allowed}"
                 if "kind" in value:
-                    near = difflib.get_close_matches(str(value["kind"]), tuple(found), n=2)
+                    near = difflib.get_close_matches(str(value["kind"]), tuple(kinds_by_name), n=2)
                     hint = f"did you mean {' or '.join(near)}? " if near else ""
-                    told = f"found {value['kind']!r}, {allowed}; {hint}your own come with --plugin FILE"
-                raise PydanticCustomError("unknown_kind", "{told}", {"told": told})
+                    message = f"found {value['kind']!r}, {allowed}; {hint}your own come with --plugin FILE"
+                raise PydanticCustomError("unknown_kind", "{told}", {"told": message})
             return value
 
         return core_schema.no_info_before_validator_function(known, union)
@@ -266,11 +266,12 @@ class Family:
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
         """Schema for editors, in which a section without ``kind`` is of the default kind alone."""
-        found = handler(schema)
+        json_schema = handler(schema)
         if self.default is None or self.only is not None:
-            return found
-        default = found["discriminator"]["mapping"][self.default]
-        found["oneOf"] = [
-            each if each["$ref"] == default else each | {"required": ["kind"]} for each in found["oneOf"]
+            return json_schema
+        default = json_schema["discriminator"]["mapping"][self.default]
+        json_schema["oneOf"] = [
+            each if each["$ref"] == default else each | {"required": ["kind"]}
+            for each in json_schema["oneOf"]
         ]
-        return found
+        return json_schema

@@ -114,42 +114,42 @@ def periodic(config: Sampling, context: SectionContext, name: str, continuous: C
     forces = [
         ca.mtimes(channel.actuation, u) for channel, u in zip(continuous.channels, outputs, strict=True)
     ]
-    whole: dict[bool, list[ca.SX]] = {False: forces, True: []}
+    torques_by_space: dict[bool, list[ca.SX]] = {False: forces, True: []}
     for torque in continuous.torques:
-        whole[torque.null_space].append(torque.value)
+        torques_by_space[torque.null_space].append(torque.value)
     torques, events = [], []
     # whose actuators are asked
     names = [channel.robot for channel in continuous.channels]
     robot = [*names, *(torque.robot for torque in continuous.torques), ""][0]
-    for null_space, parts in whole.items():
+    for null_space, parts in torques_by_space.items():
         asked = sum(parts[1:], parts[0]) if parts else ca.SX(0, 1)
         rows = sorted(set(asked.sparsity().row()))
         if not rows:
             continue
-        own = f"{name}.null_space" if null_space else name
-        held = memory(f"{own}.held", ca.SX.zeros(len(rows)))
+        law_name = f"{name}.null_space" if null_space else name
+        held = memory(f"{law_name}.held", ca.SX.zeros(len(rows)))
         # output (n x 1) after its limits and quantisation, and the states that this takes
         value = asked[rows]
-        kept = []
+        last_values = []
         limit = None if config.limit is None else context.number("limit")
         if limit is not None:
             value = ca.fmin(ca.fmax(value, -limit), limit)
         if config.rate_limit is not None:
-            last = memory(f"{own}.last", ca.SX.zeros(value.size1()))
+            last = memory(f"{law_name}.last", ca.SX.zeros(value.size1()))
             step = context.number("rate_limit") * period
             value = ca.fmin(ca.fmax(value, last.symbol - step), last.symbol + step)
-            kept.append(last)
+            last_values.append(last)
         if not context.is_zero("resolution"):
             step = context.number("resolution")
             value = step * ca.floor(value / step + 0.5)
             if limit is not None:
                 value = ca.fmin(ca.fmax(value, -limit), limit)
-        states += [*kept, held]
-        updates |= {state.name: value for state in kept}
+        states += [*last_values, held]
+        updates |= {state.name: value for state in last_values}
         if context.is_zero("delay"):
             updates[held.name] = value
         else:
-            line = DelayLine.of(own, context, clock, held, config.delay / config.period)
+            line = DelayLine.of(law_name, context, clock, held, config.delay / config.period)
             states += line.states
             updates |= line.shifted(value)
             events.append(line.event("acts"))
@@ -184,10 +184,10 @@ def _advanced(state: State, period: ca.SX) -> ca.SX:
     """A state of the controller at the next instant (n x 1); see above."""
     rates, advanced = ca.jacobian(state.derivative, state.symbol), []
     for i in range(state.symbol.size1()):
-        own = rates[i, i]
+        pole = rates[i, i]
         factor = ca.SX(1)
-        if rates[i, i].nnz() and not ca.depends_on(own, state.symbol):
-            a = own * period
+        if rates[i, i].nnz() and not ca.depends_on(pole, state.symbol):
+            a = pole * period
             small = ca.fabs(a) < 1e-8
             factor = ca.if_else(small, 1 + a / 2, ca.expm1(a) / ca.if_else(small, 1, a))
         advanced.append(state.symbol[i] + period * factor * state.derivative[i])

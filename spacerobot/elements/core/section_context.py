@@ -70,12 +70,14 @@ class SectionContext:
 
     def number(self, key: str) -> ca.SX:
         """A number of the section (1x1), in the section's unit; that of the phase where it differs."""
-        found = self.once(key, self.parameters(f"{self.path}.{key}"))
+        value = self.once(key, self.parameters(f"{self.path}.{key}"))
         for name, active in self.phases.items():
-            own = f"phases.{name}.{self.path}.{key}"
-            if own in self.parameters:
-                found = ca.if_else(active, self.constants.hoist(own, self.parameters(own)), found)
-        return found
+            phase_path = f"phases.{name}.{self.path}.{key}"
+            if phase_path in self.parameters:
+                value = ca.if_else(
+                    active, self.constants.hoist(phase_path, self.parameters(phase_path)), value
+                )
+        return value
 
     def random(self, sensor: str, rows: int, width: int, row: ca.SX) -> ca.SX:
         """Standard normal numbers of a sensor's sample.
@@ -107,9 +109,11 @@ class SectionContext:
             If one does.
         """
         for name in self.phases:
-            own = f"phases.{name}.{self.path}.{key}"
-            if own in self.parameters:
-                raise ScenarioError("found a number, allowed: none; phases do not change it", where=own)
+            phase_path = f"phases.{name}.{self.path}.{key}"
+            if phase_path in self.parameters:
+                raise ScenarioError(
+                    "found a number, allowed: none; phases do not change it", where=phase_path
+                )
         return self.number(key)
 
     def chosen(self, key: str, word: str) -> dict[str, ca.SX]:
@@ -122,17 +126,17 @@ class SectionContext:
         word
             Word of the scenario, the only one where no phase has another.
         """
-        found: dict[str, list[ca.SX]] = {}
+        activity: dict[str, list[ca.SX]] = {}
         for name, active in self.phases.items():
             here = self.words.get(f"phases.{name}.{self.path}.{key}", word)
-            found.setdefault(here, []).append(active)
-        return {here: either(*active) for here, active in found.items()} or {word: ca.SX(1)}
+            activity.setdefault(here, []).append(active)
+        return {here: either(*active) for here, active in activity.items()} or {word: ca.SX(1)}
 
     def is_zero(self, key: str) -> bool:
         """Whether a number of the section is exactly zero, always: neither varied nor another in a phase."""
-        path, own = f"{self.path}.{key}", self.parameters
-        phases = (f"phases.{name}.{path}" in own for name in self.phases)
-        return own.value(path) == 0 and not own.varies(path) and not any(phases)
+        path, parameters = f"{self.path}.{key}", self.parameters
+        phases = (f"phases.{name}.{path}" in parameters for name in self.phases)
+        return parameters.value(path) == 0 and not parameters.varies(path) and not any(phases)
 
     def vector(self, key: str, factor: float = 1.0) -> ca.SX:
         """Three numbers of the section times a factor (3x1); exact zeros are structural.
@@ -144,8 +148,8 @@ class SectionContext:
         factor
             Factor, for example of a conversion of units.
         """
-        found = self.parameters.sparse_vector(f"{self.path}.{key}")
-        return self.once(key, found * factor if factor != 1.0 else found)
+        value = self.parameters.sparse_vector(f"{self.path}.{key}")
+        return self.once(key, value * factor if factor != 1.0 else value)
 
     def once(self, name: str, expression: ca.SX) -> ca.SX:
         """Evaluate an expression once for each rollout.

@@ -66,19 +66,19 @@ class EnvironmentContext:
     def loads(self) -> tuple[Load, ...]:
         """Everything that moves and has mass."""
         inertias, kinematics = self.plant.inertias, self.plant.kinematics
-        found = []
+        moving_loads = []
         for joint in (j for j in range(1, len(inertias.mass)) if inertias.mass[j].nnz()):
             mass, moment = inertias.mass[joint], inertias.moment[joint]
-            own, about_origin = moment / mass, inertias.rotational[joint]
-            steiner = ca.dot(moment, own) * ca.SX.eye(3) - ca.mtimes(moment, own.T)
+            centre, about_origin = moment / mass, inertias.rotational[joint]
+            steiner = ca.dot(moment, centre) * ca.SX.eye(3) - ca.mtimes(moment, centre.T)
             constants = self.context.constants
             central = self.context.once(f"inertia.{joint}", constants.expanded(about_origin - steiner))
             rotation, spin = kinematics.rotation[joint], kinematics.angular_velocity[joint]
-            lever = ca.mtimes(rotation, self.context.once(f"com.{joint}", constants.expanded(own)))
+            lever = ca.mtimes(rotation, self.context.once(f"com.{joint}", constants.expanded(centre)))
             velocity = kinematics.linear_velocity[joint] + cross(spin, lever)
             place = kinematics.origin[joint] + lever
-            found.append(Load(joint, mass, place, rotation, central, velocity, spin))
-        return tuple(found)
+            moving_loads.append(Load(joint, mass, place, rotation, central, velocity, spin))
+        return tuple(moving_loads)
 
     def acting(self, load: Load, force: ca.SX, torque: ca.SX) -> tuple[Wrench, PowerTerm]:
         """Wrench on a load at its centre of mass, and the power that it puts in.

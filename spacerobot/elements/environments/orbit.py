@@ -136,8 +136,8 @@ class Orbit(Environment):
                 line = (at + place) / (now.radius * length)
             torque = ca.SX(3, 1)
             if self.gravity_gradient:
-                own = ca.mtimes(load.rotation.T, line)
-                couple = cross(own, ca.mtimes(load.inertia, own))
+                local_line = ca.mtimes(load.rotation.T, line)
+                couple = cross(local_line, ca.mtimes(load.inertia, local_line))
                 torque = 3 * strength * ca.mtimes(load.rotation, couple)
             pairs.append(environment.acting(load, load.mass * pull, torque))
         return Contribution(
@@ -207,6 +207,6 @@ def _relative(now: OrbitState, environment: EnvironmentContext) -> Iterator[Outp
     axes = "radial, along-track, cross-track"
     for name, frame in environment.roots.items():
         place, speed = environment.plant.placement(frame)[1], environment.plant.velocity(frame)[0]
-        seen = now.hill(speed - cross(axis, place))
+        hill_velocity = now.hill(speed - cross(axis, place))
         yield Output("hill_position", now.hill(place), "m", f"position of bodies: {axes}", "body", name)
-        yield Output("hill_velocity", seen, "m/s", f"velocity of bodies: {axes}", "body", name)
+        yield Output("hill_velocity", hill_velocity, "m/s", f"velocity of bodies: {axes}", "body", name)

@@ -188,9 +188,9 @@ class _AttitudeFilterLaw:
         transition[2 * n : 3 * n, 2 * n : 3 * n] = ca.SX(n, n)
         noise[:n, :n] = (white / 4 + walk / 3) * period**2 * ca.SX.eye(n)
         for first, variance in ((n, walk), (2 * n, white)):
-            own = slice(first, first + n)
-            noise[:n, own], noise[own, :n] = -variance / 2 * lever, -variance / 2 * lever.T
-            noise[own, own] = variance * ca.SX.eye(n)
+            columns = slice(first, first + n)
+            noise[:n, columns], noise[columns, :n] = -variance / 2 * lever, -variance / 2 * lever.T
+            noise[columns, columns] = variance * ca.SX.eye(n)
         spread = ca.mtimes(transition, ca.mtimes(covariance, transition.T)) + noise
         return ca.mtimes(attitude, turned_by(turn)), spread
 
@@ -208,13 +208,13 @@ class _AttitudeFilterLaw:
         predicted, spread = self._predicted()
         predicted = ca.if_else(first, ca.mtimes(turned_by(drawn), self.true), predicted)
         spread = ca.if_else(first, self._initial(), spread)
-        shown = self.tracker.value.symbol
-        fresh = both(shown[-1] > self.used.symbol, negated(robot.rejected(TRACKER)))
+        sample = self.tracker.value.symbol
+        fresh = both(sample[-1] > self.used.symbol, negated(robot.rejected(TRACKER)))
         place = 3 * n if self.late else 0
         rows = ca.SX(n, self._count)
         rows[:, place : place + n] = ca.SX.eye(n)
         compared = attitude_of(self.copy.symbol) if self.late else predicted
-        innovation = rotation_log(ca.mtimes(attitude_of(shown[:-1]), compared.T))[list(self.axes)]
+        innovation = rotation_log(ca.mtimes(attitude_of(sample[:-1]), compared.T))[list(self.axes)]
         if self.config.attitude_noise is None:
             errors = robot.errors(TRACKER)
             variance = errors.number("noise") ** 2 / errors.steady("period")
@@ -232,7 +232,7 @@ class _AttitudeFilterLaw:
             (self.bias, bias),
             (self.spin, ca.mtimes(attitude[axes, axes], measured - bias)),
             (self.rate, measured),
-            (self.used, ca.if_else(fresh, shown[-1], self.used.symbol)),
+            (self.used, ca.if_else(fresh, sample[-1], self.used.symbol)),
             (self.nis, ca.if_else(fresh, nis, self.nis.symbol)),
         ]
         if self.late:
@@ -245,9 +245,9 @@ class _AttitudeFilterLaw:
         updates.append((self.covariance, triangle(after)))
         named = {state.name: ca.densify(value) for state, value in updates}
         tick = clock.event(f"{robot.label}.estimated", "estimated", robot.label, named, silent=True)
-        found, spin = attitude_of(self.attitude.symbol), ca.SX(3, 1)
+        estimate, spin = attitude_of(self.attitude.symbol), ca.SX(3, 1)
         spin[axes] = self.spin.symbol
-        error = ca.mtimes(found, self.true.T)
+        error = ca.mtimes(estimate, self.true.T)
 
         def turned(vector: ca.SX) -> ca.SX:
             """Rotation vector from any attitude to the estimated one, from that to the true one."""
@@ -256,13 +256,15 @@ class _AttitudeFilterLaw:
         # innovations of the star tracker
         period_s = robot.context.parameters.value(f"{robot.errors(TRACKER).path}.period")
         instants = robot.errors(GYRO).steady("period"), ca.SX(0)
-        seen = Innovation(robot.label, TRACKER, self.nis.symbol, n, self.used.symbol, *instants, period_s)
+        innovation_of_tracker = Innovation(
+            robot.label, TRACKER, self.nis.symbol, n, self.used.symbol, *instants, period_s
+        )
         return Contribution(
             states=(*(state for state, _ in updates), clock.count),
             events=(tick,),
-            outputs=tuple(self._outputs(found)),
+            outputs=tuple(self._outputs(estimate)),
             estimates=((TRACKER, turned), (GYRO, lambda _: spin)),
-            innovations=(seen,),
+            innovations=(innovation_of_tracker,),
         )
 
     def _outputs(self, found: ca.SX) -> Iterable[Output]:
@@ -281,9 +283,9 @@ class _AttitudeFilterLaw:
             "bias_estimate_deviation": (deviation[n:], "rad/s", "standard deviation of these biases"),
         }
         for key, (value, unit, text) in vectors.items():
-            whole = ca.SX(3, 1)
-            whole[list(self.axes)] = value
-            yield Output(key, whole, unit, text, "body", name)
+            vector = ca.SX(3, 1)
+            vector[list(self.axes)] = value
+            yield Output(key, vector, unit, text, "body", name)
         yield Output("attitude_nees", nees, "1", "normalised error squared of attitude filters", "body", name)
         text = "normalised innovation squared of attitude filters"
         yield Output("attitude_nis", self.nis.symbol, "1", text, "body", name)

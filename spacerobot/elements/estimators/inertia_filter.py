@@ -180,9 +180,9 @@ class _InertiaFilterLaw:
         else:
             inertia = ca.vertcat(*(number(f"inertia.{i}") for i in range(6)))
         rotation, origin = (ca.SX(ca.DM(part)) for part in target.poses[self.config.frame])
-        known = inertial_parameters(mass, centre, inertia)
+        assumed_parameters = inertial_parameters(mass, centre, inertia)
         self.assumed = once(
-            "assumed", expanded(in_other_axes(known, rotation.T, -ca.mtimes(rotation.T, origin)))
+            "assumed", expanded(in_other_axes(assumed_parameters, rotation.T, -ca.mtimes(rotation.T, origin)))
         )
         # covariance at the start, of independent errors of mass, centre and inertia
         mass, _, mean = self._scales()
@@ -204,9 +204,9 @@ class _InertiaFilterLaw:
 
     def _whole(self) -> ca.SX:
         """The estimate (10x1); what a plane's motion does not depend on is as assumed."""
-        found = ca.SX(self.assumed)
-        found[self.columns] = self.mean.symbol
-        return found
+        parameters = ca.SX(self.assumed)
+        parameters[self.columns] = self.mean.symbol
+        return parameters
 
     def _scales(self) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Mass, radius of gyration and mean moment of inertia of the assumed object (1x1 each)."""
@@ -268,8 +268,8 @@ class _InertiaFilterLaw:
                 q[at] = angle
             else:
                 q[at], q[at + 1] = ca.cos(angle), ca.sin(angle)
-        whole = ca.vertcat(ca.horzcat(turn, ca.SX(3, 3)), ca.horzcat(-ca.mtimes(turn, skew(place)), turn))
-        total = ca.mtimes(onto.T, whole)[:, self.axes]
+        transport = ca.vertcat(ca.horzcat(turn, ca.SX(3, 3)), ca.horzcat(-ca.mtimes(turn, skew(place)), turn))
+        total = ca.mtimes(onto.T, transport)[:, self.axes]
         split = FreeFloating.split(plant.model, plant.kinematics, plant.inertias, self.joint)
         count = plant.v.size1()
         inertia = ca.SX(len(self.base), count)
@@ -283,19 +283,21 @@ class _InertiaFilterLaw:
         rows = ca.horzcat(regressor, -total)
         pushed = ca.mtimes(total, robot.base_impulse()[self.axes])
         left = pushed - ca.mtimes(inertia, v) - wheels - ca.mtimes(regressor, self.start)
-        whole = inertia + ca.mtimes(back, ca.mtimes(spatial_inertia(self._whole()), jacobian))
-        whole = ca.mtimes(whole, plant.spread) if plant.ties.size2() else whole
+        momentum_map = inertia + ca.mtimes(back, ca.mtimes(spatial_inertia(self._whole()), jacobian))
+        momentum_map = ca.mtimes(momentum_map, plant.spread) if plant.ties.size2() else momentum_map
         variances = ca.SX(count, 1)
         moving = len(plant.translation_axes)
         variances[self.base[:moving]] = self._variance("velocity_noise")
         variances[self.base[moving:]] = self._variance("spin_noise")
         variances[[int(plant.model.idx_vs[joint]) for joint in robot.joints]] = self._variance("rate_noise")
-        factors = SymmetricFactors(ca.densify(ca.mtimes(whole, ca.mtimes(ca.diag(variances), whole.T))))
+        factors = SymmetricFactors(
+            ca.densify(ca.mtimes(momentum_map, ca.mtimes(ca.diag(variances), momentum_map.T)))
+        )
         white = factors.reduced(ca.horzcat(rows, left))
         weighted = ca.mtimes(ca.diag(-factors.negated_pivots), white)
         added = ca.mtimes(white[:, :-1].T, weighted)  # the last column is the vector
         # noise of the rows is correlated with that of the residual; its expectation, by parameter
-        shared = ca.mtimes(back.T, factors.solve(ca.mtimes(whole, ca.diag(variances))))
+        shared = ca.mtimes(back.T, factors.solve(ca.mtimes(momentum_map, ca.diag(variances))))
         shared = ca.mtimes(shared, jacobian.T)
         one = ca.SX.eye(SIZE)
         bias = [ca.sum1(ca.sum2(spatial_inertia(one[:, i]) * shared)) for i in self.columns]
@@ -319,10 +321,10 @@ class _InertiaFilterLaw:
         )
         # parameters and the triangle of their covariance, the total momentum eliminated
         n = len(self.columns)
-        whole = symmetric(information, self.size)
-        momentum, coupling = SymmetricFactors(whole[n:, n:]), whole[n:, :n]
+        information_matrix = symmetric(information, self.size)
+        momentum, coupling = SymmetricFactors(information_matrix[n:, n:]), information_matrix[n:, :n]
         prior = SymmetricFactors(symmetric(self.first, n)).solve(ca.SX.eye(n))
-        reduced = whole[:n, :n] - ca.mtimes(coupling.T, momentum.solve(coupling))
+        reduced = information_matrix[:n, :n] - ca.mtimes(coupling.T, momentum.solve(coupling))
         factors = SymmetricFactors(prior + reduced)
         right = vector[:n] - ca.mtimes(coupling.T, momentum.solve(vector[n:]))
         mean = self.start + factors.solve(right)
@@ -335,12 +337,12 @@ class _InertiaFilterLaw:
         ]
         named = {state.name: ca.densify(value) for state, value in updates}
         tick = clock.event(f"{self.label}.estimated", "estimated", self.label, named, silent=True)
-        found = self._whole()
+        estimate = self._whole()
         return Contribution(
             states=(*(state for state, _ in updates), clock.count),
             events=(tick,),
             outputs=tuple(self._outputs()),
-            estimates=((HELD_INERTIA, lambda _: closed * found),),
+            estimates=((HELD_INERTIA, lambda _: closed * estimate),),
         )
 
     def _outputs(self) -> Iterable[Output]:
@@ -368,20 +370,20 @@ class _InertiaFilterLaw:
             "com": ("m", [1, 2], [0, 1]) if self.planar else ("m", [1, 2, 3], [0, 1, 2]),
             "moments": ("kg m^2", [3], [2]) if self.planar else ("kg m^2", [4, 5, 6], [0, 1, 2]),
         } | ({} if self.planar else {"products": ("kg m^2", [7, 8, 9], [0, 1, 2])})
-        for key, (unit, own, at) in places.items():
+        for key, (unit, columns, at) in places.items():
             for kind, values, text in (
                 ("error", error, "true less estimated"),
                 ("deviation", deviation, "standard deviation of the estimated"),
             ):
-                whole = ca.SX(1 if key == "mass" else 3, 1)
-                whole[at] = values[own]
+                value = ca.SX(1 if key == "mass" else 3, 1)
+                value[at] = values[columns]
                 label = {
                     "com": "centre of mass",
                     "moments": "moments of inertia",
                     "products": "products of inertia",
                 }
                 text = f"{text} {label.get(key, key)} of held objects, axes of the tip"
-                yield Output(f"held_{key}_{kind}", whole, unit, text, "body", name)
+                yield Output(f"held_{key}_{kind}", value, unit, text, "body", name)
         left = true - mean
         nees = ca.dot(left, SymmetricFactors(covariance).solve(left))
         yield Output("held_nees", nees, "1", "normalised error squared of inertia filters", "body", name)

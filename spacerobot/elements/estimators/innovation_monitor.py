@@ -86,21 +86,21 @@ class InnovationMonitor(Estimator):
         lower, upper = (float(chdtri(freedoms, part)) for part in (1 - passes / 2, passes / 2))
         clock = Clock.of(f"{label}.instants", context.time, tested.period, tested.delay)
         total, count = (memory(f"{label}.{key}", ca.SX.zeros(1)) for key in ("total", "count"))
-        seen = memory(f"{label}.seen", ca.SX(-0.5))  # time of the last sample that was counted
+        last_sample = memory(f"{label}.seen", ca.SX(-0.5))  # time of the last sample that was counted
         # of the last whole window, in the middle of what is allowed until there is one
-        found = memory(f"{label}.sum", ca.SX(tested.size * self.window))
-        fresh = tested.used > seen.symbol
+        window_sum = memory(f"{label}.sum", ca.SX(tested.size * self.window))
+        fresh = tested.used > last_sample.symbol
         new = total.symbol + ca.if_else(fresh, tested.square, 0)
         number = count.symbol + fresh
-        whole = number > self.window - 0.5
+        window_full = number > self.window - 0.5
         updates = {
-            seen.name: tested.used,
-            total.name: ca.if_else(whole, 0, new),
-            count.name: ca.if_else(whole, 0, number),
-            found.name: ca.if_else(whole, new, found.symbol),
+            last_sample.name: tested.used,
+            total.name: ca.if_else(window_full, 0, new),
+            count.name: ca.if_else(window_full, 0, number),
+            window_sum.name: ca.if_else(window_full, new, window_sum.symbol),
         }
         sets, armed = {detected.name(): True}, negated(detected)
-        excess = ca.fmax(found.symbol / upper - 1, 1 - found.symbol / lower)
+        excess = ca.fmax(window_sum.symbol / upper - 1, 1 - window_sum.symbol / lower)
         events = [
             clock.event(f"{label}.counted", "estimated", label, updates, silent=True),
             Event(f"{label}.detected", "detected", who, excess, armed, sets),
@@ -110,12 +110,12 @@ class InnovationMonitor(Estimator):
             events.append(Event(f"{label}.silent", "detected", who, since, armed, sets, clock=True))
         text = "sum of normalised innovations squared over the last window"
         outputs = (
-            Output("innovation_sum", found.symbol, "1", text, "filter", who),
+            Output("innovation_sum", window_sum.symbol, "1", text, "filter", who),
             Output("innovation_limit", ca.SX(upper), "1", "maximum sum that is no alarm", "filter", who),
             Output("failures_detected", detected, "1", "failures that were detected", "body", robot.robot),
         )
         return Contribution(
-            states=(seen, total, count, found, clock.count), events=tuple(events), outputs=outputs
+            states=(last_sample, total, count, window_sum, clock.count), events=tuple(events), outputs=outputs
         )
 
     def words(self) -> str:

@@ -25,11 +25,11 @@ def triangle(matrix: ca.SX) -> ca.SX:
 
 def symmetric(entries: ca.SX, size: int) -> ca.SX:
     """Symmetric matrix (n x n) of its upper triangle; see :func:`triangle`."""
-    found, rest = ca.SX(size, size), iter(ca.vertsplit(entries))
+    matrix, rest = ca.SX(size, size), iter(ca.vertsplit(entries))
     for i in range(size):
         for j in range(i, size):
-            found[i, j] = found[j, i] = next(rest)
-    return found
+            matrix[i, j] = matrix[j, i] = next(rest)
+    return matrix
 
 
 def updated(

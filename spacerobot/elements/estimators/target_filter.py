@@ -107,11 +107,11 @@ class TargetFilter(Estimator):
                     f"found {key} {getattr(place, key):g} s of {PLACE} and {getattr(attitude, key):g} s of "
                     f"{ATTITUDE}, allowed: the same, since one camera shows both",
                 )
-        for signal, errors, own in (
+        for signal, errors, filter_noise in (
             (PLACE, place, self.position_noise),
             (ATTITUDE, attitude, self.attitude_noise),
         ):
-            if own is None and not errors.noise:
+            if filter_noise is None and not errors.noise:
                 key = "position_noise" if signal == PLACE else "attitude_noise"
                 yield key, f"missing, and {signal} has no `noise`; give one of them"
 
@@ -172,16 +172,16 @@ class _TargetFilterLaw:
             PLACE, where - self.camera, plant.translation_axes, carrier, (self.camera, away)
         )
         self.attitude = robot.sample(ATTITUDE, how, plant.rotation_axes, carrier, (self.camera, away))
-        label, whole = robot.label, self.true
-        self.mean = memory(f"{label}.mean", whole)
+        label, initial_motion = robot.label, self.true
+        self.mean = memory(f"{label}.mean", initial_motion)
         self.covariance = memory(
             f"{label}.covariance",
             triangle(ca.diag((self.robot.context.number("initial_factor") * self._deviations()) ** 2)),
         )
         self.used = memory(f"{label}.used", ca.SX([-0.5, -0.5]))
         self.nis = memory(f"{label}.nis", ca.SX.zeros(2))
-        symbol = ca.SX.sym(f"{label}.now", whole.size1())
-        self.now = State(f"{label}.now", symbol, whole, self._rate(symbol))
+        symbol = ca.SX.sym(f"{label}.now", initial_motion.size1())
+        self.now = State(f"{label}.now", symbol, initial_motion, self._rate(symbol))
 
     def _true_ratios(self, axes: ca.SX, centre: ca.SX) -> ca.SX:
         """Logarithms of the true inertia ratios, also where a campaign varies inertias.
@@ -227,16 +227,16 @@ class _TargetFilterLaw:
     def _advanced(self, motion: ca.SX, time: ca.SX, steps: int) -> tuple[ca.SX, ca.SX]:
         """Motion after a time, and the transition of its errors."""
         n, count = len(self.about), len(self.about) + self.ratios
-        own, driven = ca.SX.sym("w", n), ca.SX.sym("k", self.ratios)
-        slope = ca.jacobian(self._spin_rate(own, driven), ca.vertcat(own, driven))
-        slopes = ca.Function("slopes", [own, driven], [slope])
+        spin_symbol, driven = ca.SX.sym("w", n), ca.SX.sym("k", self.ratios)
+        slope = ca.jacobian(self._spin_rate(spin_symbol, driven), ca.vertcat(spin_symbol, driven))
+        slopes = ca.Function("slopes", [spin_symbol, driven], [slope])
 
         def rate(motion: ca.SX, spread: ca.SX, _: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
             """Rates of a motion, of its spin and of its turn by the first spin and the ratios."""
             _, _, attitude, spin, ratios = self._parts(motion)
-            found = slopes(spin, ratios)
-            driven = ca.mtimes(found[:, :n], spread)
-            driven[:, n:] += found[:, n:]
+            jacobian = slopes(spin, ratios)
+            driven = ca.mtimes(jacobian[:, :n], spread)
+            driven[:, n:] += jacobian[:, n:]
             axes = attitude_of(attitude)[self.about, self.about]
             return self._rate(motion), driven, ca.mtimes(axes, spread)
 
@@ -265,30 +265,30 @@ class _TargetFilterLaw:
     def _noise(self, attitude: ca.SX, time: ca.SX) -> ca.SX:
         """Covariance of what white accelerations do in a time."""
         number, m, n = self.robot.context.number, len(self.along), len(self.about)
-        found = ca.SX(sum(self.errors), sum(self.errors))
+        covariance = ca.SX(sum(self.errors), sum(self.errors))
         axes = attitude_of(attitude)[self.about, self.about]
         for key, first, size, turn in (
             ("acceleration", 0, m, ca.SX.eye(m)),
             ("spin_acceleration", 2 * m, n, axes),
         ):
             density, next_ = number(key) ** 2, first + size
-            found[first:next_, first:next_] = density * time**3 / 3 * ca.SX.eye(size)
-            found[first:next_, next_ : next_ + size] = density * time**2 / 2 * turn
-            found[next_ : next_ + size, first:next_] = density * time**2 / 2 * turn.T
-            found[next_ : next_ + size, next_ : next_ + size] = density * time * ca.SX.eye(size)
-        return found
+            covariance[first:next_, first:next_] = density * time**3 / 3 * ca.SX.eye(size)
+            covariance[first:next_, next_ : next_ + size] = density * time**2 / 2 * turn
+            covariance[next_ : next_ + size, first:next_] = density * time**2 / 2 * turn.T
+            covariance[next_ : next_ + size, next_ : next_ + size] = density * time * ca.SX.eye(size)
+        return covariance
 
     def _deviations(self) -> ca.SX:
         """Standard deviations at the start."""
         number = self.robot.context.number
-        own = (
+        deviations = (
             number("position"),
             number("velocity"),
             number("attitude_deg") * DEGREE,
             number("spin_deg") * DEGREE,
             number("inertia"),
         )
-        return ca.vertcat(*(ca.repmat(x, size, 1) for x, size in zip(own, self.errors, strict=True)))
+        return ca.vertcat(*(ca.repmat(x, size, 1) for x, size in zip(deviations, self.errors, strict=True)))
 
     def _corrected(self, motion: ca.SX, correction: ca.SX) -> ca.SX:
         """A motion moved by errors."""
@@ -316,17 +316,19 @@ class _TargetFilterLaw:
         place, _, attitude, _, _ = self._parts(mean)
         rotation = attitude_of(attitude)
         lever = ca.mtimes(rotation, self.arm)
-        shown, turned = self.place.value.symbol, self.attitude.value.symbol
-        away = ca.norm_2(shown[:m] - self.camera[self.along])
+        position_sample, turned = self.place.value.symbol, self.attitude.value.symbol
+        away = ca.norm_2(position_sample[:m] - self.camera[self.along])
         rows = ca.SX(m + n, size)
         rows[:m, :m] = ca.SX.eye(m)
         rows[:m, 2 * m : 2 * m + n] = -skew(lever)[self.along, self.about]
         rows[m:, 2 * m : 2 * m + n] = ca.SX.eye(n)
-        seen = rotation_log(ca.mtimes(attitude_of(turned[:-1]), ca.mtimes(rotation, self.turn).T))[self.about]
-        innovation = ca.vertcat(shown[:m] - place - lever[self.along], seen)
+        rotation_error = rotation_log(ca.mtimes(attitude_of(turned[:-1]), ca.mtimes(rotation, self.turn).T))[
+            self.about
+        ]
+        innovation = ca.vertcat(position_sample[:m] - place - lever[self.along], rotation_error)
         correction, used, squares = ca.SX.zeros(size), [], []
         samples = (
-            (slice(0, m), shown, "position_noise", PLACE),
+            (slice(0, m), position_sample, "position_noise", PLACE),
             (slice(m, m + n), turned, "attitude_noise", ATTITUDE),
         )
         for i, (part, value, key, signal) in enumerate(samples):
@@ -427,12 +429,12 @@ class _TargetFilterLaw:
         covariance = ca.mtimes(transition, ca.mtimes(covariance, transition.T))
         covariance = covariance + self._noise(self._parts(mean)[2], since)
         deviation = ca.sqrt(ca.diag(covariance))
-        own, others = self._parts(self.now.symbol), self._parts(self.true)
-        turn = rotation_log(ca.mtimes(attitude_of(others[2]), attitude_of(own[2]).T))[self.about]
+        estimate, truth = self._parts(self.now.symbol), self._parts(self.true)
+        turn = rotation_log(ca.mtimes(attitude_of(truth[2]), attitude_of(estimate[2]).T))[self.about]
         error = ca.vertcat(
-            *(b - a for a, b in zip(own[:2], others[:2], strict=True)),
+            *(b - a for a, b in zip(estimate[:2], truth[:2], strict=True)),
             turn,
-            *(b - a for a, b in zip(own[3:], others[3:], strict=True)),
+            *(b - a for a, b in zip(estimate[3:], truth[3:], strict=True)),
         )
         texts = (
             ("position", "m", "of the target's centre of mass", self.along),
@@ -445,9 +447,9 @@ class _TargetFilterLaw:
                 ("error", error, "true less estimated, "),
                 ("deviation", deviation, "standard deviation "),
             ):
-                whole = ca.SX(3, 1)
-                whole[axes] = values[first : first + len(axes)]
-                yield Output(f"target_{key}_{kind}", whole, unit, what + text, "body", name)
+                vector = ca.SX(3, 1)
+                vector[axes] = values[first : first + len(axes)]
+                yield Output(f"target_{key}_{kind}", vector, unit, what + text, "body", name)
         ratios = self._parts(self.now.symbol)[4]
         for i in range(self.ratios):
             text = f"estimated logarithm of the target's inertia ratio {i + 1} : 3"

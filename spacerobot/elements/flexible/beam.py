@@ -83,9 +83,9 @@ class FlexibleBeam(FlexibleLink):
     def _check(self) -> Self:
         if not self._length > 0:
             raise ValueError("end: found `start`, allowed: another point")
-        given = [self.bending_stiffness is not None]
-        given += [self.youngs_modulus is not None, self.second_moment is not None]
-        if given not in ([True, False, False], [False, True, True]):
+        presence = [self.bending_stiffness is not None]
+        presence += [self.youngs_modulus is not None, self.second_moment is not None]
+        if presence not in ([True, False, False], [False, True, True]):
             raise ValueError("bending_stiffness: give it, or both `youngs_modulus` and `second_moment`")
         if self.torsional_inertia is not None and self.torsional_stiffness is None:
             raise ValueError("torsional_inertia: it belongs to `torsional_stiffness`; give that too")
@@ -101,8 +101,8 @@ class FlexibleBeam(FlexibleLink):
 
     @property
     def _axis(self) -> Array:
-        found: Array = np.subtract(self.end, self.start) / self._length
-        return found
+        direction: Array = np.subtract(self.end, self.start) / self._length
+        return direction
 
     @property
     def _hinges(self) -> Array:
@@ -145,7 +145,9 @@ class FlexibleBeam(FlexibleLink):
 
         def shaped(piece: UrdfLink, i: int) -> UrdfLink:
             """Piece with its shapes, the root's number being 0."""
-            visuals, collisions = (tuple(one for k, one in found if k == i) for found in pieces.values())
+            visuals, collisions = (
+                tuple(one for k, one in assigned if k == i) for assigned in pieces.values()
+            )
             return replace(piece, visuals=visuals, collisions=collisions)
 
         links, joints, parent = list[UrdfLink](), list[UrdfJoint](), self.link
@@ -182,23 +184,27 @@ class FlexibleBeam(FlexibleLink):
     ) -> Mapping[str, tuple[Number, Number]]:
         """``E I / dx``, of torsion ``G J / dx``, and T times that."""
         del description
-        given = self.bending_stiffness is not None
-        bending = number("bending_stiffness" if given else "youngs_modulus")
-        bending = bending if given else bending * number("second_moment")
-        found = {}
+        has_bending = self.bending_stiffness is not None
+        bending = number("bending_stiffness" if has_bending else "youngs_modulus")
+        bending = bending if has_bending else bending * number("second_moment")
+        coefficients = {}
         for letter in self._turns:
             stiffness = number("torsional_stiffness") if letter == "t" else bending
             stiffness = stiffness * (self.segments / self._length)
-            found[letter] = (stiffness, stiffness * number("damping_time"))
-        return {f"{name}_{i + 1}{letter}": found[letter] for i in range(self.segments) for letter in found}
+            coefficients[letter] = (stiffness, stiffness * number("damping_time"))
+        return {
+            f"{name}_{i + 1}{letter}": coefficients[letter]
+            for i in range(self.segments)
+            for letter in coefficients
+        }
 
     def moving_inertia(self, description: Description, name: str) -> Array:
         """That of the pieces."""
-        found = np.zeros((6, 6))
+        total = np.zeros((6, 6))
         for i in range(1, self.segments + 1):
             piece = find_link(description, f"{name}_{i}")
-            found += pin.Inertia(piece.mass, piece.com, piece.inertia).matrix()
-        return found
+            total += pin.Inertia(piece.mass, piece.com, piece.inertia).matrix()
+        return total
 
     def build(self, flexible: FlexibleContext) -> Contribution:
         """Displacement of the end, axes of the link."""

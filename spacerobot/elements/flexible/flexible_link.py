@@ -41,8 +41,8 @@ class FlexibleContext:
     def position(self, joint: str) -> ca.SX | None:
         """Position (1x1) [rad or m] of one of the joints; None if it is locked."""
         model, full = self.plant.model, f"{self.body}/{joint}"
-        known = model.existJointName(full)
-        return self.plant.q[model.joints[model.getJointId(full)].idx_q] if known else None
+        exists = model.existJointName(full)
+        return self.plant.q[model.joints[model.getJointId(full)].idx_q] if exists else None
 
     def placement(self, link: str) -> tuple[ca.SX, ca.SX]:
         """Rotation (3x3) and origin (3x1) [m] of a link."""

@@ -147,8 +147,8 @@ class FlexibleModes(FlexibleLink):
         count = len(self.frequencies)
         for key in ("damping", "participation"):
             if len(getattr(self, key)) != count:
-                found = len(getattr(self, key))
-                raise ValueError(f"{key}: found {found}, allowed: {count}, as of frequencies")
+                size = len(getattr(self, key))
+                raise ValueError(f"{key}: found {size}, allowed: {count}, as of frequencies")
         for i, row in enumerate(self.participation):
             if not any(row):
                 raise ValueError(
@@ -159,9 +159,9 @@ class FlexibleModes(FlexibleLink):
     @property
     def _attachment(self) -> Array:
         """Attachment in the link's frame (4, 4); that of an appendage of its own is the frame."""
-        found = translation(np.array(self.position))
-        found[:3, :3] = pin.rpy.rpyToMatrix(np.radians(self.rotation_deg))
-        return found
+        transform = translation(np.array(self.position))
+        transform[:3, :3] = pin.rpy.rpyToMatrix(np.radians(self.rotation_deg))
+        return transform
 
     def carrier(self, name: str) -> str:
         """The link, or the appendage that the section describes."""
@@ -184,20 +184,22 @@ class FlexibleModes(FlexibleLink):
             xx, yy, zz, xy, xz, yz = self.inertia
             inertia = frozen([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
             box = Geometry("box", frozen(self.size or (0.0, 0.0, 0.0)))
-            shown = (LinkShape(None, frozen(translation(np.array(self.com))), box),)
-            own = UrdfLink(name, self.mass, frozen(self.com), inertia, shown if self.size else ())
+            base_shapes = (LinkShape(None, frozen(translation(np.array(self.com))), box),)
+            base_link = UrdfLink(name, self.mass, frozen(self.com), inertia, base_shapes if self.size else ())
             at, x = frozen(self._attachment), frozen([1, 0, 0])
             weld = UrdfJoint(f"{name}_mount", "fixed", carrier.name, name, at, x)
-            description = extended(description, [], [own], [weld], name)
-            carrier = own
+            description = extended(description, [], [base_link], [weld], name)
+            carrier = base_link
         links, joints = list[UrdfLink](), list[UrdfJoint]()
         bend, count = self.shapes, len(carrier.visuals)
         if bend is None:
             carries = any(joint.parent == carrier.name for joint in description.joints)
             bend = () if carries else tuple(range(count))
         if any(i >= count for i in bend):
-            told = f"found {max(bend)}, allowed: less than {count}, the number of shapes of {carrier.name!r}"
-            raise DescriptionError(told, where="shapes")
+            message = (
+                f"found {max(bend)}, allowed: less than {count}, the number of shapes of {carrier.name!r}"
+            )
+            raise DescriptionError(message, where="shapes")
         still = replace(carrier, visuals=tuple(v for i, v in enumerate(carrier.visuals) if i not in bend))
         visuals = tuple(carrier.visuals[i] for i in bend)
         for joint, (body, at) in self._bodies(description, name).items():
@@ -221,11 +223,14 @@ class FlexibleModes(FlexibleLink):
         self, description: Description, name: str, number: Callable[[str], Number]
     ) -> Mapping[str, tuple[Number, Number]]:
         """``M w^2`` and ``2 z w M``."""
-        found = {}
+        coefficients = {}
         for i, (joint, (body, _)) in enumerate(self._bodies(description, name).items()):
             w = 2 * np.pi * number(f"frequencies.{i}")
-            found[joint] = (body.about_joint * w * w, 2 * body.about_joint * w * number(f"damping.{i}"))
-        return found
+            coefficients[joint] = (
+                body.about_joint * w * w,
+                2 * body.about_joint * w * number(f"damping.{i}"),
+            )
+        return coefficients
 
     def moving_inertia(self, description: Description, name: str) -> Array:
         """Sum of ``L^T L``."""
@@ -233,17 +238,17 @@ class FlexibleModes(FlexibleLink):
         at = np.eye(4) if self.mass is not None else self._attachment
         # a force and couple at the attachment, moved to the link's origin
         rows = np.array(self.participation) @ pin.SE3(at).toDualActionMatrix().T
-        found: Array = rows.T @ rows
-        return found
+        total: Array = rows.T @ rows
+        return total
 
     def build(self, flexible: FlexibleContext) -> Contribution:
         """Mass-normalised coordinates of the modes."""
-        found = []
+        outputs = []
         for joint, (body, _) in self._bodies(flexible.description, flexible.name).items():
             position = flexible.position(joint)
             if position is not None:
                 value = np.sqrt(body.about_joint) * position
                 label = f"{flexible.body}/{joint}"
                 text = "mass-normalised coordinates of modes"
-                found.append(Output("modal_coordinate", value, "kg^(1/2) m", text, "mode", label))
-        return Contribution(outputs=tuple(found))
+                outputs.append(Output("modal_coordinate", value, "kg^(1/2) m", text, "mode", label))
+        return Contribution(outputs=tuple(outputs))

@@ -36,8 +36,8 @@ class Attitude(Goal):
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """Terminal constraints on the remaining rotation."""
-        wanted = exact_directions(pin.rpy.rpyToMatrix(np.radians(self.rotation_deg)))
-        turn = instant.turned(wanted, instant.base(self.attitude, "attitude").rotation)
+        target_rotation = exact_directions(pin.rpy.rpyToMatrix(np.radians(self.rotation_deg)))
+        turn = instant.turned(target_rotation, instant.base(self.attitude, "attitude").rotation)
         if self.rotation_within_deg is not None:
             yield within("attitude", "rad", turn, float(np.radians(self.rotation_within_deg)))
             return

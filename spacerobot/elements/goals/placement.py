@@ -41,8 +41,8 @@ class Placed(TipGoal):
         off = tip.origin - self.place(instant)
         yield from matched("position", "m", off, instant.axes, self.position_within)
         if self.rotation_deg is not None:
-            wanted = exact_directions(pin.rpy.rpyToMatrix(np.radians(self.rotation_deg)))
-            turn = instant.turned(wanted, tip.rotation)
+            target_rotation = exact_directions(pin.rpy.rpyToMatrix(np.radians(self.rotation_deg)))
+            turn = instant.turned(target_rotation, tip.rotation)
             limit = self.rotation_within_deg
             if limit is not None:
                 yield within("orientation", "rad", turn, float(np.radians(limit)))

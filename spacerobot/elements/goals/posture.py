@@ -56,11 +56,16 @@ class Posture(Goal):
         """Terminal constraints on each joint's remaining distance; an angle if the joint is unbounded."""
         for joint, end in instant.joints(self.robot, self.joints, "joints"):
             turns = end.offset is None
-            wanted = float(np.radians(end.angle_deg or 0.0)) + (end.offset or 0.0)
-            if not joint.lower - ROUNDING <= wanted <= joint.upper + ROUNDING:
-                told = ((float(np.degrees(x)) if turns else x) for x in (wanted, joint.lower, joint.upper))
-                text = "found {:.6g}, allowed: the joint's range of {:.6g} to {:.6g}".format(*told)
+            target_position = float(np.radians(end.angle_deg or 0.0)) + (end.offset or 0.0)
+            if not joint.lower - ROUNDING <= target_position <= joint.upper + ROUNDING:
+                numbers = (
+                    (float(np.degrees(x)) if turns else x)
+                    for x in (target_position, joint.lower, joint.upper)
+                )
+                text = "found {:.6g}, allowed: the joint's range of {:.6g} to {:.6g}".format(*numbers)
                 raise instant.fault(f"{text} {'deg' if turns else 'm'}", f"joints.{joint.name}")
             tolerance = float(np.radians(self.within_deg)) if turns else self.within
             name = "position" if joint.position.numel() == 1 else "angle"
-            yield BoundedRow(f"{name} of {joint.name}", "rad or m", joint.off(wanted), -tolerance, tolerance)
+            yield BoundedRow(
+                f"{name} of {joint.name}", "rad or m", joint.off(target_position), -tolerance, tolerance
+            )

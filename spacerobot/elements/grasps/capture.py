@@ -96,10 +96,10 @@ class Release(Section):
 
     def words(self) -> str:
         """Conditions of release, in a few words."""
-        found = [] if self.at is None else [f"at {self.at:g} s"]
-        found += [] if self.force is None else [f"above {self.force:g} N"]
-        found += [] if self.torque is None else [f"above {self.torque:g} N m"]
-        return f"released {' or '.join(found)}"
+        conditions = [] if self.at is None else [f"at {self.at:g} s"]
+        conditions += [] if self.force is None else [f"above {self.force:g} N"]
+        conditions += [] if self.torque is None else [f"above {self.torque:g} N m"]
+        return f"released {' or '.join(conditions)}"
 
 
 class GraspFailure(Failure):

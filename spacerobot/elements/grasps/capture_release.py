@@ -49,9 +49,9 @@ class _GraspLifecycle:
 
     def contribution(self) -> Contribution:
         """Contribution of the kind while the grasp is closed, with the events that close and open it."""
-        own = self.config.build(dataclasses.replace(self.grasp, hold=self.hold))
-        acting = gated(own, self.closed, [name for name in OBSERVED if name != "grasp_gap"])
-        loss = own.energy
+        law = self.config.build(dataclasses.replace(self.grasp, hold=self.hold))
+        acting = gated(law, self.closed, [name for name in OBSERVED if name != "grasp_gap"])
+        loss = law.energy
         constraints = tuple(self._remembering(held, loss) for held in acting.constraints)
         return dataclasses.replace(
             acting,
@@ -63,7 +63,7 @@ class _GraspLifecycle:
                 *self._failing,
                 *self._closing(),
                 *self._opening(loss),
-                *self._slipping(own.outputs, loss),
+                *self._slipping(law.outputs, loss),
             ),
         )
 
@@ -137,9 +137,9 @@ class _GraspLifecycle:
 
     def _said(self, key: str, axes: tuple[int, ...]) -> ca.SX:
         """Vector (3x1) that is remembered of some axes."""
-        found = ca.SX(3, 1)
-        found[list(axes)] = self.memory[key].symbol
-        return found
+        vector = ca.SX(3, 1)
+        vector[list(axes)] = self.memory[key].symbol
+        return vector
 
     @functools.cached_property
     def mated(self) -> ca.SX:
@@ -165,8 +165,8 @@ class _GraspLifecycle:
         if capture is None:
             return GraspState(self.closed, self.mated, STILL, STILL)
         gap, turn = self.memory["rest_gap"].symbol, self._said("rest_turn", plant.rotation_axes)
-        kept = TimeProfile(ca.SX(1), ca.SX(1, 1), ca.SX(1, 1))
-        drawing = kept
+        constant = TimeProfile(ca.SX(1), ca.SX(1, 1), ca.SX(1, 1))
+        drawing = constant
         if self._is_drawn:
             # from 1 to 0 since the capture, by the cubic blend of Eq. 42; 0 where nothing is drawn any more
             time = self.memory["draw_time"].symbol
@@ -180,8 +180,8 @@ class _GraspLifecycle:
         return GraspState(
             self.closed,
             self.mated,
-            along(gap, kept if capture.draw_in is None else drawing),
-            along(turn, kept if capture.draw_in_deg is None else drawing),
+            along(gap, constant if capture.draw_in is None else drawing),
+            along(turn, constant if capture.draw_in_deg is None else drawing),
         )
 
     def _remembering(self, held: AccelerationConstraint, loss: ca.SX | None) -> AccelerationConstraint:
@@ -189,8 +189,10 @@ class _GraspLifecycle:
         plant = self.grasp.plant
 
         def answer(force: ca.SX, torque: ca.SX) -> Contribution:
-            found = held.answer(force, torque)
-            return dataclasses.replace(found, events=(*found.events, *self._slipping(found.outputs, loss)))
+            answer_of_law = held.answer(force, torque)
+            return dataclasses.replace(
+                answer_of_law, events=(*answer_of_law.events, *self._slipping(answer_of_law.outputs, loss))
+            )
 
         def struck(force: ca.SX, torque: ca.SX) -> Mapping[str, ca.SX]:
             pushed, turned = self.memory["impulse"], self.memory["couple"]
@@ -261,8 +263,8 @@ class _GraspLifecycle:
                 times = ca.fmax(times, 1.5 * ca.sqrt(ca.dot(way, way) + TINY) / rate)
         values |= {"draw_time": times} if self._is_drawn else {}
         updates = {self.memory[key].name: ca.densify(value) for key, value in values.items()}
-        found = self._event("captured", guard, armed, sets)
-        yield dataclasses.replace(found, updates=updates, impact=self.config.is_rigid)
+        capture_event = self._event("captured", guard, armed, sets)
+        yield dataclasses.replace(capture_event, updates=updates, impact=self.config.is_rigid)
 
     def _opened(self, kind: str, guard: ca.SX, armed: ca.SX, loss: ca.SX | None) -> Event:
         """It lets go, and what its springs hold is lost."""
@@ -278,14 +280,14 @@ class _GraspLifecycle:
                 "released", context.time - context.number("release.at"), both(*self._moves), loss
             )
         if not lets_go.is_zero():
-            told = self._opened("released", ca.SX(1), both(lets_go, *self._moves), loss)
-            yield dataclasses.replace(told, name=f"{self.grasp.name}.told")
+            command_event = self._opened("released", ca.SX(1), both(lets_go, *self._moves), loss)
+            yield dataclasses.replace(command_event, name=f"{self.grasp.name}.told")
 
     def _slipping(self, outputs: Iterable[Output], loss: ca.SX | None) -> Iterator[Event]:
         """Events at which it is pulled too hard, of what is observed of its force and torque."""
-        release, found = self.config.release, {output.name: output.value for output in outputs}
+        release, values = self.config.release, {output.name: output.value for output in outputs}
         for key in ("force", "torque"):
-            load = found.get(f"grasp_{key}")
+            load = values.get(f"grasp_{key}")
             if release is not None and getattr(release, key) is not None and load is not None:
                 most = self.grasp.context.number(f"release.{key}")
                 for weak in self._failed("weak"):
@@ -295,18 +297,18 @@ class _GraspLifecycle:
 
     def _outputs(self) -> Iterator[Output]:
         """State of the grasp, and what is remembered of its capture."""
-        plant, known = self.grasp.plant, self.memory
+        plant, states = self.grasp.plant, self.memory
         of_grasp = functools.partial(Output, dimension="grasp", label=self.grasp.name)
-        state = 2 * self.closed + 3 * self.released + (self.inside if "entered_at" in known else 0)
+        state = 2 * self.closed + 3 * self.released + (self.inside if "entered_at" in states else 0)
         yield of_grasp("grasp_state", state, "1", f"state of grasps: {STATES}")
         turned = misalignment(self.grasp, self.mated)
         yield of_grasp("grasp_misalignment", turned, "rad", "rotation vector from where mated to tips")
-        if "captured_at" in known:
+        if "captured_at" in states:
             when = "time of the last capture, -1 before the first"
-            yield of_grasp("grasp_captured_at", known["captured_at"].symbol, "s", when)
-        if "rest_gap" in known:
+            yield of_grasp("grasp_captured_at", states["captured_at"].symbol, "s", when)
+        if "rest_gap" in states:
             text = "from mating frames to tips at the capture, axes of the mating frame"
-            yield of_grasp("grasp_capture_gap", known["rest_gap"].symbol, "m", text)
+            yield of_grasp("grasp_capture_gap", states["rest_gap"].symbol, "m", text)
         said = {
             "velocity": (
                 "grasp_capture_velocity",
@@ -322,7 +324,7 @@ class _GraspLifecycle:
             ),
         }
         for key, (name, unit, text) in said.items():
-            if key in known:
+            if key in states:
                 axes = plant.translation_axes if key in ("velocity", "impulse") else plant.rotation_axes
                 yield of_grasp(name, self._said(key, axes), unit, text)
 
@@ -330,8 +332,8 @@ class _GraspLifecycle:
 def misalignment(grasp: GraspContext, mated: ca.SX) -> ca.SX:
     """Rotation vector (3x1) [rad], world axes, to the tip from where it is mated (3x3, mate axes)."""
     plant = grasp.plant
-    wanted = ca.mtimes(plant.placement(grasp.mate_frame)[0], mated)
-    return plant.orientation_error(plant.placement(grasp.tip_frame)[0], wanted)
+    mated_rotation = ca.mtimes(plant.placement(grasp.mate_frame)[0], mated)
+    return plant.orientation_error(plant.placement(grasp.tip_frame)[0], mated_rotation)
 
 
 def margin(grasp: GraspContext, capture: Capture, mated: ca.SX) -> ca.SX:
@@ -339,8 +341,8 @@ def margin(grasp: GraspContext, capture: Capture, mated: ca.SX) -> ca.SX:
     plant, number = grasp.plant, grasp.context.number
     gap, velocity, spin = apart(grasp)
     gap, velocity = only(gap, plant.translation_axes), only(velocity, plant.translation_axes)
-    given = grasp.context.parameters.sparse_vector(f"{grasp.context.path}.capture.axis")
-    unit = grasp.context.once("capture.axis", given / ca.norm_2(ca.densify(given)))
+    axis_numbers = grasp.context.parameters.sparse_vector(f"{grasp.context.path}.capture.axis")
+    unit = grasp.context.once("capture.axis", axis_numbers / ca.norm_2(ca.densify(axis_numbers)))
     axis = ca.mtimes(plant.placement(grasp.mate_frame)[0], unit)
     closing = ca.dot(axis, velocity)
     turn = misalignment(grasp, mated)

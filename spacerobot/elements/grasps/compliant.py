@@ -67,10 +67,10 @@ class Compliant(Grasp):
 
     def assumptions(self) -> list[str]:
         """Spring and damper forces, and the pose at which the springs are at rest."""
-        found = ["one pair of opposite forces at the tip's point"]
+        sentences = ["one pair of opposite forces at the tip's point"]
         if self.rotational_stiffness and self.begins == "closed":
-            found.append("rotational spring at rest in the initial relative orientation")
-        return found
+            sentences.append("rotational spring at rest in the initial relative orientation")
+        return sentences
 
     def words(self) -> str:
         """Its stiffness and damping."""

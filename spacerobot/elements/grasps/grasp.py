@@ -112,12 +112,12 @@ class Grasp(Element):
 
     def life(self, *, told: bool = False) -> str:
         """Conditions of capture and release, in words; ``told`` is whether a phase releases it."""
-        found = []
+        conditions = []
         if self.begins == "open" and self.capture is not None:
-            found.append(f"open, {self.capture.words()}")
+            conditions.append(f"open, {self.capture.words()}")
         never = "released by phases" if told else "never released"
-        found.append(never if self.release is None else self.release.words())
-        return "; ".join(found)
+        conditions.append(never if self.release is None else self.release.words())
+        return "; ".join(conditions)
 
     @property
     def holds_orientation(self) -> bool:
@@ -204,7 +204,7 @@ def relative_motion(grasp: GraspContext) -> RelativeMotion:
     tip_rotation, mate_rotation = plant.placement(grasp.tip_frame)[0], plant.placement(grasp.mate_frame)[0]
     if hold is None:
         tip0, mate0 = start.placement(grasp.tip_frame)[0], start.placement(grasp.mate_frame)[0]
-        wanted = ca.mtimes(mate_rotation, grasp.context.once("rest", ca.mtimes(mate0.T, tip0)))
+        mated_rotation = ca.mtimes(mate_rotation, grasp.context.once("rest", ca.mtimes(mate0.T, tip0)))
         none = ca.SX(3, 1)
         rest = RestPose(none, none, none, none, none)
     else:
@@ -223,11 +223,11 @@ def relative_motion(grasp: GraspContext) -> RelativeMotion:
             cross(mate_spin, moving) + ca.mtimes(mate_rotation, hold.gap.acceleration),
             cross(mate_spin, rate) + acceleration,
         )
-        wanted = ca.mtimes(rotation_exp(value), mated) if value.nnz() else mated
+        mated_rotation = ca.mtimes(rotation_exp(value), mated) if value.nnz() else mated
     gap, velocity, spin = apart(grasp)
     return RelativeMotion(
         gap - rest.gap,
-        plant.orientation_error(tip_rotation, wanted),
+        plant.orientation_error(tip_rotation, mated_rotation),
         velocity - rest.velocity,
         spin - rest.spin,
         rest,
@@ -253,7 +253,7 @@ def observed(
 
 def only(vector: ca.SX, axes: tuple[int, ...]) -> ca.SX:
     """Vector (3x1) with the other components structurally zero."""
-    kept = ca.SX(3, 1)
+    components = ca.SX(3, 1)
     for axis in axes:
-        kept[axis] = vector[axis]
-    return kept
+        components[axis] = vector[axis]
+    return components

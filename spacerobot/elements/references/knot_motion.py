@@ -77,12 +77,12 @@ class Knots:
         """
         constants, ends = context.constants, times[ends_of(times, points)]
         now, limits = context.time if time is None else time, ends[1:].copy()
-        known = time is None and context.since is None
-        if not known or begin is not None:  # what ends with the plan still belongs to its last interval
+        is_clock = time is None and context.since is None
+        if not is_clock or begin is not None:  # what ends with the plan still belongs to its last interval
             limits[-1] *= 1 + ROUNDING
-        own = known and begin is None
-        name = f"knots {limits.tolist()}" if own else f"{context.path}.knots"
-        if own:
+        is_global = is_clock and begin is None
+        name = f"knots {limits.tolist()}" if is_global else f"{context.path}.knots"
+        if is_global:
             behind = [now >= constants.jump(f"knot {end!r}", ca.SX(end)) for end in limits.tolist()]
         elif begin is not None:
             behind = [now >= context.jump(f"knots.{i}", begin + end) for i, end in enumerate(limits, start=1)]
@@ -96,7 +96,7 @@ class Knots:
             constants.window(name, ca.SX(ca.DM(np.column_stack(rows))), cursor)
         )
         event = None
-        if not known:
+        if not is_clock:
             owner = context.path if context.since is None else context.since.owner
             event = Event(f"{context.path}.knot", "reference", owner, now - last, ca.SX(1), kink=True)
         nodes, parted = nodes_of(times, points), is_parted(times, points)
@@ -110,11 +110,11 @@ class Knots:
             for j, column in enumerate(ca.horzsplit(values))
             if not (column.is_constant() and len(np.unique(ca.DM(column).full())) == 1)
         ]
-        found = values[0, :].T
+        row = values[0, :].T
         if changing:
             constants, path = self.context.constants, f"{self.context.path}.{name}"
-            found[changing] = constants.window(path, values[:, changing], self.cursor)
-        return found
+            row[changing] = constants.window(path, values[:, changing], self.cursor)
+        return row
 
     def points(self, name: str, values: ca.SX, last: ca.SX) -> list[ca.SX]:
         """Values at the points of the current interval (s of m x 1), from those at all points (rows).
@@ -125,8 +125,8 @@ class Knots:
         step = points if self.parted else points - 1
         count = (values.size1() - points) // step + 1
         blocks = [ca.vertcat(values[j : (count - 1) * step + j + 1 : step, :], last) for j in range(points)]
-        found = self.here(name, ca.horzcat(*blocks))
-        return ca.vertsplit(found, values.size2()) if values.size2() > 1 else ca.vertsplit(found)
+        row = self.here(name, ca.horzcat(*blocks))
+        return ca.vertsplit(row, values.size2()) if values.size2() > 1 else ca.vertsplit(row)
 
     def force(self, name: str, values: ca.SX) -> ca.SX:
         """Force (m x 1) that interpolates the points; zero after the last interval."""
@@ -171,7 +171,7 @@ def slices_of(times: Sequence[float] | Array, points: int) -> list[slice]:
 
 def ends_of(times: Sequence[float] | Array, points: int) -> list[int]:
     """Row of each knot, the one behind it where there are two."""
-    return [*(own.start for own in slices_of(times, points)), len(times) - 1]
+    return [*(interval.start for interval in slices_of(times, points)), len(times) - 1]
 
 
 def nodes_of(times: Array, points: int) -> Array:
@@ -184,25 +184,25 @@ def nodes_of(times: Array, points: int) -> Array:
     """
     if not is_parted(times, points) and (len(times) - 1) % (points - 1):
         raise ValueError(f"times: found {len(times)}, which intervals of {points} points do not make")
-    rows = np.array([times[own] for own in slices_of(times, points)])
+    rows = np.array([times[interval] for interval in slices_of(times, points)])
     parts = (rows - rows[:, :1]) / (rows[:, -1:] - rows[:, :1])
     if np.abs(parts - parts[0]).max() > 1e-6:
         raise ValueError("times: points lie at other parts of one interval than of another")
-    found: Array = parts[0]
-    return found
+    nodes: Array = parts[0]
+    return nodes
 
 
 def lagrange(nodes: Array, u: ca.SX) -> list[tuple[ca.SX, ca.SX, ca.SX]]:
     """Polynomials (s) that are 1 at one node each and 0 at the others, at a place u, with two derivatives."""
-    found = []
+    polynomials = []
     for j, node in enumerate(nodes):
         others = np.delete(nodes, j)
         value, rate, bend = ca.SX(1), ca.SX(1, 1), ca.SX(1, 1)
         for other in others:
             value, rate, bend = value * (u - other), rate * (u - other) + value, bend * (u - other) + 2 * rate
         scale = 1 / float(np.prod(node - others))
-        found.append((scale * value, scale * rate, scale * bend))
-    return found
+        polynomials.append((scale * value, scale * rate, scale * bend))
+    return polynomials
 
 
 def hermite(nodes: Array, u: ca.SX) -> tuple[list[tuple[ca.SX, ...]], list[tuple[ca.SX, ...]]]:

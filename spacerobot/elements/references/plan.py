@@ -96,9 +96,12 @@ class PlanReference(Reference):
     def leaves_plane(self) -> Iterator[tuple[str, list[float]]]:
         """Knots that move or turn out of the x-y plane."""
         moved, turned = self.way()
-        found = [float(np.abs(moved[:, 2]).max()), *(float(x) for x in np.abs(turned[:, :2]).max(axis=0))]
-        if max(found) > PLANE_TOLERANCE:
-            yield "knots", found
+        deviations = [
+            float(np.abs(moved[:, 2]).max()),
+            *(float(x) for x in np.abs(turned[:, :2]).max(axis=0)),
+        ]
+        if max(deviations) > PLANE_TOLERANCE:
+            yield "knots", deviations
 
     def words(self) -> str:
         """How long it is."""
@@ -112,7 +115,7 @@ def turning(planned: TipMotion) -> tuple[Array, Array, Array]:
     """
     step = planned.points - 1
     rotations, spins = [pin.exp3(np.array(vector)) for vector in planned.rotation], np.array(planned.spin)
-    starts = [own.start for own in slices_of(planned.times, planned.points)]
+    starts = [interval.start for interval in slices_of(planned.times, planned.points)]
     turns, rates = np.zeros((2, step + 1, len(starts) + 1, 3))
     for j in range(step + 1):
         for i, k in enumerate(starts):
@@ -133,6 +136,6 @@ def _spin(turned: TimeProfile) -> tuple[ca.SX, ca.SX]:
     spin = ca.vertcat(turning[2, 1], turning[0, 2], turning[1, 0])
     both, change = ca.vertcat(vector, rate), ca.SX.sym("change", 6)
     gain = ca.jtimes(spin, both, change)
-    found = ca.Function("spin", [vector, rate, change], [spin, gain])
-    now, growing = found(turned.value, turned.rate, ca.vertcat(turned.rate, turned.acceleration))
+    spin_function = ca.Function("spin", [vector, rate, change], [spin, gain])
+    now, growing = spin_function(turned.value, turned.rate, ca.vertcat(turned.rate, turned.acceleration))
     return now, growing

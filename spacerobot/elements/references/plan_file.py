@@ -32,10 +32,10 @@ def read_joints(file: Path, where: str, phase: str | None = None) -> Mapping[str
     owners = {str(label).partition("/")[0] for label in plan.joint.values}
     if robot not in owners:
         raise ScenarioError(f"a plan without robot {robot!r}; {near_names(robot, owners)}", source=file)
-    own = plan.sel(joint=[label for label in plan.joint.values if str(label).startswith(f"{robot}/")])
-    position, rate, effort = (numbers(own, name, ("time", "joint")) for name in JOINTS)
+    robot_plan = plan.sel(joint=[label for label in plan.joint.values if str(label).startswith(f"{robot}/")])
+    position, rate, effort = (numbers(robot_plan, name, ("time", "joint")) for name in JOINTS)
     return _timed(plan) | {
-        "joints": [str(label).partition("/")[2] for label in own.joint.values],
+        "joints": [str(label).partition("/")[2] for label in robot_plan.joint.values],
         "position": position.tolist(),
         "rate": rate.tolist(),
         "effort": effort.tolist(),
@@ -55,8 +55,8 @@ def read_base(file: Path, where: str, phase: str | None = None) -> Mapping[str, 
     if not labels:
         owners = {str(label).partition("/")[0] for label in plan.drive.values}
         raise ScenarioError(f"a plan that does not drive the base of {robot!r}; {near_names(robot, owners)}")
-    own = plan.sel(drive=labels)
-    wrench, rate = (numbers(own, name, ("time", "drive")).tolist() for name in BASES)
+    robot_plan = plan.sel(drive=labels)
+    wrench, rate = (numbers(robot_plan, name, ("time", "drive")).tolist() for name in BASES)
     axes = [label.rpartition(".")[2] for label in labels]
     return _timed(plan) | {"axes": axes, "wrench": wrench, "rate": rate}
 
@@ -80,15 +80,15 @@ def read_tip(file: Path, where: str) -> Mapping[str, Any]:
     if keys[2:3] != ["tips"]:
         raise ScenarioError("a plan leads tips, so it is no reference of the target", where=where)
     label = f"{keys[1]}/{keys[3]}"
-    known = [str(name) for name in plan.tip.values]
-    if label not in known:
-        raise ScenarioError(f"a plan without tip {label!r}; {near_names(label, known)}", source=file)
+    tips = [str(name) for name in plan.tip.values]
+    if label not in tips:
+        raise ScenarioError(f"a plan without tip {label!r}; {near_names(label, tips)}", source=file)
     phases, name = phase_rows(plan), where.split(".")[1]
     if where.startswith("phases.") and name in phases:
         plan = _during(plan, name)
-    own = _parted(plan.sel(tip=label))
-    position, velocity, rotation, spin = (numbers(own, name, ("time", "axis")).tolist() for name in TIPS)
-    times = (own.time.values - own.time.values[0]).tolist()
+    tip_plan = _parted(plan.sel(tip=label))
+    position, velocity, rotation, spin = (numbers(tip_plan, name, ("time", "axis")).tolist() for name in TIPS)
+    times = (tip_plan.time.values - tip_plan.time.values[0]).tolist()
     return {
         "times": times,
         "points": _points(plan),
@@ -140,11 +140,11 @@ def numbers(plan: xr.Dataset, name: str, dims: tuple[str, str]) -> Array:
     ScenarioError
         If they are not of these dimensions, or not finite.
     """
-    found = plan[name]
-    if set(found.dims) != set(dims):
-        told = ", ".join(map(str, found.dims))
-        raise ScenarioError(f"{name}: found dimensions {told}, allowed: {', '.join(dims)}")
-    values = np.asarray(found.transpose(*dims).values, dtype=float)
+    variable = plan[name]
+    if set(variable.dims) != set(dims):
+        dimensions = ", ".join(map(str, variable.dims))
+        raise ScenarioError(f"{name}: found dimensions {dimensions}, allowed: {', '.join(dims)}")
+    values = np.asarray(variable.transpose(*dims).values, dtype=float)
     if not np.isfinite(values).all():
         raise ScenarioError(f"{name}: holds what is no number; plan again")
     return values
@@ -152,8 +152,8 @@ def numbers(plan: xr.Dataset, name: str, dims: tuple[str, str]) -> Array:
 
 def _points(plan: xr.Dataset) -> int:
     """Points of an interval between two knots."""
-    found = plan.attrs.get("points", 2)
-    return int(found) if isinstance(found, int | np.integer) else 0
+    points = plan.attrs.get("points", 2)
+    return int(points) if isinstance(points, int | np.integer) else 0
 
 
 def _during(plan: xr.Dataset, phase: str | None) -> xr.Dataset:
@@ -172,8 +172,8 @@ def _during(plan: xr.Dataset, phase: str | None) -> xr.Dataset:
     if phase not in phases:
         raise ScenarioError(f"a plan without phase {phase!r}; {near_names(phase, phases)}")
     first, last = phases[phase]
-    own = plan.isel(time=slice(first, last + 1)).drop_vars("phase")
-    return own.assign_coords(time=own.time - own.time[0])
+    phase_plan = plan.isel(time=slice(first, last + 1)).drop_vars("phase")
+    return phase_plan.assign_coords(time=phase_plan.time - phase_plan.time[0])
 
 
 def _parted(plan: xr.Dataset) -> xr.Dataset:

@@ -95,10 +95,10 @@ class CollocationTimes(Section):
             if key != "times" and isinstance(rows, tuple) and isinstance(rows[0], tuple):
                 if len(rows) != len(self.times):
                     raise ValueError(f"{key}: found {len(rows)} points, and {len(self.times)} times")
-                wanted = self._width()
+                width = self._width()
                 for i, row in enumerate(rows):
-                    if len(row) != wanted:
-                        raise ValueError(f"{key}.{i}: found {len(row)} numbers, allowed: {wanted}")
+                    if len(row) != width:
+                        raise ValueError(f"{key}.{i}: found {len(row)} numbers, allowed: {width}")
         return self
 
     def _width(self) -> int:
@@ -124,13 +124,13 @@ class PhasedPlan(CollocationTimes):
             return robot.phase_time()
         end = self.times[-1]
         behind = 2 * end
-        found = ca.SX(behind)
+        plan_time = ca.SX(behind)
         for name, (begin, last) in self.phases.items():
             if name in phases:
                 passed = robot.phase_time()
                 within = begin + (passed if last == end else ca.fmin(passed, last - begin))
-                found = found + phases[name] * (within - behind)
-        return found
+                plan_time = plan_time + phases[name] * (within - behind)
+        return plan_time
 
 
 class BaseMotion(PhasedPlan):

@@ -101,9 +101,9 @@ class Reference(Element):
         time, constants = ca.SX.sym("t"), Constants()
         parameters = Parameters(dict(numbers(self.model_dump(), "reference")))
         context = SectionContext("reference", time, parameters, constants)
-        found = ca.horzcat(self.moved(context).value, self.turned(context).value)
+        displacement = ca.horzcat(self.moved(context).value, self.turned(context).value)
         prepared = ca.Function("prepared", [parameters.symbols], [constants.expressions])(parameters.values)
-        at = ca.Function("way", [time, constants.symbols, parameters.symbols], [ca.densify(found)])
+        at = ca.Function("way", [time, constants.symbols, parameters.symbols], [ca.densify(displacement)])
         times = np.linspace(0.0, max(self.jumps(), default=0.0), SAMPLES)
         both = np.array([at(t, prepared, parameters.values).full() for t in times])
         return both[:, :, 0], both[:, :, 1]

@@ -82,10 +82,10 @@ class Rendezvous(Reference):
     ) -> DesiredMotion:
         """A way in the mating frame, carried by it."""
         del pivot
-        plant, seen = context.plant, _Seen.of(context, context.links[self.frame])
+        plant, sighting = context.plant, _Seen.of(context, context.links[self.frame])
         mated = context.once("mated", rotation_from_rpy(_vector(context, "mated_deg") * DEGREE))
         # displacement and rotation vector (3x1 each) relative to the mated pose, axes of the mating frame
-        first = seen.at(start)
+        first = sighting.at(start)
         back, apart = first.rotation.T, start.origin - first.position
         offset = context.begun("offset", ca.mtimes(back, apart))
         relative = start.velocity - first.velocity - cross(first.spin, apart)
@@ -120,16 +120,16 @@ class Rendezvous(Reference):
             -away * arrive.acceleration + drift * coast.acceleration + onward * close.acceleration,
         )
         turned = TimeProfile(turn * (1 - arrive.value), -turn * arrive.rate, -turn * arrive.acceleration)
-        rotation, spin = seen.rotation, seen.spin
+        rotation, spin = sighting.rotation, sighting.spin
         lever, rate, bend = (
             ca.mtimes(rotation, part) for part in (moved.value, moved.rate, moved.acceleration)
         )
         turning, gain = ca.mtimes(rotation, turned.rate), ca.mtimes(rotation, turned.acceleration)
-        linear, angular = _free_acceleration(context, seen)
+        linear, angular = _free_acceleration(context, sighting)
         swing, about = cross(spin, lever), plant.rotation_axes
         return DesiredMotion(
-            position=seen.position + lever,
-            velocity=seen.velocity + swing + rate,
+            position=sighting.position + lever,
+            velocity=sighting.velocity + swing + rate,
             acceleration=linear + cross(angular, lever) + cross(spin, swing + 2 * rate) + bend,
             rotation=ca.mtimes(rotation, ca.mtimes(rotation_exp(turned.value), mated)),
             angular_velocity=only(spin + turning, about),
@@ -177,12 +177,12 @@ class _Seen:
         tip, estimates = plant.placement(context.tip)[1], context.estimates
         if "target_position" in estimates:
             turned = rotation_exp(estimates["target_orientation"](ca.SX(3, 1)))
-            found = (estimates[f"target_{key}"](place) for key in ("position", "velocity", "spin"))
-            return cls(ca.mtimes(turned, rotation), *found)
+            estimate = (estimates[f"target_{key}"](place) for key in ("position", "velocity", "spin"))
+            return cls(ca.mtimes(turned, rotation), *estimate)
 
         def read(signal: str, known: ca.SX, value: ca.SX, axes: tuple[int, ...]) -> ca.SX:
-            shown = context.shown(signal, value)
-            return known if shown is None else context.held(signal, known + only(shown - value, axes))
+            reading = context.shown(signal, value)
+            return known if reading is None else context.held(signal, known + only(reading - value, axes))
 
         along = plant.translation_axes
         return cls(

@@ -51,13 +51,13 @@ class Spline(Reference):
     def moved(self, context: SectionContext) -> TimeProfile:
         """Clamped cubic spline; its coefficients are linear in the waypoints."""
         knots, count = np.array(self.times), len(self.times)
-        given = [
+        coordinates = [
             context.parameters.sparse_vector(f"{context.path}.displacements.{i}").T for i in range(count)
         ]
-        points = ca.vertcat(*given)
+        points = ca.vertcat(*coordinates)
         second = context.once("curvature", ca.mtimes(_clamped_spline_operator(knots), points))
         points = context.once("displacements", points)
-        found = TimeProfile(points[count - 1, :].T, ca.SX(3, 1), ca.SX(3, 1))
+        profile = TimeProfile(points[count - 1, :].T, ca.SX(3, 1), ca.SX(3, 1))
         for i in reversed(range(count - 1)):
             here = context.time < context.jump(f"times.{i + 1}", float(knots[i + 1]))
             # cubic between two knots, from the waypoints and second derivatives there
@@ -69,12 +69,12 @@ class Spline(Reference):
                 (b - a) / width + (n * (3 * right**2 - 1) - m * (3 * left**2 - 1)) * (width / 6),
                 left * m + right * n,
             )
-            found = TimeProfile(
-                ca.if_else(here, inside.value, found.value),
-                ca.if_else(here, inside.rate, found.rate),
-                ca.if_else(here, inside.acceleration, found.acceleration),
+            profile = TimeProfile(
+                ca.if_else(here, inside.value, profile.value),
+                ca.if_else(here, inside.rate, profile.rate),
+                ca.if_else(here, inside.acceleration, profile.acceleration),
             )
-        return found
+        return profile
 
     def warnings(self) -> list[str]:
         """Of an axis on which it swings far beyond its waypoints."""
@@ -87,8 +87,8 @@ class Spline(Reference):
         left, bend = 1 - right, np.diff(knots)[:, None] ** 2 / 6
         inner = left * points[:-1] + right * points[1:]
         inner = inner + bend * (second[:-1] * (left**3 - left) + second[1:] * (right**3 - right))
-        found: Array = inner.reshape(-1, 3)
-        beyond = np.maximum(lower - found, found - upper).max(axis=0)
+        extremes: Array = inner.reshape(-1, 3)
+        beyond = np.maximum(lower - extremes, extremes - upper).max(axis=0)
         axis = int(beyond.argmax())
         if beyond[axis] <= OVERSHOOT * np.linalg.norm(upper - lower):
             return []

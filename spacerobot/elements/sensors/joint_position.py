@@ -22,18 +22,18 @@ def read_positions(robot: RobotContext, desired: ca.SX) -> list[ca.SX]:
     """Positions of a robot's joints as its sensor gives them, each the one that is nearest to the desired."""
     model, q, joints = robot.plant.model, robot.plant.q, robot.joints
     last = robot.held("joint_position", ca.vertcat(*(joint_position(model, joint, q) for joint in joints)))
-    found = []
+    positions = []
     for i, joint in enumerate(joints):
         if last is None:
-            found.append(
+            positions.append(
                 measured(robot.sensors("joint_position"), nearest_position(model, joint, q, desired[i]))
             )
         elif model.joints[joint].nq == 2:
             behind = last[i] - desired[i]
-            found.append(desired[i] + ca.atan2(ca.sin(behind), ca.cos(behind)))
+            positions.append(desired[i] + ca.atan2(ca.sin(behind), ca.cos(behind)))
         else:
-            found.append(last[i])
-    return found
+            positions.append(last[i])
+    return positions
 
 
 def nearest_position(model: Any, joint: int, q: ca.SX, desired: ca.SX) -> ca.SX:

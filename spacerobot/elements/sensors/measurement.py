@@ -134,12 +134,12 @@ class Observation:
     attitude: ca.SX | None = None
     stamped: bool = False
 
-    def sample(self, found: ca.SX, time: ca.SX) -> ca.SX:
-        """Sample (m x 1) that shows ``found`` (n x 1), at a time (1x1) [s]."""
+    def sample(self, observation: ca.SX, time: ca.SX) -> ca.SX:
+        """Sample (m x 1) that shows an observation (n x 1), at a time (1x1) [s]."""
         if self.attitude is not None:
-            error = turned_by(found)
-            found = attitude_numbers(ca.mtimes(error, self.attitude), planar=found.size1() == 1)
-        return ca.vertcat(found, time) if self.stamped else found
+            error = turned_by(observation)
+            observation = attitude_numbers(ca.mtimes(error, self.attitude), planar=observation.size1() == 1)
+        return ca.vertcat(observation, time) if self.stamped else observation
 
 
 def misalignment(context: SectionContext) -> ca.SX | None:
@@ -152,9 +152,9 @@ def turned_by(vector: ca.SX) -> ca.SX:
     """Rotation (3x3) of a rotation vector, or of its component along z alone (3x1 or 1x1)."""
     if vector.size1() == 3:
         return rotation_exp(vector)
-    found = ca.SX(3, 1)
-    found[2] = vector
-    return rotation_exp(found)
+    rotation_vector = ca.SX(3, 1)
+    rotation_vector[2] = vector
+    return rotation_exp(rotation_vector)
 
 
 def attitude_numbers(rotation: ca.SX, *, planar: bool) -> ca.SX:
@@ -211,8 +211,8 @@ class Measurement:
         """Of a continuous sensor, which remembers what it shows where it fails."""
         value, none = memory(f"{name}.measured", shown), memory(f"{name}.count", ca.SX.zeros(1))
         event = replace(sensor.event, updates={value.name: ca.densify(shown)})
-        known = sensor.shown(value.symbol, shown + sensor.drift)
-        return cls(shown, value, (value,), (event,), none, continuous=known)
+        reading = sensor.shown(value.symbol, shown + sensor.drift)
+        return cls(shown, value, (value,), (event,), none, continuous=reading)
 
     @classmethod
     def held(
@@ -254,7 +254,7 @@ class Measurement:
         clock = Clock.of(f"{name}.samples", context.time, period)
         value = memory(f"{name}.measured", observed.sample(observed.shown, ca.SX(-1)))
         # a sample (m x 1), what is remembered for the next one with its new values, and the bias (n x 1)
-        sample, kept = observed.shown, list[tuple[State, ca.SX]]()
+        sample, updated_states = observed.shown, list[tuple[State, ca.SX]]()
         size, root, number = sample.size1(), ca.sqrt(context.steady("period")), clock.count.symbol
         rows = math.ceil(context.parameters.value("simulation.duration") / errors.period) + 2
         begins, walks = (not context.is_zero(key) for key in ("bias", "bias_walk"))
@@ -267,8 +267,8 @@ class Measurement:
             if walks:
                 step = context.random(f"{name}.walk", rows, size, number)
                 moved = moved + context.number("bias_walk") * root * step
-            kept.append((drift, ca.if_else(number < 0.5, first, moved)))
-            sample, bias = sample + kept[0][1], drift.symbol
+            updated_states.append((drift, ca.if_else(number < 0.5, first, moved)))
+            sample, bias = sample + updated_states[0][1], drift.symbol
         if not context.is_zero("noise"):
             density = context.number("noise")
             if observed.distance is not None and not context.is_zero("noise_growth"):
@@ -291,8 +291,9 @@ class Measurement:
                 sample = ca.if_else(lost, last.symbol, sample)
             if sensor is not None:
                 sample = sensor.shown(last.symbol, sample, clock.instant if observed.stamped else None)
-            kept.append((last, sample))
-        states, updates = [*(state for state, _ in kept), value], {state.name: new for state, new in kept}
+            updated_states.append((last, sample))
+        states = [*(state for state, _ in updated_states), value]
+        updates = {state.name: new for state, new in updated_states}
         later = [] if sensor is None else [sensor.event]
         if context.is_zero("delay"):
             updates[value.name] = sample
@@ -319,7 +320,7 @@ def changing(value: ca.SX) -> ca.SX:
 
 def filled(value: ca.SX, other: ca.SX) -> ca.SX:
     """A matrix with other values (n x 1) of what is no constant."""
-    found = ca.SX(value)
+    matrix = ca.SX(value)
     for place, part in zip(places_of(value), ca.vertsplit(other), strict=True):
-        found[place] = part
-    return found
+        matrix[place] = part
+    return matrix

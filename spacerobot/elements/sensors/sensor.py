@@ -58,8 +58,8 @@ class Sensor(Element):
         if self.failure is not None:
             failing = self.failure.build(context.at(f"{context.path}.failure"), name)
         if self.errors is not None:
-            own = context.at(f"{context.path}.errors")
-            return Measurement.of(name, own, self.errors, observed, failing)
+            errors_context = context.at(f"{context.path}.errors")
+            return Measurement.of(name, errors_context, self.errors, observed, failing)
         if self.holds:
             return Measurement.held(name, context, observed.shown, failing)
         return None if failing is None else Measurement.failing(name, observed.shown, failing)

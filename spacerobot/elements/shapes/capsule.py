@@ -41,8 +41,8 @@ class Capsule(CollisionShape):
     def around(cls, points: Array, axes: Sequence[int]) -> Wrapping:
         """Capsule of minimum volume whose segment goes through the middle of the extents along an axis."""
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
-        found = [(*_smallest(points - middle, axis), axis) for axis in axes]
-        _, radius, half, shift, axis = min(found, key=lambda one: one[0])
+        candidates = [(*_smallest(points - middle, axis), axis) for axis in axes]
+        _, radius, half, shift, axis = min(candidates, key=lambda one: one[0])
         turn = np.roll(np.eye(3), 2 - axis, axis=1)  # own z along the axis
         placement = pin.SE3(turn, middle + shift * turn[:, 2]).homogeneous
         return Wrapping({"radius": radius, "length": 2 * half}, placement)

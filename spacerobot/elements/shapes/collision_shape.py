@@ -127,9 +127,9 @@ class CollisionShape(Element):
     @model_validator(mode="after")
     def _check_measures(self) -> CollisionShape:
         for key in self.measure_keys():
-            found = getattr(self, key)
-            if isinstance(found, tuple) and min(found) <= 0:
-                raise ValueError(f"{key}: found {list(found)}, allowed: numbers above 0")
+            measure = getattr(self, key)
+            if isinstance(measure, tuple) and min(measure) <= 0:
+                raise ValueError(f"{key}: found {list(measure)}, allowed: numbers above 0")
         return self
 
     @classmethod
@@ -140,21 +140,21 @@ class CollisionShape(Element):
     def measures(self, context: SectionContext | None = None) -> ca.SX:
         """Its measures (n x 1) [m]: numbers, or with the context of its section symbols."""
         if context is None:
-            found = [ca.SX(ca.DM(getattr(self, key))) for key in self.measure_keys()]
+            values = [ca.SX(ca.DM(getattr(self, key))) for key in self.measure_keys()]
         else:
-            found = [
+            values = [
                 context.vector(key) if isinstance(getattr(self, key), tuple) else context.number(key)
                 for key in self.measure_keys()
             ]
-        return ca.vertcat(*found) if found else ca.SX(0, 1)
+        return ca.vertcat(*values) if values else ca.SX(0, 1)
 
     def surface_points(self) -> Array:
         """Points of its surface (n, 3) [m], own axes: the farthest ones all around."""
         support, none = self.support(ca.SX.eye(3), self.measures()), ca.SX(1e-6)
         n = ca.SX.sym("n", 3)
         farthest = sum((term.farthest(n, none) for term in support.terms), support.ball * n)
-        found = ca.Function("farthest", [n], [farthest])(directions().T)
-        return np.asarray(found.full().T)
+        farthest_points = ca.Function("farthest", [n], [farthest])(directions().T)
+        return np.asarray(farthest_points.full().T)
 
     def extent(self) -> tuple[float, float]:
         """Least and greatest distance of its support planes from its origin [m]; infinite if a half-space."""
@@ -189,8 +189,10 @@ class CollisionShape(Element):
 
     def words(self) -> str:
         """Its kind and measures."""
-        found = [(key, np.atleast_1d(getattr(self, key))) for key in self.measure_keys()]
-        return ", ".join([self.kind, *(f"{key} {' x '.join(f'{x:g}' for x in own)} m" for key, own in found)])
+        sizes = [(key, np.atleast_1d(getattr(self, key))) for key in self.measure_keys()]
+        return ", ".join(
+            [self.kind, *(f"{key} {' x '.join(f'{x:g}' for x in values)} m" for key, values in sizes)]
+        )
 
 
 def wrapping_shapes() -> list[str]:
