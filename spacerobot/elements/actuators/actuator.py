@@ -24,11 +24,11 @@ class MomentumStorage:
     axes
         Unit vectors along the wheels' axes (3, n), root link's axes.
     inertia
-        Of each about its axis [kg m^2].
+        Moment of inertia of each wheel about its axis [kg m^2].
     speeds
-        At the start, relative to the base (n,) [rad/s].
+        Initial speeds relative to the base (n,) [rad/s].
     torque_limit, speed_limit
-        Of each [N m, rad/s]; None where not limited.
+        Limits of each wheel [N m, rad/s]; None where not limited.
     """
 
     axes: Array
@@ -119,16 +119,16 @@ class Actuator(RobotElement):
         raise NotImplementedError
 
     def limits(self, joints: Sequence[str]) -> list[str]:
-        """Those of a robot's joints whose torque it bounds."""
+        """Joints of a robot whose torque it bounds."""
         del joints
         return []
 
     def locks(self, joints: Sequence[str]) -> list[str]:
-        """Those of a robot's joints that it may hold, with the controllers' knowledge."""
+        """Joints of a robot that it may hold, with the controllers' knowledge."""
         del joints
         return []
 
     def owns(self, joints: Sequence[str]) -> list[str]:
-        """Those of a robot's joints that are its own, as a wheel's: the arm's controllers do not see them."""
+        """Joints of a robot that it owns, such as a wheel's: the arm's controllers do not see them."""
         del joints
         return []

@@ -67,7 +67,7 @@ class ThrusterLayout:
 
     @classmethod
     def of(cls, matrix: ca.SX, propellant: ca.SX) -> ThrusterLayout:
-        """Of wrenches (m x n) and flows of propellant (n x 1), in any unit."""
+        """Build the layout from wrenches (m x n) and flows of propellant (n x 1), in any unit."""
         gains = ca.sparsify(
             ca.mtimes(matrix, ca.diag(ca.sum1(propellant) / (propellant.numel() * propellant)))
         )
@@ -82,13 +82,13 @@ class _Path:
     Attributes
     ----------
     levels
-        Of each thruster (n x 1): `SHUT`, `THROTTLED` or `OPEN`.
+        State of each thruster (n x 1): `SHUT`, `THROTTLED` or `OPEN`.
     values
         s (n x 1).
     wrench
-        From the wrench at the beginning to the wanted one (m x 1).
+        Vector from the wrench at the beginning to the required one (m x 1).
     part
-        Of the way, 0 to 1 (1x1).
+        Share of the path covered, 0 to 1 (1x1).
     ended
         Whether it is all of it (1x1).
     """
@@ -109,11 +109,11 @@ def allocate(layout: ThrusterLayout, wanted: ca.SX, steps: int) -> ca.SX:
     Parameters
     ----------
     layout
-        What the thrusters do.
+        Layout of the thrusters.
     wanted
         w (m x 1), its rows scaled like those of A.
     steps
-        How many kinks may be passed.
+        Maximum number of kinks.
     """
     path = _begin(layout, wanted)
     for _ in range(steps):
@@ -133,12 +133,12 @@ def allocate(layout: ThrusterLayout, wanted: ca.SX, steps: int) -> ca.SX:
 
 
 def steps_needed(matrix: Array, propellant: Array) -> int:
-    """How many kinks paths to random wrenches within and beyond reach pass: a multiple of m + n.
+    """Count the kinks of paths to random wrenches within and beyond reach; returns a multiple of m + n.
 
     Parameters
     ----------
     matrix, propellant
-        As for :meth:`ThrusterLayout.of`, numbers.
+        Numbers for :meth:`ThrusterLayout.of`.
     """
     size, most = sum(matrix.shape), 3
     layout = ThrusterLayout.of(ca.sparsify(ca.SX(matrix)), ca.SX(propellant))
@@ -219,7 +219,7 @@ def largest_box(full: Array, rows: Sequence[int]) -> Array:
     full
         Wrench of each thruster at full thrust (6, n) [N, N m].
     rows
-        Those of a wrench's entries that move the base.
+        Entries of a wrench that move the base.
 
     Returns
     -------
@@ -241,7 +241,7 @@ def largest_box(full: Array, rows: Sequence[int]) -> Array:
 
 
 def _reach(full: Array, wrench: Array) -> float:
-    """How much of a wrench nozzles between shut and open give, and nothing else."""
+    """Largest share of a wrench that throttled nozzles give without any other component."""
     from scipy.optimize import linprog  # takes time to load, and a run needs none of it
 
     count = full.shape[1]

@@ -36,7 +36,7 @@ class BaseWrench(Actuator):
     )
 
     def wrench_limits(self, *, planar: bool) -> Mapping[Part, Array]:
-        """Its own limits, along and about every axis."""
+        """Limits of force [N] and torque [N m] along and about every axis."""
         del planar
         part_limits: dict[Part, float | None] = {"force": self.force, "torque": self.torque}
         return {part: np.full(3, np.inf if most is None else most) for part, most in part_limits.items()}

@@ -72,9 +72,9 @@ def continuous_residual(context: SectionContext, name: str, asked: ca.SX, moment
     Parameters
     ----------
     context
-        Of the section with `bandwidth` and `allowance`.
+        Context of the section with `bandwidth` and `allowance`.
     name
-        Of the observer, unique in the closed loop.
+        Name of the observer, unique in the closed loop.
     asked
         Commanded torques (n x 1).
     momenta
@@ -103,9 +103,9 @@ def sampled_residual(
     config, context
         The section, and its context.
     name, asked
-        As above.
+        See :func:`continuous_residual`.
     momenta
-        From the clock of the samples to momenta with their noise.
+        Function from the clock of the samples to momenta with their noise.
     allowance
         On top of noise, of the first residuals (m x 1), which alone are tested; that of the section, of all,
         if not given.
@@ -149,11 +149,11 @@ def sample_noise(
     Parameters
     ----------
     context, name
-        Of the observer.
+        Context and name of the observer.
     period_s
         Between two samples, by the scenario's numbers.
     clock
-        Of the samples.
+        Clock of the samples.
     deviations
         Standard deviations (n of 1x1); structural zeros have no number.
     """

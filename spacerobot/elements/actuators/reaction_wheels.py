@@ -96,11 +96,11 @@ class ReactionWheels(WheelSet):
 
     @property
     def count(self) -> int:
-        """How many wheels."""
+        """Number of wheels."""
         return self.pyramid.wheels if self.pyramid else len(self.axes)
 
     def momentum_storage(self) -> MomentumStorage:
-        """All its wheels."""
+        """Momentum storage of all wheels."""
         if self.pyramid is None:
             vectors = np.array(self.axes, dtype=float).T
             axes = vectors / np.linalg.norm(vectors, axis=0)

@@ -28,13 +28,13 @@ def saturation_events(
     actuator
         The actuator.
     names
-        Of its parts, for people.
+        Labels of the parts.
     beyond
-        Of each, above zero where more is asked than is given, of the size of one (n x 1).
+        Relative excess of each command over its limit, above zero where it is clipped (n x 1).
     free
         Switches (1x1 each) without which a part takes no part; none if all always do.
     side
-        Which limit, where parts have several.
+        Label of the limit, where parts have several.
     """
     events = list[Event]()
     for i, name in enumerate(names):

@@ -77,11 +77,11 @@ class ThrusterTest:
     config, actuator
         The section, and the thrusters' context.
     names
-        Of the thrusters in the results.
+        Names of the thrusters in the results.
     full
         Wrenches at full thrust (k x n), of the components that move the base, root link's axes.
     rows
-        Which of a wrench's six components these are.
+        Indices of these components in a wrench (6,).
     """
 
     config: ThrusterDetection

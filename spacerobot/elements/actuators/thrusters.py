@@ -213,11 +213,11 @@ class Thrusters(Actuator):
                 yield f"no combination of its nozzles gives a {what} alone{way}"
 
     def assumptions(self) -> list[str]:
-        """Of the mass."""
+        """Assumption on the mass of propellant."""
         return ["the propellant that thrusters spend is counted, but the robot's mass stays as it is"]
 
     def words(self) -> str:
-        """How many, and their thrust."""
+        """Number of thrusters, and their thrust."""
         return f"{len(self.nozzles)} thrusters, {self.mode}, of {self.thrust:g} N"
 
 
@@ -268,7 +268,7 @@ class _Jets:
 
     @functools.cached_property
     def rows(self) -> list[int]:
-        """Those of a wrench that the base's columns stand for."""
+        """Rows of a wrench that the base's columns stand for."""
         return [0, 1, 5] if len(self.actuator.base_columns) == 3 else list(range(6))
 
     @functools.cached_property
@@ -308,7 +308,7 @@ class _Jets:
 
     @functools.cached_property
     def failed(self) -> tuple[ca.SX, ca.SX]:
-        """Which thrusters are known to have failed, and the parts of their thrust they give (n x 1 each)."""
+        """Mask of the thrusters known to have failed, and the parts of thrust they give (n x 1 each)."""
         context, count = self.actuator.context, len(self.config.nozzles)
         out, stuck_parts = ca.SX(count, 1), ca.SX(count, 1)
         for i, (name, nozzle) in enumerate(self.config.nozzles.items()):
@@ -333,7 +333,7 @@ class _Jets:
         return ThrusterTest(self.config.detection, self.actuator, names, full, self.rows)
 
     def wanted(self, asked: ca.SX) -> ca.SX:
-        """Of what is asked for all, or the force, and the torque that takes the wheels' momentum away."""
+        """Wrench for the allocation: the command, or its force and the torque that unloads the wheels."""
         if not self.config.unloads:
             return asked
         actuator = self.actuator

@@ -132,7 +132,7 @@ class WheelSet(Actuator):
         return works, tuple(events)
 
     def left_out(self, actuator: ActuatorContext, count: int) -> ca.SX:
-        """Which wheels the allocation leaves out (n x 1): those known to have failed, and those detected."""
+        """Mask of wheels left out of the allocation (n x 1): those known or detected to have failed."""
         excluded, context = ca.SX(count, 1), actuator.context
         for i, one in enumerate(self.failures):
             if one.known:
@@ -294,7 +294,7 @@ class WheelMotors:
     friction
         Against the wheels' motion (n x 1) [N m].
     events
-        At which wheels come to their speed limit, and are free of it.
+        Events at which wheels reach their speed limit, and leave it.
     """
 
     command: ca.SX

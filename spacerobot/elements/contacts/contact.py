@@ -34,7 +34,7 @@ OBSERVED = {
     "contact_impulse": ("N s", "impulse of contacts on the second of the two since the start"),
     "contact_loss": ("J", "energy that contacts took since the start"),
 }
-"""What every contact declares: unit and text."""
+"""Unit and description of the outputs of every contact."""
 
 
 class Contact(Element):
@@ -85,15 +85,15 @@ class ContactPair:
     gap
         Signed distance (1x1) [m].
     normal
-        From the first to the second (3x1).
+        Normal from the first to the second shape (3x1).
     point
-        Where it acts (3x1) [m].
+        Point of contact (3x1) [m].
     velocity
-        Of the second relative to the first there (3x1) [m/s].
+        Velocity of the second relative to the first at the point (3x1) [m/s].
     speed
         Upper bound of the gap's rate (1x1) [m/s], wherever the shapes are nearest.
     lead
-        Of one way out over another (1x1) [m] or None; see :class:`spacerobot.shapes.Proximity`.
+        Lead of one way out over another (1x1) [m] or None; see :class:`spacerobot.shapes.Proximity`.
     """
 
     gap: ca.SX
@@ -194,7 +194,7 @@ class ContactForce:
     force
         On the second (3x1) [N].
     normal
-        Its size along the normal (1x1) [N].
+        Magnitude along the normal (1x1) [N].
     taken
         Power that it takes (1x1) [W].
     """

@@ -50,15 +50,15 @@ def held(
     Parameters
     ----------
     robot
-        Whose base; the section has the gains ``kp``, ``ki``, ``kd`` and ``feed_forward``.
+        Robot of the base; the section has the gains ``kp``, ``ki``, ``kd`` and ``feed_forward``.
     motion
-        What is held.
+        Motion that is held.
     error
         Position error [m] or rotation vector [rad] (3x1), world axes, as sensors show it.
     actuation
         Force [N] or torque [N m] in world axes to generalized forces (nv x 3).
     reaction
-        What is fed forward, if anything.
+        Reaction that is fed forward, if any.
     """
     plant, context, turns = robot.plant, robot.context, motion == "rotation"
     axes = list(plant.rotation_axes if turns else plant.translation_axes)

@@ -50,14 +50,14 @@ class TipController(Element):
         return False
 
     def controls(self, key: str) -> Literal["translation", "rotation"] | None:
-        """Which motion of the tip it takes away from the null space of the robot's joints, if any."""
+        """Tip motion that it takes away from the null space of the robot's joints, if any."""
         del key
         return None
 
 
 @dataclass(frozen=True)
 class Replanning:
-    """How the plan that a controller tracks is made again in flight.
+    """Replanning of the plan that a controller tracks, in flight.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Replanning:
     delay
         Time from what is sensed to the plan that is made from it being flown [s].
     iterations
-        Of the solver, at most, for one plan.
+        Maximum number of the solver's iterations for one plan.
     """
 
     period: float
@@ -86,7 +86,7 @@ class RobotController(RobotElement):
 
     @property
     def replanning(self) -> Replanning | None:
-        """How its plan is made again in flight (model predictive control); None for one without."""
+        """Replanning in flight (model predictive control); None for a controller without."""
         return None
 
     @required()

@@ -83,7 +83,7 @@ class PayloadFeedForward(TipController):
         return Contribution(torques=(tip.torque(*(ca.mtimes(axes, part) for part in wrench)),))
 
     def assumptions(self) -> list[str]:
-        """Of what it leaves out."""
+        """Effects that the feed-forward neglects."""
         return ["feeds the object's motion forward as its reference has it, not the arm's own"]
 
     def words(self) -> str:

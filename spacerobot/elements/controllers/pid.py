@@ -117,7 +117,7 @@ class Pid(TipController):
         return "rotation" if key.startswith("orientation") else "translation"
 
     def assumptions(self) -> list[str]:
-        """Of the feedback and of the derivative."""
+        """Assumptions on the feedback and on the derivative."""
         sentences = []
         if self.feedback == "base":
             sentences.append("feeds back the velocity seen from the base, blind to its drift")

@@ -180,7 +180,7 @@ class _Task:
     acceleration
         Wanted, less what there is at zero joint acceleration (k x 1).
     damping
-        Of the pseudo-inverse (1x1); none where the task comes first.
+        Damping of the pseudo-inverse (1x1); none where the task comes first.
     """
 
     rows: ca.SX
@@ -210,7 +210,7 @@ class _FreeBase:
     falling
         Base acceleration at zero joint acceleration (k x 1).
     inertia, bias
-        Of the joints, with the base's reaction in both (n x n and n x 1).
+        Inertia and bias of the joints, with the base's reaction in both (n x n and n x 1).
     """
 
     base: list[int]

@@ -41,7 +41,7 @@ class Clock:
     count
         The number k of the next one.
     instant
-        Its time (1x1) [s].
+        Time of the instant (1x1) [s].
     guard
         Above zero from it on (1x1).
     """
@@ -57,7 +57,7 @@ class Clock:
         Parameters
         ----------
         name
-            Its own, unique in the closed loop.
+            Name of the clock, unique in the closed loop.
         time
             Now (1x1) [s].
         period, begin
@@ -91,9 +91,9 @@ class DelayLine:
     Attributes
     ----------
     name
-        Of whose samples they are.
+        Name of the owner of the samples.
     samples, due
-        When samples are taken, and when they act.
+        Times of the samples, and times at which they act.
     register, held
         Samples that wait, and the one that acts (n x 1).
     """
@@ -113,7 +113,7 @@ class DelayLine:
         name
             Unique in the closed loop.
         context
-            Of a section with ``period`` and ``delay``.
+            Context of a section with ``period`` and ``delay``.
         samples, held
             The clock of the samples, and what acts.
         periods

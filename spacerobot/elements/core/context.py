@@ -29,9 +29,9 @@ def unbroken(place: str, names: Sequence[str], signal: ca.SX) -> ca.SX:
     Parameters
     ----------
     place, names
-        Where the loop would be broken, and names of the components.
+        Place at which the loop may be broken, and names of the components.
     signal
-        Its values (n x 1).
+        Values of the signal (n x 1).
     """
     del place, names
     return signal
@@ -57,25 +57,25 @@ class RobotContext:
     plant, start
         Mechanics now, and where everything begins.
     name
-        Of the robot.
+        Name of the robot.
     joints, columns
         Ids of its free joints, and their places in v; the floating base and joints that mimic are left out.
     joint_names
-        Of its free joints, in the URDF.
+        Names of its free joints in the URDF.
     positions
-        From positions of its free joints (n x 1) to those of all its joints, by id.
+        Map from positions of its free joints (n x 1) to those of all its joints, by id.
     phase_time
         Returns the time (1x1) [s] since the present phase began; since the start where there are no phases.
     sensors
-        From a signal's name to its sensor's offset and scale.
+        Map from a signal's name to its sensor's offset and scale.
     held
-        From a signal's name and its value (n x 1) to what was measured of it last; None if it is continuous.
+        Map from a signal's name and value (n x 1) to its last measurement; None if it is continuous.
     base_frame
-        Of its root link in the model.
+        Frame of its root link in the model.
     arm
         Places in v of all its joints that no actuator owns, those that mimic others included.
     tips
-        Its tips.
+        Tips of the robot.
     locked
         Whether each of its free joints is known to be held (n x 1), structurally zero where none can be.
     """
@@ -104,7 +104,7 @@ class RobotContext:
         signal
             Name of the signal.
         value
-            Its true value (n x 1).
+            True value (n x 1).
 
         Returns
         -------
@@ -129,7 +129,7 @@ class RobotContext:
         Parameters
         ----------
         values
-            One for each free joint, in the robot's order (n x 1) [N m or N].
+            Torque or force of each free joint, in the robot's order (n x 1) [N m or N].
         null_space
             Whether only the part that does not accelerate the robot's controlled tips acts.
         """
@@ -154,15 +154,15 @@ class TipContext:
     robot, columns
         The robot's name, and its joints' places in v.
     frame, base_frame
-        Of the tip and of the robot's root link in the model.
+        Frames of the tip and of the robot's root link in the model.
     motion
-        What the tip's reference asks for.
+        Desired motion of the tip's reference.
     sensors
-        From a signal's name to its sensor's offset and scale.
+        Map from a signal's name to its sensor's offset and scale.
     held
-        As of a robot; joint rates are those of ``columns``.
+        See :class:`RobotContext`; joint rates are those of ``columns``.
     siblings
-        What else stands in the tip's section, by key.
+        Other sections of the tip, by key.
     held_inertia
         Estimated inertial parameters of what the tip holds (10x1), axes of the tip; zero while it holds
         nothing, None where nobody estimates them.
@@ -193,11 +193,11 @@ class TipContext:
         signal
             Name of the signal.
         value
-            Its true value (n x 1).
+            True value (n x 1).
         world
             What is known with it in world axes (n x 1), which is then given with the error of the sensor.
         point
-            Of ``target_velocity``: where on the target it is (3x1) [m]; the root link's origin if not given.
+            Point on the target for ``target_velocity`` (3x1) [m]; the root link's origin if not given.
 
         Returns
         -------
@@ -223,17 +223,17 @@ class TipContext:
 
     @property
     def position(self) -> ca.SX:
-        """Of the tip (3x1) [m]."""
+        """Position of the tip (3x1) [m]."""
         return self.plant.placement(self.frame)[1]
 
     @property
     def velocity(self) -> ca.SX:
-        """Of the tip (3x1) [m/s]."""
+        """Velocity of the tip (3x1) [m/s]."""
         return self.plant.velocity(self.frame)[0]
 
     @property
     def angular_velocity(self) -> ca.SX:
-        """Of the tip (3x1) [rad/s]."""
+        """Angular velocity of the tip (3x1) [rad/s]."""
         return self.plant.velocity(self.frame)[1]
 
     @property
@@ -338,7 +338,7 @@ class ActuatorContext:
     columns
         Places in v of its free joints, by the joint's name; none that another actuator owns.
     base_frame
-        Of the robot's root link in the model.
+        Frame of the robot's root link in the model.
     base_columns
         Places in v of the floating base, of its linear and then its angular velocity in the root link's axes.
     wheels, stored
@@ -406,13 +406,13 @@ class GraspContext:
     plant, start
         Mechanics now, and where everything begins.
     name
-        Of the grasp.
+        Name of the grasp.
     tip_frame, mate_frame
         Frames of tip and mating frame in the model.
     may_close, lets_go
         Whether the phase lets it close, and has it let go (1x1 each).
     hold
-        How it holds; None if it is always closed.
+        State of a grasp that opens and closes; None if it is always closed.
     """
 
     context: SectionContext
@@ -470,12 +470,12 @@ class ReferenceContext(SectionContext):
     target
         Joints of the target, its root first; none where its base is fixed.
     shown
-        From a signal's name and its value (3x1) to what the robot's sensor shows of it; None without sensors.
+        Map from a signal's name and value (3x1) to the sensor's reading; None without sensors.
     held
         From a signal's name and what its sensor shows of something now (n x 1) to what is known of it: the
         same, or what was shown when the sensor measured last.
     estimates
-        What filters of the robot estimate, by signal, as of a contribution.
+        Estimates of the robot's filters, by signal; see :class:`Contribution`.
     """
 
     plant: Plant
@@ -507,7 +507,7 @@ class ContactContext:
     plant
         Mechanics now.
     name
-        Of the contact.
+        Name of the contact.
     pairs
         Every first shape with every second one.
     """
@@ -605,6 +605,6 @@ def unit_load(axis: int, *, rotation: bool) -> tuple[ca.SX, ca.SX]:
 
 
 def unit_loads(axes: Sequence[int], *, rotation: bool) -> tuple[ca.SX, ca.SX]:
-    """The same for each of n axes (3xn each)."""
+    """Unit loads of n axes as columns (3xn each)."""
     units, none = ca.SX.eye(3)[:, list(axes)], ca.SX(3, len(axes))
     return (none, units) if rotation else (units, none)

@@ -22,13 +22,13 @@ class State:
     Attributes
     ----------
     name
-        Where it belongs, ``rpr1/tip/pid.integral``.
+        Path of the state, ``rpr1/tip/pid.integral``.
     symbol
-        Its symbols (n x 1).
+        Symbols of the state (n x 1).
     initial
-        Its value at the start, an expression of (t, q, v, c); other states in it count as zero (n x 1).
+        Initial value, an expression of (t, q, v, c); other states in it count as zero (n x 1).
     derivative
-        Its time derivative, an expression of (t, x, c) (n x 1).
+        Time derivative, an expression of (t, x, c) (n x 1).
     remembers
         Whether events alone change it; other states may then count on it where they begin.
     """
@@ -66,7 +66,7 @@ class CommandedTorque:
     Attributes
     ----------
     robot
-        Whose they are.
+        Name of the robot.
     value
         Generalized forces (nv x 1).
     null_space
@@ -88,7 +88,7 @@ class ActuatorDrive:
         Places in v that it takes over: those of joints, or of a base. What is delivered to a base comes from
         outside the scene; a wheel delivers nothing there, its wrench stands in ``answer``.
     deliver
-        From what is asked for at these places (n x 1) to what is delivered there (n x 1) [N m or N].
+        Function from the commands at these places to the loads delivered there (n x 1 each) [N m or N].
     answer
         From what is asked for to what else it brings: states, wrenches, what it stores, powers, outputs.
     passes_on
@@ -130,9 +130,9 @@ class MotorSide:
     column
         Place of the joint in v.
     ahead
-        By how much the motor's position is ahead of the joint's (1x1) [rad or m].
+        Lead of the motor's position over the joint's (1x1) [rad or m].
     rate
-        Of the motor (1x1) [rad/s or m/s].
+        Rate of the motor (1x1) [rad/s or m/s].
     """
 
     column: int
@@ -147,7 +147,7 @@ class ControlChannel:
     Attributes
     ----------
     robot
-        Whose actuators bring it about.
+        Name of the robot whose actuators exert it.
     actuation
         u to generalized forces (nv x n): transposed rows of the manipulator Jacobian.
     drive
@@ -188,7 +188,7 @@ class SampledLaw:
     event
         Name of the event that evaluates them.
     channels
-        As they would act continuously.
+        Channels of the continuous law.
     output
         Symbols (n x 1) that stand for their outputs in the event's updates, one after the other.
     held
@@ -207,7 +207,7 @@ class SampledLaw:
     first: int = 0
 
     def of(self, outputs: Any) -> Any:
-        """Its own among the outputs of all channels (n x 1)."""
+        """Outputs of this law among those of all channels (n x 1)."""
         return outputs[self.first : self.first + self.output.size1()]
 
     def others(self, drives: Iterable[ActuatorDrive]) -> list[ActuatorDrive]:
@@ -245,7 +245,7 @@ class PowerTerm:
     Attributes
     ----------
     name
-        What it is booked under; powers of one name are added up.
+        Label in the energy ledger; powers of one label are added up.
     value
         Power (1x1) [W].
     sign
@@ -271,7 +271,7 @@ class Output:
     unit
         SI unit, ``1`` for a pure number.
     text
-        What it is, for axes, tables and the documentation.
+        Description for axes, tables and the documentation.
     dimension, label
         What it is of: ``tip``, ``body``, ``grasp`` or ``contact``, and which one; ``joint`` for a number of
         each joint (n x 1); none for the whole scene. Any other word is a dimension of its own, along which
@@ -358,7 +358,7 @@ class Innovation:
     period, delay
         Between instants at which the filter takes samples, and the first of them (1x1) [s].
     period_s
-        Of the samples, by the scenario's numbers.
+        Period of the samples [s], by the scenario's numbers.
     """
 
     filter: str
@@ -378,7 +378,7 @@ class Contribution:
     Attributes
     ----------
     states
-        Its own states.
+        States of the element.
     torques
         That actuators are asked for.
     wrenches
@@ -390,27 +390,27 @@ class Contribution:
     sampled
         Such laws that are evaluated at instants.
     drives
-        Of actuators, in the order in which they act.
+        Drives of actuators, in the order in which they act.
     stored
         Momenta and kinetic energies beside those of the links.
     wheels
         Angular momenta (3x1) of sets of wheels about their axes, world axes, for what unloads them.
     motors
-        Of joints with a transmission, for encoders on the motors.
+        Motors of joints with a transmission, for encoders on the motors.
     constraints
-        Of rigid connections.
+        Acceleration constraints of rigid connections.
     energy
         Stored in springs (1x1) [J], none if it stores nothing.
     powers, outputs
         Booked in the ledger, and observed.
     events
-        At which it changes.
+        Events at which the element's law changes.
     estimates
         Signals that the controllers of its robot read of it instead of a sensor, each with a function from
         the true value to the estimated one; of ``target_position`` and ``target_velocity`` from the true
         place of a point of the target (3x1), world axes.
     innovations
-        Of a filter, for each signal whose samples it uses.
+        Innovations of a filter, for each signal whose samples it uses.
     fine
         Switches (1x1), each with the longest step [s] while it is 1, infinite for that of the rollout, and
         over how many of these steps grow at the beginning of that time and shrink at its end.
@@ -437,7 +437,7 @@ class Contribution:
 
 
 def concatenate(parts: Iterable[Contribution]) -> Contribution:
-    """All contributions as one, in their order."""
+    """Join contributions into one, in their order."""
     contributions = list(parts)
     energies = [part.energy for part in contributions if part.energy is not None]
     lists = {

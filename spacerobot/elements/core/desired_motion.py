@@ -17,7 +17,7 @@ class DesiredMotion:
     Attributes
     ----------
     position, velocity, acceleration
-        Of the frame's origin, 3x1 each [m, m/s, m/s^2].
+        Motion of the frame's origin, 3x1 each [m, m/s, m/s^2].
     rotation
         Frame axes to world axes, 3x3.
     angular_velocity, angular_acceleration
@@ -41,11 +41,11 @@ class InitialMotion:
     rotation
         Frame axes to world axes (3x3).
     origin
-        Of the frame (3x1) [m].
+        Origin of the frame (3x1) [m].
     twist
         Gives its velocity and its spin (3x1 each) [m/s, rad/s]; they are kept only where they are asked for.
     keep
-        From a name and an expression of the state to its value at that instant, of the same shape.
+        Function from a name and an expression of the state to its value at that instant, of the same shape.
     """
 
     rotation: ca.SX
@@ -55,12 +55,12 @@ class InitialMotion:
 
     @property
     def velocity(self) -> ca.SX:
-        """Of the frame's origin (3x1) [m/s]."""
+        """Velocity of the frame's origin (3x1) [m/s]."""
         return self.twist()[0]
 
     @property
     def angular_velocity(self) -> ca.SX:
-        """Of the frame (3x1) [rad/s]."""
+        """Angular velocity of the frame (3x1) [rad/s]."""
         return self.twist()[1]
 
 
@@ -100,7 +100,7 @@ def cubic_blend(context: SectionContext, key: str = "duration") -> TimeProfile:
 def smooth_blend(
     context: SectionContext, keys: tuple[str | None, str], begin: ca.SX, duration: ca.SX
 ) -> TimeProfile:
-    """From 0 to 1 with neither velocity nor acceleration at both ends, between two instants.
+    """Profile from 0 to 1, with zero velocity and acceleration at both ends, between two instants.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ class Event:
     Attributes
     ----------
     name
-        Its own, ``left.captured``.
+        Name of the event, ``left.captured``.
     kind, who
         What happened, for people: ``captured``, and to what: ``left``.
     guard
@@ -25,7 +25,7 @@ class Event:
     armed
         Whether it may fire: 1 or 0, an expression of switches alone (1x1).
     sets
-        What becomes of switches, by the names of their symbols.
+        New values of switches, by the names of their symbols.
     updates
         New values of states by name, expressions of (t, x, c): x as before the event, switches in c as
         afterwards (n x 1).

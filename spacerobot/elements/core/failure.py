@@ -51,13 +51,13 @@ def failing(
     Parameters
     ----------
     context
-        Of the section with the time ``at`` of the failure [s].
+        Context of the section with the time ``at`` of the failure [s].
     name
-        What fails; the event is ``name.failed``.
+        Name of the failing part; the event is ``name.failed``.
     switch
         Name of the switch, unique in the section.
     sets, updates, impact
-        What else the event does; see :class:`~spacerobot.elements.core.event.Event`.
+        Further effects of the event; see :class:`~spacerobot.elements.core.event.Event`.
     """
     failed = context.switch(switch)
     turned = {failed.name(): True} | dict(sets or {})

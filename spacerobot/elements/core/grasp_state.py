@@ -1,4 +1,4 @@
-"""How a grasp that opens and closes holds: its switch, and the tip's place in the mating frame."""
+"""State of a grasp that opens and closes: its switch, and the tip's pose in the mating frame."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from spacerobot.elements.core.desired_motion import TimeProfile
 
 @dataclass(frozen=True)
 class GraspState:
-    """How a grasp holds that was not always closed, or will not always be.
+    """State of a grasp that opens or closes during the simulation.
 
     Attributes
     ----------
@@ -20,7 +20,7 @@ class GraspState:
     mated
         Tip axes to mating frame's axes where mated (3x3).
     gap
-        From mating frame to tip at rest, axes of the mating frame (3x1) [m], and how it is drawn in.
+        Vector from mating frame to tip at rest, axes of the mating frame (3x1) [m], while drawn in.
     turn
         Rotation vector (3x1) [rad] from where it is mated to the tip's orientation at rest, in axes of the
         mating frame; in a planar scene in world axes.

@@ -26,7 +26,7 @@ PLACES = {
     "plan_limit": "`plan.limits.*`; the name is the kind if the section gives none; `plan.keep_out.*`, "
     "`.approach_cones.*`, `.line_of_sight.*`",
 }
-"""Where a kind of each family stands in a scenario."""
+"""Path of each family's sections in a scenario."""
 
 
 def summary_of(kind: type[Section]) -> str:

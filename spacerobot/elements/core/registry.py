@@ -48,7 +48,7 @@ PLANS = {
     "goal": "spacerobot.elements.goals",
     "plan_limit": "spacerobot.elements.limits",
 }
-"""The same of plans, which are no part of a closed loop."""
+"""Families of plans, which are no part of a closed loop."""
 
 _HOMES = FAMILIES | PLANS
 _KINDS: dict[str, dict[str, type[Element]]] = {family: {} for family in _HOMES}
@@ -191,7 +191,7 @@ def plugin_options() -> list[str]:
 
 
 def plugin_records() -> list[dict[str, str]]:
-    """The same as results keep them: ``file``, absolute, and ``sha256`` of what was run."""
+    """Records of the plugins for results: ``file``, absolute, and its ``sha256``."""
     return [
         {"file": str(path), "sha256": hashlib.sha256(text).hexdigest()} for path, text in _PLUGINS.items()
     ]
@@ -212,7 +212,7 @@ class Family:
     Attributes
     ----------
     name
-        Of the family.
+        Name of the family.
     default
         Kind of a section that names none; it must name one if None.
     only

@@ -23,7 +23,7 @@ class RobotProperties:
     Attributes
     ----------
     name
-        Of the robot.
+        Name of the robot.
     joints
         Names of its free joints: none that mimics another one, none that an actuator owns.
     limits
@@ -33,9 +33,9 @@ class RobotProperties:
     find_moved
         Finds :attr:`moved`, which takes time.
     begins
-        Where each joint begins [rad or m] by name, as far as the scenario says.
+        Initial position of each joint [rad or m] by name, as far as the scenario gives it.
     base
-        How its base is connected to the world: ``planar``, ``free_flyer`` or ``fixed``.
+        Joint between its base and the world: ``planar``, ``free_flyer`` or ``fixed``.
     spinning
         Axis (3,), root link's axes, of each joint by name that turns without end on that link and carries no
         other joint; also of those that actuators own.
@@ -63,7 +63,7 @@ class RobotProperties:
 
     @property
     def rank(self) -> int:
-        """How many of the controlled directions are independent."""
+        """Number of independent controlled directions."""
         return int(np.linalg.matrix_rank(self.moved, tol=1e-9)) if self.moved.size else 0
 
 

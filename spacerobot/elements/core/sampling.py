@@ -71,7 +71,7 @@ class Sampling(Section):
         return self
 
     def words(self) -> str:
-        """Its rate and delay."""
+        """Sampling rate and delay."""
         return f"at {1 / self.period:g} Hz" + (f", {self.delay:g} s late" if self.delay else "")
 
 
@@ -88,13 +88,13 @@ def periodic(config: Sampling, context: SectionContext, name: str, continuous: C
     Parameters
     ----------
     config
-        How it is sampled.
+        Period and delay of the samples.
     context
         Time, and the numbers of the section ``sampled``.
     name
-        Of the controller, unique in the closed loop: ``rpr1/tip/pid``.
+        Name of the controller, unique in the closed loop: ``rpr1/tip/pid``.
     continuous
-        What it would contribute in continuous time.
+        Contribution of the continuous law.
 
     Raises
     ------

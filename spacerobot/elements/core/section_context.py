@@ -21,7 +21,7 @@ class StartInstant:
     Attributes
     ----------
     owner
-        Whose time it is, for people.
+        Name of the owner of the time.
     active
         Whether the law is followed (1x1).
     jumps
@@ -51,7 +51,7 @@ class SectionContext:
     phases
         Switch (1x1) of each phase, by name; none if there is one phase only.
     since
-        What time counts from; None for the start.
+        Origin of time; None for the start.
     words
         Words that differ from the scenario's in phases, by dotted path, ``phases.NAME.`` ahead of it.
     """
@@ -65,7 +65,7 @@ class SectionContext:
     words: Mapping[str, str] = field(default_factory=dict)
 
     def at(self, path: str) -> SectionContext:
-        """The same for another section."""
+        """Context of another section."""
         return dataclasses.replace(self, path=path)
 
     def number(self, key: str) -> ca.SX:

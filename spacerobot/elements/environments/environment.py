@@ -24,15 +24,15 @@ class Load:
     Attributes
     ----------
     joint
-        Its id.
+        Id of the joint.
     mass, com
         [kg] (1x1), and where its centre of mass is [m] (3x1).
     rotation
-        Its own axes to world axes (3x3).
+        Rotation from its own axes to world axes (3x3).
     inertia
         About its centre of mass, its own axes (3x3) [kg m^2].
     velocity, spin
-        Of its centre of mass [m/s], and angular [rad/s] (3x1 each).
+        Velocity of its centre of mass [m/s], and angular velocity [rad/s] (3x1 each).
     """
 
     joint: int

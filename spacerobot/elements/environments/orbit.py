@@ -31,7 +31,7 @@ class OrbitState:
     radius
         Distance of the origin from the planet's centre [m].
     rate, strength
-        Of the radial direction's turning [rad/s]; mu / r^3 [1/s^2].
+        Rate at which the radial direction turns [rad/s]; mu / r^3 [1/s^2].
     anomaly
         True anomaly [rad], between -pi and pi.
     """
@@ -153,13 +153,13 @@ class Orbit(Environment):
         )
 
     def mean_motion(self) -> float | None:
-        """Of a circular orbit; None for others."""
+        """Mean motion of a circular orbit [rad/s]; None for others."""
         return (
             math.sqrt(self.gravitational_parameter / self.ends()[1] ** 3) if not self.eccentricity else None
         )
 
     def assumptions(self) -> list[str]:
-        """Where the world is."""
+        """Location of the world frame."""
         return [
             "the world's origin moves along the reference orbit and its axes do not rotate: x radial, y "
             "along-track, z cross-track, as they are at the start",

@@ -170,7 +170,7 @@ class _AttitudeFilterLaw:
 
     @property
     def _sample_variance(self) -> ca.SX:
-        """Of a component of a gyro's sample, its bias apart (1x1) [rad^2/s^2]."""
+        """Variance of a component of a gyro's sample without its bias (1x1) [rad^2/s^2]."""
         return self._number("rate_noise", GYRO, "noise") ** 2 / self.robot.errors(GYRO).steady("period")
 
     def _predicted(self) -> tuple[ca.SX, ca.SX]:

@@ -233,7 +233,7 @@ class _InertiaFilterLaw:
         return ca.vertcat(mass, ca.repmat(centre, centres, 1), ca.repmat(inertia, inertias, 1))
 
     def _variance(self, key: str) -> ca.SX:
-        """Of a sample (1x1)."""
+        """Variance of a sample (1x1)."""
         if getattr(self.config, key) is not None:
             return self.robot.context.number(key) ** 2
         errors = self.robot.errors(NOISY[key])

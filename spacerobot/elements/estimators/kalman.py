@@ -40,13 +40,13 @@ def updated(
     Parameters
     ----------
     covariance
-        Of the errors before it (n x n).
+        Covariance of the errors before the update (n x n).
     rows
         Derivatives of the measurement with respect to the errors (m x n).
     innovation
         Measured less predicted (m x 1).
     variances
-        Of the measurement's errors, which are independent (m of 1x1).
+        Variances of the measurement's errors, which are independent (m of 1x1).
 
     Returns
     -------

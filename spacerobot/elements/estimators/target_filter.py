@@ -409,7 +409,7 @@ class _TargetFilterLaw:
         )
 
     def _innovations(self) -> Iterable[Innovation]:
-        """Of the position and, given that, of the attitude, which are independent."""
+        """Innovations of the position and, given that, of the attitude, which are independent."""
         robot, errors = self.robot, self.robot.errors(PLACE)
         instants = errors.steady("period"), errors.steady("delay")
         period_s = robot.context.parameters.value(f"{errors.path}.period")

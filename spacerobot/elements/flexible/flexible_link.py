@@ -30,7 +30,7 @@ class FlexibleContext:
     description
         The URDF, with the links and joints of the flexible link.
     body, name
-        Of the robot or the target, and of the flexible link.
+        Names of the robot or the target, and of the flexible link.
     """
 
     plant: Plant
@@ -70,7 +70,7 @@ class FlexibleLink(Element):
         description
             The URDF.
         name
-            Of the flexible link, with which names of its links and joints begin.
+            Name of the flexible link, the prefix of its links and joints.
 
         Raises
         ------
@@ -88,11 +88,11 @@ class FlexibleLink(Element):
         Parameters
         ----------
         description
-            As expanded.
+            Description after the expansion.
         name
-            Of the flexible link.
+            Name of the flexible link.
         number
-            From a key of the section to its number.
+            Function from a key of the section to its number.
         """
         raise NotImplementedError
 
@@ -103,9 +103,9 @@ class FlexibleLink(Element):
         Parameters
         ----------
         description
-            As expanded.
+            Description after the expansion.
         name
-            Of the flexible link.
+            Name of the flexible link.
 
         Returns
         -------

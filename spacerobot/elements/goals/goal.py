@@ -72,7 +72,7 @@ class Goal(Element):
     @property
     @required()
     def body(self) -> str:
-        """Whose joints these are."""
+        """Name of the body whose joints these are."""
         raise NotImplementedError
 
     def resting(self, instant: PlanInstant) -> Iterator[Goal]:

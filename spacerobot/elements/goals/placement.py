@@ -51,6 +51,6 @@ class Placed(TipGoal):
                 yield zero(f"orientation {'xyz'[i]}", "rad", turn[k])
 
     def place(self, instant: PlanInstant) -> ca.SX:
-        """As given."""
+        """Position of the section (3x1) [m], world axes."""
         del instant
         return sparse(np.array(self.position))

@@ -27,9 +27,9 @@ class BoundedRow:
     Attributes
     ----------
     name
-        What a user calls it.
+        Name for messages and tables.
     unit
-        Of its values times its scale.
+        Unit of the values times the scale.
     value
         Expression (1x1) in an instant, and in the symbol of ``about``.
     lower, upper
@@ -37,13 +37,13 @@ class BoundedRow:
     final_fraction
         Part of the duration, at its end, for which it must hold.
     scale
-        What a violation of one means in that unit.
+        Size of a violation of one, in that unit.
     first
         Whether it must hold at the first instant alone.
     form
         What the value is of what is named: the square over that of its limit, or an angle's cosine.
     size
-        Of the limit, in that unit, where violations between the points count relative to it.
+        Magnitude of the limit, in that unit, where violations between the points count relative to it.
     about
         What an iteration finds for it, constant in the derivatives of ``value``.
     """
@@ -115,11 +115,11 @@ def matched(
     Parameters
     ----------
     name, unit_name
-        What it is, and its unit.
+        Name and unit of the quantity.
     value
         Expression (3x1).
     axes
-        Of its entries that count.
+        Axes of the entries that count.
     tolerance
         Greatest length in that unit; None for zero.
     """
@@ -140,9 +140,9 @@ class MovingFrame(NamedTuple):
     Attributes
     ----------
     rotation, origin
-        Where it is (3x3), (3x1) [m].
+        Rotation to world axes (3x3), and position of the origin (3x1) [m].
     velocity, spin
-        How it moves (3x1 each) [m/s, rad/s].
+        Velocity and angular velocity (3x1 each) [m/s, rad/s].
     """
 
     rotation: ca.SX
@@ -166,13 +166,13 @@ class JointCoordinate(NamedTuple):
     Attributes
     ----------
     name
-        In the URDF.
+        Name of the joint in the URDF.
     position
         Position (1x1) [rad or m]; of an unbounded joint cosine and sine of its angle (2x1).
     rate
-        How it moves (1x1) [rad/s or m/s].
+        Rate (1x1) [rad/s or m/s].
     lower, upper
-        Its range in the URDF [rad or m]; infinite where it has none.
+        Range in the URDF [rad or m]; infinite where it has none.
     """
 
     name: str
@@ -182,7 +182,7 @@ class JointCoordinate(NamedTuple):
     upper: float
 
     def off(self, wanted: float) -> ca.SX:
-        """How far it is beyond a position (1x1) [rad or m], an unbounded one by less than half a turn."""
+        """Distance beyond a position (1x1) [rad or m]; less than half a turn for an unbounded joint."""
         if self.position.numel() == 1:
             return self.position - wanted
         c, d, (q, s) = float(np.cos(wanted)), float(np.sin(wanted)), ca.vertsplit(self.position)
@@ -195,7 +195,7 @@ class PlannedBase(NamedTuple):
     Attributes
     ----------
     frame
-        Its root link's.
+        Frame of its root link.
     rotation
         Rotation vector since the start (3x1) [rad], axes of the root link there.
     translation
@@ -219,7 +219,7 @@ class PlannedWheels(NamedTuple):
     momenta
         Angular momentum of each about its axis (n x 1) [N m s].
     speeds
-        Of each relative to the base (n x 1) [rad/s].
+        Speed of each wheel relative to the base (n x 1) [rad/s].
     motors
         Torques of the motors (n x 1) [N m].
     """

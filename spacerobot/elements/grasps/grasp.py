@@ -43,7 +43,7 @@ class Displacement:
     gap, twist
         Displacement [m] and rotation vector [rad].
     velocity, spin
-        Of the tip relative to the target's point there [m/s, rad/s].
+        Velocity and angular velocity of the tip relative to the target at its point [m/s, rad/s].
     """
 
     gap: ca.SX
@@ -155,9 +155,9 @@ class RestPose:
     Attributes
     ----------
     gap
-        From mating frame to tip [m].
+        Vector from mating frame to tip [m].
     velocity, spin
-        As the rest itself is drawn in [m/s, rad/s].
+        Velocity and angular velocity of the rest pose while it is drawn in [m/s, rad/s].
     acceleration, angular_acceleration
         Their rates, the mating frame turning [m/s^2, rad/s^2].
     """
@@ -188,7 +188,7 @@ class RelativeMotion:
     velocity, spin
         Of the tip relative to the target at the tip's point, less the rest's own (3x1 each) [m/s, rad/s].
     rest
-        Where it is at rest.
+        Pose at which it is at rest.
     """
 
     gap: ca.SX
@@ -235,7 +235,7 @@ def relative_motion(grasp: GraspContext) -> RelativeMotion:
 
 
 def apart(grasp: GraspContext) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """From mating frame to tip, and velocity and spin of the tip relative to the target there (3x1 each)."""
+    """Vector from mating frame to tip, and the tip's velocity and spin relative to the target (3x1 each)."""
     plant = grasp.plant
     tip_velocity, tip_spin = plant.velocity(grasp.tip_frame)
     mate_velocity, mate_spin = plant.velocity(grasp.mate_frame)

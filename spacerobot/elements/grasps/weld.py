@@ -17,5 +17,5 @@ class Weld(RigidGrasp):
     kind: Literal["weld"] = "weld"
 
     def assumptions(self) -> list[str]:
-        """How long and in which orientation it holds."""
+        """Duration and orientation of the connection."""
         return ["welded in the initial relative orientation"] if self.begins == "closed" else []

@@ -25,7 +25,7 @@ class PlannedJoint:
     kind
         ``revolute``, ``continuous`` or ``prismatic``.
     limited
-        Which of ``position``, ``rate`` and ``torque`` the URDF, or the scenario, limits.
+        Names among ``position``, ``rate`` and ``torque`` that the URDF, or the scenario, limits.
     file
         Name of the URDF's file.
     """
@@ -65,7 +65,7 @@ class ApproachCone:
     half_angle_deg
         Between its axis and its surface [deg].
     radius
-        Of its cut in the frame's plane [m].
+        Radius of its cut in the frame's plane [m].
     """
 
     frame: str

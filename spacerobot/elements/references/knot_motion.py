@@ -19,7 +19,7 @@ from spacerobot.elements.core.event import Event
 from spacerobot.elements.core.section_context import SectionContext
 
 ROUNDING = 1e-12
-"""Of a time."""
+"""Relative tolerance of a time."""
 
 
 @dataclass(frozen=True)
@@ -29,15 +29,15 @@ class Knots:
     Attributes
     ----------
     context
-        Of the law.
+        Context of the law.
     cursor
         Tells the interval, n behind the last one.
     u
         Part of the interval that lies behind it (1x1).
     width
-        Of the interval (1x1) [s].
+        Width of the interval (1x1) [s].
     pace
-        One over that, zero behind the last one (1x1) [1/s].
+        Reciprocal of the width, zero after the last interval (1x1) [1/s].
     nodes
         Parts of an interval at which its points lie (s,).
     event
@@ -69,11 +69,11 @@ class Knots:
         Parameters
         ----------
         context, times, points
-            Of the law; times of its points (n,) [s], and how many an interval has.
+            Context of the law; times of its points (n,) [s], and number of points of an interval.
         time
             Time (1x1) [s] that is counted from an event; that of the law if None.
         begin
-            When, in the time of the simulation (1x1) [s], the first point is; at its start if None.
+            Simulation time of the first point (1x1) [s]; the start if None.
         """
         constants, ends = context.constants, times[ends_of(times, points)]
         now, limits = context.time if time is None else time, ends[1:].copy()
@@ -141,7 +141,7 @@ class Knots:
         )
 
     def between(self, values: list[ca.SX], rates: list[ca.SX]) -> TimeProfile:
-        """The same for what stands at the points of the interval (s of m x 1 each)."""
+        """Interpolate values and rates at the points of the interval (s of m x 1 each)."""
         by_value, by_rate = hermite(self.nodes, self.u)
         return TimeProfile(
             *(

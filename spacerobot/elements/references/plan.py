@@ -83,7 +83,7 @@ class PlanReference(Reference):
         )
 
     def jumps(self) -> tuple[float, ...]:
-        """Its knots after the first one."""
+        """Times of its knots after the first one [s]."""
         times = self.planned.times
         return tuple(times[k] for k in ends_of(times, self.planned.points)[1:])
 
@@ -104,7 +104,7 @@ class PlanReference(Reference):
             yield "knots", deviations
 
     def words(self) -> str:
-        """How long it is."""
+        """Duration of the plan."""
         return f"plan of {len(self.planned.times)} points over {self.planned.times[-1]:g} s"
 
 

@@ -89,7 +89,7 @@ class Reference(Element):
         context
             Time, this section's numbers, and what can be seen of the target.
         start
-            Where the frame is when this begins.
+            Motion of the frame when the reference begins.
         pivot
             Where the point then is that is displaced (3x1) [m], where that is not the frame's own origin: the
             target's, if the frame is carried along by it.
@@ -148,7 +148,7 @@ class TimedReference(Reference):
     )
 
     def blend(self, context: SectionContext) -> TimeProfile:
-        """From 0 to 1 over the duration."""
+        """Profile from 0 to 1 over the duration."""
         return cubic_blend(context)
 
     def turned(self, context: SectionContext) -> TimeProfile:
@@ -157,7 +157,7 @@ class TimedReference(Reference):
         return along(full, self.blend(context)) if full.nnz() else STILL
 
     def jumps(self) -> tuple[float, ...]:
-        """Its end."""
+        """End of the motion [s]."""
         return (self.duration,)
 
     def leaves_plane(self) -> Iterator[tuple[str, list[float]]]:

@@ -77,7 +77,7 @@ class Spline(Reference):
         return profile
 
     def warnings(self) -> list[str]:
-        """Of an axis on which it swings far beyond its waypoints."""
+        """Warnings of axes on which it swings far beyond its waypoints."""
         points = np.array(self.displacements)
         lower, upper = points.min(axis=0), points.max(axis=0)
         # displacements (m, 3) on the whole way, at as many times in each piece
@@ -98,7 +98,7 @@ class Spline(Reference):
         ]
 
     def jumps(self) -> tuple[float, ...]:
-        """Its waypoints after the first one."""
+        """Times of its waypoints after the first one [s]."""
         return self.times[1:]
 
     def leaves_plane(self) -> Iterator[tuple[str, list[float]]]:

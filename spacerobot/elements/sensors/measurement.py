@@ -122,7 +122,7 @@ class Observation:
     shown
         What it shows now, offset and scale in it (n x 1); of an attitude, its error about the axes that turn.
     distance
-        To the target (1x1) [m], for what sees it.
+        Distance to the target (1x1) [m], for a sensor that sees it.
     attitude
         True attitude (3x3) of what is measured as an attitude; None for a vector.
     stamped
@@ -180,17 +180,17 @@ class Measurement:
     Attributes
     ----------
     shown
-        What the sensor sees now (n x 1).
+        Present reading of the sensor (n x 1).
     value
-        What is known of it.
+        State that holds the last sample.
     states, events
-        What it remembers, and its instants.
+        States of the sensor, and events at its instants.
     samples
-        How many samples were taken.
+        Number of samples so far.
     bias
-        Its bias at the last sample (n x 1); none without noise.
+        Bias at the last sample (n x 1); none without noise.
     continuous
-        What is known of a signal that is not sampled, of a sensor that fails (n x 1).
+        Reading of a continuous sensor that may fail (n x 1).
     """
 
     shown: ca.SX
@@ -208,7 +208,7 @@ class Measurement:
 
     @classmethod
     def failing(cls, name: str, shown: ca.SX, sensor: FailingSensor) -> Measurement:
-        """Of a continuous sensor, which remembers what it shows where it fails."""
+        """Build the measurement of a continuous sensor, which remembers its reading when it fails."""
         value, none = memory(f"{name}.measured", shown), memory(f"{name}.count", ca.SX.zeros(1))
         event = replace(sensor.event, updates={value.name: ca.densify(shown)})
         reading = sensor.shown(value.symbol, shown + sensor.drift)
@@ -242,13 +242,13 @@ class Measurement:
         name
             Unique in the closed loop; it also tells the sensor's random numbers from those of others.
         context
-            Of the section ``errors``.
+            Context of the section ``errors``.
         errors
             That section.
         observed
-            What the sensor sees.
+            Present observation of the sensor.
         sensor
-            Its failure, if it fails.
+            Failure of the sensor, if it fails.
         """
         period = context.steady("period")
         clock = Clock.of(f"{name}.samples", context.time, period)

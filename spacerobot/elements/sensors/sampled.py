@@ -22,7 +22,7 @@ class Sampled(Sensor):
     scale: float = quantity("1", "b", default=1.0)
 
     def affine(self, context: SectionContext) -> Affine:
-        """Of the measurement itself; both are numbers of the section."""
+        """Offset and scale of the measurement; both are numbers of the section."""
         return context.number("offset"), context.number("scale")
 
     @property

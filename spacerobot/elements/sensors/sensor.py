@@ -50,9 +50,9 @@ class Sensor(Element):
         name
             Unique in the closed loop.
         context
-            Of the sensor's section.
+            Context of the sensor's section.
         observed
-            What it sees now, by :meth:`aligned` and :meth:`affine`.
+            Present observation, by :meth:`aligned` and :meth:`affine`.
         """
         failing = None
         if self.failure is not None:
@@ -70,7 +70,7 @@ class Sensor(Element):
         Parameters
         ----------
         context
-            Of the sensor's section.
+            Context of the sensor's section.
         value
             Vector (3x1), or attitude (3x3).
         axes

@@ -35,12 +35,12 @@ class Box(CollisionShape):
 
     @classmethod
     def nearest(cls, point: ca.SX, shape: Shape) -> Nearest | None:
-        """From its surface."""
+        """Nearest point from its surface."""
         return to_box(point, shape, shape.measures / 2)
 
     @classmethod
     def of_urdf(cls, size: Sequence[float]) -> dict[str, Any]:
-        """Its edges."""
+        """Edges from the URDF's size [m]."""
         return {"size": tuple(size)}
 
     @classmethod

@@ -34,7 +34,7 @@ class Capsule(CollisionShape):
 
     @classmethod
     def nearest(cls, point: ca.SX, shape: Shape) -> Nearest | None:
-        """From its segment."""
+        """Nearest point from its segment."""
         return to_segment(point, shape, shape.measures[1] / 2)
 
     @classmethod

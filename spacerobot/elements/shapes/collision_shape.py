@@ -54,7 +54,7 @@ class CollisionShape(Element):
     urdf_geometry
         Geometry of a URDF that it is, if there is one.
     wrap_order
-        Its place among the shapes that plans try around meshes and cylinders; only where it can wrap.
+        Rank among the shapes that plans try around meshes and cylinders; only where it can wrap.
     """
 
     family: ClassVar[str] = "shape"
@@ -78,9 +78,9 @@ class CollisionShape(Element):
         Parameters
         ----------
         rotation
-            From its own axes to those of the result (3x3).
+            Rotation from its own axes to those of the result (3x3).
         measures
-            Its lengths (n x 1) [m], in the order of its keys.
+            Lengths (n x 1) [m], in the order of its keys.
         """
         raise NotImplementedError
 
@@ -93,7 +93,7 @@ class CollisionShape(Element):
         point
             The point (3x1) [m], world axes.
         shape
-            Where the shape is.
+            Pose of the shape.
 
         Returns
         -------
@@ -107,7 +107,7 @@ class CollisionShape(Element):
     @classmethod
     @required("urdf_geometry")
     def of_urdf(cls, size: Sequence[float]) -> dict[str, Any]:
-        """Its measures by key, from the size of the URDF's geometry of the same name [m]."""
+        """Measures by key, from the size of the URDF's geometry of the same name [m]."""
         raise NotImplementedError
 
     @classmethod
@@ -118,7 +118,7 @@ class CollisionShape(Element):
         Parameters
         ----------
         points
-            What it must contain (n, 3) [m].
+            Points to be contained (n, 3) [m].
         axes
             Axes along which it may lie: 0, 1, 2.
         """

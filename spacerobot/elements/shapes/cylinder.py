@@ -35,7 +35,7 @@ class Cylinder(CollisionShape):
 
     @classmethod
     def nearest(cls, point: ca.SX, shape: Shape) -> Nearest | None:
-        """From its surface."""
+        """Nearest point from its surface."""
         return to_cylinder(point, shape, shape.measures[0], shape.measures[1] / 2)
 
     @classmethod

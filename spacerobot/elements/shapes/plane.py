@@ -31,7 +31,7 @@ class Plane(CollisionShape):
 
     @classmethod
     def nearest(cls, point: ca.SX, shape: Shape) -> Nearest | None:
-        """From the plane."""
+        """Nearest point from the plane."""
         return to_plane(point, shape)
 
     def coal(self) -> Any:

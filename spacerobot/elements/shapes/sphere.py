@@ -35,12 +35,12 @@ class Sphere(CollisionShape):
 
     @classmethod
     def nearest(cls, point: ca.SX, shape: Shape) -> Nearest | None:
-        """From its centre."""
+        """Nearest point from its centre."""
         return to_point(point, shape.position)
 
     @classmethod
     def of_urdf(cls, size: Sequence[float]) -> dict[str, Any]:
-        """Its radius."""
+        """Radius from the URDF's size [m]."""
         return {"radius": size[0]}
 
     @classmethod
