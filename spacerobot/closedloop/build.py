@@ -17,7 +17,7 @@ from spacerobot.closedloop.forward_dynamics import ForwardDynamicsResult, solve_
 from spacerobot.closedloop.impulse import strike
 from spacerobot.closedloop.initial_state import initial_state
 from spacerobot.closedloop.loop_builder import LoopBuilder
-from spacerobot.closedloop.outputs import added_up, combine, core_outputs
+from spacerobot.closedloop.outputs import added_up, combine, core_outputs, measured_outputs
 from spacerobot.closedloop.phases import phased
 from spacerobot.closedloop.plant import build_plant
 from spacerobot.dynamics import configuration_derivative, normalise
@@ -118,6 +118,7 @@ def evaluate(
     declared = [
         *core_outputs(builder, solution.torque, acting.stored),
         *acting.outputs,
+        *measured_outputs(builder),
         *answers.outputs,
         *stored_energies(scene, plant, acting),
         *(work.output for work in works),

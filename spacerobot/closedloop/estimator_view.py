@@ -8,12 +8,14 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from spacerobot.closedloop.loop_parts import Sample
 from spacerobot.closedloop.robot_sensors import HeldReader, RobotSensors
 from spacerobot.elements import Contribution, EstimatorContext, SectionContext, either
 from spacerobot.elements.core.contribution import Innovation
 from spacerobot.elements.estimators.estimator import TargetModel
-from spacerobot.elements.sensors.measurement import Measurement, Observation
+from spacerobot.elements.sensors.measurement import Measurement, Observation, attitude_of
 from spacerobot.elements.sensors.sensor import measured
+from spacerobot.elements.sensors.signals import BODY_AXES
 from spacerobot.scenario import Robot
 from spacerobot.scenario.sensors import Sensors
 from spacerobot.scene import SceneBody
@@ -115,19 +117,55 @@ class EstimatorView(EstimatorContext):
         """Samples of one signal, with the errors of its sensor."""
         context = self.robot_sensors.parts.context.at(f"{self._body.path}.sensors.{signal}")
         sensor, attitude = self._sections[signal], None
+        true = value
         value = sensor.aligned(context, value, carrier)
         if value.size2() == 3:
             value, attitude = ca.SX(3, 1), value
         reading = measured(sensor.affine(context), value)
         if away is not None and attitude is None:
             reading = reading + away[0]
-        reading = ca.densify(reading[list(axes)])
+        seen, reading = reading, ca.densify(reading[list(axes)])
         observed = Observation(reading, away[1] if away else None, attitude, stamped=True)
         name = f"{self.label}.{signal}"
         measurement = sensor.measurement(name, context, observed)
         assert measurement is not None, "scenes are refused whose filters lack a measurement"
         self.robot_sensors.parts.measurements[name] = measurement
+        last = measurement.known[:-1]
+        if attitude is None:
+            last, seen[list(axes)] = seen, last
+        self._show(signal, last, true, of_body=carrier is not None and carrier.is_eye())
         return measurement
+
+    def _show(self, signal: str, last: ca.SX, true: ca.SX, *, of_body: bool) -> None:
+        """Keep a sample for the outputs, unless controllers have samples of their own.
+
+        Parameters
+        ----------
+        signal
+            Name of the signal.
+        last
+            Vector (3x1), or attitude as numbers (4x1 or 2x1).
+        true
+            Present value of the signal, a vector (3x1) or an attitude (3x3).
+        of_body
+            Whether the vector is in the axes of the link that carries the sensor.
+        """
+        assert isinstance(self._body.config, Robot)
+        body, dimension, label = self._body, "body", self.robot
+        if signal.startswith("target_"):
+            frames, target = (
+                self._body.config.estimators[self.key].frames(),
+                self.robot_sensors.parts.scene.target,
+            )
+            assert frames is not None, "an estimator that sees the target names a tip"
+            assert target is not None, "scenes without a target are refused"
+            body, dimension, label = target, "tip", f"{self.robot}/{frames[0]}"
+        if true.size2() == 3:
+            # the frame that is seen is fixed in the root link, whose attitude follows
+            root = self.plant.placement(body.root_frame)[0]
+            last = ca.mtimes(attitude_of(last), ca.mtimes(true.T, root))
+        sample = Sample(f"{signal}{BODY_AXES * of_body}", dimension, label, last, body.name)
+        self.robot_sensors.parts.samples.setdefault((sample.signal, label), sample)
 
     def positions(self, driven: ca.SX) -> Mapping[int, ca.SX]:
         """Positions of all joints by id, from those of the driven joints (n x 1)."""

@@ -142,6 +142,16 @@ class LoopBuilder(LoopParts):
         """Reader of sampled and estimated signals, with all estimates of the body."""
         return HeldReader(RobotSensors(self, body), owner, frame, columns, self.estimates(body))
 
+    @functools.cached_property
+    def first_rotations(self) -> Mapping[str, ca.SX]:
+        """Attitude of each body's root link at the start (3x3), by the body's name."""
+        return {
+            body.name: self.context.at(body.path).once(
+                "start.rotation", self.start.placement(body.root_frame)[0]
+            )
+            for body in self.scene.bodies
+        }
+
     def _tip(self, tip: SceneTip, key: str) -> TipContext:
         columns = tuple(int(self.plant.model.idx_vs[joint]) for joint in tip.body.arm_joints)
         return TipContext(

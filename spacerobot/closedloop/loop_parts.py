@@ -28,6 +28,29 @@ from spacerobot.symbolic import InitialState, Plant
 
 
 @dataclass(frozen=True)
+class Sample:
+    """Last sample of a signal.
+
+    Attributes
+    ----------
+    signal
+        Name of the signal, with the ending of its axes if these are not the world's.
+    dimension, label
+        What it is of, as of an :class:`~spacerobot.elements.Output`.
+    value
+        Vector (3x1) or number (1x1), or attitude of the root link of a body (3x3).
+    body
+        Name of the body whose attitude it is.
+    """
+
+    signal: str
+    dimension: str
+    label: str
+    value: ca.SX
+    body: str = ""
+
+
+@dataclass(frozen=True)
 class LoopParts:
     """Shared parts of one closed loop: mechanics, phases, grasps, actuators and measurements.
 
@@ -43,6 +66,8 @@ class LoopParts:
         States that phases store, by a short name.
     measurements
         Sampled measurements, by name.
+    samples
+        Last samples that controllers and estimators read, by signal and label.
     driven
         Contributions of a robot's actuators, by its name; filled by :meth:`actuators`.
     pushed
@@ -60,6 +85,7 @@ class LoopParts:
     start: InitialState
     phase_states: dict[str, State] = field(default_factory=dict)
     measurements: dict[str, Measurement] = field(default_factory=dict)
+    samples: dict[tuple[str, str], Sample] = field(default_factory=dict)
     driven: dict[str, list[Contribution]] = field(default_factory=dict)
     pushed: dict[int, ca.SX] = field(default_factory=dict)
     affine: dict[str, Affine] = field(default_factory=dict)

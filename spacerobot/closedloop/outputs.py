@@ -9,9 +9,11 @@ import casadi as ca
 
 from spacerobot.closedloop.closed_loop import OutputVariable
 from spacerobot.closedloop.loop_builder import LoopBuilder
+from spacerobot.closedloop.loop_parts import Sample
 from spacerobot.dynamics import momentum
 from spacerobot.elements import Output, StoredMomentum
 from spacerobot.elements.grasps.grasp import OBSERVED
+from spacerobot.elements.sensors.signals import MEASURED, SIGNALS
 from spacerobot.scene import Scene
 
 VECTORS: dict[str, tuple[str, str, str]] = {
@@ -56,12 +58,12 @@ def core_outputs(builder: LoopBuilder, torque: ca.SX, stored: Sequence[StoredMom
         }
     for body in builder.scene.bodies:
         rotation, origin = plant.placement(body.root_frame)
-        first = builder.start.placement(body.root_frame)[0]
-        rotation0 = builder.context.at(body.path).once("start.rotation", first)
         p, h = momentum(plant.model, plant.kinematics, plant.inertias, joints=body.subtree, about=ca.SX(3, 1))
         values |= {
             ("body_position", body.name): origin,
-            ("body_rotation", body.name): plant.orientation_error(rotation, rotation0),
+            ("body_rotation", body.name): plant.orientation_error(
+                rotation, builder.first_rotations[body.name]
+            ),
             ("body_momentum_linear", body.name): p,
             ("body_momentum_angular", body.name): h,
         }
@@ -82,6 +84,31 @@ def core_outputs(builder: LoopBuilder, torque: ca.SX, stored: Sequence[StoredMom
     yield Output("joint_torque", torque[columns], "N m or N", "actuator torques", "joint")
     for name, (unit, text) in OBSERVED.items():
         yield Output(name, ca.SX(3, 1), unit, text, "grasp")
+
+
+def measured_outputs(builder: LoopBuilder) -> Iterator[Output]:
+    """Declare the last sample of each signal that a sensor measures at instants, ``measured_SIGNAL``.
+
+    References and estimators sample a signal apart from controllers. Where more than one of these samples it
+    for one robot or tip, the output has the samples of controllers, otherwise those of the first estimator.
+
+    Parameters
+    ----------
+    builder
+        Builder of the closed loop whose elements are all built.
+    """
+    of_tips = {
+        (signal, label): Sample(signal, "tip", label, value)
+        for label, lead in builder.leads.items()
+        for signal, value in lead.measured.items()
+    }
+    for sample in (of_tips | builder.samples).values():
+        value = sample.value
+        if sample.body and value.size2() == 3:
+            value = builder.plant.orientation_error(value, builder.first_rotations[sample.body])
+        unit, text = SIGNALS[sample.signal]
+        name, text = f"{MEASURED}{sample.signal}", f"last sample: {text}"
+        yield Output(name, ca.densify(value), unit, text, sample.dimension, sample.label)
 
 
 def added_up(outputs: Iterable[Output]) -> list[Output]:

@@ -53,6 +53,8 @@ class TipGuidance:
         What else is remembered, by the state's name, with its expression at that instant.
     held
         What sensors measured last, by the state's name.
+    samples
+        The same as vectors (3x1), by signal and path of the reference.
     """
 
     tip: SceneTip
@@ -66,6 +68,7 @@ class TipGuidance:
     kept: dict[str, State] = field(default_factory=dict)
     seen: dict[str, tuple[State, ca.SX]] = field(default_factory=dict)
     held: dict[str, Measurement] = field(default_factory=dict)
+    samples: dict[tuple[str, str], ca.SX] = field(default_factory=dict)
 
     @property
     def root(self) -> int | None:
@@ -139,7 +142,21 @@ class TipGuidance:
             if measurement is None:
                 return shown
             self.held[name] = measurement
-        return filled(shown, self.held[name].known)
+        self.samples[signal, path] = filled(shown, self.held[name].known)
+        return self.samples[signal, path]
+
+    @property
+    def measured(self) -> Mapping[str, ca.SX]:
+        """Last samples (3x1 each) by signal, those of the active reference where it samples the signal."""
+        result: dict[str, ca.SX] = {}
+        for i, reference in enumerate(self.tip.references):
+            for (signal, path), value in self.samples.items():
+                if path == reference.path:
+                    earlier = result.get(signal)
+                    result[signal] = (
+                        value if earlier is None else ca.if_else(self.sinces[i].active, value, earlier)
+                    )
+        return result
 
     def _at_start(self, name: str, value: ca.SX) -> ca.SX:
         """An expression of the state where everything begins, where every sensor measures."""

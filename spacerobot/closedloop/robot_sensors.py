@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from spacerobot.closedloop.loop_parts import LoopParts
+from spacerobot.closedloop.loop_parts import LoopParts, Sample
 from spacerobot.elements.core.context import Affine
 from spacerobot.elements.sensors.measurement import Measurement, Observation, changing, filled
 from spacerobot.elements.sensors.sensor import ideal, measured
@@ -150,4 +150,23 @@ class HeldReader:
             sampled = self.sensors.measure(signal, name, Observation(changing(reading), distance))
             if sampled is not None:
                 measurements[name] = sampled
-        return filled(reading, measurements[name].known) if name in measurements else None
+        if name not in measurements:
+            return None
+        result = filled(reading, measurements[name].known)
+        self._show(signal, result)
+        return result
+
+    def _show(self, signal: str, sample: ca.SX) -> None:
+        """Keep a sample (n x 1) for the outputs."""
+        body, model = self.sensors.body, self.sensors.parts.plant.model
+        samples = [Sample(signal, "tip" if "/" in self.owner else "body", self.owner, sample)]
+        if signal.startswith("joint_"):
+            joints = {int(model.idx_vs[joint]): joint for joint in (*body.arm_joints, *body.driven_joints)}
+            names = (body.joint_name(model, joints[column]) for column in self.columns)
+            samples = [
+                Sample(signal, "driven_joint", f"{body.name}/{name}", value)
+                for name, value in zip(names, ca.vertsplit(sample), strict=True)
+            ]
+        elif not signal.startswith(("tip_", "target_")):
+            samples = [Sample(signal, "body", body.name, sample)]
+        self.sensors.parts.samples.update({(one.signal, one.label): one for one in samples})

@@ -21,37 +21,60 @@ class Sensors(Section):
     joint_rate: AnySensor = quantity(
         "rad/s, m/s", "joint rates, used by `feedback: base` and the joint PD", default=IDEAL
     )
-    tip_position: AnySensor = quantity("m", "tip positions, used by the amnesia controller", default=IDEAL)
-    tip_velocity: AnySensor = quantity("m/s", "tip velocities, used by `feedback: inertial`", default=IDEAL)
+    tip_position: AnySensor = quantity(
+        "m",
+        "tip positions from the world's origin, world axes, used by the amnesia controller",
+        default=IDEAL,
+    )
+    tip_velocity: AnySensor = quantity(
+        "m/s", "tip velocities, world axes, used by `feedback: inertial`", default=IDEAL
+    )
     tip_orientation: AnySensor = quantity(
         "rad",
-        "rotation vector of tips relative to their references, for the amnesia controller",
+        "rotation vector of tips relative to their references, world axes, for the amnesia controller",
         default=IDEAL,
     )
     tip_angular_velocity: AnySensor = quantity(
-        "rad/s", "angular velocities of tips, used by `feedback: inertial`", default=IDEAL
+        "rad/s", "angular velocities of tips, world axes, used by `feedback: inertial`", default=IDEAL
     )
     target_position: AnySensor = quantity(
-        "m", "mating frames relative to tips, used by `rendezvous`", default=IDEAL
+        "m",
+        "mating frames relative to tips, world axes, used by `rendezvous`, `mpc` and `target_filter`; a "
+        "sample is held as the position of the mating frame from the world's origin, to which `resolution` "
+        "and `range` apply",
+        default=IDEAL,
     )
-    target_velocity: AnySensor = quantity("m/s", "velocities of mating frames, likewise", default=IDEAL)
+    target_velocity: AnySensor = quantity(
+        "m/s", "velocities of mating frames, world axes, used by `rendezvous` and `mpc`", default=IDEAL
+    )
     target_orientation: AnySensor = quantity(
-        "rad", "rotation vector from tips to mating frames, world axes, used by `mpc`", default=IDEAL
+        "rad",
+        "rotation vector from tips to mating frames, world axes, used by `mpc` and `target_filter`; a sample "
+        "is held as an attitude in the world",
+        default=IDEAL,
     )
-    target_spin: AnySensor = quantity("rad/s", "angular velocity of the target, likewise", default=IDEAL)
+    target_spin: AnySensor = quantity(
+        "rad/s", "angular velocity of the target, world axes, used by `rendezvous` and `mpc`", default=IDEAL
+    )
     base_position: AnySensor = quantity(
-        "m", "root link of a floating base, used by `mpc` and `base_position`", default=IDEAL
+        "m",
+        "root link of a floating base from the world's origin, world axes, used by `mpc` and `base_position`",
+        default=IDEAL,
     )
     base_orientation: AnySensor = quantity(
         "rad",
-        "rotation vector of the root link, used by `mpc`, also by `base_attitude`, from its attitude",
+        "rotation vector of the root link, world axes, used by `base_attitude` (from the attitude that it "
+        "holds), `mpc` (from that of the start) and `attitude_filter` (as an attitude)",
         default=IDEAL,
     )
     base_velocity: AnySensor = quantity(
         "m/s", "velocity of the root link, world axes, used by `mpc` and `base_position`", default=IDEAL
     )
     base_spin: AnySensor = quantity(
-        "rad/s", "angular velocity of the root link, used by `mpc` and `base_attitude`", default=IDEAL
+        "rad/s",
+        "angular velocity of the root link, used by `mpc` and `base_attitude` (world axes) and by "
+        "`attitude_filter` (axes of the root link)",
+        default=IDEAL,
     )
 
     @model_validator(mode="after")

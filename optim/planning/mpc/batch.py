@@ -20,7 +20,7 @@ from optim.planning.mpc.simulation import statistics
 from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.compiled import usable_cores
-from spacerobot.elements.controllers.controller import MEASURED
+from spacerobot.elements.controllers.controller import MPC_INPUT
 from spacerobot.rollout import Batch, Measures, build_rollout, final, time_grid
 from spacerobot.rollout.batch import Controls
 from spacerobot.rollout.resumable_loop import SWITCHES, resumed
@@ -74,7 +74,8 @@ class MpcRollout:
                 "phases",
             )
         resumed_loop, signals = resumed(extended), measures.signals
-        begin, names = ca.SX.sym(BEGIN), [one.name for one in loop.variables if one.name.startswith(MEASURED)]
+        names = [one.name for one in loop.variables if one.name.startswith(MPC_INPUT)]
+        begin = ca.SX.sym(BEGIN)
         switches = ca.SX.sym(SWITCHES, len(extended.switches))
         resumed_signals = dataclasses.replace(
             signals,

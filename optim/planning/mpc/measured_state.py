@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from spacerobot.arrays import Array
 from spacerobot.closedloop import OutputVariable
-from spacerobot.elements.controllers.controller import MEASURED
+from spacerobot.elements.controllers.controller import MPC_INPUT
 from spacerobot.elements.goals.goal import TipGoal
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scenario.sensors import Sensors
@@ -42,9 +42,9 @@ def readings_of(variables: Iterable[OutputVariable], outputs: Mapping[str, Array
     """
     readings: dict[tuple[str, str], Array] = {}
     for one in variables:
-        if one.name.startswith(MEASURED) and one.name in outputs:
+        if one.name.startswith(MPC_INPUT) and one.name in outputs:
             rows = np.reshape(outputs[one.name], (len(one.labels), -1))
-            signal = one.name.removeprefix(MEASURED)
+            signal = one.name.removeprefix(MPC_INPUT)
             readings |= {(signal, label): row for label, row in zip(one.labels, rows, strict=True)}
     return {key: value for key, value in readings.items() if np.isfinite(value).all()}
 

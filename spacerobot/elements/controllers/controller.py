@@ -14,8 +14,8 @@ from spacerobot.elements.core.sampling import SAMPLED, Sampling
 from spacerobot.registry import required
 from spacerobot.section import Section
 
-MEASURED = "measured_"
-"""Beginning of the names of outputs that are measurements from which plans in flight begin."""
+MPC_INPUT = "mpc_input_"
+"""Beginning of the names of outputs that are measurements or estimates from which plans in flight begin."""
 
 
 class TipController(Element):

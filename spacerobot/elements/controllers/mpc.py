@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
-from spacerobot.elements.controllers.controller import MEASURED, Replanning
+from spacerobot.elements.controllers.controller import MPC_INPUT, Replanning
 from spacerobot.elements.controllers.joint_plan import JointPlanController
 from spacerobot.elements.core.context import RobotContext
 from spacerobot.elements.core.contribution import Contribution, Output
@@ -19,10 +19,16 @@ from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import RobotProperties
 from spacerobot.elements.references.knot_motion import Knots
 from spacerobot.elements.sensors.joint_position import joint_position
+from spacerobot.elements.sensors.signals import SIGNALS
 from spacerobot.errors import ScenarioError
 from spacerobot.section import MAX_PLANS, quantity
 
-UNITS = {"position": "m", "velocity": "m/s", "orientation": "rad", "spin": "rad/s"}
+HELD_UNITS = {
+    "held_mass": "kg",
+    "held_first_moment": "kg m",
+    "held_moments": "kg m^2",
+    "held_products": "kg m^2",
+}
 
 
 @register
@@ -73,10 +79,10 @@ class Mpc(JointPlanController):
                 "campaigns do it, gradients and searches do not; there, follow a plan by joint_tracking",
                 where=robot.context.path,
             )
-        return dataclasses.replace(super().build(robot), outputs=tuple(self._measured(robot)))
+        return dataclasses.replace(super().build(robot), outputs=tuple(self._inputs(robot)))
 
-    def _measured(self, robot: RobotContext) -> Iterator[Output]:
-        """Measurements from which plans begin, of the sensors named in ``signals``.
+    def _inputs(self, robot: RobotContext) -> Iterator[Output]:
+        """Measurements and estimates from which plans begin, of the signals named in ``signals``.
 
         Attitudes are rotation vectors from those of the start. What a tip sees of a mating frame is known in
         world axes from the instant of the measurement on.
@@ -157,15 +163,10 @@ class Mpc(JointPlanController):
 
 
 def _output(signal: str, value: ca.SX, dimension: str, label: str) -> Output:
-    """Measurement as an output."""
-    unit = {
-        "joint_position": "rad or m",
-        "joint_rate": "rad/s or m/s",
-        "held_mass": "kg",
-        "held_first_moment": "kg m",
-        "held_moments": "kg m^2",
-        "held_products": "kg m^2",
-    }.get(signal)
-    text = f"{signal.replace('_', ' ')} as mpc reads it"
-    unit = unit or UNITS[signal.rpartition("_")[2]]
-    return Output(f"{MEASURED}{signal}", ca.densify(value), unit, text, dimension, label)
+    """Measurement or estimate as an output."""
+    if signal in HELD_UNITS:
+        unit, text = HELD_UNITS[signal], f"{signal.replace('_', ' ')} in axes of the tip"
+    else:
+        unit, text = SIGNALS[signal]
+    text = f"read by mpc: {text}"
+    return Output(f"{MPC_INPUT}{signal}", ca.densify(value), unit, text, dimension, label)

@@ -76,11 +76,31 @@ def test_plans_begin_with_the_velocity_and_spin_that_a_filter_estimates(reach):
         found.append({n: v.full().ravel() for n, v in zip(loop.outputs.name_out(), values, strict=True)})
     known, moved = found
     velocity, spin = (
-        moved[f"measured_target_{key}"] - known[f"measured_target_{key}"] for key in ("velocity", "spin")
+        moved[f"mpc_input_target_{key}"] - known[f"mpc_input_target_{key}"] for key in ("velocity", "spin")
     )
-    lever = known["measured_target_position"] - known["body_position"][3:6]
+    lever = known["mpc_input_target_position"] - known["body_position"][3:6]
     np.testing.assert_allclose(spin, [0, 0, 0.1], atol=1e-12)
     np.testing.assert_allclose(velocity, [0.02 - 0.1 * lever[1], 0.1 * lever[0], 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("filtered", [False, True])
+def test_mpc_inputs_and_measurements_are_separate_outputs(reach, filtered):
+    """Each is declared once; with a filter plans begin with the estimate, and the sensor is still shown."""
+    changes = FILTERED if filtered else [one for one in FILTERED if not one[0].endswith("estimators")]
+    loop = build_closed_loop(FlownScene.of(reach(*changes)).scene)
+    x0, c = (value.full().ravel() for value in loop.setup(loop.parameters({})))
+    x = x0.copy()
+    place = next(
+        i for i, name in enumerate(loop.state_names) if ".target_position" in name and "measured" in name
+    )
+    x[place] += 0.25
+    values = loop.outputs(0, x, loop.at(0, x, c))
+    seen = {n: v.full().ravel() for n, v in zip(loop.outputs.name_out(), values, strict=True)}
+    shown, taken = seen["measured_target_position"], seen["mpc_input_target_position"]
+    frame = next(one for one in loop.variables if one.name == "measured_target_position")
+    assert frame.labels == ("one/tip",)
+    np.testing.assert_allclose(shown[0] - x0[place], 0.25, atol=1e-12)
+    assert np.ptp(shown - taken) == pytest.approx(0.25 if filtered else 0)
 
 
 def seen_state(scene, state):

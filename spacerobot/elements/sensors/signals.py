@@ -1,0 +1,40 @@
+"""Signals that sensors measure: their units and frames."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class MeasuredSignal(NamedTuple):
+    """Unit of a signal, and what a sample of it is, with its frame."""
+
+    unit: str
+    text: str
+
+
+SIGNALS: dict[str, MeasuredSignal] = {
+    "joint_position": MeasuredSignal("rad or m", "positions of joints"),
+    "joint_rate": MeasuredSignal("rad/s or m/s", "rates of joints"),
+    "tip_position": MeasuredSignal("m", "position of tips from the world's origin, world axes"),
+    "tip_velocity": MeasuredSignal("m/s", "velocity of tips, world axes"),
+    "tip_orientation": MeasuredSignal("rad", "rotation vector from references to tips, world axes"),
+    "tip_angular_velocity": MeasuredSignal("rad/s", "angular velocity of tips, world axes"),
+    "target_position": MeasuredSignal("m", "position of mating frames from the world's origin, world axes"),
+    "target_velocity": MeasuredSignal("m/s", "velocity of mating frames, world axes"),
+    "target_orientation": MeasuredSignal("rad", "rotation vector of the target since the start, world axes"),
+    "target_spin": MeasuredSignal("rad/s", "angular velocity of the target, world axes"),
+    "base_position": MeasuredSignal("m", "position of root links from the world's origin, world axes"),
+    "base_orientation": MeasuredSignal(
+        "rad",
+        "rotation vector of root links, world axes, from the attitude that base_attitude holds, otherwise "
+        "from that of the start",
+    ),
+    "base_velocity": MeasuredSignal("m/s", "velocity of root links, world axes"),
+    "base_spin": MeasuredSignal("rad/s", "angular velocity of root links, world axes"),
+    "base_spin_body": MeasuredSignal("rad/s", "angular velocity of root links, axes of the root links"),
+}
+"""Signals by name, in the frames in which controllers, references and estimators sample them."""
+BODY_AXES = "_body"
+"""Ending of the names of signals in the axes of the link that carries the sensor."""
+MEASURED = "measured_"
+"""Beginning of the names of outputs that are the last samples of sensors."""
