@@ -15,6 +15,7 @@ from tests.oracles.engine.base_control import BaseController
 from tests.oracles.engine.engine import Engine, Instant
 from tests.oracles.engine.kinematics import rotation_vector
 from tests.oracles.engine.outside import on_bases
+from tests.oracles.engine.sight import holding
 
 
 def outputs_at(engine: Engine, t: float, x: Array, within: float | None = None) -> dict[str, Array]:
@@ -28,6 +29,7 @@ def outputs_at(engine: Engine, t: float, x: Array, within: float | None = None) 
         _grasps(engine, instant)
         | _lives(engine, instant)
         | _contacts(engine, instant, x)
+        | _measured(engine)
         | _energies(engine, instant)
     )
     for around in instant.surroundings:
@@ -183,6 +185,21 @@ def _lives(engine: Engine, instant: Instant) -> dict[str, Array]:
                 for g in engine.scene.grasps
             )
     return found
+
+
+def _measured(engine: Engine) -> dict[str, Array]:
+    """Last samples by the active references of tips; not a number for tips without."""
+    samples: dict[str, dict[str, Array]] = {}
+    for sensor in holding(engine.now.scene):
+        label, by_tip = sensor.sight.tip.label, samples.setdefault(f"measured_{sensor.signal}", {})
+        path = engine.mode.leads[label].reference.path
+        if label not in by_tip or sensor.sight.name == f"{label}.{path}":
+            by_tip[label] = engine.mode.held[sensor.name].shown
+    none = np.full(3, np.nan)
+    return {
+        name: _stack(by_tip.get(tip.label, none) for tip in engine.scene.tips)
+        for name, by_tip in samples.items()
+    }
 
 
 def _contacts(engine: Engine, instant: Instant, x: Array) -> dict[str, Array]:
