@@ -22,6 +22,9 @@ NO_LIMITS: Limits = {}
 MOST_SAMPLES = 1200
 """Samples over time, beside the extremes of each signal; a chart has about as many pixels."""
 
+ABOUT_AXES = ("rad", "rad/s", "kg m^2")
+"""Units of vectors whose components are about axes."""
+
 ENERGIES = {"energy_kinetic": "kinetic", "energy_spring": "springs of grips", "energy_potential": "potential"}
 
 DEG = float(np.degrees(1.0))
@@ -87,11 +90,15 @@ SHIPPED = {
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """One number over time: name, values (nt,), and the colour of the tip or body it belongs to."""
+    """One number over time: name, values (nt,), and the colour of the tip or body it belongs to.
+
+    ``bound`` (nt,) is three times the standard deviation that a filter states of this error of its estimate.
+    """
 
     name: str
     values: Array
     colour: tuple[str, int] | None = None
+    bound: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +151,8 @@ def signal_data(
     -------
     list of dict
         ``title``, ``unit`` and ``signals``, each with its ``name``, ``colour`` and packed ``values``: one
-        value where it never changes. A colour is ``[kind, k]``: that of the tip number k, of the body number
+        value where it never changes. Errors of estimates have the ``bound`` of
+        three standard deviations. A colour is ``[kind, k]``: that of the tip number k, of the body number
         k, or of all together; null for one of its own. One with limits tells its
         ``limits``, least and greatest, null where there is none.
     """
@@ -155,6 +163,7 @@ def signal_data(
             "signals": [
                 {"name": signal.name, "colour": signal.colour}
                 | {"values": packed(values[:1] if (values == values[0]).all() else values)}
+                | ({} if signal.bound is None else {"bound": packed(signal.bound[rows])})
                 | ({"limits": limits[place]} if (place := (quantity.title, signal.name)) in limits else {})
                 for signal in quantity.signals
                 for values in [signal.values[rows]]
@@ -164,12 +173,15 @@ def signal_data(
     ]
 
 
-def _along(vectors: Array, names: Sequence[str], axes: Sequence[str]) -> list[Signal]:
-    """Components of vectors (nt, k, 3) along some axes."""
+def _along(
+    vectors: Array, names: Sequence[str], axes: Sequence[str], bounds: Array | None = None
+) -> list[Signal]:
+    """Components of vectors (nt, k, 3) along some axes, with their bounds of that shape."""
+    places = list(map("xyz".index, axes))
     return [
-        Signal(f"{name} {axis}", vectors[:, k, "xyz".index(axis)])
+        Signal(f"{name} {axis}", vectors[:, k, i], bound=None if bounds is None else bounds[:, k, i])
         for k, name in enumerate(names)
-        for axis in axes
+        for i, axis in zip(places, axes, strict=True)
     ]
 
 
@@ -273,15 +285,24 @@ def _declared(result: Result) -> list[PlottedQuantity]:
         by_wheel = name.startswith("wheel_") and "wheel" in result.data.dims
         if along != "time" or name in known or name.startswith("work_") or by_wheel:
             continue
+        bounds: Array | None = None
         if dims and dims[0] != "axis":
             variable = variable.dropna(dims[0], how="all")
+            # a filter states its error's standard deviation: 99.7 % of a normal error is within three of it
+            stated = f"{name.removesuffix('_error')}_deviation"
+            if name.endswith("_error") and stated in result.data:
+                bounds = 3 * result.data[stated].sel({dims[0]: variable[dims[0]]}).values
             values, owners = variable.values, [called(str(label)) for label in variable[dims[0]].values]
         else:  # of the whole scene
             values, owners = variable.values[:, None], [name.replace("_", " ")]
         title, unit = str(variable.attrs["long_name"]), str(variable.attrs["units"])
         if values.ndim == 3:
-            found.append(PlottedQuantity(title, unit, _along(values, owners, shown_axes(result))))
+            axes = _about(result) if unit in ABOUT_AXES else shown_axes(result)
+            found.append(PlottedQuantity(title, unit, _along(values, owners, axes, bounds)))
         else:
-            signals = [Signal(owner, values[:, k]) for k, owner in enumerate(owners)]
+            signals = [
+                Signal(owner, values[:, k], bound=None if bounds is None else bounds[:, k])
+                for k, owner in enumerate(owners)
+            ]
             found.append(PlottedQuantity(title, unit, signals))
     return found

@@ -17,6 +17,11 @@ export function draggable(made, { title, name }) {
   return made;
 }
 
+// Whether the first run has bounds of a signal.
+function isBounded({ bounds }) {
+  return Boolean(bounds[0]);
+}
+
 export class Chart {
   // ``onSeek`` hears of times, ``onChange`` of another choice of signals.
   constructor(root, { onSeek, onChange }) {
@@ -181,7 +186,7 @@ export class Chart {
   words({ panel, title, unit, signals }) {
     const names = signals.map(({ title: of, name, colour, limits }) => [of, name, inked(colour), limits]);
     const { runs } = this.signals;
-    return JSON.stringify([title, unit, names, panel.log, panel.limits, this.signals.full, runs.map(({ label, pale, completed }) => [label, pale, completed]), signals.some((one) => this.quantilesOf(one).length)]);
+    return JSON.stringify([title, unit, names, panel.log, panel.limits, this.signals.full, runs.map(({ label, pale, completed }) => [label, pale, completed]), signals.some((one) => this.quantilesOf(one).length), signals.some(isBounded)]);
   }
 
   panel({ panel, title, unit, signals, mixed }) {
@@ -213,6 +218,7 @@ export class Chart {
       const share = this.bands.quantiles.map((q) => `${Math.round(100 * q)}`).join(", ");
       names.append(element("span", `bands: ${share} % quantiles of samples`, "run"));
     }
+    if (signals.some(isBounded)) names.append(element("span", "band: \u00b13 standard deviations of the filter", "run"));
     const height = () => place.clientHeight, onHeight = (wanted) => { this.tall(one.panel, wanted, place); this.resize(); };
     whole.append(names, place, divider(`Height of ${title}`, { height, onHeight }));
     if (panel.height) this.tall(panel, panel.height, place);
@@ -229,6 +235,12 @@ export class Chart {
       if (rows.length) put(this.bands.time, rows);
       rows.forEach((_, k) => series.push(stroked(k === middle ? `${shade}cc` : "transparent", { width: 0.8 })));
       for (let k = 0; k < middle; k++) bands.push({ series: [first + rows.length - 1 - k, first + k], fill: `${shade}2e` });
+    }
+    for (const { bounds: [bound], colour } of signals.filter(isBounded)) { // of the first run, under its curve
+      const first = series.length, edge = `${inked(colour)}66`;
+      put(runs[0].time, [1, -1].map((sign) => Array.from(bound, (value) => sign * value)));
+      series.push(...[0, 1].map(() => stroked(edge, { width: 0.8, auto: runs[0].completed })));
+      bands.push({ series: [first, first + 1], fill: `${inked(colour)}22` });
     }
     const { time: whole } = runs.reduce((last, run) => (run.time.at(-1) > last.time.at(-1) ? run : last));
     for (const { colour, limits } of signals) {

@@ -6,7 +6,8 @@ import { signalColour } from "./shapes.js";
 const FLAGS = ["log", "limits"]; // of a panel
 
 export class Signals {
-  // A signal has a name, a label, a colour and, for each run, its values; those of a run that has none are null.
+  // A signal has a name, a label, a colour and, for each run, its values; those of a run that has none are null. An error of an estimate
+  // has bounds too, three standard deviations over time.
   // ``before``: those of another motion, whose choice stays.
   constructor(runs, before) {
     this.runs = runs.map((run) => ({ label: run.label, time: floats(run.fine_time), completed: run.completed, pale: run.pale }));
@@ -14,13 +15,14 @@ export class Signals {
     runs.forEach((run, r) => run.quantities.forEach(({ title, unit, signals }) => {
       if (!quantities.has(title)) quantities.set(title, { title, unit, signals: [] });
       const quantity = quantities.get(title);
-      signals.forEach(({ name, colour, values, limits }, k) => {
+      signals.forEach(({ name, colour, values, limits, bound }, k) => {
         let signal = quantity.signals.find((one) => one.name === name);
         if (!signal) {
-          signal = { name, title, colour: signalColour(colour || ["own", k]), limits, values: runs.map(() => null) };
+          signal = { name, title, colour: signalColour(colour || ["own", k]), limits, values: runs.map(() => null), bounds: runs.map(() => null) };
           quantity.signals.push(signal);
         }
         signal.values[r] = floats(values);
+        if (bound) signal.bounds[r] = floats(bound);
       });
     }));
     this.quantities = [...quantities.values()];

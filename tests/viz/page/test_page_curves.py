@@ -5,6 +5,7 @@ import csv
 import io
 import re
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 import pytest
@@ -13,8 +14,10 @@ from PIL import Image
 import viz
 from spacerobot.result.result import Result
 from spacerobot.scene import load_scene
+from spacerobot.simulation import simulate
 from viz.page.limits import joint_limits
-from viz.page.page import animation_page
+from viz.page.page import animation_page, write_animation
+from viz.page.signals import quantities
 
 SAVED = "HTMLAnchorElement.prototype.click = function () { window.saved = [this.download, this.href]; }"
 TEXTS = """
@@ -274,3 +277,24 @@ def test_the_page_is_dark_or_light_by_a_switch_which_a_link_carries(shown):
     assert other != first
     assert shown(page.evaluate("location.hash")).evaluate(ground) == other
     assert page.errors == []
+
+
+def test_errors_of_estimates_are_drawn_with_the_deviations_that_the_filter_states(browser, tmp_path):
+    scene = load_scene(
+        "examples/filters.yaml",
+        {
+            "simulation.duration": 1.0,
+            "robots.chaser.estimators": {"attitude": {"kind": "attitude_filter", "attitude_deg": 0.2}},
+        },
+    )
+    result = simulate(scene, backend="interpreted")
+    title = str(result.data.attitude_estimate_error.attrs["long_name"])
+    quantity = next(one for one in quantities(result) if one.title == title)
+    deviation = result.data.attitude_estimate_deviation.values[:, 0]
+    for k, signal in enumerate(quantity.signals):
+        np.testing.assert_array_equal(signal.bound, 3 * deviation[:, k])
+    write_animation(result, tmp_path / "page.html")
+    browser.open((tmp_path / "page.html").as_uri() + f"#signals={quote(title)}")
+    browser.wait_for("document.body?.dataset.ready === 'true'")
+    browser.wait_for("chart.innerText.includes('±3 standard deviations')")
+    assert browser.errors == []
