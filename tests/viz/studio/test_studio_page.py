@@ -11,6 +11,7 @@ import pytest
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from tests.oracles import one_arm
+from tests.oracles.free_bodies import FLAT, free_bodies
 from tests.viz.page.test_page_sizes import CONTRAST
 from viz.studio.prepared_design import Origin
 from viz.studio.server import Studio
@@ -331,3 +332,56 @@ def test_joints_are_moved_and_margins_computed_on_request(opened, studio, flat):
     page.evaluate("undo.click()")
     page.wait_for(f"{words}.includes('compute again')")
     assert page.errors == []
+
+
+RED, BLUE = (255, 92, 92), (111, 168, 255)
+"""Colours of the handle's arrow along x and of its ring about z."""
+
+
+def _seen_at(page, colour):
+    """Page coordinates (n, 2) of the scene's pixels of a colour."""
+    x, y, width, height = map(int, page.evaluate(PANE))
+    scene = page.picture()[y : y + height, x : x + width].astype(int)
+    rows, columns = np.nonzero(np.abs(scene - colour).sum(axis=2) < 30)
+    return np.column_stack([columns + x, rows + y])
+
+
+def test_the_target_is_moved_and_turned_by_its_handle_in_the_scene(tmp_path, browser):
+    scene = free_bodies(
+        tmp_path,
+        FLAT,
+        {"kind": "weld", "capture": {"distance": 0.01}},
+        simulation={"duration": 0.4, "step": 0.02},
+    )
+    with Studio(Origin(scene), tmp_path / "kept", 7640) as served:
+        browser.open(f"{served.url}#t=0.2&play=0", 1280, 800)
+        browser.wait_for("Number(document.body?.dataset.drawn) >= 1")
+        browser.evaluate("document.getElementById('handle').click()")
+        browser.wait_for("document.body.dataset.time === '0.000'")
+        browser.drawn()
+        changed = "JSON.parse(new URLSearchParams(location.hash.slice(1)).get('set') || '{}')"
+        for colour, by, path in (
+            (BLUE, (0, -40), "target.base.rotation_deg.2"),
+            (RED, (-40, 0), "target.base.position.0"),
+        ):
+            browser.drawn()  # the view may have widened
+            pixels = _seen_at(browser, colour)
+            start = (
+                np.median(pixels, axis=0).round() if colour is RED else pixels[pixels[:, 0].argmin()] + [2, 0]
+            )
+            for kind, at in (
+                ("mousePressed", start),
+                ("mouseMoved", start + by),
+                ("mouseReleased", start + by),
+            ):
+                x, y = map(float, at)
+                browser.call(
+                    "Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1
+                )
+            browser.wait_for(f"{path!r} in {changed}")
+            browser.wait_for("!document.getElementById('status').classList.contains('busy')")
+        values = browser.evaluate(changed)
+    assert set(values) == {"target.base.position.0", "target.base.rotation_deg.2"}
+    assert 0.4 < values["target.base.position.0"] < 0.7  # where it began
+    assert -90 < values["target.base.rotation_deg.2"] < -5  # clockwise: the left side is drawn upwards
+    assert browser.errors == []

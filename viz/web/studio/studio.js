@@ -11,6 +11,7 @@ import { Metrics } from "./metrics.js";
 import { Numbers } from "./parameter_tree.js";
 import { Rollouts, keyOf } from "./rollouts.js";
 import { Slider, firstRange } from "./slider.js";
+import { TargetHandle } from "./target_handle.js";
 import { Wire } from "./connection.js";
 import { STILL, chosenScheme } from "../theme.js";
 
@@ -47,6 +48,11 @@ export class Studio {
       onValue: (path, value) => this.hand(() => { this.begin(); this.designs.set({ [path]: value }); }),
       onSettle: () => this.designs.settle(),
       onRange: () => {},
+    });
+    this.handle = new TargetHandle(player.scene, $("handle"), {
+      onShow: () => this.begin(),
+      onValues: (values) => this.hand(() => this.designs.set(values)),
+      onSettle: () => this.designs.settle(),
     });
     this.sliders = new Map();
     this.slopes = {};
@@ -119,6 +125,7 @@ export class Studio {
     this.player.load(hello.show);
     this.player.scene.over = true; // the design before lies under the one in the hand
     this.player.become(shown);
+    this.handle.load((path) => this.byPath.get(path), hello.show);
   }
 
   // Sliders.
@@ -168,6 +175,7 @@ export class Studio {
     rollouts.want(designs.now, [designs.before?.values, ...designs.kept.map(({ values }) => values)]);
     if (known?.run && known.hello !== this.worn) this.wear(known.hello);
     for (const [path, slider] of this.sliders) slider.update(designs.value(path), this.player.signals?.full);
+    this.handle.update((path) => designs.value(path));
     this.joints.show((path) => designs.value(path), this.player.signals?.full);
     this.numbers.update((path) => designs.value(path), (path) => this.sliders.has(path));
     if (known?.run) this.metrics.show(known.metrics, before?.metrics);
