@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import spacerobot as sr
 from optim import evaluation
@@ -188,9 +189,9 @@ def test_batches_are_drawn_against_the_parameter():
     one = batch(scene, "joint_torque_peak", {MASS: masses}, backend="interpreted").data
     assert one.joint_torque_peak.dims == (MASS, "joint_torque_peak_of")
     assert one.joint_torque_peak.sel({MASS: 30.0}).dims == ("joint_torque_peak_of",)
-    axes = one.joint_torque_peak.plot(hue="joint_torque_peak_of")[0].axes
+    axes = one.joint_torque_peak.plot(hue="joint_torque_peak_of", ax=Figure().subplots())[0].axes
     assert len(axes.lines) == 2
-    axes = one.joint_torque_peak.sel(joint_torque_peak_of="one").plot()[0].axes
+    axes = one.joint_torque_peak.sel(joint_torque_peak_of="one").plot(ax=Figure().subplots())[0].axes
     np.testing.assert_array_equal(axes.lines[-1].get_xdata(), masses)
     assert axes.get_xlabel() == f"{MASS} [kg]"
     values = {MASS: masses, DAMPING: [1.0, 2.0, 1.0]}

@@ -73,7 +73,8 @@ def _own_rows(stage: Stage, view: InstantView, goal: Goal) -> Iterator[BoundedRo
     model, most = stage.scene.model, goal.rate_within
     bodies = {body.name: body for body in stage.scene.bodies}
     resting = {one.body: one for one in goal.resting(view)}
-    joints = [joint for body in resting for joint in bodies[body].driven_joints]
+    # a body that is unknown has no joints here; the goal's own rows name it in an error
+    joints = [joint for body in resting if body in bodies for joint in bodies[body].driven_joints]
     rates = [
         BoundedRow(f"rate of {model.names[j]}", "rad/s or m/s", stage.v[model.idx_vs[j]], -most, most)
         for j in joints

@@ -154,5 +154,5 @@ def test_commands_serve_at_the_port_given_and_print_the_address_alone(paper, mon
 
 def test_notebooks_embed_the_page_whole(paper):
     text = embed(paper)._repr_html_()
-    assert text.startswith('<iframe sandbox="allow-scripts allow-downloads"')
+    assert text.startswith('<iframe loading="lazy" sandbox="allow-scripts allow-downloads"')
     assert text.count("<") == 2  # its own opening and closing tag: all else is escaped
