@@ -47,10 +47,14 @@ def test_the_page_enlarges_deflections(browser, swinging, tmp_path):
     browser.open(f"{path.as_uri()}#t=0", 900, 600)
     browser.wait_for(READY)
     assert browser.evaluate("document.getElementById('bending').hidden") is False
-    before = browser.picture()
-    change = "s.value = '10'; s.dispatchEvent(new Event('change'))"
-    browser.evaluate(f"(s => {{ {change}; }})(document.getElementById('enlarged'))")
-    after = browser.picture()
+
+    def enlarge(factor):
+        change = f"s.value = '{factor}'; s.dispatchEvent(new Event('change'))"
+        browser.evaluate(f"(s => {{ {change}; }})(document.getElementById('enlarged'))")
+        return browser.picture()
+
+    before = enlarge(1)  # the camera fits the view to all that is drawn at each change
+    after = enlarge(10)
     assert (np.abs(after - before).sum(axis=2) > 60).sum() > 300
     browser.evaluate("location.hash = '#bending=1&t=0'")
     browser.wait_for("document.getElementById('enlarged').value === '1'")
