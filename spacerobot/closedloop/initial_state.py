@@ -128,7 +128,7 @@ def _turn(rpy: ca.SX) -> base_alignment.Quaternion:
 def _set_joints(
     model: Any, body: SceneBody, parameters: Parameters, q: ca.SX, v: ca.SX
 ) -> Mapping[int, base_alignment.Quaternion]:
-    """Set joints as described; their turns by their ids."""
+    """Set positions and rates of a body's joints in q and v; return the joints' rotations by their ids."""
     begins, turned = {}, {}
     for index in body.free_joints:
         name = str(model.names[index]).removeprefix(f"{body.name}/")

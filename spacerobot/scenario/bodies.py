@@ -138,7 +138,7 @@ def _expanded_urdf() -> Any:
 
 
 class Body(Section):
-    """Something described by a URDF."""
+    """Section of a body that a URDF describes: a robot or the target."""
 
     urdf: str = Field(
         min_length=1,

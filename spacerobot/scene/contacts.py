@@ -94,7 +94,7 @@ class _Finder:
         return ScenarioError(message, source=self.source, where=where)
 
     def _side(self, side: str, wrap: Wrap | None, where: str) -> Iterator[SceneShape]:
-        """Shapes that a pad or links stand for."""
+        """Collision shapes of a side of a contact: of a pad, or of the links that its pattern matches."""
         if side in self.scenario.pads:
             pad, path = self.scenario.pads[side], f"pads.{side}"
             body = self._body(pad.link, f"no body for {pad.link!r}", [], f"{path}.link")

@@ -28,7 +28,7 @@ TABLES = ("position", "rate", "effort")
 
 
 def mpc_controllers(scene: Scene) -> dict[str, tuple[str, Replanning]]:
-    """Key of each robot's controller whose plan is made again in flight, and how that is done, by robot."""
+    """Model predictive controllers by robot: the key of the controller and its replanning settings."""
     return {
         body: (key, controller.replanning)
         for body, robot in scene.scenario.robots.items()

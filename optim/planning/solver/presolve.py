@@ -84,7 +84,7 @@ class PresolvedProgram:
         return self.program.constraints(self.unknowns(w))[self.held]
 
     def jacobian(self, w: Array) -> Array:
-        """Entries of their first derivatives."""
+        """Nonzero entries of the Jacobian of the constraints that remain."""
         return self.program.jacobian(self.unknowns(w))[self._slopes]
 
     def hessian(self, w: Array, factor: float, multipliers: Array) -> Array:
