@@ -4,7 +4,6 @@ from spacerobot.description.find import find_urdf, shipped_names, shipped_urdf_f
 from spacerobot.description.parts import Geometry, LinkShape, UrdfJoint, UrdfLink
 from spacerobot.description.planar import PlanarBase, PlanarLink, planar_arm_urdf, rectangle_urdf
 from spacerobot.description.read import Description, read_description
-from spacerobot.description.spatial import satellite_box_urdf, servicer_urdf
 
 __all__ = [
     "Description",
@@ -18,8 +17,6 @@ __all__ = [
     "planar_arm_urdf",
     "read_description",
     "rectangle_urdf",
-    "satellite_box_urdf",
-    "servicer_urdf",
     "shipped_names",
     "shipped_urdf_folder",
 ]

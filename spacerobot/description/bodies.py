@@ -20,17 +20,12 @@ _TINY_BASE = 1e-3  # of another link's mass or inertia
 class RigidBody:
     """Links welded together, named after the uppermost; kg, and kg m^2 about the common centre of mass.
 
-    Attributes
-    ----------
-    name, mass, inertia
-        Its name, mass and inertia.
-    extent
-        Sum of its links' masses by the square of their distances from its origin [kg m^2]: beside this, their
-        inertias are rounded.
-    joint
-        Name of the joint that moves it, or that this one mimics; None for the base.
-    carries
-        Whether anything with mass moves behind it.
+    Attributes:
+        name, mass, inertia: Its name, mass and inertia.
+        extent: Sum of its links' masses by the square of their distances from its origin [kg m^2]: beside
+            this, their inertias are rounded.
+        joint: Name of the joint that moves it, or that this one mimics; None for the base.
+        carries: Whether anything with mass moves behind it.
     """
 
     name: str
@@ -51,7 +46,7 @@ def welded_bodies(links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], root: 
     above: list[int | None] = []
     tops: list[tuple[str, str | None, int | None]] = [(root, None, None)]
     while tops:
-        top, own, parent = tops.pop()
+        top, merged, parent = tops.pop()
         group = [(by_name[top], np.eye(4))]
         for link, placement in group:  # grows while it is walked
             for joint in below[link.name]:
@@ -70,7 +65,7 @@ def welded_bodies(links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], root: 
             turn, arm = placement[:3, :3], centre - com
             inertia += turn @ link.inertia @ turn.T + link.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
         extent = sum(link.mass * float(c @ c) for (link, _), c in zip(group, centres, strict=True))
-        bodies.append(RigidBody(top, mass, inertia, extent, own))
+        bodies.append(RigidBody(top, mass, inertia, extent, merged))
         above.append(parent)
     for body, parent in reversed(list(zip(bodies, above, strict=True))):
         if parent is not None and (body.mass > 0 or body.carries):
@@ -85,11 +80,9 @@ def check_bodies(bodies: Sequence[RigidBody], source: Path, *, floating: bool) -
     joints of a chain. A base that does not float is not judged. Whether something with inertia resists every
     joint depends on the posture, and is judged with the scene.
 
-    Raises
-    ------
-    DescriptionError
-        If a body has no mass and carries none, or an inertia without a mass, or a principal inertia that is
-        negative or not finite. Names every such body, and the joints to lock instead.
+    Raises:
+        DescriptionError: If a body has no mass and carries none, or an inertia without a mass, or a principal
+            inertia that is negative or not finite. Names every such body, and the joints to lock instead.
     """
     if floating:
         fault = _fault(bodies[0], is_base=True)

@@ -20,10 +20,8 @@ _SHORTEST_AXIS = 1e-9
 def parse_urdf(root: etree._Element, source: Path) -> yp.Robot:
     """Parse a syntactically checked tree with yourdfpy, without loading a mesh.
 
-    Raises
-    ------
-    DescriptionError
-        If yourdfpy finds fault with it.
+    Raises:
+        DescriptionError: If yourdfpy finds fault with it.
     """
     # write out ranges that are left open: 0 for one end, as URDF says, no limit where both are missing
     for limit in root.iterfind("joint/limit"):
@@ -46,10 +44,8 @@ def parse_urdf(root: etree._Element, source: Path) -> yp.Robot:
 def convert_joint(joint: yp.Joint, source: Path) -> UrdfJoint:
     """One joint, its axis of unit length.
 
-    Raises
-    ------
-    DescriptionError
-        If its axis vanishes or its range is empty.
+    Raises:
+        DescriptionError: If its axis vanishes or its range is empty.
     """
     where = f"joint {joint.name!r}"
     length = float(np.linalg.norm(joint.axis))
@@ -92,7 +88,7 @@ def convert_links(robot: yp.Robot, source: Path) -> tuple[tuple[UrdfLink, ...], 
     for material in [*robot.materials, *passing]:
         if material is not None and material.name and material.color is not None:
             colours.setdefault(material.name, frozen(np.clip(material.color.rgba, 0, 1)))
-    drawn = "visual" if any(link.visuals for link in robot.links) else "collision"
+    shape_kind = "visual" if any(link.visuals for link in robot.links) else "collision"
     missing: dict[tuple[str, str], list[str]] = {}
     converted = []
     for link in robot.links:
@@ -104,8 +100,8 @@ def convert_links(robot: yp.Robot, source: Path) -> tuple[tuple[UrdfLink, ...], 
                 inertia = turn @ link.inertial.inertia @ turn.T
                 inertia = (inertia + inertia.T) / 2
         shapes: dict[str, list[LinkShape]] = {"visual": [], "collision": []}
-        for kind, found in (("visual", link.visuals), ("collision", link.collisions)):
-            for shape in found:
+        for kind, link_shapes in (("visual", link.visuals), ("collision", link.collisions)):
+            for shape in link_shapes:
                 # None if its mesh is not found
                 geometry = shape.geometry
                 if geometry.box is not None:
@@ -121,7 +117,7 @@ def convert_links(robot: yp.Robot, source: Path) -> tuple[tuple[UrdfLink, ...], 
                     scale = frozen(np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3))
                     path = resolve_mesh(mesh.filename, source)
                     geometry = None if path is None else Geometry("mesh", scale, path)
-                if kind == drawn and (geometry is None or not is_readable(geometry)):
+                if kind == shape_kind and (geometry is None or not is_readable(geometry)):
                     fault = "not found" if geometry is None else "cannot be read"
                     missing.setdefault((shape.geometry.mesh.filename, fault), []).append(link.name)
                     shapes[kind].append(stand_in(mass, com, inertia))

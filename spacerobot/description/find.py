@@ -1,4 +1,4 @@
-"""Where descriptions are: a user's anywhere on disk, the shipped ones in the checkout or the wheel."""
+"""Search of robot descriptions: a user's anywhere on disk, the shipped ones in the checkout or the wheel."""
 
 from __future__ import annotations
 
@@ -18,10 +18,8 @@ _WORKSPACE_DEPTH = 3  # of packages below an entry of ROS_PACKAGE_PATH
 def shipped_urdf_folder() -> Path:
     """Folder of the URDFs that ship, in an installed wheel and in a checkout alike.
 
-    Raises
-    ------
-    DescriptionError
-        If neither is there: the installation is incomplete.
+    Raises:
+        DescriptionError: If neither is there: the installation is incomplete.
     """
     package = Path(__file__).resolve().parents[1]
     for folder in (package / "_urdf", package.parent / "urdf"):
@@ -41,42 +39,37 @@ def find_urdf(name: StrPath, relative_to: StrPath | None = None) -> Path:
     Tried in this order: an absolute path or one in a package; a path relative to the scenario's folder; the
     name of a shipped file, with or without ``.urdf``.
 
-    Parameters
-    ----------
-    name
-        What the scenario says.
-    relative_to
-        The scenario file or its folder; None if there is none.
+    Args:
+        name: What the scenario says.
+        relative_to: The scenario file or its folder; None if there is none.
 
-    Raises
-    ------
-    DescriptionError
-        If no such file exists; lists near shipped names.
+    Raises:
+        DescriptionError: If no such file exists; lists near shipped names.
     """
     name, relative_to = os.fspath(name), None if relative_to is None else Path(relative_to)
     if name.startswith(PACKAGE):
-        found = find_in_package(name, relative_to)
-        if found is None:
+        path = find_in_package(name, relative_to)
+        if path is None:
             raise DescriptionError(
                 "no such URDF file above the scenario, in ROS_PACKAGE_PATH or in AMENT_PREFIX_PATH",
                 source=str(name),
             )
-        return found.resolve()
-    wanted = Path(name)
-    candidates = [wanted] if wanted.is_absolute() else []
-    if not wanted.is_absolute():
+        return path.resolve()
+    requested = Path(name)
+    candidates = [requested] if requested.is_absolute() else []
+    if not requested.is_absolute():
         if relative_to is not None:
             folder = relative_to.parent if is_file(relative_to) else relative_to
-            candidates.append(folder / wanted)
-        if len(wanted.parts) == 1 and wanted.name != "..":
+            candidates.append(folder / requested)
+        if len(requested.parts) == 1 and requested.name != "..":
             shipped = shipped_urdf_folder()
-            candidates += [shipped / wanted, shipped / f"{wanted}.urdf"]
+            candidates += [shipped / requested, shipped / f"{requested}.urdf"]
     for candidate in candidates:
         if is_file(candidate):
             return candidate.resolve()
     place = f" in {relative_to} and among the shipped ones" if relative_to is not None else ""
     raise DescriptionError(
-        f"no such URDF file{place}; {near_names(wanted.name, shipped_names())}", source=str(name) or "''"
+        f"no such URDF file{place}; {near_names(requested.name, shipped_names())}", source=str(name) or "''"
     )
 
 

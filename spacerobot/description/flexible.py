@@ -19,10 +19,8 @@ _PARALLEL = 1e-6  # sine of the angle between directions that count as parallel
 def find_link(description: Description, name: str) -> UrdfLink:
     """Link of a description.
 
-    Raises
-    ------
-    DescriptionError
-        If there is none of that name.
+    Raises:
+        DescriptionError: If there is none of that name.
     """
     by_name = {link.name: link for link in description.links}
     if name not in by_name:
@@ -34,9 +32,9 @@ def find_link(description: Description, name: str) -> UrdfLink:
 
 def translation(offset: Array) -> Array:
     """Homogeneous transform (4, 4) of a translation (3,) [m]."""
-    found = np.eye(4)
-    found[:3, 3] = offset
-    return found
+    transform = np.eye(4)
+    transform[:3, 3] = offset
+    return transform
 
 
 def extended(
@@ -48,36 +46,29 @@ def extended(
 ) -> Description:
     """Description with links changed, and links and joints added; joints of known names are replaced.
 
-    Parameters
-    ----------
-    description
-        The URDF.
-    changed, links
-        Links of known names, and new ones.
-    joints
-        New ones, and known ones with other parents.
-    text
-        What distinguishes the change, for the hash.
+    Args:
+        description: The URDF.
+        changed, links: Links of known names, and new ones.
+        joints: New ones, and known ones with other parents.
+        text: What distinguishes the change, for the hash.
 
-    Raises
-    ------
-    DescriptionError
-        If a new link or joint has the name of a known one.
+    Raises:
+        DescriptionError: If a new link or joint has the name of a known one.
     """
-    known = {link.name: link for link in description.links}
+    by_name = {link.name: link for link in description.links}
     moved = {joint.name: joint for joint in description.joints}
     new = {link.name for link in links}
-    twice = [link.name for link in links if link.name in known]
+    twice = [link.name for link in links if link.name in by_name]
     twice += [joint.name for joint in joints if joint.child in new and joint.name in moved]
     if twice:
         raise DescriptionError(
             f"{description.path.name} has {twice[0]!r} already; choose another name for the section"
         )
-    known |= {link.name: link for link in (*changed, *links)}
+    by_name |= {link.name: link for link in (*changed, *links)}
     moved |= {joint.name: joint for joint in joints}
     digest = hashlib.sha256(f"{description.sha256}\0{text}".encode()).hexdigest()
     return dataclasses.replace(
-        description, sha256=digest, links=tuple(known.values()), joints=tuple(moved.values())
+        description, sha256=digest, links=tuple(by_name.values()), joints=tuple(moved.values())
     )
 
 
@@ -88,14 +79,10 @@ def cut(
 
     Boxes and cylinders whose edge or axis is parallel to the beam are cut; others belong to one segment.
 
-    Parameters
-    ----------
-    shape
-        The shape, link axes.
-    start, axis
-        Of the beam, link axes (3,) [m], and (3,) of unit length.
-    ends
-        Places along the beam [m] at which segments end, all but the last, rising.
+    Args:
+        shape: The shape, link axes.
+        start, axis: Of the beam, link axes (3,) [m], and (3,) of unit length.
+        ends: Places along the beam [m] at which segments end, all but the last, rising.
     """
     geometry, rotation = shape.geometry, shape.placement[:3, :3]
     centre = float((shape.placement[:3, 3] - start) @ axis)

@@ -26,11 +26,11 @@ class _Later(ModuleType):
 
 
 def _load() -> ModuleType:
-    found = importlib.util.find_spec(MESHES)
-    if MESHES in sys.modules or "yourdfpy" in sys.modules or found is None:
+    spec = importlib.util.find_spec(MESHES)
+    if MESHES in sys.modules or "yourdfpy" in sys.modules or spec is None:
         return importlib.import_module("yourdfpy")
     later = _Later(MESHES)
-    later.__path__ = list(found.submodule_search_locations or ())
+    later.__path__ = list(spec.submodule_search_locations or ())
     sys.modules[MESHES] = later
     try:
         return importlib.import_module("yourdfpy")

@@ -38,10 +38,8 @@ def resolve_mesh(filename: str, urdf: Path) -> Path | None:
 def missing_meshes(missing: Mapping[tuple[str, str], Sequence[str]]) -> list[str]:
     """One warning about all meshes that are replaced by boxes; none if there are none.
 
-    Parameters
-    ----------
-    missing
-        Links by file name and fault, ``not found`` or ``cannot be read``.
+    Args:
+        missing: Links by file name and fault, ``not found`` or ``cannot be read``.
     """
     if not missing:
         return []
@@ -70,10 +68,8 @@ def is_readable(geometry: Geometry) -> bool:
 def read_mesh(path: Path, scale: tuple[float, ...]) -> Any:
     """A mesh as the geometry library has it (``coal.BVHModelBase``), read once as long as its file stays.
 
-    Raises
-    ------
-    OSError, RuntimeError, ValueError, MemoryError
-        It cannot be read.
+    Raises:
+        OSError, RuntimeError, ValueError, MemoryError: It cannot be read.
     """
     status = path.stat()
     return _read(path, scale, status.st_mtime_ns, status.st_size)
@@ -92,11 +88,9 @@ def _read(path: Path, scale: tuple[float, ...], _written_ns: int, _bytes: int) -
 def stand_in(mass: float, com: Array, inertia: Array) -> LinkShape:
     """Grey uniform box of the same mass and inertia, in place of a mesh that is missing.
 
-    Parameters
-    ----------
-    mass, com, inertia
-        Of the link: kg; m, in the link frame (3,); kg m^2, about ``com`` in link axes (3, 3). A link without
-        mass gets a small cube at its origin.
+    Args:
+        mass, com, inertia: Of the link: kg; m, in the link frame (3,); kg m^2, about ``com`` in link axes (3,
+            3). A link without mass gets a small cube at its origin.
     """
     placement = np.eye(4)
     edges = np.full(3, _FRAME_BOX_M)

@@ -19,22 +19,15 @@ def settle(
 
     A follower of a joint that does not move becomes fixed too; one that is locked itself follows no more.
 
-    Parameters
-    ----------
-    joints
-        As in the file.
-    positions
-        Where joints begin, by name [rad or m]; followers without one begin where they follow to, or at zero
-        if that leads nowhere.
-    locked
-        Names of the locked joints.
-    source
-        The file, for errors.
+    Args:
+        joints: As in the file.
+        positions: Where joints begin, by name [rad or m]; followers without one begin where they follow to,
+            or at zero if that leads nowhere.
+        locked: Names of the locked joints.
+        source: The file, for errors.
 
-    Raises
-    ------
-    DescriptionError
-        If joints follow one that does not exist, or in a circle; names all of them.
+    Raises:
+        DescriptionError: If joints follow one that does not exist, or in a circle; names all of them.
     """
     by_name = {joint.name: joint for joint in joints}
     settled, faults = [], {}

@@ -17,29 +17,22 @@ def mounted(
 ) -> Description:
     """The host with an arm's root link welded to one of its links.
 
-    Parameters
-    ----------
-    host, arm
-        Two URDFs.
-    name
-        Put before the names of the arm's links and joints, with ``_`` between.
-    link
-        Of the host; its root if None.
-    placement
-        Of the arm's root link in that link's frame (4, 4) [m].
+    Args:
+        host, arm: Two URDFs.
+        name: Put before the names of the arm's links and joints, with ``_`` between.
+        link: Of the host; its root if None.
+        placement: Of the arm's root link in that link's frame (4, 4) [m].
 
-    Raises
-    ------
-    DescriptionError
-        If there is no such link, or a name is there already.
+    Raises:
+        DescriptionError: If there is no such link, or a name is there already.
     """
-    names = [own.name for own in host.links]
+    names = [host_link.name for host_link in host.links]
     parent = host.root if link is None else link
     if parent not in names:
         raise DescriptionError(
             f"no link {parent!r} in {host.path.name}; {near_names(parent, names)}", where="link"
         )
-    links = tuple(replace(own, name=f"{name}_{own.name}") for own in arm.links)
+    links = tuple(replace(host_link, name=f"{name}_{host_link.name}") for host_link in arm.links)
     joints = tuple(
         replace(
             joint,
@@ -53,8 +46,8 @@ def mounted(
     weld = UrdfJoint(
         f"{name}_mount", "fixed", parent, f"{name}_{arm.root}", frozen(placement), frozen([1, 0, 0])
     )
-    twice = {own.name for own in links} & set(names)
-    twice |= {own.name for own in (weld, *joints)} & {own.name for own in host.joints}
+    twice = {host_link.name for host_link in links} & set(names)
+    twice |= {host_link.name for host_link in (weld, *joints)} & {host_link.name for host_link in host.joints}
     if twice:
         message = f"{host.path.name} has {', '.join(sorted(twice))} already; call the mount otherwise"
         raise DescriptionError(message)

@@ -26,16 +26,12 @@ def frozen(values: ArrayLike) -> Array:
 class Geometry:
     """A primitive or a mesh.
 
-    Attributes
-    ----------
-    kind
-        Which of them.
-    size
-        Box: edge lengths (3,); cylinder: radius, length (2,); sphere: radius (1,), in m. Mesh: scale (3,).
-    mesh
-        Absolute path of the mesh file; None for a primitive.
-    corners
-        Of a mesh without a file, which is their convex hull (n, 3), m.
+    Attributes:
+        kind: Which of them.
+        size: Box: edge lengths (3,); cylinder: radius, length (2,); sphere: radius (1,), in m. Mesh: scale
+            (3,).
+        mesh: Absolute path of the mesh file; None for a primitive.
+        corners: Of a mesh without a file, which is their convex hull (n, 3), m.
     """
 
     kind: GeometryKind
@@ -48,18 +44,12 @@ class Geometry:
 class LinkShape:
     """Geometry fixed to a link.
 
-    Attributes
-    ----------
-    name
-        Its name, if it has one.
-    placement
-        Shape frame in the link frame, homogeneous (4, 4), m.
-    geometry
-        What is there.
-    rgba
-        Colour and opacity (4,), 0 to 1; None where the file gives none.
-    material
-        Name of its material in the file; empty where the file names none.
+    Attributes:
+        name: Its name, if it has one.
+        placement: Shape frame in the link frame, homogeneous (4, 4), m.
+        geometry: What is there.
+        rgba: Colour and opacity (4,), 0 to 1; None where the file gives none.
+        material: Name of its material in the file; empty where the file names none.
     """
 
     name: str | None
@@ -73,21 +63,15 @@ class LinkShape:
 class UrdfLink:
     """A rigid body, or a mere frame if its mass is 0.
 
-    Attributes
-    ----------
-    name
-        Its name, without any prefix.
-    mass
-        kg.
-    com
-        Centre of mass in the link frame (3,), m.
-    inertia
-        About the centre of mass, in the axes of the link frame (3, 3), kg m^2; zero where the file has none.
-    visuals, collisions
-        What is drawn, and what would collide.
-    borrowed
-        Link whose mass properties include these, and the resting pose of this link in its frame (4, 4) [m]:
-        there they are taken out. None for a link of its own.
+    Attributes:
+        name: Its name, without any prefix.
+        mass: kg.
+        com: Centre of mass in the link frame (3,), m.
+        inertia: About the centre of mass, in the axes of the link frame (3, 3), kg m^2; zero where the file
+            has none.
+        visuals, collisions: What is drawn, and what would collide.
+        borrowed: Link whose mass properties include these, and the resting pose of this link in its frame (4,
+            4) [m]: there they are taken out. None for a link of its own.
     """
 
     name: str
@@ -103,12 +87,9 @@ class UrdfLink:
 class Mimic:
     """A joint's position as ``multiplier`` times that of another one plus ``offset``.
 
-    Attributes
-    ----------
-    joint
-        Name of the joint that is followed.
-    multiplier, offset
-        In rad or m of the follower (per rad or m of the followed).
+    Attributes:
+        joint: Name of the joint that is followed.
+        multiplier, offset: In rad or m of the follower (per rad or m of the followed).
     """
 
     joint: str
@@ -120,24 +101,16 @@ class Mimic:
 class UrdfJoint:
     """Connection of a link to its parent.
 
-    Attributes
-    ----------
-    name, kind
-        Its name, without any prefix, and what it allows.
-    parent, child
-        Names of the links it connects.
-    origin
-        Joint (= child) frame in the parent link's frame with the joint at zero, homogeneous (4, 4), m.
-    axis
-        Unit vector in the joint frame (3,); of no meaning for a fixed joint.
-    damping, friction
-        Viscous, N m s/rad or N s/m, and dry, N m or N.
-    effort, velocity
-        Largest magnitudes, N m or N, rad/s or m/s; infinite where there is no limit.
-    lower, upper
-        Range, rad or m; infinite where there is no limit.
-    mimic
-        What it follows, if it has no coordinate of its own.
+    Attributes:
+        name, kind: Its name, without any prefix, and what it allows.
+        parent, child: Names of the links it connects.
+        origin: Joint (= child) frame in the parent link's frame with the joint at zero, homogeneous (4, 4),
+            m.
+        axis: Unit vector in the joint frame (3,); of no meaning for a fixed joint.
+        damping, friction: Viscous, N m s/rad or N s/m, and dry, N m or N.
+        effort, velocity: Largest magnitudes, N m or N, rad/s or m/s; infinite where there is no limit.
+        lower, upper: Range, rad or m; infinite where there is no limit.
+        mimic: What it follows, if it has no coordinate of its own.
     """
 
     name: str

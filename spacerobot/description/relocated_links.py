@@ -17,17 +17,13 @@ from spacerobot.errors import DescriptionError, near_names
 def placed(description: Description, origins: Mapping[str, Array]) -> Description:
     """A description with the origins of some joints replaced.
 
-    Parameters
-    ----------
-    description
-        The URDF.
-    origins
-        Joint frame in the parent link's frame (4, 4) [m], by the name of the link that the joint carries.
+    Args:
+        description: The URDF.
+        origins: Joint frame in the parent link's frame (4, 4) [m], by the name of the link that the joint
+            carries.
 
-    Raises
-    ------
-    DescriptionError
-        If there is no such link, or it is the root and has no parent.
+    Raises:
+        DescriptionError: If there is no such link, or it is the root and has no parent.
     """
     carried = [joint.child for joint in description.joints]
     for link in origins:

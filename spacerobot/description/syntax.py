@@ -28,10 +28,9 @@ _OTHERS = {"link", "joint", "material", "gazebo", "transmission", "sensor", "dra
 def parse_xml(data: bytes, source: Path) -> etree._Element:
     """Root of the XML in ``data``: no external entity, no network, no document type, no recovery.
 
-    Raises
-    ------
-    DescriptionError
-        If it is no well-formed XML, or declares a document type (and with it perhaps entities).
+    Raises:
+        DescriptionError: If it is no well-formed XML, or declares a document type (and with it perhaps
+            entities).
     """
     parser = etree.XMLParser(
         resolve_entities=False,
@@ -54,15 +53,11 @@ def parse_xml(data: bytes, source: Path) -> etree._Element:
 def check_syntax(root: etree._Element, source: Path) -> list[str]:
     """Check that all elements that matter are there once, with attributes of the right kind.
 
-    Returns
-    -------
-    list[str]
-        Warnings: top-level elements that are no part of URDF.
+    Returns:
+        list[str]: Warnings: top-level elements that are no part of URDF.
 
-    Raises
-    ------
-    DescriptionError
-        Names the file and the element.
+    Raises:
+        DescriptionError: Names the file and the element.
     """
     _Checker(source).robot(root)
     unknown = sorted({str(child.tag) for child in root if child.tag not in _OTHERS})
@@ -81,12 +76,12 @@ class _Checker:
             raise self._error(root, "is the outermost element; it has to be <robot>")
         self._text(root, "name")
         for kind, check in (("link", self._link), ("joint", self._joint), ("material", self._material)):
-            seen: set[str] = set()
+            names: set[str] = set()
             for element in root.findall(kind):
                 name = self._text(element, "name")
-                if name in seen:
+                if name in names:
                     raise self._error(element, f"is the second {kind} of this name")
-                seen.add(name)
+                names.add(name)
                 check(element)
 
     def _link(self, link: etree._Element) -> None:
@@ -103,8 +98,8 @@ class _Checker:
             self._origin(shape)
             geometry = self._one(shape, "geometry")
             if len(geometry) != 1 or geometry[0].tag not in _SHAPES:
-                found = ", ".join(f"<{child.tag}>" for child in geometry) or "nothing"
-                raise self._error(geometry, f"holds {found}; allowed is one of {', '.join(_SHAPES)}")
+                tags = ", ".join(f"<{child.tag}>" for child in geometry) or "nothing"
+                raise self._error(geometry, f"holds {tags}; allowed is one of {', '.join(_SHAPES)}")
             form = geometry[0]
             for attribute, count in _SHAPES[str(form.tag)].items():
                 self._numbers(form, attribute, count, low=0)
@@ -149,11 +144,11 @@ class _Checker:
                 self._numbers(origin, attribute, 3, needed=False)
 
     def _at_most_one(self, parent: etree._Element, tag: str, *, needed: bool = False) -> list[etree._Element]:
-        found: list[etree._Element] = parent.findall(tag)
-        if len(found) > 1 or (needed and not found):
+        children: list[etree._Element] = parent.findall(tag)
+        if len(children) > 1 or (needed and not children):
             allowed = "one is needed" if needed else "at most one is allowed"
-            raise self._error(parent, f"holds {len(found)} <{tag}> elements, {allowed}")
-        return found
+            raise self._error(parent, f"holds {len(children)} <{tag}> elements, {allowed}")
+        return children
 
     def _one(self, parent: etree._Element, tag: str) -> etree._Element:
         return self._at_most_one(parent, tag, needed=True)[0]

@@ -16,11 +16,9 @@ MOST_LINKS = 1000
 def root_link(links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], source: Path) -> str:
     """Name of the one link that has no parent and from which all others are reached.
 
-    Raises
-    ------
-    DescriptionError
-        If there is no link, too many of them, several roots, a link with two parents, a closed loop, or a
-        joint that names no link.
+    Raises:
+        DescriptionError: If there is no link, too many of them, several roots, a link with two parents, a
+            closed loop, or a joint that names no link.
     """
     if not links:
         raise DescriptionError("holds no link", source=source)
@@ -48,7 +46,7 @@ def root_link(links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], source: Pa
         parent_joint[each.child] = each
     roots = [link.name for link in links if link.name not in parent_joint]
     if len(roots) > 1:
-        listed = ", ".join(roots[:5]) + (", ..." if len(roots) > 5 else "")
+        listed = ", ".join(roots)
         raise DescriptionError(f"{len(roots)} links have no parent ({listed}), allowed is one", source=source)
     if not roots:
         raise DescriptionError("every link has a parent: the joints close a loop", source=source)

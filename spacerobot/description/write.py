@@ -10,13 +10,16 @@ from lxml import etree
 from spacerobot.description.library import yourdfpy as yp
 from spacerobot.description.parts import Geometry, UrdfJoint, UrdfLink
 
+_NO_LIMIT = 1e9
+"""Number that stands for no limit [SI]."""
+
 
 def urdf_xml(name: str, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], prefix: str) -> str:
     """URDF of these links and joints, each named ``prefix`` + its own name.
 
     Inertias are written in link axes, colours inside the shape that has them, meshes by absolute path.
     """
-    made, held = [], []
+    elements, held = [], []
     for link in links:
         inertial, visuals = None, []
         if link.mass > 0:
@@ -31,7 +34,7 @@ def urdf_xml(name: str, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], 
                 material = yp.Material(name=named, color=yp.Color(shape.rgba))
             visuals.append(yp.Visual(shape.name, shape.placement, _geometry(shape.geometry), material))
         collisions = [yp.Collision(s.name, s.placement, _geometry(s.geometry)) for s in link.collisions]
-        made.append(yp.Link(prefix + link.name, inertial, visuals, collisions))
+        elements.append(yp.Link(prefix + link.name, inertial, visuals, collisions))
     for joint in joints:
         limits = {
             "effort": joint.effort,
@@ -41,6 +44,10 @@ def urdf_xml(name: str, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], 
         }
         finite = {key: value for key, value in limits.items() if np.isfinite(value)}
         moves = joint.kind != "fixed"
+        if joint.kind in ("revolute", "prismatic"):  # whose <limit> the parser needs with all attributes
+            finite |= {
+                key: _NO_LIMIT if key != "lower" else -_NO_LIMIT for key in limits if key not in finite
+            }
         held.append(
             yp.Joint(
                 name=prefix + joint.name,
@@ -53,7 +60,7 @@ def urdf_xml(name: str, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], 
                 limit=yp.Limit(**finite) if finite and moves else None,
             )
         )
-    robot = yp.Robot(name=name, links=made, joints=held)
+    robot = yp.Robot(name=name, links=elements, joints=held)
     urdf = yp.URDF(
         robot, build_scene_graph=False, load_meshes=False, filename_handler=yp.filename_handler_null
     )

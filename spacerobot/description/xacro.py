@@ -25,10 +25,8 @@ _ENVIRONMENT = ("PATH", "LD_LIBRARY_PATH", "SYSTEMROOT", "ROS_PACKAGE_PATH", "AM
 def refuse_xacro(root: etree._Element, source: Path) -> None:
     """Refuse xacro elements in a file that is no xacro file.
 
-    Raises
-    ------
-    DescriptionError
-        With the first of them, and how to mend it.
+    Raises:
+        DescriptionError: With the first of them, and how to mend it.
     """
     for element in root.iter():
         if "xacro" in str(element.tag):
@@ -48,10 +46,9 @@ def expand_xacro(source: Path) -> str:
     package) and the packages that ``$(find ...)`` names, and whose time, memory and output are limited;
     see :mod:`spacerobot.description.xacro_process`.
 
-    Raises
-    ------
-    DescriptionError
-        If the ``xacro`` package is not installed or cannot expand the file, or the file exceeds a limit.
+    Raises:
+        DescriptionError: If the ``xacro`` package is not installed or cannot expand the file, or the file
+            exceeds a limit.
     """
     from spacerobot.description.xacro_process import REFUSED
 
@@ -71,7 +68,7 @@ def expand_xacro(source: Path) -> str:
         str(MAX_CPU_S),
     ]
     try:
-        done = subprocess.run(
+        completed = subprocess.run(
             command,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
@@ -85,14 +82,14 @@ def expand_xacro(source: Path) -> str:
     except OSError as error:
         message = error.strerror or str(error)
     else:
-        if done.returncode == 0:
-            root = parse_xml(done.stdout, source)
+        if completed.returncode == 0:
+            root = parse_xml(completed.stdout, source)
             etree.indent(root)
             text: str = etree.tostring(root, encoding="unicode")
             return text
-        message = f"its process ended with code {done.returncode}"
-        if done.returncode == REFUSED:
-            message = done.stdout.decode("utf-8", "replace")
-        elif done.returncode in (-getattr(signal, "SIGXCPU", 0), -getattr(signal, "SIGKILL", 0)):
+        message = f"its process ended with code {completed.returncode}"
+        if completed.returncode == REFUSED:
+            message = completed.stdout.decode("utf-8", "replace")
+        elif completed.returncode in (-getattr(signal, "SIGXCPU", 0), -getattr(signal, "SIGKILL", 0)):
             message = f"it takes more than {MAX_CPU_S} s of processor time"
     raise DescriptionError(f"xacro cannot expand it: {message}", source=source)

@@ -78,22 +78,17 @@ class ExpressionError(Exception):
 
 
 def evaluate(expression: str, symbols: Mapping[str, Any], _: Any = None) -> Any:
-    """Value of an expression.
+    """Evaluate a xacro expression in a safe subset of Python.
 
-    Parameters
-    ----------
-    expression
-        Text between ``${`` and ``}``.
-    symbols
-        Values, functions and namespaces by name. Functions are called as they are, so none of them may give
-        access to more than the file is allowed.
+    Args:
+        expression: Text between ``${`` and ``}``.
+        symbols: Values, functions and namespaces by name. Functions are called as they are, so none of them
+            may give access to more than the file is allowed.
 
-    Raises
-    ------
-    ExpressionError
-        If the expression uses a part of the language, an attribute or a size that is not allowed.
-    NameError
-        If it uses an unknown name.
+    Raises:
+        ExpressionError: If the expression uses a part of the language, an attribute or a size that is not
+            allowed.
+        NameError: If it uses an unknown name.
     """
     return _Evaluator(symbols).value(ast.parse(expression.strip(), "<expression>", "eval").body)
 

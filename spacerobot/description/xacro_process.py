@@ -31,10 +31,8 @@ REFUSED = 3
 class Confinement:
     """Folders that may be read, and the audit hook that holds the process to them.
 
-    Parameters
-    ----------
-    source
-        The xacro file.
+    Args:
+        source: The xacro file.
     """
 
     def __init__(self, source: Path) -> None:
@@ -46,10 +44,8 @@ class Confinement:
     def find(self, name: str) -> str:
         """Folder of a ROS package, which may be read from now on.
 
-        Raises
-        ------
-        ValueError
-            If there is none.
+        Raises:
+            ValueError: If there is none.
         """
         folder = find_package(name, self._source)
         if folder is None:
@@ -69,12 +65,9 @@ class Confinement:
     def audit(self, event: str, arguments: tuple[Any, ...]) -> None:
         """Refuse an event of the interpreter; see :func:`sys.addaudithook`.
 
-        Raises
-        ------
-        PermissionError
-            If it reads elsewhere.
-        RuntimeError
-            If it is no reading at all.
+        Raises:
+            PermissionError: If it reads elsewhere.
+            RuntimeError: If it is no reading at all.
         """
         if event in ("open", "os.listdir", "os.scandir", "glob.glob"):
             path, mode = arguments[0], arguments[1] if event == "open" else None
@@ -121,10 +114,8 @@ def _limit_resources(cpu_s: int) -> None:
 def _restrict(confinement: Confinement) -> Any:
     """Replace the xacro package's evaluators and its access to environment and packages.
 
-    Raises
-    ------
-    ValueError
-        If the package's version has others.
+    Raises:
+        ValueError: If the package's version has others.
     """
     import xacro
     from xacro import substitution_args

@@ -117,31 +117,29 @@ def revolute(name: str, parent: str, child: str, place: str, hinge: Hinge) -> li
     limit_rad = hinge.limit_rad
     lower, upper = limit_rad if isinstance(limit_rad, tuple) else (-limit_rad, limit_rad)
     limit = f'lower="{number(lower)}" upper="{number(upper)}"'
-    own = [
+    lines = [
         f'    <axis xyz="{numbers(hinge.axis)}"/>',
         f'    <limit {limit} effort="{number(hinge.effort_n_m)}" velocity="{number(hinge.velocity_rad_s)}"/>',
         f'    <dynamics damping="{number(hinge.damping_n_m_s)}" friction="0"/>',
     ]
-    return _joint(name, "revolute", parent, child, place, own)
+    return _joint(name, "revolute", parent, child, place, lines)
 
 
-def _joint(name: str, kind: str, parent: str, child: str, place: str, own: list[str]) -> list[str]:
+def _joint(name: str, kind: str, parent: str, child: str, place: str, lines: list[str]) -> list[str]:
     head = [
         f'  <joint name="{name}" type="{kind}">',
         f'    <parent link="{parent}"/>',
         f'    <child link="{child}"/>',
         *([f"    {place}"] if place else []),
     ]
-    return [*head, *own, "  </joint>"]
+    return [*head, *lines, "  </joint>"]
 
 
 def robot(name: str, comment: str, *parts: list[str]) -> str:
     """Whole file: header, the colours that are used, links and joints.
 
-    Raises
-    ------
-    DescriptionError
-        If ``name`` is empty or holds anything but letters, digits, ``_``, ``.`` and ``-``.
+    Raises:
+        DescriptionError: If ``name`` is empty or holds anything but letters, digits, ``_``, ``.`` and ``-``.
     """
     if not re.fullmatch(r"[A-Za-z0-9_.-]+", name):
         raise DescriptionError(f"{name!r} found, allowed are letters, digits, '_', '.' and '-'", where="name")
@@ -164,10 +162,8 @@ def robot(name: str, comment: str, *parts: list[str]) -> str:
 def require_in_range(where: str, value: float, low: float, high: float) -> None:
     """Check ``low <= value <= high``, which also refuses what is not finite.
 
-    Raises
-    ------
-    DescriptionError
-        If it does not hold; names the parameter and the range.
+    Raises:
+        DescriptionError: If it does not hold; names the parameter and the range.
     """
     if not low <= value <= high:
         raise DescriptionError(f"{value!r} found, allowed are {low:g} to {high:g}", where=where)

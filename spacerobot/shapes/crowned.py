@@ -1,7 +1,8 @@
 """Signed distance of any two convex shapes by their support functions, and of one from a half-space.
 
 The signed distance of two convex shapes, apart or not, is the maximum over unit vectors n of ``n.c - h(n)``,
-with c from one centre to the other and h the sum of both support functions. It is found by a fixed
+with c from one centre to the other and h(n) the sum of the first one's support function and, at -n, the
+second one's. It is found by a fixed
 number of Newton steps on the sphere. In their Hessian one of two factors u over its length of a crowned term
 is that foreseen by the step before (Chan, Golub and Mulet 1999), so that they converge however small the
 crown is.
@@ -24,8 +25,11 @@ from spacerobot.shapes.support import Support, Term
 
 _STEPS, _STEPS_ROUND = 12, 14
 """How many steps, without curved terms and with them."""
-_LONGEST, _SHORTER, _WORSE = 1.0, 0.2, 1e-12
-"""[rad] Longest step; part of it that is taken where all of it lowers the value by more than so much [m]."""
+_STEPS_SHARP = 30
+"""How many with sharp terms."""
+_LONGEST, _SHORTER, _SHORTER_SHARP, _WORSE = 1.0, 0.2, 0.1, 1e-12
+"""[rad] Longest step; part of it that is taken where all of it lowers the value by more than so much [m], and
+with sharp terms."""
 _CURVED = 0.03
 """Least curvature of what is maximised that a step reckons with, of the depth; inside there are saddles."""
 _APART = 0.03
@@ -37,14 +41,14 @@ _ASIDE = ca.DM([0.6e-9, 0.48e-9, 0.64e-9])
 
 
 def to_plane(shape: Shape, plane: Shape, crown: ca.SX) -> Nearest:
-    """From a shape to a half-space."""
+    """Proximity of a shape and a half-space."""
     low = shape.position + _Reach.of(shape.position, crown, shape.support).farthest(-plane.axis)
     distance = ca.dot(plane.axis, low - plane.position)
     return distance, plane.axis, low - distance * plane.axis
 
 
 def to_shape(one: Shape, other: Shape, crown: ca.SX) -> tuple[Nearest, ca.SX | None]:
-    """From a shape to another one, and which of two ways out is the shorter.
+    """Proximity of two shapes, and which of two ways out is the shorter.
 
     Apart it is the distance; inside, the shortest way out as long as that is short beside the shapes, else
     one of several that are locally the shortest. Where the last (1x1, None without curved terms) changes its
@@ -69,11 +73,9 @@ def gap_along(one: Shape, other: Shape, crown: ca.SX) -> tuple[ca.SX, ca.SX, ca.
     gives a value V(x, d(x)) whose first derivative at the pose of n0 and M0 is V_x (V_d vanishes there), and
     whose second one is V_xx + V_xd M0^-1 V_dx: both are the distance's.
 
-    Returns
-    -------
-    tuple
-        The distance; a symbol (6x1) for n0 in the first shape's axes and the entries 11, 12, 22 of M0^-1; the
-        function that finds them, and what it is given.
+    Returns:
+        tuple: The distance; a symbol (6x1) for n0 in the first shape's axes and the entries 11, 12, 22 of
+            M0^-1; the function that finds them, and what it is given.
     """
     kinds, sizes = _pair(one, other)
     symbol = ca.SX.sym("normal", 6)
@@ -98,9 +100,9 @@ def _pair(one: Shape, other: Shape) -> tuple[_Kinds, _Sizes]:
 
 @functools.cache
 def _nearest(kinds: _Kinds, sizes: _Sizes) -> ca.Function:
-    """Gap, normal and the second's nearest point, in the axes of the first, which has structural zeros.
+    """Function for the gap, the normal and the second shape's nearest point, in the axes of the first shape.
 
-    And the lead of one way out over another.
+    The last output is the difference between the two shortest ways out of an overlap.
     """
     inputs = _symbols(sizes)
     _, centre, *_, crown = inputs
@@ -142,7 +144,8 @@ def _symbols(sizes: _Sizes) -> list[ca.SX]:
 def _reach_between(kinds: _Kinds, given: Sequence[ca.SX]) -> tuple[_Reach, Support, Support]:
     """Sum of two shapes in the axes of the first, and the support functions of each."""
     turn, centre, *measures, crown = given
-    first, others = kinds[0].support(ca.SX.eye(3), measures[0]), kinds[1].support(turn, measures[1])
+    first = kinds[0].support(ca.SX.eye(3), measures[0])
+    others = kinds[1].support(turn, measures[1]).reflected()  # its reach towards the first one
     return _Reach.of(centre, crown, first, others), first, others
 
 
@@ -165,17 +168,22 @@ class _Reach:
 
     @classmethod
     def of(cls, centre: ca.SX, crown: ca.SX, *supports: Support) -> _Reach:
-        """Of the sum of support functions."""
+        """Reach of the Minkowski sum of supports, about a centre."""
         terms = tuple(term for support in supports for term in support.terms)
         return cls(centre, terms, sum((support.ball for support in supports), ca.SX(0)), crown)
 
     @property
     def is_curved(self) -> bool:
-        """Whether one of its terms is."""
+        """Whether one of its terms is curved."""
         return any(term.is_curved for term in self.terms)
 
+    @property
+    def is_sharp(self) -> bool:
+        """Whether one of its terms is."""
+        return any(term.is_sharp for term in self.terms)
+
     def value(self, n: ca.SX) -> ca.SX:
-        """How far apart they are along a unit vector (1x1) [m]."""
+        """Separation along a unit vector (1x1) [m]."""
         return ca.dot(n, self.centre) - sum((term.reach(n, self.crown) for term in self.terms), self.ball)
 
     def farthest(self, n: ca.SX) -> ca.SX:
@@ -210,7 +218,8 @@ class _Reach:
     def climb(self, n: ca.SX) -> ca.SX:
         """Unit vector (3x1) after steps towards a greater value."""
         memory = [term.first_memory() for term in self.terms]
-        for _ in range(_STEPS_ROUND if self.is_curved else _STEPS):
+        steps = _STEPS_SHARP if self.is_sharp else _STEPS_ROUND if self.is_curved else _STEPS
+        for _ in range(steps):
             n, *memory = self._stepping(n, *memory, *self._free)
         return n
 
@@ -245,7 +254,8 @@ class _Reach:
         full = _scaled(n + step)
         if self.is_curved:  # else all of it never does harm
             worse = self.value(full) < self.value(n) - _WORSE
-            full = ca.if_else(worse, _scaled(n + _SHORTER * step), full)
+            shorter = _SHORTER_SHARP if self.is_sharp else _SHORTER
+            full = ca.if_else(worse, _scaled(n + shorter * step), full)
         return ca.Function("step", [n, *memory, *self._free], [full, *ahead])
 
 

@@ -1,4 +1,4 @@
-"""How near two shapes are to each other."""
+"""Proximity of two shapes."""
 
 from __future__ import annotations
 
@@ -15,19 +15,15 @@ from spacerobot.shapes.shape import ConvexKind, Shape
 
 @dataclass(frozen=True)
 class Proximity:
-    """How near two shapes are.
+    """Distance of two shapes, and its witness points.
 
-    Attributes
-    ----------
-    gap
-        Signed distance (1x1) [m], negative where they overlap.
-    normal
-        Unit vector (3x1) from the first to the second.
-    point
-        Halfway between the two points that are nearest to each other, or deepest in each other (3x1) [m].
-    lead
-        Of one way out over another (1x1) [m], zero where there is one; normal and point jump where its sign
-        changes. None where two ways are not looked for.
+    Attributes:
+        gap: Signed distance (1x1) [m], negative where they overlap.
+        normal: Unit vector (3x1) from the first to the second.
+        point: Halfway between the two points that are nearest to each other, or deepest in each other (3x1)
+            [m].
+        lead: Of one way out over another (1x1) [m], zero where there is one; normal and point jump where its
+            sign changes. None where two ways are not looked for.
     """
 
     gap: ca.SX
@@ -46,22 +42,17 @@ def have_distance(one: type[ConvexKind], other: type[ConvexKind]) -> bool:
 
 
 def proximity(one: Shape, other: Shape, crown: ca.SX | float = CROWN) -> Proximity:
-    """How near two shapes are.
+    """Proximity of two shapes.
 
     A ball's distance from a shape whose kind has a closed form is exact; otherwise support functions decide.
 
-    Parameters
-    ----------
-    one, other
-        The shapes.
-    crown
-        Height of the dome on flat faces and straight edges, of half their length (1x1); without effect where
-        the distance is exact.
+    Args:
+        one, other: The shapes.
+        crown: Height of the dome on flat faces and straight edges, of half their length (1x1); without effect
+            where the distance is exact.
 
-    Raises
-    ------
-    ValueError
-        If both are half-spaces.
+    Raises:
+        ValueError: If both are half-spaces.
     """
     if not have_distance(one.kind, other.kind):
         raise ValueError("half-spaces have no distance from each other")
@@ -93,17 +84,12 @@ def approach_speed(shapes: Sequence[MovingShape], crown: ca.SX | float = CROWN) 
     c2 of the shape without its ball, the rate is at most ``|w(c2)| + |omega| r2``. Likewise about c1; and at
     most ``|v2(c2) - v1(c1)| + |omega_1| r1 + |omega_2| r2``. None depends on where the nearest points are.
 
-    Parameters
-    ----------
-    shapes
-        The two shapes and their motions; at most one is a half-space.
-    crown
-        Height of the dome on flat faces and straight edges, of half their length (1x1).
+    Args:
+        shapes: The two shapes and their motions; at most one is a half-space.
+        crown: Height of the dome on flat faces and straight edges, of half their length (1x1).
 
-    Returns
-    -------
-    ca.SX
-        The least of these bounds.
+    Returns:
+        ca.SX: The least of these bounds.
     """
     one, other = shapes
     turning = ca.norm_2(other.angular - one.angular)
@@ -122,12 +108,9 @@ def approach_speed(shapes: Sequence[MovingShape], crown: ca.SX | float = CROWN) 
 class MovingShape:
     """A shape that moves with its body.
 
-    Attributes
-    ----------
-    shape
-        The shape, world axes.
-    linear, angular
-        Velocity of its origin (3x1) [m/s] and angular velocity (3x1) [rad/s], world axes.
+    Attributes:
+        shape: The shape, world axes.
+        linear, angular: Velocity of its origin (3x1) [m/s] and angular velocity (3x1) [rad/s], world axes.
     """
 
     shape: Shape
@@ -158,14 +141,10 @@ def core_radius(shape: Shape, crown: ca.SX | float) -> ca.SX | None:
 class Implicit(NamedTuple):
     """Result of an iteration, as a symbol that is held constant in derivatives.
 
-    Attributes
-    ----------
-    symbol
-        Symbol (n x 1); of no length where there is no iteration.
-    function
-        Finds its value (n x 1) by a fixed number of steps; None where there is none.
-    given
-        Expression (m x 1) that the function is called with.
+    Attributes:
+        symbol: Symbol (n x 1); of no length where there is no iteration.
+        function: Finds its value (n x 1) by a fixed number of steps; None where there is none.
+        given: Expression (m x 1) that the function is called with.
     """
 
     symbol: ca.SX
@@ -176,16 +155,12 @@ class Implicit(NamedTuple):
 def held_gap(one: Shape, other: Shape, crown: ca.SX | float = CROWN) -> tuple[ca.SX, Implicit]:
     """Signed distance of two shapes that is cheap to differentiate.
 
-    Parameters
-    ----------
-    one, other, crown
-        As for :func:`proximity`.
+    Args:
+        one, other, crown: As for :func:`proximity`.
 
-    Returns
-    -------
-    tuple
-        The distance (1x1) [m], and the symbol in it for the direction that an iteration finds: first and
-        second derivatives at a constant symbol are the distance's.
+    Returns:
+        tuple: The distance (1x1) [m], and the symbol in it for the direction that an iteration finds: first
+            and second derivatives at a constant symbol are the distance's.
     """
     if is_exact(one, other) or one.kind.is_halfspace or other.kind.is_halfspace:
         return proximity(one, other, crown).gap, Implicit(ca.SX(0, 1), None, ca.SX(0, 1))

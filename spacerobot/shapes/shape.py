@@ -31,14 +31,10 @@ class ConvexKind(Protocol):
 class Shape:
     """A convex shape, world axes.
 
-    Attributes
-    ----------
-    kind
-        Which one; a half-space is all that is below its own x-y plane.
-    rotation, position
-        Of its own frame (3x3, 3x1) [m].
-    measures
-        Its lengths (n x 1) [m], in the order of its kind.
+    Attributes:
+        kind: Which one; a half-space is all that is below its own x-y plane.
+        rotation, position: Of its own frame (3x3, 3x1) [m].
+        measures: Its lengths (n x 1) [m], in the order of its kind.
     """
 
     kind: type[ConvexKind]

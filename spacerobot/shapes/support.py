@@ -9,10 +9,11 @@ function that has two derivatives and is homogeneous of degree one, as that of a
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import casadi as ca
 
@@ -27,6 +28,10 @@ class Term(Protocol):
 
     ``memory`` is what the term keeps between the Newton steps of :mod:`spacerobot.shapes.crowned`.
     """
+
+    @property
+    def is_sharp(self) -> bool:
+        """Whether the search for the direction needs more and shorter steps."""
 
     @property
     def is_curved(self) -> bool:
@@ -56,6 +61,9 @@ class Term(Protocol):
     def made_of(self) -> ca.SX:
         """Expressions (n x 1) of which it is made."""
 
+    def reflected(self) -> Term:
+        """The term reflected at its origin: its value at -n."""
+
 
 @dataclass(frozen=True)
 class CrownedTerm:
@@ -64,6 +72,7 @@ class CrownedTerm:
     size: ca.SX
     axis: ca.SX
     is_disc: bool = False
+    is_sharp: ClassVar[bool] = False
 
     @property
     def is_curved(self) -> bool:
@@ -83,36 +92,27 @@ class CrownedTerm:
     def length(self, n: ca.SX, crown: ca.SX) -> ca.SX:
         """Crowned length ``sqrt(|u|^2 + crown^2)`` (1x1).
 
-        Parameters
-        ----------
-        n
-            Unit vector, world axes (3x1).
-        crown
-            Crown of flat faces and straight edges (1x1).
+        Args:
+            n: Unit vector, world axes (3x1).
+            crown: Crown of flat faces and straight edges (1x1).
         """
         return ca.sqrt(self.square(n) + crown**2)
 
     def reach(self, n: ca.SX, crown: ca.SX) -> ca.SX:
         """Support function: size times the crowned length (1x1) [m].
 
-        Parameters
-        ----------
-        n
-            Unit vector, world axes (3x1).
-        crown
-            Crown of flat faces and straight edges (1x1).
+        Args:
+            n: Unit vector, world axes (3x1).
+            crown: Crown of flat faces and straight edges (1x1).
         """
         return self.size * self.length(n, crown)
 
     def farthest(self, n: ca.SX, crown: ca.SX) -> ca.SX:
         """Farthest point along a unit vector, world axes (3x1) [m].
 
-        Parameters
-        ----------
-        n
-            Unit vector, world axes (3x1).
-        crown
-            Crown of flat faces and straight edges (1x1).
+        Args:
+            n: Unit vector, world axes (3x1).
+            crown: Crown of flat faces and straight edges (1x1).
         """
         scaled = self.seen(n)
         length = ca.sqrt(ca.dot(scaled, scaled) + crown**2)
@@ -121,21 +121,14 @@ class CrownedTerm:
     def bend(self, n: ca.SX, crown: ca.SX, tangents: ca.SX, memory: ca.SX) -> tuple[ca.SX, tuple[ca.SX, ...]]:
         """Gradient and Hessian along two tangents, one of the factors u/|u| being that of the memory.
 
-        Parameters
-        ----------
-        n
-            Unit vector, world axes (3x1).
-        crown
-            Crown of flat faces and straight edges (1x1).
-        tangents
-            Two tangents to the unit sphere at n, as rows (2x3).
-        memory
-            Memory of the preceding Newton step.
+        Args:
+            n: Unit vector, world axes (3x1).
+            crown: Crown of flat faces and straight edges (1x1).
+            tangents: Two tangents to the unit sphere at n, as rows (2x3).
+            memory: Memory of the preceding Newton step.
 
-        Returns
-        -------
-        tuple
-            Gradient (2x1) and the Hessian's entries 00, 01, 11 (1x1 each) [m].
+        Returns:
+            tuple: Gradient (2x1) and the Hessian's entries 00, 01, 11 (1x1 each) [m].
         """
         along, across = ca.dot(self.axis, n), ca.mtimes(tangents, self.axis)
         length = self.length(n, crown)
@@ -156,16 +149,11 @@ class CrownedTerm:
     def next_memory(self, n: ca.SX, crown: ca.SX, step: ca.SX, memory: ca.SX) -> ca.SX:
         """Predicted u over its length after a step, within the unit ball.
 
-        Parameters
-        ----------
-        n
-            Unit vector, world axes (3x1).
-        crown
-            Crown of flat faces and straight edges (1x1).
-        step
-            Change of n (3x1).
-        memory
-            Memory of the preceding Newton step.
+        Args:
+            n: Unit vector, world axes (3x1).
+            crown: Crown of flat faces and straight edges (1x1).
+            step: Change of n (3x1).
+            memory: Memory of the preceding Newton step.
         """
         length = self.length(n, crown)
         along, further = ca.dot(self.axis, n), ca.dot(self.axis, step)
@@ -186,25 +174,28 @@ class CrownedTerm:
         """Axis and size."""
         return ca.vertcat(self.axis, self.size)
 
+    def reflected(self) -> CrownedTerm:
+        """Itself: segments and discs are symmetric."""
+        return self
+
 
 @dataclass(frozen=True)
 class SmoothTerm:
     """A support function without kinks, by its law in own axes.
 
-    Attributes
-    ----------
-    law
-        Support function; its derivatives are CasADi's.
-    rotation
-        From own to world axes (3x3).
-    measures
-        Of the shape (n x 1) [m].
+    Attributes:
+        law: Support function; its derivatives are CasADi's.
+        rotation: From own to world axes (3x3).
+        measures: Of the shape (n x 1) [m].
+        is_sharp: Whether its curvature changes much within small angles, as that of rounded corners does, so
+            that more and shorter steps are needed.
     """
 
     law: SupportLaw
     rotation: ca.SX
     measures: ca.SX
-    is_curved = True
+    is_sharp: bool = False
+    is_curved: ClassVar[bool] = True
 
     @property
     def own_derivatives(self) -> ca.Function:
@@ -220,12 +211,9 @@ class SmoothTerm:
     def reach(self, n: ca.SX, crown: ca.SX) -> ca.SX:
         """Support function (1x1) [m].
 
-        Parameters
-        ----------
-        n
-            Unit vector, world axes (3x1).
-        crown
-            Of no effect.
+        Args:
+            n: Unit vector, world axes (3x1).
+            crown: Of no effect.
         """
         del crown
         return self.derivatives(n)[0]
@@ -233,12 +221,9 @@ class SmoothTerm:
     def farthest(self, n: ca.SX, crown: ca.SX) -> ca.SX:
         """Farthest point along a unit vector: the gradient of the support function (3x1) [m].
 
-        Parameters
-        ----------
-        n
-            Unit vector, world axes (3x1).
-        crown
-            Of no effect.
+        Args:
+            n: Unit vector, world axes (3x1).
+            crown: Of no effect.
         """
         del crown
         return self.derivatives(n)[1]
@@ -246,19 +231,13 @@ class SmoothTerm:
     def bend(self, n: ca.SX, crown: ca.SX, tangents: ca.SX, memory: ca.SX) -> tuple[ca.SX, tuple[ca.SX, ...]]:
         """Gradient and Hessian along two tangents.
 
-        Parameters
-        ----------
-        n
-            Unit vector, world axes (3x1).
-        crown, memory
-            Of no effect.
-        tangents
-            Two tangents to the unit sphere at n, as rows (2x3).
+        Args:
+            n: Unit vector, world axes (3x1).
+            crown, memory: Of no effect.
+            tangents: Two tangents to the unit sphere at n, as rows (2x3).
 
-        Returns
-        -------
-        tuple
-            Gradient (2x1) and the Hessian's entries 00, 01, 11 (1x1 each) [m].
+        Returns:
+            tuple: Gradient (2x1) and the Hessian's entries 00, 01, 11 (1x1 each) [m].
         """
         del crown, memory
         _, gradient, hessian = self.derivatives(n)
@@ -272,12 +251,9 @@ class SmoothTerm:
     def next_memory(self, n: ca.SX, crown: ca.SX, step: ca.SX, memory: ca.SX) -> ca.SX:
         """Memory after a step, which is empty.
 
-        Parameters
-        ----------
-        n, crown, step
-            Of no effect.
-        memory
-            Empty memory (0x1), returned as it is.
+        Args:
+            n, crown, step: Of no effect.
+            memory: Empty memory (0x1), returned as it is.
         """
         del n, crown, step
         return memory
@@ -295,6 +271,10 @@ class SmoothTerm:
         """Rotation and measures."""
         return ca.vertcat(ca.vec(self.rotation), self.measures)
 
+    def reflected(self) -> SmoothTerm:
+        """Its law with all axes reversed."""
+        return dataclasses.replace(self, rotation=-self.rotation)
+
 
 @functools.cache
 def _derivatives(law: SupportLaw, size: int) -> ca.Function:
@@ -309,13 +289,14 @@ def _derivatives(law: SupportLaw, size: int) -> ca.Function:
 class Support:
     """Support function of a shape about its origin, world axes.
 
-    Attributes
-    ----------
-    ball
-        Radius of its ball (1x1) [m].
-    terms
-        What is added to the ball.
+    Attributes:
+        ball: Radius of its ball (1x1) [m].
+        terms: What is added to the ball.
     """
 
     ball: ca.SX = ca.SX(0)  # noqa: RUF009 (never changed)
     terms: tuple[Term, ...] = ()
+
+    def reflected(self) -> Support:
+        """Support function of the shape reflected at its origin."""
+        return Support(self.ball, tuple(term.reflected() for term in self.terms))
