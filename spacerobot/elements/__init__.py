@@ -3,6 +3,7 @@
 from spacerobot.elements.actuators.actuator import Actuator
 from spacerobot.elements.contacts.contact import Contact
 from spacerobot.elements.controllers.controller import RobotController, TipController
+from spacerobot.elements.controllers.python_controller import HeldForces, PythonController
 from spacerobot.elements.core.context import (
     ActuatorContext,
     Affine,
@@ -72,12 +73,14 @@ __all__ = [
     "Goal",
     "Grasp",
     "GraspContext",
+    "HeldForces",
     "InitialMotion",
     "Output",
     "PlanInstant",
     "PlanLimit",
     "PlannedJoint",
     "PowerTerm",
+    "PythonController",
     "Reference",
     "RobotContext",
     "RobotController",

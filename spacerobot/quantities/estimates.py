@@ -24,7 +24,7 @@ def _final(
     name: str,
     texts: tuple[str, str],
     unit: str,
-    found: str | Callable[[SignalSource], Columns],
+    samples: str | Callable[[SignalSource], Columns],
     absent: str,
     **further: Any,
 ) -> Quantity:
@@ -36,7 +36,7 @@ def _final(
         description=description,
         unit=unit,
         reducer="final",
-        expression=found,
+        expression=samples,
         is_default=False,
         absent=absent,
         **further,

@@ -91,14 +91,10 @@ class SignalSource(Protocol):
 class Context:
     """A rollout as quantities see it: a :class:`SignalSource`.
 
-    Attributes
-    ----------
-    scene
-        The scene.
-    loop
-        Its closed loop, with the states that quantities added.
-    signals
-        Symbols of its time, state and outputs.
+    Attributes:
+        scene: The scene.
+        loop: Its closed loop, with the states that quantities added.
+        signals: Symbols of its time, state and outputs.
     """
 
     scene: MeasuredScene
@@ -125,11 +121,11 @@ class Context:
         Left out are bodies whose elements do not declare the output: they have no number in its place.
         """
         output, of_target = BODIES.get(name, (name, None))
-        found = {variable.name: variable for variable in self.loop.variables}.get(output)
-        if found is None:
+        by_name = {variable.name: variable for variable in self.loop.variables}.get(output)
+        if by_name is None:
             return output, {}
-        scene, labels = self.scene, found.labels or ("total",)
-        if found.dims == ("joint",):
+        scene, labels = self.scene, by_name.labels or ("total",)
+        if by_name.dims == ("joint",):
             joints = sorted(joint for body in scene.bodies for joint in body.arm_joints)
             labels = tuple(scene.model.names[joint] for joint in joints)
         value = self._values[output]
@@ -160,13 +156,10 @@ class Context:
 class Components:
     """The expression that is reduced, one entry for each label.
 
-    Attributes
-    ----------
-    labels
-        What each entry belongs to: a tip, a joint, a robot, a grasp, ``total``; none where the scene has
-        nothing that the quantity describes. Entries of the same label count as one: the largest.
-    values
-        Expression (n,); of ``rms`` and ``final_length`` the squares.
+    Attributes:
+        labels: What each entry belongs to: a tip, a joint, a robot, a grasp, ``total``; none where the scene
+            has nothing that the quantity describes. Entries of the same label count as one: the largest.
+        values: Expression (n,); of ``rms`` and ``final_length`` the squares.
     """
 
     labels: tuple[str, ...]
@@ -177,12 +170,9 @@ class Components:
 class AddedStates:
     """States that a quantity needs in addition to the closed loop's.
 
-    Attributes
-    ----------
-    names
-        Of the states (n).
-    rates
-        Function of (symbols of the closed loop, the states (n,)) that returns their rates (n,).
+    Attributes:
+        names: Of the states (n).
+        rates: Function of (symbols of the closed loop, the states (n,)) that returns their rates (n,).
     """
 
     names: tuple[str, ...]
@@ -193,46 +183,30 @@ class AddedStates:
 class Quantity:
     """A number, or one number per tip, robot or grasp, of each motion; the smaller the better.
 
-    Attributes
-    ----------
-    name
-        In scenarios, files and tables.
-    label, description
-        For people: a short name, and one phrase on what it is.
-    unit
-        Of each component after reduction.
-    reducer
-        ``integral`` over time, ``peak`` (largest) or ``lowest`` value, ``final`` value, ``rms`` or
-        ``final_length`` of columns, or integral of their entries' ``magnitude``.
-    expression
-        Columns by label, as a function of a :class:`SignalSource`, or the name of the signal that they are.
-    total
-        How components become one number: the ``largest``, their ``sum`` or their ``norm``.
-    limit
-        Key under which ``campaign.limits`` bounds it, and ``tuning.constraints`` as ``max_`` and this key; it
-        cannot be bounded if None.
-    weight
-        Key under which ``tuning.objective`` weighs the sum of its components, or of their squares where it
-        is a root; it is no part of objectives if None.
-    cost
-        Key under which ``plan.costs`` weighs the same; it is no cost of plans if None.
-    relative_to_start
-        Whether it is measured from where bases are at the start.
-    is_metric
-        Whether rollouts have its signals, so that campaigns and the studio may keep it.
-    is_default
-        Whether campaigns keep it if their section names no metrics.
-    absent
-        Why a scene may have nothing that it describes.
-    symbol
-        Letter that marks a failure by this quantity in a campaign's map.
-    states
-        Function of (scene, corner frequency [Hz]) that returns the states it needs; none if None.
-    scene_unit
-        Unit where it depends on the scene.
-    exists
-        Columns by label whose final values are negative where a rollout has no value, as the time of a
-        capture that was missed. Tables hold NaN there; objectives need a number and take the expression's.
+    Attributes:
+        name: In scenarios, files and tables.
+        label, description: For people: a short name, and one phrase on what it is.
+        unit: Of each component after reduction.
+        reducer: ``integral`` over time, ``peak`` (largest) or ``lowest`` value, ``final`` value, ``rms`` or
+            ``final_length`` of columns, or integral of their entries' ``magnitude``.
+        expression: Columns by label, as a function of a :class:`SignalSource`, or the name of the signal that
+            they are.
+        total: How components become one number: the ``largest``, their ``sum`` or their ``norm``.
+        limit: Key under which ``campaign.limits`` bounds it, and ``tuning.constraints`` as ``max_`` and this
+            key; it cannot be bounded if None.
+        weight: Key under which ``tuning.objective`` weighs the sum of its components, or of their squares
+            where it is a root; it is no part of objectives if None.
+        cost: Key under which ``plan.costs`` weighs the same; it is no cost of plans if None.
+        relative_to_start: Whether it is measured from where bases are at the start.
+        is_metric: Whether rollouts have its signals, so that campaigns and the studio may keep it.
+        is_default: Whether campaigns keep it if their section names no metrics.
+        absent: Why a scene may have nothing that it describes.
+        symbol: Letter that marks a failure by this quantity in a campaign's map.
+        states: Function of (scene, corner frequency [Hz]) that returns the states it needs; none if None.
+        scene_unit: Unit where it depends on the scene.
+        exists: Columns by label whose final values are negative where a rollout has no value, as the time of
+            a capture that was missed. Tables hold NaN there; objectives need a number and take the
+            expression's.
     """
 
     name: str
@@ -294,22 +268,18 @@ class Quantity:
     def weighed(self, measured: Expression) -> Expression:
         """Values that are weighed, from what the rollout's measure gives for the components.
 
-        Parameters
-        ----------
-        measured
-            Integral, peak or final values, any shape; of ``lowest`` the peak of the negated expression.
+        Args:
+            measured: Integral, peak or final values, any shape; of ``lowest`` the peak of the negated
+                expression.
         """
         return -measured if self.reducer == "lowest" else measured
 
     def reduced(self, measured: Expression, duration_s: float) -> Expression:
         """Values of the components, from what the rollout's measure gives for them.
 
-        Parameters
-        ----------
-        measured
-            As for :meth:`weighed`.
-        duration_s
-            Of the rollout.
+        Args:
+            measured: As for :meth:`weighed`.
+            duration_s: Of the rollout.
         """
         if self.is_root:
             return (measured / (duration_s if self.reducer == "rms" else 1.0)) ** 0.5
@@ -330,10 +300,8 @@ _REGISTERED: dict[str, Quantity] = {}
 def register_quantity(quantity: Quantity) -> Quantity:
     """Add a quantity; a plugin calls it as the files of this package do.
 
-    Raises
-    ------
-    SpaceRobotError
-        If another quantity has its name.
+    Raises:
+        SpaceRobotError: If another quantity has its name.
     """
     _load()
     return _add(quantity)
@@ -371,8 +339,8 @@ def _load() -> None:
     if _REGISTERED:
         return
     package = importlib.import_module("spacerobot.quantities")
-    found = [module.name for module in pkgutil.iter_modules(package.__path__) if module.name != "quantity"]
-    for name in sorted(found, key=lambda n: (ORDER.index(n) if n in ORDER else len(ORDER), n)):
+    modules = [module.name for module in pkgutil.iter_modules(package.__path__) if module.name != "quantity"]
+    for name in sorted(modules, key=lambda n: (ORDER.index(n) if n in ORDER else len(ORDER), n)):
         module = importlib.import_module(f"{package.__name__}.{name}")
         for quantity in module.QUANTITIES:
             _add(quantity)
@@ -412,10 +380,8 @@ def planned() -> dict[str, Quantity]:
 def find_quantity(name: str) -> Quantity:
     """The quantity of a name.
 
-    Raises
-    ------
-    SpaceRobotError
-        If there is none; with the near names.
+    Raises:
+        SpaceRobotError: If there is none; with the near names.
     """
     registered_quantities = quantities()
     if name not in registered_quantities:

@@ -234,3 +234,16 @@ def test_a_phase_changes_the_controller_that_it_names_and_no_other_without_state
         ("base_attitude", 9),
         ("base_position", 70),
     ]
+
+
+def test_a_sampled_attitude_is_the_rotation_since_the_start_whatever_attitude_is_held():
+    """Other controllers and filters share the samples; the base turns as with an ideal sensor."""
+    sensor = "    sensors: {base_orientation: {kind: star_tracker, errors: {period: 0.01}}}\nsimulation: "
+    ideal = sr.simulate(small_scene(LONE), backend="interpreted").data
+    sampled = sr.simulate(small_scene(LONE.replace("simulation: ", sensor)), backend="interpreted").data
+    samples = sampled.measured_base_orientation.values[:, 0, 2]
+    turned = [2 * np.arctan2(*data.body_orientation.values[-1, 0, 2:]) for data in (sampled, ideal)]
+    assert samples[0] == 0
+    assert samples[-1] == pytest.approx(turned[0], abs=0.01)
+    assert turned[0] == pytest.approx(turned[1], abs=0.005)
+    assert turned[0] > 0.3

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import functools
+import itertools
 import re
 
 import casadi as ca
@@ -38,6 +39,21 @@ SECOND = {
     "sensor": reading_of,
     "environment": environment_of,
 }
+
+
+def network(*sizes):
+    """Layers of a network with as many inputs and outputs as these, no weight of it near zero."""
+    rng = np.random.default_rng(7)
+
+    def weights(*shape):
+        return (rng.uniform(0.3, 1, shape) * rng.choice([-1, 1], shape)).tolist()
+
+    return [
+        {"weights": weights(after, before), "biases": weights(after)}
+        for before, after in itertools.pairwise(sizes)
+    ]
+
+
 NEEDS: dict[tuple[str, str], dict[str, object]] = {
     ("reference", "spline"): {
         "times": [0, 0.7, 1.5],
@@ -64,6 +80,23 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
         "slip_velocity": 0.05,
     },
     ("tip_controller", "pid"): {"kp": 20, "ki": 5, "kd": 3},
+    ("tip_controller", "impedance"): {
+        "stiffness": [40, 25, 60],
+        "damping": [6, 9, 4],
+        "axes": "reference",
+    },
+    ("tip_controller", "admittance"): {
+        "inertia": [5, 4, 3],
+        "stiffness": [40, 25, 60],
+        "damping": [6, 9, 4],
+        "axes": "reference",
+    },
+    ("tip_controller", "hybrid_force"): {
+        "selection": [1, 0, 0.5],
+        "force": [2, 1, -1],
+        "axes": "reference",
+        "force_integral": 0.3,
+    },
     ("tip_controller", "payload_feed_forward"): {
         "mass": 6,
         "com": [0.1, -0.05, 0.2],
@@ -128,6 +161,8 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
             "effort": [[1, 2, 3], [0.5, -1, 2], [1, 0.5, 0.5]],
         },
     },
+    # what it refuses and what its actions do is in tests/learning
+    ("robot_controller", "policy"): {"held": True},
     ("robot_controller", "base_tracking"): {
         "kd_linear": 20,
         "kd_angular": 3,
@@ -138,6 +173,19 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
             "wrench": [[1, 2], [0.5, -1], [1, 1], [1, 2], [1, 0.5]],
             "rate": [[0, 0], [0.1, 0.2], [0.2, -0.1], [0.1, 0], [0, 0]],
         },
+    },
+    ("robot_controller", "neural"): {
+        "inputs": [
+            "joint_rate",
+            "joint_position",
+            "base_orientation",
+            "target_orientation",
+            "target_position",
+        ],
+        "outputs": ["joint_torque", "tip_force"],
+        "scales": [3, 2],
+        "frame": "mate_2",
+        "layers": network(15, 3, 6),
     },
     ("actuator", "torque_limit"): {"limit": 2.5},
     ("actuator", "base_wrench"): {"force": 3, "torque": 2},
@@ -178,7 +226,7 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
     ("sensor", "gyro"): {"offset": 0.01, "scale": 1.1, "errors": None},
     **{
         ("sensor", kind): {"offset": 0.01, "scale": 1.1, "errors": None}
-        for kind in ("star_tracker", "joint_encoder", "camera_position", "camera_orientation")
+        for kind in ("star_tracker", "joint_encoder", "camera_position", "camera_orientation", "force_torque")
     },
     ("estimator", "target_filter"): {"tip": "tip", "frame": "mate_2"},
     ("estimator", "inertia_filter"): {"tip": "tip", "frame": "mate_1"},
@@ -242,6 +290,9 @@ def changes(family, kind):
         return {"robots.one.tips.tip.controllers": {"own": section}}
     if family == "sensor":
         held = elements.kinds("sensor")[kind].holds
+        if kind == "force_torque":
+            soft = {"kind": "impedance", "stiffness": [40, 25, 60], "inertia": [5, 4, 3]}
+            return {"robots.one.sensors.tip_force": section, "robots.one.tips.tip.controllers.soft": soft}
         return {f"robots.one.sensors.{'target_position' if held else 'joint_rate'}": section}
     if family == "estimator":
         return {"robots.one.estimators": {"own": section}}
@@ -276,6 +327,8 @@ def scene_of(family, kind, text=PLANAR):
         }
         rows = {key: [[*row, 0.3] for row in knots[key]] for key in ("position", "rate", "effort")}
         found["robots.one.controllers"]["own"]["knots"] = knots | rows
+    if text is SPATIAL and kind == "neural":
+        found["robots.one.controllers"]["own"] |= {"layers": network(17, 3, 7), "frame": "right"}
     if text is SPATIAL and kind == "reaction_wheels":
         own = found["robots.one.actuators"]["own"]
         own |= {"axes": [[1, 0, 0.5], [0, 1, 0], [0.2, 0.3, 2], [1, 1, 1]], "speeds": [3, -2, 1, 0]}

@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 from scipy.special import ellipj
 
 import spacerobot as sr
@@ -250,3 +251,36 @@ def test_words_tell_size_period_and_rate():
     rate = np.degrees(np.sqrt(MU * axis * (1 - 0.1**2)) / (axis * 1.1) ** 2)
     assert f"period {2 * np.pi * np.sqrt(axis**3 / MU):.6g} s" in told
     assert f"turns by {rate:.6g} deg/s at the start" in told
+
+
+def test_rotating_axes_show_the_same_motion_as_inertial_ones(lone):
+    orbit = {"semi_major_axis": 7.0e6, "true_anomaly_deg": 30}
+    turning = np.array([0, 0, np.sqrt(MU / 7.0e6**3)])
+    place, speed, spin = (
+        np.array([300.0, -500, 200]),
+        np.array([0.2, -0.4, 0.1]),
+        np.radians([0.2, -0.3, 0.6]),
+    )
+    both = []
+    for axes, relative in (("inertial", 0), ("rotating", 1)):
+        base = {
+            "position": place.tolist(),
+            "velocity": (speed - relative * np.cross(turning, place)).tolist(),
+            "spin_deg": np.degrees(spin - relative * turning).tolist(),
+        }
+        body = {"com": "0.2 -0.1 0.3", "inertia": (20, 50, 45, 5), "duration": 2000.0, "step": 1.0}
+        both.append(rolled(lone(base, orbit | {"axes": axes}, **body)))
+    inertial, rotating = (one.data for one in both)
+    for name, size in (("hill_position", 1e3), ("hill_velocity", 1.0)):
+        np.testing.assert_allclose(inertial[name].values, rotating[name].values, atol=1e-7 * size)
+    back = Rotation.from_rotvec(np.outer(rotating.time.values, turning))
+    fixed, turned = (Rotation.from_quat(one.body_orientation.values[:, 0]) for one in (inertial, rotating))
+    assert (fixed.inv() * back * turned).magnitude().max() < 1e-6
+    ledger = both[1].summary["ledger"]
+    assert ledger["momentum"]["conserved"]
+    assert ledger["energy"]["relative_residual"] < 1e-8
+
+
+def test_rotating_axes_need_a_circle(lone):
+    with pytest.raises(ScenarioError, match="axes: found rotating"):
+        lone({"position": [1, 0, 0]}, {"altitude": 4e5, "eccentricity": 0.1, "axes": "rotating"})

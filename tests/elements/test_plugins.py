@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 PLUGINS = ROOT / "examples" / "plugins"
 
 
-@pytest.mark.parametrize("name", ["impedance", "lemniscate", "reaction_wheel"])
+@pytest.mark.parametrize("name", ["bounded_spring", "lemniscate", "reaction_wheel"])
 def test_the_worked_examples_are_short(name):
     assert len((PLUGINS / f"{name}.py").read_text(encoding="utf-8").splitlines()) < 60
 
@@ -26,7 +26,7 @@ from spacerobot.closedloop import build_closed_loop
 from spacerobot.pinocchio_engine import PinocchioLoop
 from pathlib import Path
 
-sr.load_plugin(Path("examples/plugins/impedance.py"))
+sr.load_plugin(Path("examples/plugins/bounded_spring.py"))
 sr.load_plugin(Path("examples/plugins/lemniscate.py"))
 changes = {"robots.*.tips.tip.reference": {"kind": "lemniscate", "duration": 2.0}, "simulation.duration": 0.4}
 scene = sr.load_scene("paper", changes)
@@ -36,7 +36,7 @@ x = engine.normalise(engine.x0 + 1e-3)
 second = engine.derivative(0.7, x)
 assert np.abs(loop.dynamics(0.7, x, c).full().ravel() - second).max() < 1e-9 * np.abs(second).max()
 for vary in ("robots.rpr1.tips.tip.reference.size", "robots.rpr1.tips.tip.controllers.soft.stiffness"):
-    soft = {"robots.rpr1.tips.tip.controllers": {"soft": {"kind": "impedance", "stiffness": 80.0}}}
+    soft = {"robots.rpr1.tips.tip.controllers": {"soft": {"kind": "bounded_spring", "stiffness": 80.0}}}
     own = sr.load_scene("paper", changes | soft)
     loop = build_closed_loop(own)
     _, c = loop.setup(loop.parameter_values)
@@ -50,9 +50,9 @@ for vary in ("robots.rpr1.tips.tip.reference.size", "robots.rpr1.tips.tip.contro
     difference = (ends[0] - ends[1]) / (2 * step * value)
     assert np.abs(jacobian[..., 0] - difference).max() < 1e-6 * max(1e-3, np.abs(difference).max()) + 1e-9
 result = sr.simulate(own, backend="interpreted")
-assert result.data.impedance_force.dims == ("time", "tip", "axis")
-assert result.data.impedance_force.attrs["units"] == "N"
-assert bool(np.isnan(result.data.impedance_force.sel(tip="rpr2/tip")).all())
+assert result.data.spring_force.dims == ("time", "tip", "axis")
+assert result.data.spring_force.attrs["units"] == "N"
+assert bool(np.isnan(result.data.spring_force.sel(tip="rpr2/tip")).all())
 assert result.summary["ledger"]["energy"]["relative_residual"] < 1e-6
 
 from typing import ClassVar, Literal
@@ -111,9 +111,17 @@ def test_a_plugin_is_given_on_the_command_line():
 
 
 def test_the_pinocchio_engine_runs_a_plugin_from_its_one_file(tmp_path):
-    changes = ["robots.rpr1.tips.tip.controllers={soft: {kind: impedance}}", "simulation.duration=0.02"]
+    changes = ["robots.rpr1.tips.tip.controllers={soft: {kind: bounded_spring}}", "simulation.duration=0.02"]
     given = [word for change in changes for word in ("--set", change)]
-    told = ["--plugin", PLUGINS / "impedance.py", *given, "--engine", "pinocchio", "--out", tmp_path / "out"]
+    told = [
+        "--plugin",
+        PLUGINS / "bounded_spring.py",
+        *given,
+        "--engine",
+        "pinocchio",
+        "--out",
+        tmp_path / "out",
+    ]
     done = forks.command("run", "paper", *told)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "out" / "result.nc").exists()

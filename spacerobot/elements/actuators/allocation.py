@@ -51,14 +51,10 @@ _NO_ZERO = 1e-300
 class ThrusterLayout:
     """Wrenches and propellant consumption of thrusters at full thrust.
 
-    Attributes
-    ----------
-    matrix
-        A (m x n): wrench of each, all rows of about the same size.
-    gains
-        B (m x n): the same by propellant, which is 1 on average.
-    squares
-        ``A_i B_i^T / d`` of each (m x m).
+    Attributes:
+        matrix: A (m x n): wrench of each, all rows of about the same size.
+        gains: B (m x n): the same by propellant, which is 1 on average.
+        squares: ``A_i B_i^T / d`` of each (m x m).
     """
 
     matrix: ca.SX
@@ -79,18 +75,12 @@ class ThrusterLayout:
 class _Path:
     """A place on the way.
 
-    Attributes
-    ----------
-    levels
-        State of each thruster (n x 1): `SHUT`, `THROTTLED` or `OPEN`.
-    values
-        s (n x 1).
-    wrench
-        Vector from the wrench at the beginning to the required one (m x 1).
-    part
-        Share of the path covered, 0 to 1 (1x1).
-    ended
-        Whether it is all of it (1x1).
+    Attributes:
+        levels: State of each thruster (n x 1): `SHUT`, `THROTTLED` or `OPEN`.
+        values: s (n x 1).
+        wrench: Vector from the wrench at the beginning to the required one (m x 1).
+        part: Share of the path covered, 0 to 1 (1x1).
+        ended: Whether it is all of it (1x1).
     """
 
     levels: ca.SX
@@ -100,32 +90,28 @@ class _Path:
     ended: ca.SX
 
 
-def allocate(layout: ThrusterLayout, wanted: ca.SX, steps: int) -> ca.SX:
+def allocate(layout: ThrusterLayout, wrench: ca.SX, steps: int) -> ca.SX:
     """Parts a (n x 1) of the thrusters' thrust.
 
     Where the steps do not suffice they are those of the last kink, near to those of a lesser or greater
     wrench, with derivatives of zero.
 
-    Parameters
-    ----------
-    layout
-        Layout of the thrusters.
-    wanted
-        w (m x 1), its rows scaled like those of A.
-    steps
-        Maximum number of kinks.
+    Args:
+        layout: Layout of the thrusters.
+        wrench: w (m x 1), its rows scaled like those of A.
+        steps: Maximum number of kinks.
     """
-    path = _begin(layout, wanted)
+    path = _begin(layout, wrench)
     for _ in range(steps):
         path = _step(layout, path)
     rough = ca.floor(_cut(path.values) * _GRID) / _GRID
     # Parts (n x 1) that are optimal if no level changes. The second round takes away what rounding leaves
     # of a system that is singular but for e.
-    throttled, parts, worth = path.levels == THROTTLED, path.levels == OPEN, ca.SX.zeros(wanted.numel())
+    throttled, parts, worth = path.levels == THROTTLED, path.levels == OPEN, ca.SX.zeros(wrench.numel())
     system = _system(layout, path.levels)
     for _ in range(2):
         lacking = throttled * (1 + EVEN * parts - ca.mtimes(layout.gains.T, worth))
-        missed = wanted - ca.mtimes(layout.matrix, parts) - NEAREST * worth
+        missed = wrench - ca.mtimes(layout.matrix, parts) - NEAREST * worth
         change = ca.ldl_solve(missed + ca.mtimes(layout.matrix, lacking) / EVEN, *system)
         parts = parts + (throttled * ca.mtimes(layout.gains.T, change) - lacking) / EVEN
         worth = worth + change
@@ -135,10 +121,8 @@ def allocate(layout: ThrusterLayout, wanted: ca.SX, steps: int) -> ca.SX:
 def steps_needed(matrix: Array, propellant: Array) -> int:
     """Count the kinks of paths to random wrenches within and beyond reach; returns a multiple of m + n.
 
-    Parameters
-    ----------
-    matrix, propellant
-        Numbers for :meth:`ThrusterLayout.of`.
+    Args:
+        matrix, propellant: Numbers for :meth:`ThrusterLayout.of`.
     """
     size, most = sum(matrix.shape), 3
     layout = ThrusterLayout.of(ca.sparsify(ca.SX(matrix)), ca.SX(propellant))
@@ -146,10 +130,10 @@ def steps_needed(matrix: Array, propellant: Array) -> int:
     reach = np.maximum(matrix.T @ wrenches, 0).sum(0) / (wrenches**2).sum(0)
     wrenches = np.hstack([wrenches * reach * part for part in (0.1, 0.4, 0.6, 1.0, 2.0)])
     w = ca.SX.sym("w", len(matrix))
-    begun = _begin(layout, w)
+    path = _begin(layout, w)
     names = ("levels", "values", "wrench", "part", "ended")
-    place = _Path(*(ca.SX.sym(name, *getattr(begun, name).shape) for name in names))
-    begin = ca.Function("begin", [w], [getattr(begun, name) for name in names])
+    place = _Path(*(ca.SX.sym(name, *getattr(path, name).shape) for name in names))
+    begin = ca.Function("begin", [w], [getattr(path, name) for name in names])
     after = _step(layout, place)
     step = ca.Function("step", [getattr(place, n) for n in names], [getattr(after, n) for n in names])
     now = begin.map(wrenches.shape[1])(wrenches)
@@ -160,13 +144,13 @@ def steps_needed(matrix: Array, propellant: Array) -> int:
     return most * size
 
 
-def _begin(layout: ThrusterLayout, wanted: ca.SX) -> _Path:
+def _begin(layout: ThrusterLayout, command: ca.SX) -> _Path:
     """At no wrench; for one that is far out of reach or nearly so, where all that help are open."""
-    square = ca.dot(wanted, wanted)
-    reached = ca.sum1(ca.fmax(ca.densify(ca.mtimes(layout.matrix.T, wanted)), 0))
+    square = ca.dot(command, command)
+    reached = ca.sum1(ca.fmax(ca.densify(ca.mtimes(layout.matrix.T, command)), 0))
     size = ca.if_else(square > reached / 2, FAR / ca.sqrt(square + _NO_ZERO), 0)
-    values = (ca.densify(ca.mtimes(layout.gains.T, size * wanted)) - 1) / EVEN
-    wrench = wanted - ca.mtimes(layout.matrix, _cut(values)) - NEAREST * size * wanted
+    values = (ca.densify(ca.mtimes(layout.gains.T, size * command)) - 1) / EVEN
+    wrench = command - ca.mtimes(layout.matrix, _cut(values)) - NEAREST * size * command
     return _Path((values > 0) + (values >= 1), values, wrench, ca.SX(0), ca.SX(0))
 
 
@@ -214,18 +198,13 @@ def _cut(values: ca.SX) -> ca.SX:
 def largest_box(full: Array, rows: Sequence[int]) -> Array:
     """Half the sides of a box of wrenches all of which thrusters give at once.
 
-    Parameters
-    ----------
-    full
-        Wrench of each thruster at full thrust (6, n) [N, N m].
-    rows
-        Entries of a wrench that move the base.
+    Args:
+        full: Wrench of each thruster at full thrust (6, n) [N, N m].
+        rows: Entries of a wrench that move the base.
 
-    Returns
-    -------
-    Array
-        Greatest force along [N] and torque about [N m] each axis (6,), with the sides in the ratio of what
-        each axis gets alone.
+    Returns:
+        Array: Greatest force along [N] and torque about [N m] each axis (6,), with the sides in the ratio of
+            what each axis gets alone.
     """
     wrench_rows = full[rows]
     alone = np.array(

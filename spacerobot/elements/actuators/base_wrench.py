@@ -57,9 +57,9 @@ class BaseWrench(Actuator):
         axes = ("fx", "fy", "tz") if len(columns) == 3 else ("fx", "fy", "fz", "tx", "ty", "tz")
         labels = [f"{actuator.robot}/base.{axes[k]}" for k in bounded]
 
-        def kinks(asked: ca.SX) -> Contribution:
+        def kinks(command: ca.SX) -> Contribution:
             """Events where the wrench begins and ceases to be clipped."""
-            beyond = ca.fabs(asked[bounded]) / most[bounded] - 1
+            beyond = ca.fabs(command[bounded]) / most[bounded] - 1
             return Contribution(events=saturation_events(actuator, labels, beyond))
 
         return Contribution(

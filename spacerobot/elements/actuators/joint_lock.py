@@ -34,28 +34,23 @@ def held_joints(
     All that hold one joint share its constraint, so that a brake may stop one that runs on; two active
     constraints would make the constraint system singular.
 
-    Parameters
-    ----------
-    actuator
-        The actuator that holds them.
-    joints
-        Names of the joints.
-    running
-        Whether they are held at the rate they have, rather than stopped.
-    known
-        Whether controllers know of it from then on; :func:`known_lock` is the switch.
+    Args:
+        actuator: The actuator that holds them.
+        joints: Names of the joints.
+        running: Whether they are held at the rate they have, rather than stopped.
+        known: Whether controllers know of it from then on; :func:`known_lock` is the switch.
     """
     constants, plant = actuator.context.constants, actuator.plant
     parts, sets, updates = list[Contribution](), dict[str, bool](), dict[str, ca.SX]()
     for joint in joints:
         name, column = f"{actuator.robot}/{joint}", actuator.columns[joint]
-        made = f"{name}.held" in constants.switches
+        is_created = f"{name}.held" in constants.switches
         held, runs = constants.switch(f"{name}.held"), constants.switch(f"{name}.runs")
         held_rate = memory(f"{name}.held_rate", ca.SX.zeros(1))
         sets |= {held.name(): True, runs.name(): running}
         sets |= {known_lock(constants, actuator.robot, joint).name(): True} if known else {}
         updates |= {held_rate.name: plant.v[column]} if running else {}
-        if not made:
+        if not is_created:
             constraint = _hold(actuator, column, name, held, runs * held_rate.symbol)
             constraint = replace(constraint, known=known_lock(constants, actuator.robot, joint))
             parts.append(Contribution(states=(held_rate,), constraints=(constraint,)))

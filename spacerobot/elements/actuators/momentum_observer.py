@@ -38,7 +38,7 @@ from spacerobot.elements.actuators.momentum_residual import (
     Momenta,
     Residual,
     continuous_residual,
-    sample_noise,
+    measured_velocity,
     sampled_residual,
 )
 from spacerobot.elements.core.clock import Clock
@@ -49,7 +49,7 @@ from spacerobot.elements.core.contribution import (
     Output,
     concatenate,
 )
-from spacerobot.elements.core.event import Event, negated
+from spacerobot.elements.core.failure import detected_failures, detection
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import RobotProperties
 from spacerobot.errors import near_names
@@ -131,26 +131,18 @@ class MomentumObserver(Actuator):
             events, outputs = [], []
             for i, (name, detected) in enumerate(zip(names, switches, strict=True)):
                 label = f"{actuator.robot}/{name}"
-                sets = {detected.name(): True} | (brakes[name][1] if self.brake else {})
-                guard = ca.fabs(residual[i]) / threshold[i] - 1
+                sets = brakes[name][1] if self.brake else {}
                 outputs += [
                     Output("joint_residual", residual[i], "N m or N", "torque missed", "observed", label),
                     Output("residual_threshold", threshold[i], "N m or N", "its limit", "observed", label),
                 ]
                 events.append(
-                    Event(
-                        f"{label}.detected",
-                        "detected",
-                        label,
-                        guard,
-                        negated(detected),
-                        sets,
-                        impact=self.brake,
+                    detection(
+                        f"{label}.detected", label, law.excess[i], detected, sets=sets, impact=self.brake
                     )
                 )
             count = sum(switches[1:], switches[0])
-            text = "failures that were detected"
-            outputs.append(Output("failures_detected", count, "1", text, "body", actuator.robot))
+            outputs.append(detected_failures(count, actuator.robot))
             return Contribution(states=law.states, events=(*law.events, *events), outputs=tuple(outputs))
 
         held = concatenate(contribution for contribution, _, _ in brakes.values())
@@ -204,20 +196,8 @@ class _Observer:
 
     def _measured(self, clock: Clock) -> Momenta:
         """Momenta and their rates from a sample of the velocities."""
-        actuator, context = self.actuator, self.actuator.context
-        base = actuator.base_columns
-        turning = base[2:] if len(base) == 3 else base[3:]
-        sources = {"velocity_noise": base[: len(base) - len(turning)], "spin_noise": turning}
-        sources["joint_noise"] = tuple(actuator.columns.values())
-        places = [
-            (column, key)
-            for key, source_columns in sources.items()
-            for column in source_columns
-            if not context.is_zero(key)
-        ]
         assert self.config.period is not None
-        deviations = [context.number(key) for _, key in places]
-        errors, numbers = sample_noise(context, self.name, self.config.period, clock, deviations)
-        noise = ca.SX(actuator.plant.v.size1(), 1)
-        noise[[column for column, _ in places]] = errors
-        return (*self._momenta(actuator.plant.v + noise), numbers)
+        velocity, numbers = measured_velocity(
+            self.actuator, self.actuator.context, self.name, self.config.period, clock
+        )
+        return (*self._momenta(velocity), numbers)

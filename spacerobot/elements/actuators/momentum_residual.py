@@ -33,6 +33,7 @@ from typing import Protocol
 import casadi as ca
 
 from spacerobot.elements.core.clock import Clock
+from spacerobot.elements.core.context import ActuatorContext
 from spacerobot.elements.core.contribution import State, memory
 from spacerobot.elements.core.event import Event
 from spacerobot.elements.core.section_context import SectionContext
@@ -65,20 +66,20 @@ class Residual:
     states: tuple[State, ...]
     events: tuple[Event, ...] = ()
 
+    @property
+    def excess(self) -> ca.SX:
+        """Parts by which the residuals exceed their thresholds (n x 1)."""
+        return ca.fabs(self.values[: self.threshold.size1()]) / self.threshold - 1
+
 
 def continuous_residual(context: SectionContext, name: str, asked: ca.SX, momenta: Momenta) -> Residual:
     """Residuals at any time, without noise.
 
-    Parameters
-    ----------
-    context
-        Context of the section with `bandwidth` and `allowance`.
-    name
-        Name of the observer, unique in the closed loop.
-    asked
-        Commanded torques (n x 1).
-    momenta
-        Momenta and their known rates.
+    Args:
+        context: Context of the section with `bandwidth` and `allowance`.
+        name: Name of the observer, unique in the closed loop.
+        asked: Commanded torques (n x 1).
+        momenta: Momenta and their known rates.
     """
     momentum, rate, _ = momenta
     size = momentum.size1()
@@ -98,17 +99,12 @@ def sampled_residual(
 ) -> Residual:
     """Residuals held since the last sample; parameters as of :func:`continuous_residual`.
 
-    Parameters
-    ----------
-    config, context
-        The section, and its context.
-    name, asked
-        See :func:`continuous_residual`.
-    momenta
-        Function from the clock of the samples to momenta with their noise.
-    allowance
-        On top of noise, of the first residuals (m x 1), which alone are tested; that of the section, of all,
-        if not given.
+    Args:
+        config, context: The section, and its context.
+        name, asked: See :func:`continuous_residual`.
+        momenta: Function from the clock of the samples to momenta with their noise.
+        allowance: On top of noise, of the first residuals (m x 1), which alone are tested; that of the
+            section, of all, if not given.
     """
     size, period = asked.size1(), context.steady("period")
     clock = Clock.of(f"{name}.samples", context.time, period)
@@ -137,7 +133,7 @@ def sampled_residual(
         passes = config.false_alarms * config.period / 3600 / tests
         exceeded = NormalDist().inv_cdf(1 - min(passes, 1.0) / 2)
         threshold = threshold + exceeded * ca.sqrt(variance.symbol[:tests] + TINY)
-    event = clock.event(f"{name}.sampled", "measured", name, updates, silent=True)
+    event = clock.event(f"{name}.sampled", "measured", name, updates, silent=True, onboard=True)
     return Residual(residual.symbol, threshold, tuple(states), (event,))
 
 
@@ -146,16 +142,11 @@ def sample_noise(
 ) -> tuple[ca.SX, ca.SX]:
     """Errors of one sample (n x 1), and the normal numbers that they are made of.
 
-    Parameters
-    ----------
-    context, name
-        Context and name of the observer.
-    period_s
-        Between two samples, by the scenario's numbers.
-    clock
-        Clock of the samples.
-    deviations
-        Standard deviations (n of 1x1); structural zeros have no number.
+    Args:
+        context, name: Context and name of the observer.
+        period_s: Between two samples, by the scenario's numbers.
+        clock: Clock of the samples.
+        deviations: Standard deviations (n of 1x1); structural zeros have no number.
     """
     noisy = [i for i, deviation in enumerate(deviations) if deviation.nnz()]
     errors = ca.SX(len(deviations), 1)
@@ -166,3 +157,30 @@ def sample_noise(
     for number, i in zip(ca.vertsplit(numbers), noisy, strict=True):
         errors[i] = deviations[i] * number
     return errors, numbers
+
+
+def measured_velocity(
+    actuator: ActuatorContext, context: SectionContext, name: str, period_s: float, clock: Clock
+) -> tuple[ca.SX, ca.SX]:
+    """Velocities of a robot's base and joints in one sample (nv x 1), and the normal numbers of their noise.
+
+    Args:
+        actuator: Context of the robot.
+        context: Context of the section with `velocity_noise`, `spin_noise` and `joint_noise`.
+        name, period_s, clock: See :func:`sample_noise`.
+    """
+    base = actuator.base_columns
+    turning = base[2:] if len(base) == 3 else base[3:]
+    sources = {"velocity_noise": base[: len(base) - len(turning)], "spin_noise": turning}
+    sources["joint_noise"] = tuple(actuator.columns.values())
+    places = [
+        (column, key)
+        for key, source_columns in sources.items()
+        for column in source_columns
+        if not context.is_zero(key)
+    ]
+    deviations = [context.number(key) for _, key in places]
+    errors, numbers = sample_noise(context, name, period_s, clock, deviations)
+    noise = ca.SX(actuator.plant.v.size1(), 1)
+    noise[[column for column, _ in places]] = errors
+    return actuator.plant.v + noise, numbers

@@ -21,7 +21,7 @@ from spacerobot.elements.actuators.wheel_set import (
     names_of,
     pseudo_inverse,
 )
-from spacerobot.elements.core.context import ActuatorContext, unit_load
+from spacerobot.elements.core.context import ActuatorContext, once_for_each, unit_load
 from spacerobot.elements.core.contribution import (
     AccelerationConstraint,
     ActuatorDrive,
@@ -144,6 +144,7 @@ class ReactionWheels(WheelSet):
         )
         first = inertia * (carried + (context.once("speeds", began) if self.speeds else 0))
 
+        @once_for_each
         def motors(asked: ca.SX) -> WheelMotors:
             return self.motors(
                 actuator, -ca.mtimes(inverse[:, about], asked), axes[about, :], speed, friction

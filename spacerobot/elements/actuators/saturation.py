@@ -23,18 +23,12 @@ def saturation_events(
     What is delivered has kinks there and depends on no switch: steps end there, so that the method keeps its
     order, and derivatives by a limit know when it begins and ends to count.
 
-    Parameters
-    ----------
-    actuator
-        The actuator.
-    names
-        Labels of the parts.
-    beyond
-        Relative excess of each command over its limit, above zero where it is clipped (n x 1).
-    free
-        Switches (1x1 each) without which a part takes no part; none if all always do.
-    side
-        Label of the limit, where parts have several.
+    Args:
+        actuator: The actuator.
+        names: Labels of the parts.
+        beyond: Relative excess of each command over its limit, above zero where it is clipped (n x 1).
+        free: Switches (1x1 each) without which a part takes no part; none if all always do.
+        side: Label of the limit, where parts have several.
     """
     events = list[Event]()
     for i, name in enumerate(names):

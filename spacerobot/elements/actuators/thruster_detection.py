@@ -30,12 +30,16 @@ from pydantic import model_validator
 from spacerobot.dynamics import Inertias, forward_kinematics, momentum
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.momentum import subtree
-from spacerobot.elements.actuators.momentum_residual import Momenta, sample_noise, sampled_residual
+from spacerobot.elements.actuators.momentum_residual import (
+    Momenta,
+    measured_velocity,
+    sampled_residual,
+)
 from spacerobot.elements.core.clock import Clock
 from spacerobot.elements.core.context import ActuatorContext
 from spacerobot.elements.core.contribution import Contribution, Output, memory
 from spacerobot.elements.core.event import Event, both, negated
-from spacerobot.elements.core.failure import ResidualTest
+from spacerobot.elements.core.failure import ResidualTest, detected_failures, detection
 from spacerobot.section import quantity
 
 SETTLED = 4.0
@@ -72,16 +76,11 @@ class ThrusterDetection(ResidualTest):
 class ThrusterTest:
     """Test of n thrusters of a base.
 
-    Attributes
-    ----------
-    config, actuator
-        The section, and the thrusters' context.
-    names
-        Names of the thrusters in the results.
-    full
-        Wrenches at full thrust (k x n), of the components that move the base, root link's axes.
-    rows
-        Indices of these components in a wrench (6,).
+    Attributes:
+        config, actuator: The section, and the thrusters' context.
+        names: Names of the thrusters in the results.
+        full: Wrenches at full thrust (k x n), of the components that move the base, root link's axes.
+        rows: Indices of these components in a wrench (6,).
     """
 
     config: ThrusterDetection
@@ -115,9 +114,7 @@ class ThrusterTest:
         counted = ca.if_else(beyond > 0, over.symbol + 1, 0)
         sampled = replace(sampled, updates={**sampled.updates, over.name: counted})
         settled = over.symbol * context.steady("period") * context.number("bandwidth") / SETTLED - 1
-        events.append(
-            Event(f"{name}.detected", "detected", name, beyond, negated(detected), {detected.name(): True})
-        )
+        events.append(detection(f"{name}.detected", name, beyond, detected))
         missed = {
             (mode, i): (part - lagged[i]) * self.full[:, i]
             for mode, part in MODES.items()
@@ -134,7 +131,7 @@ class ThrusterTest:
             rest = ca.densify(ca.vertcat(residual - wrench, lagged))
             updates = {f"{name}.detection.residual": rest, over.name: ca.SX.zeros(1)}
             who, armed = self.names[i], both(*(negated(switch) for switch in switches))
-            events.append(Event(f"{who}.{mode}", "detected", who, guard, armed, sets, updates))
+            events.append(Event(f"{who}.{mode}", "detected", who, guard, armed, sets, updates, onboard=True))
         residual_wrench = ca.SX(6, 1)
         residual_wrench[self.rows] = residual
         text = "missing in the rate of the robot's momentum, root link's axes"
@@ -152,7 +149,7 @@ class ThrusterTest:
                 "body",
                 actuator.robot,
             ),
-            Output("failures_detected", total, "1", "failures that were detected", "body", actuator.robot),
+            detected_failures(total, actuator.robot),
         )
         return Contribution(states=(*test.states, over), events=(sampled, *events), outputs=outputs)
 
@@ -160,22 +157,8 @@ class ThrusterTest:
         """Momenta and their known rates; the model is the scenario's nominal one."""
         actuator, plant = self.actuator, self.actuator.plant
         context = actuator.context.at(f"{actuator.context.path}.detection")
-        base = actuator.base_columns
-        turning = base[2:] if len(base) == 3 else base[3:]
-        sources = {"velocity_noise": base[: len(base) - len(turning)], "spin_noise": turning}
-        sources["joint_noise"] = tuple(actuator.columns.values())
-        places = [
-            (column, key)
-            for key, source_columns in sources.items()
-            for column in source_columns
-            if not context.is_zero(key)
-        ]
         name = f"{actuator.robot}/{actuator.context.path.rpartition('.')[2]}.detection"
-        deviations = [context.number(key) for _, key in places]
-        errors, numbers = sample_noise(context, name, self.config.period, clock, deviations)
-        velocity = ca.SX(plant.v)
-        for (column, _), error in zip(places, ca.vertsplit(errors), strict=True):
-            velocity[column] += error
+        velocity, numbers = measured_velocity(actuator, context, name, self.config.period, clock)
         model, joint = plant.model, actuator.base_joint
         moving = forward_kinematics(model, plant.q, velocity)
         turn = plant.placement(actuator.base_frame)[0].T

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
@@ -20,12 +20,12 @@ from pydantic import AfterValidator, Field, model_validator
 
 from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import cross
-from spacerobot.elements.actuators.actuator import Actuator
+from spacerobot.elements.actuators.actuator import FIRING, Actuator
 from spacerobot.elements.actuators.allocation import ThrusterLayout, allocate, largest_box, steps_needed
 from spacerobot.elements.actuators.saturation import saturation_events
 from spacerobot.elements.actuators.thruster_detection import MODES, ThrusterDetection, ThrusterTest
 from spacerobot.elements.core.clock import Clock
-from spacerobot.elements.core.context import ActuatorContext
+from spacerobot.elements.core.context import ActuatorContext, once_for_each
 from spacerobot.elements.core.contribution import (
     ActuatorDrive,
     Contribution,
@@ -294,6 +294,17 @@ class _Jets:
         """Propellant that each spends at full thrust (n x 1) [kg/s]."""
         return self.numbers("thrust") / (GRAVITY * self.numbers("specific_impulse"))
 
+    @functools.cached_property
+    def throttles(self) -> Callable[[ca.SX], ca.SX]:
+        """Commanded throttles (n x 1), a function of the command."""
+        text = "parts of full thrust commanded of the valves"
+
+        @once_for_each
+        def throttles(asked: ca.SX) -> ca.SX:
+            return self.actuator.command_port(self.name, "1", text, self.parts(asked))
+
+        return throttles
+
     def parts(self, asked: ca.SX) -> ca.SX:
         """Fractions of full thrust (n x 1) that best match the command, with minimum propellant."""
         layout, scales, steps = self.layout
@@ -345,7 +356,7 @@ class _Jets:
 
     def left(self, asked: ca.SX) -> ca.SX:
         """Residual generalized forces that throttled thrusters leave to the next actuator."""
-        return asked - ca.mtimes(self.full[self.rows, :], self.expected(self.parts(asked)))
+        return asked - ca.mtimes(self.full[self.rows, :], self.expected(self.throttles(asked)))
 
     def expected(self, parts: ca.SX) -> ca.SX:
         """Parts of their thrust that they give (n x 1), of those commanded, as far as is known."""
@@ -359,11 +370,11 @@ class _Jets:
     @functools.cached_property
     def firing(self) -> list[ca.SX]:
         """Switch of each (1x1): it is on."""
-        return [self.actuator.context.switch(f"firing.{name}") for name in self.config.nozzles]
+        return [self.actuator.context.switch(f"{FIRING}.{name}") for name in self.config.nozzles]
 
     def throttled(self, asked: ca.SX) -> Contribution:
         """Thrusters that give parts of their thrust, with events where one shuts, opens or is fully open."""
-        parts, names = self.parts(asked), [f"{self.name}.{name}" for name in self.config.nozzles]
+        parts, names = self.throttles(asked), [f"{self.name}.{name}" for name in self.config.nozzles]
         acting = self._acting(parts)
         shut = saturation_events(self.actuator, names, SHUT - parts, side="_shut")
         full = saturation_events(self.actuator, names, parts - (1 - SHUT), side="_full")
@@ -391,12 +402,15 @@ class _Jets:
         sets = {switch.name(): True for switch in firing}
         steps = bool(self.numbers("resolution").nnz())
         updates, name = {off_at.name: until}, f"{self.name}.control"
-        events = [clock.event(name, "control", self.name, updates, sets, routine=True, quantised=steps)]
+        decision = clock.event(
+            name, "control", self.name, updates, sets, routine=True, quantised=steps, onboard=True
+        )
+        events = [decision]
         for i, (name, switch) in enumerate(zip(names, firing, strict=True)):
             label = f"{self.name}.{name}"
             over = context.time - off_at.symbol[i]
             off = {switch.name(): False}
-            events.append(Event(f"{label}.cut", "cut", label, over, switch, off, routine=True))
+            events.append(Event(f"{label}.cut", "cut", label, over, switch, off, routine=True, onboard=True))
         acting = self._acting(ca.vertcat(*firing))
         return Contribution(
             states=(*acting.states, clock.count, off_at),
@@ -437,7 +451,9 @@ class _Jets:
             at = origin + ca.mtimes(rotation, levers[i])
             outputs += [
                 Output("thruster_force", push, "N", "forces of thrusters", "thruster", label),
-                Output("thruster_position", at, "m", "where thrusters push", "thruster", label),
+                Output(
+                    "thruster_position", at, "m", "where thrusters push", "thruster", label, plotted=False
+                ),
             ]
         return Contribution(
             states=(State(f"{self.name}.propellant", spent, ca.SX.zeros(1), flow), *tests.states),

@@ -43,9 +43,9 @@ class TorqueLimit(Actuator):
         columns = tuple(actuator.columns[name] for name in names)
         labels = [f"{actuator.robot}/{name}" for name in names]
 
-        def kinks(asked: ca.SX) -> Contribution:
+        def kinks(command: ca.SX) -> Contribution:
             """Events where torques begin and cease to be clipped."""
-            return Contribution(events=saturation_events(actuator, labels, ca.fabs(asked) / limit - 1))
+            return Contribution(events=saturation_events(actuator, labels, ca.fabs(command) / limit - 1))
 
         return Contribution(
             drives=(ActuatorDrive(columns, lambda asked: ca.fmin(ca.fmax(asked, -limit), limit), kinks),)

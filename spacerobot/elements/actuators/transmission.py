@@ -150,10 +150,10 @@ class Transmission(Actuator):
         if self.coulomb or self.stribeck:
             friction = friction + most * speed / ca.sqrt(speed**2 + context.number("coulomb_speed") ** 2)
 
-        def answer(asked: ca.SX) -> Contribution:
+        def answer(command: ca.SX) -> Contribution:
             """States of motors and gears, and their reaction on the links that carry the motors."""
             # torques of the motors (n x 1), and by how much limits are exceeded (n x 1 each), of the limit's
-            motor_command = asked / ratio
+            motor_command = command / ratio
             context, drive_torque, beyond = actuator.context, motor_command, dict[str, ca.SX]()
             if self.no_load_speed is not None:
                 stall = context.number("torque_limit" if self.stall_torque is None else "stall_torque")

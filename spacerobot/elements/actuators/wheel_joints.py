@@ -17,7 +17,7 @@ from spacerobot.elements.actuators.wheel_set import (
     base_rotation_axes,
     pseudo_inverse,
 )
-from spacerobot.elements.core.context import ActuatorContext
+from spacerobot.elements.core.context import ActuatorContext, once_for_each
 from spacerobot.elements.core.contribution import ActuatorDrive, Contribution, PowerTerm, concatenate
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import RobotProperties
@@ -48,20 +48,21 @@ class WheelJoints(WheelSet):
         rotation = plant.placement(actuator.base_frame)[0]
         total_momentum = ca.mtimes(rotation, ca.mtimes(axes, inertia * (speed + ca.mtimes(axes.T, spin))))
 
-        def motors(asked: ca.SX) -> WheelMotors:
-            wheel_torque = -ca.mtimes(inverse, asked[: len(base)])
+        @once_for_each
+        def motors(command: ca.SX) -> WheelMotors:
+            wheel_torque = -ca.mtimes(inverse, command[: len(base)])
             return self.motors(actuator, wheel_torque, axes[about, :], speed, friction)
 
-        def deliver(asked: ca.SX) -> ca.SX:
-            motor_torques = motors(asked)
-            left = asked[: len(base)] + ca.mtimes(axes[about, :], motor_torques.command)
+        def deliver(command: ca.SX) -> ca.SX:
+            motor_torques = motors(command)
+            left = command[: len(base)] + ca.mtimes(axes[about, :], motor_torques.command)
             return ca.vertcat(left, motor_torques.net + friction - coulomb)
 
-        def answer(asked: ca.SX) -> Contribution:
+        def answer(command: ca.SX) -> Contribution:
             """Friction's power, what is observed of the wheels, and tests of whether they have failed."""
-            motor_torques, taken = motors(asked), ca.dot(coulomb, speed)
+            motor_torques, dissipated = motors(command), ca.dot(coulomb, speed)
             lost = (
-                (PowerTerm("actuator", taken, "in"), PowerTerm("wheel_friction", taken))
+                (PowerTerm("actuator", dissipated, "in"), PowerTerm("wheel_friction", dissipated))
                 if coulomb.nnz()
                 else ()
             )

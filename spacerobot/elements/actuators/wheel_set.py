@@ -44,7 +44,13 @@ from spacerobot.elements.core.clock import Clock
 from spacerobot.elements.core.context import ActuatorContext
 from spacerobot.elements.core.contribution import Contribution, Output
 from spacerobot.elements.core.event import Event, either, negated
-from spacerobot.elements.core.failure import AllocatedFailure, ResidualTest, failing
+from spacerobot.elements.core.failure import (
+    AllocatedFailure,
+    ResidualTest,
+    detected_failures,
+    detection,
+    failing,
+)
 from spacerobot.elements.core.robot_element import Part
 from spacerobot.section import quantity
 
@@ -173,12 +179,10 @@ class WheelSet(Actuator):
         switches = [actuator.context.switch(f"detected.{i}") for i in range(count)]
         events, outputs = list[Event](), list[Output]()
         for i, (who, switch) in enumerate(zip(names, switches, strict=True)):
-            value, limit = residual.values[i], residual.threshold[i]
-            guard, sets = ca.fabs(value) / limit - 1, {switch.name(): True}
-            events.append(Event(f"{who}.detected", "detected", who, guard, negated(switch), sets))
-            outputs.append(Output("wheel_residual", value, "N m", "torque that wheels miss", "wheel", who))
-        text = "failures that were detected"
-        total = Output("failures_detected", ca.sum1(ca.vertcat(*switches)), "1", text, "body", actuator.robot)
+            events.append(detection(f"{who}.detected", who, residual.excess[i], switch))
+            text = "torque that wheels miss"
+            outputs.append(Output("wheel_residual", residual.values[i], "N m", text, "wheel", who))
+        total = detected_failures(ca.sum1(ca.vertcat(*switches)), actuator.robot)
         return Contribution(
             states=residual.states, events=(*residual.events, *events), outputs=(*outputs, total)
         )
@@ -234,6 +238,8 @@ class WheelSet(Actuator):
             beyond, names = ca.fabs(command) / limit - 1, names_of(actuator, count)
             events += saturation_events(actuator, names, beyond, free=[negated(held) for held in switches])
             command = ca.fmin(ca.fmax(command, -limit), limit)
+        name = names_of(actuator, count)[0].rpartition(".")[0]
+        command = actuator.command_port(name, "N m", "torques commanded of the wheels' motors", command)
         command = actuator.break_point("wheel", names_of(actuator, count), command)
         works, failures = self.failed(actuator, count)
         motor_torque = works * command if self.failures else command
@@ -284,17 +290,12 @@ class WheelSet(Actuator):
 class WheelMotors:
     """Torques of the motors of n wheels at one instant.
 
-    Attributes
-    ----------
-    command
-        Torques of the motors if none has failed: friction where a wheel is held at its speed limit (n x 1)
-        [N m].
-    net
-        Torques on the wheels, friction included (n x 1) [N m].
-    friction
-        Against the wheels' motion (n x 1) [N m].
-    events
-        Events at which wheels reach their speed limit, and leave it.
+    Attributes:
+        command: Torques of the motors if none has failed: friction where a wheel is held at its speed limit
+            (n x 1) [N m].
+        net: Torques on the wheels, friction included (n x 1) [N m].
+        friction: Against the wheels' motion (n x 1) [N m].
+        events: Events at which wheels reach their speed limit, and leave it.
     """
 
     command: ca.SX
@@ -329,7 +330,7 @@ def pseudo_inverse(axes: ca.SX) -> ca.SX:
     return inverse
 
 
-def _taken_over(asked: ca.SX, axes: ca.SX, held: ca.SX) -> ca.SX:
+def _taken_over(command: ca.SX, axes: ca.SX, held: ca.SX) -> ca.SX:
     """Torque of each wheel (n x 1) if it is free and the other wheels at their limit are left out.
 
     With the torque m that held wheels do not give, those that are free add ``a_i . y``, ``A W A^T y = m``,
@@ -338,9 +339,9 @@ def _taken_over(asked: ca.SX, axes: ca.SX, held: ca.SX) -> ca.SX:
     rows = [i for i in range(axes.size1()) if axes[i, :].nnz()]
     independent, free = axes[rows, :], 1 - held
     matrix = SINGULAR * ca.SX.eye(len(rows)) + ca.mtimes(independent, free * independent.T)
-    solution = SymmetricFactors(matrix).solve(ca.horzcat(ca.mtimes(independent, held * asked), independent))
+    solution = SymmetricFactors(matrix).solve(ca.horzcat(ca.mtimes(independent, held * command), independent))
     more, sizes = ca.mtimes(independent.T, solution[:, 0]), ca.sum1(independent * solution[:, 1:]).T
-    return (asked + more) / (1 + held * sizes)
+    return (command + more) / (1 + held * sizes)
 
 
 def are_independent(axes: Sequence[ArrayLike]) -> bool:

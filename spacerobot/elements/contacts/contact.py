@@ -35,6 +35,8 @@ OBSERVED = {
     "contact_loss": ("J", "energy that contacts took since the start"),
 }
 """Unit and description of the outputs of every contact."""
+UNPLOTTED = ("contact_point", "contact_velocity", "contact_impulse", "contact_loss")
+"""Outputs that pages do not plot over time."""
 
 
 class Contact(Element):
@@ -80,20 +82,13 @@ class Contact(Element):
 class ContactPair:
     """One pair of shapes of a contact, and its force; world axes.
 
-    Attributes
-    ----------
-    gap
-        Signed distance (1x1) [m].
-    normal
-        Normal from the first to the second shape (3x1).
-    point
-        Point of contact (3x1) [m].
-    velocity
-        Velocity of the second relative to the first at the point (3x1) [m/s].
-    speed
-        Upper bound of the gap's rate (1x1) [m/s], wherever the shapes are nearest.
-    lead
-        Lead of one way out over another (1x1) [m] or None; see :class:`spacerobot.shapes.Proximity`.
+    Attributes:
+        gap: Signed distance (1x1) [m].
+        normal: Normal from the first to the second shape (3x1).
+        point: Point of contact (3x1) [m].
+        velocity: Velocity of the second relative to the first at the point (3x1) [m/s].
+        speed: Upper bound of the gap's rate (1x1) [m/s], wherever the shapes are nearest.
+        lead: Lead of one way out over another (1x1) [m] or None; see :class:`spacerobot.shapes.Proximity`.
     """
 
     gap: ca.SX
@@ -148,7 +143,7 @@ def watch(
     *,
     rough: bool,
 ) -> ContactEvents:
-    """Where each pair of shapes touches and parts, and where its force ends because it would pull.
+    """Events at which a pair of shapes touches or parts, or at which its force would begin to pull.
 
     It would where ``pull`` (1x1 each) is above zero; empty if none ever would. Where the force is ``rough``,
     because it begins as a fractional power of the indentation, steps are graded towards touch and part.
@@ -189,14 +184,10 @@ def watch(
 class ContactForce:
     """Contact force between a pair of shapes.
 
-    Attributes
-    ----------
-    force
-        On the second (3x1) [N].
-    normal
-        Magnitude along the normal (1x1) [N].
-    taken
-        Power that it takes (1x1) [W].
+    Attributes:
+        force: On the second (3x1) [N].
+        normal: Magnitude along the normal (1x1) [N].
+        taken: Power that it takes (1x1) [W].
     """
 
     force: ca.SX
@@ -213,7 +204,7 @@ def booked(
         nearer, parts = touch.gap < nearest.gap, ("gap", "normal", "point", "velocity", "speed")
         nearest = ContactPair(*(ca.if_else(nearer, getattr(touch, k), getattr(nearest, k)) for k in parts))
     force = sum((press.force for press in presses), ca.SX(3, 1))
-    taken = sum((press.taken for press in presses), ca.SX(1, 1))
+    dissipated = sum((press.taken for press in presses), ca.SX(1, 1))
     impulse, loss = (
         State(
             f"contacts.{contact.name}.{name}",
@@ -221,7 +212,7 @@ def booked(
             ca.SX.zeros(rate.size1()),
             ca.densify(rate),
         )
-        for name, rate in (("impulse", force), ("loss", taken))
+        for name, rate in (("impulse", force), ("loss", dissipated))
     )
     values = {
         "contact_force": force,
@@ -240,9 +231,9 @@ def booked(
     return Contribution(
         states=(impulse, loss),
         wrenches=tuple(wrenches),
-        powers=(PowerTerm("contact", taken),),
+        powers=(PowerTerm("contact", dissipated),),
         outputs=tuple(
-            Output(name, values[name], *attributes, "contact", contact.name)
+            Output(name, values[name], *attributes, "contact", contact.name, name not in UNPLOTTED)
             for name, attributes in OBSERVED.items()
         ),
     )

@@ -92,8 +92,8 @@ class HuntCrossley(Contact):
             else:
                 sliding, slip = touch.sliding, context.number("slip_velocity")
                 friction = -coefficient * normal * sliding / ca.sqrt(ca.dot(sliding, sliding) + slip**2)
-            taken = (spring - normal) * touch.opening - ca.dot(friction, touch.velocity)
-            presses.append(ContactForce(normal * touch.normal + friction, normal, taken))
+            dissipated = (spring - normal) * touch.opening - ca.dot(friction, touch.velocity)
+            presses.append(ContactForce(normal * touch.normal + friction, normal, dissipated))
             energy += spring * depth / (exponent + 1)
         pull = [dissipation * touch.opening - 1 for touch in touching] if dissipation.nnz() else []
         marks = watch(contact, touching, self, pull, rough=not self.exponent.is_integer())
@@ -111,7 +111,7 @@ class HuntCrossley(Contact):
         return sentences
 
     def words(self) -> str:
-        """Its stiffness and dissipation."""
+        """Stiffness and dissipation."""
         if self.restitution is not None:
             loss = f"restitution {self.restitution:g} at {self.restitution_speed:g} m/s"
         else:

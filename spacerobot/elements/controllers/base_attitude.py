@@ -9,7 +9,7 @@ from pydantic import Field
 
 from spacerobot.dynamics import FreeFloating, centre_of_mass, momentum, subtree, total_mass
 from spacerobot.dynamics.algebra import cross, cross_columns
-from spacerobot.dynamics.rotations import rotation_from_rpy
+from spacerobot.dynamics.rotations import rotation_exp, rotation_from_rpy
 from spacerobot.elements.controllers.base_control import ArmReaction, held, resistance
 from spacerobot.elements.controllers.controller import RobotController
 from spacerobot.elements.core.context import RobotContext
@@ -52,14 +52,22 @@ class BaseAttitude(RobotController):
     def build(self, robot: RobotContext) -> Contribution:
         """Torque on the base that turns it back."""
         plant, context = robot.plant, robot.context
+        rotation, start = plant.placement(robot.base_frame)[0], robot.start.placement(robot.base_frame)[0]
+        # the signal is the base's rotation since the start
         if self.attitude_deg is None:
-            reference = context.once("attitude", robot.start.placement(robot.base_frame)[0])
+            error = plant.orientation_error(context.once("attitude", start), rotation)
+            error = -robot.read("base_orientation", -error)
         else:
             angles = context.parameters.sparse_vector(f"{context.path}.attitude_deg") * DEGREE
-            reference = context.once("attitude", rotation_from_rpy(angles))
-        error = plant.orientation_error(reference, plant.placement(robot.base_frame)[0])
-        # the signal is the base's rotation relative to the attitude it shall have
-        error = -robot.read("base_orientation", -error)
+            reference, first = (
+                context.once("attitude", rotation_from_rpy(angles)),
+                context.once("start", start),
+            )
+            turned = plant.orientation_error(rotation, first)
+            reading = robot.read("base_orientation", turned)
+            if not ca.is_equal(reading, turned):
+                rotation = ca.mtimes(rotation_exp(reading), first)
+            error = plant.orientation_error(reference, rotation)
         turning = plant.jacobian(robot.base_frame)[3:, :].T
         reaction = None if context.is_zero("feed_forward") else self._reaction(robot, turning)
         return held(robot, "rotation", error, turning, reaction)
@@ -98,5 +106,5 @@ class BaseAttitude(RobotController):
         return {"base_orientation", "base_spin"}
 
     def words(self) -> str:
-        """Its gains."""
+        """Gains."""
         return f"base_attitude {self.kp:g} / {self.ki:g} / {self.kd:g}, feed-forward {self.feed_forward:g}"

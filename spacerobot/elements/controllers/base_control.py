@@ -47,18 +47,12 @@ def held(
 ) -> Contribution:
     """Contribution that holds a base: its error is driven to zero.
 
-    Parameters
-    ----------
-    robot
-        Robot of the base; the section has the gains ``kp``, ``ki``, ``kd`` and ``feed_forward``.
-    motion
-        Motion that is held.
-    error
-        Position error [m] or rotation vector [rad] (3x1), world axes, as sensors show it.
-    actuation
-        Force [N] or torque [N m] in world axes to generalized forces (nv x 3).
-    reaction
-        Reaction that is fed forward, if any.
+    Args:
+        robot: Robot of the base; the section has the gains ``kp``, ``ki``, ``kd`` and ``feed_forward``.
+        motion: Motion that is held.
+        error: Position error [m] or rotation vector [rad] (3x1), world axes, as sensors show it.
+        actuation: Force [N] or torque [N m] in world axes to generalized forces (nv x 3).
+        reaction: Reaction that is fed forward, if any.
     """
     plant, context, turns = robot.plant, robot.context, motion == "rotation"
     axes = list(plant.rotation_axes if turns else plant.translation_axes)

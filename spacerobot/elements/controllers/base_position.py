@@ -88,5 +88,5 @@ class BasePosition(RobotController):
         return {"base_position", "base_velocity"}
 
     def words(self) -> str:
-        """Its gains."""
+        """Gains."""
         return f"base_position {self.kp:g} / {self.ki:g} / {self.kd:g}, feed-forward {self.feed_forward:g}"

@@ -84,13 +84,13 @@ class BaseTracking(RobotController):
             for key in ("wrench", "rate")
         )
         first, size = int(model.idx_vs[robot.base_joint]), int(model.nvs[robot.base_joint])
-        names, asked = PLANAR if size == 3 else SPATIAL, ca.SX(robot.plant.v.size1(), 1)
+        names, command = PLANAR if size == 3 else SPATIAL, ca.SX(robot.plant.v.size1(), 1)
         for k, axis in enumerate(motion.axes):
             column = first + names.index(axis)
             gain = number("kd_angular" if axis.startswith("t") else "kd_linear")
-            asked[column] = number("feed_forward") * wrench[k] + gain * (rate[k] - robot.plant.v[column])
+            command[column] = number("feed_forward") * wrench[k] + gain * (rate[k] - robot.plant.v[column])
         events = () if knots.event is None else (knots.event,)
-        return Contribution(torques=(CommandedTorque(robot.name, asked),), events=events)
+        return Contribution(torques=(CommandedTorque(robot.name, command),), events=events)
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
         """Axes that a planar base does not have."""
@@ -103,6 +103,6 @@ class BaseTracking(RobotController):
         return ["knows the velocity and the spin of the base without errors"]
 
     def words(self) -> str:
-        """Its gains and its plan."""
+        """Gains and plan."""
         plan = f"{len(self.planned.times)} points over {self.planned.times[-1]:g} s"
         return f"base_tracking {self.kd_linear:g} / {self.kd_angular:g} along a plan of {plan}"

@@ -14,7 +14,10 @@ from spacerobot.elements.core.sampling import SAMPLED, Sampling
 from spacerobot.registry import required
 from spacerobot.section import Section
 
-MPC_INPUT = "mpc_input_"
+INPUT = "_input_"
+"""Part of the names of outputs that are inputs of controllers with a Python update."""
+
+MPC_INPUT = f"mpc{INPUT}"
 """Beginning of the names of outputs that are measurements or estimates from which plans in flight begin."""
 
 
@@ -35,11 +38,9 @@ class TipController(Element):
     def reads(self, key: str, siblings: Mapping[str, Section]) -> set[str]:
         """Names of the signals that it reads from sensors; none by default.
 
-        Parameters
-        ----------
-        key, siblings
-            Key of the controller in the tip's section, and the other sections there, as in
-            :class:`TipContext`.
+        Args:
+            key, siblings: Key of the controller in the tip's section, and the other sections there, as in
+                :class:`TipContext`.
         """
         del key, siblings
         return set()
@@ -55,20 +56,24 @@ class TipController(Element):
         return None
 
 
+def named_motion(key: str) -> Literal["translation", "rotation"]:
+    """Motion of a tip that the key of a controller names: rotation for ``controllers.orientation_soft``.
+
+    Args:
+        key: Key of the controller in the tip's section.
+    """
+    return "rotation" if key.rpartition(".")[2].startswith("orientation") else "translation"
+
+
 @dataclass(frozen=True)
 class Replanning:
     """Replanning of the plan that a controller tracks, in flight.
 
-    Attributes
-    ----------
-    period
-        Time between two plans [s].
-    min_horizon
-        Time that a plan looks ahead at least [s].
-    delay
-        Time from what is sensed to the plan that is made from it being flown [s].
-    iterations
-        Maximum number of the solver's iterations for one plan.
+    Attributes:
+        period: Time between two plans [s].
+        min_horizon: Time that a plan looks ahead at least [s].
+        delay: Time from what is sensed to the plan that is made from it being flown [s].
+        iterations: Maximum number of the solver's iterations for one plan.
     """
 
     period: float
@@ -83,6 +88,14 @@ class RobotController(RobotElement):
     family: ClassVar[str] = "robot_controller"
 
     sampled: Sampling | None = SAMPLED
+
+    @property
+    def update_scheme(self) -> str | None:
+        """Scheme by which Python updates it, ``module:Class``; None for a controller that is an expression.
+
+        See :mod:`spacerobot.updates.scheme`.
+        """
+        return None
 
     @property
     def replanning(self) -> Replanning | None:

@@ -67,7 +67,7 @@ class JointPd(RobotController):
         return {"joint_position", "joint_rate"}
 
     def words(self) -> str:
-        """Its gains."""
+        """Gains."""
         return f"{self.kp:g} / {self.kd:g}" + (", in the null space" if self.null_space else "")
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:

@@ -127,6 +127,6 @@ class JointPlanController(RobotController):
             yield f"the plan begins {apart[name]:.4g} rad or m from where {name} begins"
 
     def words(self) -> str:
-        """Its gains and its plan."""
+        """Gains and plan."""
         plan = f"a plan of {len(self.planned.times)} points over {self.planned.times[-1]:g} s"
         return f"{self.kp:g} / {self.kd:g} along {plan}"

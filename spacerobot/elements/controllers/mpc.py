@@ -8,17 +8,16 @@ from typing import Literal
 
 import casadi as ca
 import numpy as np
-import pinocchio as pin
 from pydantic import Field, model_validator
 
 from spacerobot.elements.controllers.controller import MPC_INPUT, Replanning
 from spacerobot.elements.controllers.joint_plan import JointPlanController
+from spacerobot.elements.controllers.measurements import robot_values, target_readings
 from spacerobot.elements.core.context import RobotContext
 from spacerobot.elements.core.contribution import Contribution, Output
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import RobotProperties
 from spacerobot.elements.references.knot_motion import Knots
-from spacerobot.elements.sensors.joint_position import joint_position
 from spacerobot.elements.sensors.signals import SIGNALS
 from spacerobot.errors import ScenarioError
 from spacerobot.section import MAX_PLANS, quantity
@@ -61,6 +60,11 @@ class Mpc(JointPlanController):
         return self
 
     @property
+    def update_scheme(self) -> str:
+        """Plans are made in Python."""
+        return "optim.planning.mpc.updates:MpcScheme"
+
+    @property
     def replanning(self) -> Replanning:
         """Once in each period."""
         return Replanning(self.period, self.min_horizon, self.delay, self.iterations)
@@ -68,10 +72,8 @@ class Mpc(JointPlanController):
     def build(self, robot: RobotContext) -> Contribution:
         """Torques; the plan is that of the present period.
 
-        Raises
-        ------
-        ScenarioError
-            If there is none.
+        Raises:
+            ScenarioError: If there is none.
         """
         if self.knots is None:
             raise ScenarioError(
@@ -87,19 +89,7 @@ class Mpc(JointPlanController):
         Attitudes are rotation vectors from those of the start. What a tip sees of a mating frame is known in
         world axes from the instant of the measurement on.
         """
-        plant, start, once = robot.plant, robot.start, robot.context.once
-        rotation, origin = plant.placement(robot.base_frame)
-        velocity, spin = plant.velocity(robot.base_frame)
-        first = once("attitude", start.placement(robot.base_frame)[0])
-        joints = [joint_position(plant.model, joint, plant.q) for joint in robot.joints]
-        values = {
-            "joint_position": ca.vertcat(*joints),
-            "joint_rate": plant.v[list(robot.columns)],
-            "base_position": origin,
-            "base_orientation": plant.orientation_error(rotation, first),
-            "base_velocity": velocity,
-            "base_spin": spin,
-        }
+        values = robot_values(robot)
         for signal in (each for each in self.signals if each in values):
             reading = robot.read(signal, values[signal])
             if not signal.startswith("joint"):
@@ -119,17 +109,7 @@ class Mpc(JointPlanController):
                 yield _output("held_moments", ca.vertcat(xx, yy, zz), "tip", tip.label)
                 yield _output("held_products", ca.vertcat(xy, xz, yz), "tip", tip.label)
         for tip in (tip for tip in robot.tips if tip.label in self.frames):
-            frame = plant.model.getFrameId(f"target/{self.frames[tip.label]}", pin.FrameType.BODY)
-            rotation, origin = plant.placement(frame)
-            velocity, spin = plant.velocity(frame)
-            first = once(f"attitude.{tip.label}", start.placement(frame)[0])
-            turned = plant.orientation_error(rotation, first)
-            tip_values = {
-                "target_position": (origin - tip.position, origin, None),
-                "target_orientation": (plant.orientation_error(rotation, tip.rotation), turned, None),
-                "target_velocity": (velocity, None, origin),
-                "target_spin": (spin, None, None),
-            }
+            tip_values = target_readings(robot, tip, self.frames[tip.label])
             for signal in (each for each in self.signals if each in tip_values):
                 yield _output(signal, tip.read(signal, *tip_values[signal]), "tip", tip.label)
 
@@ -140,7 +120,7 @@ class Mpc(JointPlanController):
 
     @property
     def begins(self) -> float:
-        """When the plan begins [s]."""
+        """Time at which the plan begins [s]."""
         return self.begin
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
@@ -158,7 +138,7 @@ class Mpc(JointPlanController):
         return super().reads() | {f"{what}_{signal}" for what in ("target", "base") for signal in signals}
 
     def words(self) -> str:
-        """Its gains and its period."""
+        """Gains and period."""
         return f"{self.kp:g} / {self.kd:g} along plans recomputed every {self.period:g} s"
 
 

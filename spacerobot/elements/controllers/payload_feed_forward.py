@@ -51,10 +51,8 @@ class PayloadFeedForward(TipController):
     def build(self, tip: TipContext) -> Contribution:
         """Torques of the arm's joints.
 
-        Raises
-        ------
-        ScenarioError
-            If the object is neither given nor estimated.
+        Raises:
+            ScenarioError: If the object is neither given nor estimated.
         """
         context, motion = tip.context, tip.motion
         if self.mass is not None:

@@ -21,7 +21,7 @@ import casadi as ca
 from pydantic import Field
 
 from spacerobot.elements.controllers.amnesia import correct
-from spacerobot.elements.controllers.controller import TipController
+from spacerobot.elements.controllers.controller import TipController, named_motion
 from spacerobot.elements.core.context import TipContext
 from spacerobot.elements.core.contribution import Contribution, ControlChannel, State
 from spacerobot.elements.core.registry import register
@@ -109,12 +109,12 @@ class Pid(TipController):
 
     @property
     def feeds_back_joint_acceleration(self) -> bool:
-        """If it differentiates the velocity seen from the base."""
+        """Whether the controller differentiates the velocity seen from the base."""
         return self.feedback == "base" and self.derivative == "ideal" and self.kd > 0
 
     def controls(self, key: str) -> Literal["translation", "rotation"]:
         """The tip's translation, or its rotation at keys that say so."""
-        return "rotation" if key.startswith("orientation") else "translation"
+        return named_motion(key)
 
     def assumptions(self) -> list[str]:
         """Assumptions on the feedback and on the derivative."""
@@ -126,7 +126,7 @@ class Pid(TipController):
         return sentences
 
     def words(self) -> str:
-        """Its gains and its feedback."""
+        """Gains and feedback."""
         return f"{self.kp:g} / {self.ki:g} / {self.kd:g} ({self.feedback} feedback)"
 
 

@@ -35,6 +35,7 @@ from pydantic import Field
 from spacerobot.dynamics.algebra import SymmetricFactors
 from spacerobot.dynamics.inertial_parameters import inertial_parameters, inertial_wrench, spatial_inertia
 from spacerobot.elements.controllers.controller import RobotController
+from spacerobot.elements.controllers.free_base import FreeBase
 from spacerobot.elements.core.context import RobotContext, TipContext
 from spacerobot.elements.core.contribution import Contribution
 from spacerobot.elements.core.registry import register
@@ -72,7 +73,7 @@ class ResolvedRate(RobotController):
     def build(self, robot: RobotContext) -> Contribution:
         """Torques."""
         number, columns = robot.context.number, list(robot.columns)
-        free = _FreeBase.of(robot, self._payload(robot))
+        free = FreeBase.of(robot.plant, robot.base_joint, columns, self._payload(robot))
         rates, locked = robot.plant.v[columns], robot.locked
         tasks = []
         if self.keeps != "nothing":
@@ -104,18 +105,28 @@ class ResolvedRate(RobotController):
         torque = moving * (torque + robot.plant.damping[columns] * rates)
         return Contribution(torques=(robot.torque(torque),))
 
-    def _payload(self, robot: RobotContext) -> ca.SX | None:
-        """Inertial parameters of what the first tip holds (10x1), its axes; None without a payload."""
+    def _payload(self, robot: RobotContext) -> tuple[ca.SX, ca.SX] | None:
+        """Inertia (nv x nv) and bias (nv x 1) that a payload at the first tip adds; None without one."""
         if robot.context.is_zero("payload_mass") or not robot.tips:
             return None
-        number = robot.context.number
+        number, plant, tip = robot.context.number, robot.plant, robot.tips[0]
         com, inertia = (
             ca.vertcat(*(number(f"payload_{key}.{i}") for i in range(size)))
             for key, size in (("com", 3), ("inertia", 6))
         )
-        return number("payload_fraction") * inertial_parameters(number("payload_mass"), com, inertia)
+        payload = number("payload_fraction") * inertial_parameters(number("payload_mass"), com, inertia)
+        axes, _ = plant.placement(tip.frame)
+        turned = ca.diagcat(axes, axes).T  # world axes to those of the tip
+        rows = ca.mtimes(turned, plant.gathered(plant.jacobian(tip.frame).T).T)
+        falling, spinning = plant.drift(tip.frame)
+        gravity = ca.SX(ca.DM(plant.model.gravity.linear))
+        spin = ca.mtimes(axes.T, tip.angular_velocity)
+        wrench = inertial_wrench(
+            payload, ca.mtimes(axes.T, falling - gravity), spin, ca.mtimes(axes.T, spinning)
+        )
+        return ca.mtimes([rows.T, spatial_inertia(payload), rows]), ca.mtimes(rows.T, ca.vertcat(*wrench))
 
-    def _tip_tasks(self, robot: RobotContext, tip: TipContext, free: _FreeBase) -> Iterator[_Task]:
+    def _tip_tasks(self, robot: RobotContext, tip: TipContext, free: FreeBase) -> Iterator[_Task]:
         """The tip follows its reference, in position and, if asked for, in orientation."""
         plant, motion, gain = robot.plant, tip.motion, robot.context.number("gain")
         jacobian = plant.gathered(plant.jacobian(tip.frame).T).T
@@ -169,18 +180,12 @@ class ResolvedRate(RobotController):
 class _Task:
     """Velocities linear in the joint rates, and what is wanted of them.
 
-    Attributes
-    ----------
-    rows
-        Velocity per joint rate (k x n).
-    velocity
-        Now (k x 1).
-    wanted
-        Velocity (k x 1).
-    acceleration
-        Wanted, less what there is at zero joint acceleration (k x 1).
-    damping
-        Damping of the pseudo-inverse (1x1); none where the task comes first.
+    Attributes:
+        rows: Velocity per joint rate (k x n).
+        velocity: Now (k x 1).
+        wanted: Velocity (k x 1).
+        acceleration: Wanted, less what there is at zero joint acceleration (k x 1).
+        damping: Damping of the pseudo-inverse (1x1); none where the task comes first.
     """
 
     rows: ca.SX
@@ -195,68 +200,6 @@ class _Task:
         names = ("rows", "velocity", "wanted", "acceleration")
         parts = {name: ca.vertcat(*(getattr(task, name) for task in several)) for name in names}
         return cls(**parts, damping=damping)
-
-
-@dataclass(frozen=True)
-class _FreeBase:
-    """A robot whose base reacts to its n joints.
-
-    Attributes
-    ----------
-    base
-        Places of the base in v (k); none where it is fixed.
-    reaction
-        W (k x n).
-    falling
-        Base acceleration at zero joint acceleration (k x 1).
-    inertia, bias
-        Inertia and bias of the joints, with the base's reaction in both (n x n and n x 1).
-    """
-
-    base: list[int]
-    reaction: ca.SX
-    falling: ca.SX
-    inertia: ca.SX
-    bias: ca.SX
-
-    @classmethod
-    def of(cls, robot: RobotContext, payload: ca.SX | None) -> _FreeBase:
-        """With no wrench on the base, and a payload (10x1) that moves with the first tip."""
-        plant, columns = robot.plant, list(robot.columns)
-        joint = plant.model.joints[robot.base_joint]
-        base = list(range(joint.idx_v, joint.idx_v + joint.nv)) if robot.base_joint else []
-        gathered = plant.gathered
-        inertia = gathered(gathered(plant.mass_matrix).T)
-        bias = gathered(plant.bias)
-        if payload is not None:
-            tip = robot.tips[0]
-            axes, _ = plant.placement(tip.frame)
-            turned = ca.diagcat(axes, axes).T  # world axes to those of the tip
-            rows = ca.mtimes(turned, gathered(plant.jacobian(tip.frame).T).T)
-            falling, spinning = plant.drift(tip.frame)
-            gravity = ca.SX(ca.DM(plant.model.gravity.linear))
-            spin = ca.mtimes(axes.T, tip.angular_velocity)
-            wrench = inertial_wrench(
-                payload, ca.mtimes(axes.T, falling - gravity), spin, ca.mtimes(axes.T, spinning)
-            )
-            inertia = inertia + ca.mtimes([rows.T, spatial_inertia(payload), rows])
-            bias = bias + ca.mtimes(rows.T, ca.vertcat(*wrench))
-        if not base:
-            nothing = ca.SX(0, len(columns)), ca.SX(0, 1)
-            return cls(base, *nothing, inertia[columns, columns], bias[columns])
-        factors, coupling = SymmetricFactors(inertia[base, base]), inertia[base, columns]
-        reaction, falling = factors.solve_negated(coupling), factors.solve_negated(bias[base])
-        return cls(
-            base,
-            reaction,
-            falling,
-            inertia[columns, columns] + ca.mtimes(coupling.T, reaction),
-            bias[columns] + ca.mtimes(coupling.T, falling),
-        )
-
-    def torque(self, acceleration: ca.SX) -> ca.SX:
-        """Generalized forces (n x 1) of joint accelerations."""
-        return ca.mtimes(self.inertia, acceleration) + self.bias
 
 
 def _resolved(tasks: list[_Task], missing: list[ca.SX], rates: ca.SX) -> ca.SX:

@@ -30,20 +30,17 @@ class Marks(TypedDict, total=False):
     silent: bool
     routine: bool
     quantised: bool
+    onboard: bool
 
 
 @dataclass(frozen=True)
 class Clock:
     """Instants ``begin + k period``, k = 0, 1, 2, ...; none of them accumulates rounding.
 
-    Attributes
-    ----------
-    count
-        The number k of the next one.
-    instant
-        Time of the instant (1x1) [s].
-    guard
-        Above zero from it on (1x1).
+    Attributes:
+        count: The number k of the next one.
+        instant: Time of the instant (1x1) [s].
+        guard: Above zero from it on (1x1).
     """
 
     count: State
@@ -54,14 +51,10 @@ class Clock:
     def of(cls, name: str, time: ca.SX, period: ca.SX, begin: ca.SX | float = 0.0) -> Clock:
         """A clock whose state is named after it.
 
-        Parameters
-        ----------
-        name
-            Name of the clock, unique in the closed loop.
-        time
-            Now (1x1) [s].
-        period, begin
-            Between two instants, and the first of them (1x1) [s]; constant over a rollout.
+        Args:
+            name: Name of the clock, unique in the closed loop.
+            time: Now (1x1) [s].
+            period, begin: Between two instants, and the first of them (1x1) [s]; constant over a rollout.
         """
         count = memory(f"{name}.count", ca.SX.zeros(1))
         instant = begin + count.symbol * period
@@ -88,14 +81,10 @@ class DelayLine:
     Sample j acts from t_j + d on. When it is due, k samples were taken since, and it stands at place k of the
     register. That the place is counted, and not given, lets period and delay be varied.
 
-    Attributes
-    ----------
-    name
-        Name of the owner of the samples.
-    samples, due
-        Times of the samples, and times at which they act.
-    register, held
-        Samples that wait, and the one that acts (n x 1).
+    Attributes:
+        name: Name of the owner of the samples.
+        samples, due: Times of the samples, and times at which they act.
+        register, held: Samples that wait, and the one that acts (n x 1).
     """
 
     name: str
@@ -108,16 +97,11 @@ class DelayLine:
     def of(cls, name: str, context: SectionContext, samples: Clock, held: State, periods: float) -> DelayLine:
         """Room for a delay, and for one that is up to a period longer.
 
-        Parameters
-        ----------
-        name
-            Unique in the closed loop.
-        context
-            Context of a section with ``period`` and ``delay``.
-        samples, held
-            The clock of the samples, and what acts.
-        periods
-            The delay in periods, at the scenario's numbers.
+        Args:
+            name: Unique in the closed loop.
+            context: Context of a section with ``period`` and ``delay``.
+            samples, held: The clock of the samples, and what acts.
+            periods: The delay in periods, at the scenario's numbers.
         """
         due = Clock.of(f"{name}.outputs", context.time, context.steady("period"), context.steady("delay"))
         places = math.floor(periods * (1 + 1e-9)) + 2

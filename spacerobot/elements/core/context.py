@@ -5,12 +5,12 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import casadi as ca
 
 from spacerobot.dynamics import Wrench
-from spacerobot.dynamics.algebra import cross
+from spacerobot.dynamics.algebra import SymmetricFactors, cross
 from spacerobot.elements.core.contribution import CommandedTorque
 from spacerobot.elements.core.desired_motion import DesiredMotion
 from spacerobot.elements.core.grasp_state import GraspState
@@ -19,6 +19,8 @@ from spacerobot.section import Section
 from spacerobot.shapes import MovingShape, Proximity, Shape, approach_speed, proximity
 from spacerobot.symbolic import InitialState, Plant
 
+Result = TypeVar("Result")
+
 Affine = tuple[ca.SX | None, ca.SX]
 """Offset, none where it is zero by construction, and scale (1x1 each) of a measured signal."""
 
@@ -26,15 +28,40 @@ Affine = tuple[ca.SX | None, ca.SX]
 def unbroken(place: str, names: Sequence[str], signal: ca.SX) -> ca.SX:
     """Signal of a loop that is not broken.
 
-    Parameters
-    ----------
-    place, names
-        Place at which the loop may be broken, and names of the components.
-    signal
-        Values of the signal (n x 1).
+    Args:
+        place, names: Place at which the loop may be broken, and names of the components.
+        signal: Values of the signal (n x 1).
     """
     del place, names
     return signal
+
+
+def unported(name: str, unit: str, text: str, command: ca.SX) -> ca.SX:
+    """Command of an actuator's parts that is not held.
+
+    Args:
+        name, unit, text: Name of the actuator, SI unit and description of the command.
+        command: Values of the command (n x 1).
+    """
+    del name, unit, text
+    return command
+
+
+def once_for_each(law: Callable[[ca.SX], Result]) -> Callable[[ca.SX], Result]:
+    """Law that is evaluated once for each request: another evaluation would have other nodes.
+
+    Args:
+        law: Function of a request (n x 1).
+    """
+    results: dict[tuple[int, ...], tuple[ca.SX, Result]] = {}
+
+    def evaluated(asked: ca.SX) -> Result:
+        key = tuple(element.element_hash() for element in ca.vertsplit(ca.densify(asked)))
+        if key not in results:
+            results[key] = asked, law(asked)  # the request stays, so that its nodes keep their hashes
+        return results[key][1]
+
+    return evaluated
 
 
 class Held(Protocol):
@@ -50,34 +77,23 @@ class Held(Protocol):
 class RobotContext:
     """A robot as its controllers see it.
 
-    Attributes
-    ----------
-    context
-        Time and the numbers of the element's section.
-    plant, start
-        Mechanics now, and where everything begins.
-    name
-        Name of the robot.
-    joints, columns
-        Ids of its free joints, and their places in v; the floating base and joints that mimic are left out.
-    joint_names
-        Names of its free joints in the URDF.
-    positions
-        Map from positions of its free joints (n x 1) to those of all its joints, by id.
-    phase_time
-        Returns the time (1x1) [s] since the present phase began; since the start where there are no phases.
-    sensors
-        Map from a signal's name to its sensor's offset and scale.
-    held
-        Map from a signal's name and value (n x 1) to its last measurement; None if it is continuous.
-    base_frame
-        Frame of its root link in the model.
-    arm
-        Places in v of all its joints that no actuator owns, those that mimic others included.
-    tips
-        Tips of the robot.
-    locked
-        Whether each of its free joints is known to be held (n x 1), structurally zero where none can be.
+    Attributes:
+        context: Time and the numbers of the element's section.
+        plant, start: Mechanics now, and where everything begins.
+        name: Name of the robot.
+        joints, columns: Ids of its free joints, and their places in v; the floating base and joints that
+            mimic are left out.
+        joint_names: Names of its free joints in the URDF.
+        positions: Map from positions of its free joints (n x 1) to those of all its joints, by id.
+        phase_time: Returns the time (1x1) [s] since the present phase began; since the start where there are
+            no phases.
+        sensors: Map from a signal's name to its sensor's offset and scale.
+        held: Map from a signal's name and value (n x 1) to its last measurement; None if it is continuous.
+        base_frame: Frame of its root link in the model.
+        arm: Places in v of all its joints that no actuator owns, those that mimic others included.
+        tips: Tips of the robot.
+        locked: Whether each of its free joints is known to be held (n x 1), structurally zero where none can
+            be.
     """
 
     context: SectionContext
@@ -99,17 +115,13 @@ class RobotContext:
     def read(self, signal: str, value: ca.SX) -> ca.SX:
         """Signal as its sensor gives it.
 
-        Parameters
-        ----------
-        signal
-            Name of the signal.
-        value
-            True value (n x 1).
+        Args:
+            signal: Name of the signal.
+            value: True value (n x 1).
 
-        Returns
-        -------
-        casadi.SX
-            Last sample of a sampled sensor, otherwise the value with the sensor's offset and scale (n x 1).
+        Returns:
+            casadi.SX: Last sample of a sampled sensor, otherwise the value with the sensor's offset and scale
+                (n x 1).
         """
         return known(self, signal, value)
 
@@ -126,12 +138,9 @@ class RobotContext:
     def torque(self, values: ca.SX, *, null_space: bool = False) -> CommandedTorque:
         """Commanded torques of the robot's free joints.
 
-        Parameters
-        ----------
-        values
-            Torque or force of each free joint, in the robot's order (n x 1) [N m or N].
-        null_space
-            Whether only the part that does not accelerate the robot's controlled tips acts.
+        Args:
+            values: Torque or force of each free joint, in the robot's order (n x 1) [N m or N].
+            null_space: Whether only the part that does not accelerate the robot's controlled tips acts.
         """
         torque = ca.SX(self.plant.v.size1(), 1)
         for i, column in enumerate(self.columns):
@@ -143,29 +152,24 @@ class RobotContext:
 class TipContext:
     """A tip as its controllers see it; everything in world axes.
 
-    Attributes
-    ----------
-    context
-        Time and the numbers of the element's section.
-    plant
-        Mechanics now.
-    label, path, key
-        The tip's, ``rpr1/tip``, its dotted path, and the element's key in its section, ``pid``.
-    robot, columns
-        The robot's name, and its joints' places in v.
-    frame, base_frame
-        Frames of the tip and of the robot's root link in the model.
-    motion
-        Desired motion of the tip's reference.
-    sensors
-        Map from a signal's name to its sensor's offset and scale.
-    held
-        See :class:`RobotContext`; joint rates are those of ``columns``.
-    siblings
-        Other sections of the tip, by key.
-    held_inertia
-        Estimated inertial parameters of what the tip holds (10x1), axes of the tip; zero while it holds
-        nothing, None where nobody estimates them.
+    Attributes:
+        context: Time and the numbers of the element's section.
+        plant: Mechanics now.
+        label, path, key: The tip's, ``rpr1/tip``, its dotted path, and the element's key in its section,
+            ``pid``.
+        robot, columns: The robot's name, and its joints' places in v.
+        frame, base_frame: Frames of the tip and of the robot's root link in the model.
+        motion: Desired motion of the tip's reference.
+        sensors: Map from a signal's name to its sensor's offset and scale.
+        held: See :class:`RobotContext`; joint rates are those of ``columns``.
+        siblings: Other sections of the tip, by key.
+        held_inertia: Estimated inertial parameters of what the tip holds (10x1), axes of the tip; zero while
+            it holds nothing, None where nobody estimates them.
+        wrench: Function that returns the force (3x1) [N] and the couple about the tip's origin (3x1) [N m]
+            that act from outside on the tool's side of the robot's force-torque sensors.
+        controlled: Motions of the tip, ``translation`` and ``rotation``, that its controllers take away from
+            the null space.
+        peers: Function that returns the other tips of the robot.
     """
 
     context: SectionContext
@@ -182,29 +186,38 @@ class TipContext:
     held: Held
     siblings: Mapping[str, Section]
     held_inertia: ca.SX | None = None
+    wrench: Callable[[], tuple[ca.SX, ca.SX]] = field(default=lambda: (ca.SX(3, 1), ca.SX(3, 1)))
+    controlled: frozenset[str] = frozenset()
+    peers: Callable[[], tuple[TipContext, ...]] = tuple
+
+    def measured_wrench(self) -> ca.SX:
+        """Wrench (6x1) on the tip, about its origin, as its force-torque sensor gives it [N, N m]."""
+        force, torque = self.wrench()
+        return ca.vertcat(self.read("tip_force", force), self.read("tip_torque", torque))
 
     def read(
         self, signal: str, value: ca.SX, world: ca.SX | None = None, point: ca.SX | None = None
     ) -> ca.SX:
         """Signal as its sensor gives it.
 
-        Parameters
-        ----------
-        signal
-            Name of the signal.
-        value
-            True value (n x 1).
-        world
-            What is known with it in world axes (n x 1), which is then given with the error of the sensor.
-        point
-            Point on the target for ``target_velocity`` (3x1) [m]; the root link's origin if not given.
+        Args:
+            signal: Name of the signal.
+            value: True value (n x 1).
+            world: What is known with it in world axes (n x 1), which is then given with the error of the
+                sensor.
+            point: Point on the target for ``target_velocity`` (3x1) [m]; the root link's origin if not given.
 
-        Returns
-        -------
-        casadi.SX
-            Last sample of a sampled sensor, otherwise the value with the sensor's offset and scale (n x 1).
+        Returns:
+            casadi.SX: Last sample of a sampled sensor, otherwise the value with the sensor's offset and scale
+                (n x 1).
         """
         return known(self, signal, value, world, point)
+
+    @property
+    def controlled_rows(self) -> list[int]:
+        """Rows of its Jacobian that its controllers control."""
+        rows = list(self.plant.translation_axes) * ("translation" in self.controlled)
+        return rows + [axis + 3 for axis in self.plant.rotation_axes] * ("rotation" in self.controlled)
 
     @property
     def joint(self) -> int:
@@ -249,15 +262,29 @@ class TipContext:
         part[:, columns] = jacobian[:, columns]
         return self.plant.gathered(part.T).T
 
+    @functools.cached_property
+    def generalized_jacobian(self) -> ca.SX:
+        """Generalized Jacobian (6 x nv), linear rows first: the arm's free joints, with the base's reaction.
+
+        ``J_m - J_b H_b^-1 H_bm`` (Umetani and Yoshida 1989); the manipulator Jacobian if the base is fixed.
+        """
+        joint = self.plant.model.joints[self.base_joint]
+        if not self.base_joint:
+            return self.arm_jacobian
+        base, columns = list(range(joint.idx_v, joint.idx_v + joint.nv)), list(self.columns)
+        gathered = self.plant.gathered
+        inertia = gathered(gathered(self.plant.mass_matrix).T)
+        reaction = SymmetricFactors(inertia[base, base]).solve_negated(inertia[base, columns])
+        jacobian = ca.SX(self.arm_jacobian)
+        jacobian[:, columns] += ca.mtimes(self.plant.jacobian(self.frame)[:, base], reaction)
+        return jacobian
+
     def torque(self, force: ca.SX | None = None, couple: ca.SX | None = None) -> CommandedTorque:
         """Commanded joint torques ``J^T u`` of a wrench on the tip, with the manipulator Jacobian.
 
-        Parameters
-        ----------
-        force
-            Force on the tip at its origin, world axes (3x1) [N]; zero if None.
-        couple
-            Couple on the tip, world axes (3x1) [N m]; zero if None.
+        Args:
+            force: Force on the tip at its origin, world axes (3x1) [N]; zero if None.
+            couple: Couple on the tip, world axes (3x1) [N m]; zero if None.
         """
         none = ca.SX(3, 1)
         wrench = ca.vertcat(none if force is None else force, none if couple is None else couple)
@@ -277,17 +304,12 @@ class TipContext:
         An arm that pushes at its tip pushes back on its own base: ``J^T u`` with the manipulator Jacobian
         is the wrench u on the tip and -u, at the same point, on the base, unless flexible links give way.
 
-        Parameters
-        ----------
-        axes
-            World axes of the n loads.
-        rotation
-            Whether the loads are couples rather than forces.
+        Args:
+            axes: World axes of the n loads.
+            rotation: Whether the loads are couples rather than forces.
 
-        Returns
-        -------
-        tuple
-            Reduced generalized forces by the joints, and those by wrenches (nv x n each).
+        Returns:
+            tuple: Reduced generalized forces by the joints, and those by wrenches (nv x n each).
         """
         force, torque = unit_loads(axes, rotation=rotation)
         on_tip = Wrench(self.joint, force, torque, self.position)
@@ -327,26 +349,20 @@ class TipContext:
 class ActuatorContext:
     """A robot as its actuators see it; everything in world axes.
 
-    Attributes
-    ----------
-    context
-        Time and the numbers of the actuator's section.
-    plant, start
-        Mechanics now, and where everything begins.
-    robot, path
-        The robot's name and its dotted path.
-    columns
-        Places in v of its free joints, by the joint's name; none that another actuator owns.
-    base_frame
-        Frame of the robot's root link in the model.
-    base_columns
-        Places in v of the floating base, of its linear and then its angular velocity in the root link's axes.
-    wheels, stored
-        Angular momentum (3x1) of the robot's wheels about their axes, and what it has in addition to that of
-        its links, world axes.
-    break_point
-        From the place, the names and the values (n x 1) of signals to what acts of them: the same, unless the
-        loop is linearised with an input there.
+    Attributes:
+        context: Time and the numbers of the actuator's section.
+        plant, start: Mechanics now, and where everything begins.
+        robot, path: The robot's name and its dotted path.
+        columns: Places in v of its free joints, by the joint's name; none that another actuator owns.
+        base_frame: Frame of the robot's root link in the model.
+        base_columns: Places in v of the floating base, of its linear and then its angular velocity in the
+            root link's axes.
+        wheels, stored: Angular momentum (3x1) of the robot's wheels about their axes, and what it has in
+            addition to that of its links, world axes.
+        break_point: From the place, the names and the values (n x 1) of signals to what acts of them: the
+            same, unless the loop is linearised with an input there.
+        command_port: From the name, the unit, a description and the allocated command of an actuator's parts
+            (n x 1) to the command that acts: the same, unless software on board holds it.
     """
 
     context: SectionContext
@@ -360,6 +376,7 @@ class ActuatorContext:
     wheels: ca.SX = field(default_factory=lambda: ca.SX(3, 1))
     stored: ca.SX = field(default_factory=lambda: ca.SX(3, 1))
     break_point: Callable[[str, Sequence[str], ca.SX], ca.SX] = unbroken
+    command_port: Callable[[str, str, str, ca.SX], ca.SX] = unported
 
     @property
     def base_joint(self) -> int:
@@ -369,24 +386,18 @@ class ActuatorContext:
     def joint_number(self, joint: str, key: str) -> ca.SX:
         """Number of a joint's own section, such as ``torque_limit`` (1x1), in the section's unit.
 
-        Parameters
-        ----------
-        joint
-            Name of the joint in the URDF.
-        key
-            Key of the number.
+        Args:
+            joint: Name of the joint in the URDF.
+            key: Key of the number.
         """
         return self.context.at(f"{self.path}.joints.{joint}").number(key)
 
     def on_base(self, force: ca.SX | None = None, torque: ca.SX | None = None) -> Wrench:
         """Wrench on the base at the root link's origin, world axes.
 
-        Parameters
-        ----------
-        force
-            Force (3x1) [N]; zero if None.
-        torque
-            Torque (3x1) [N m]; zero if None.
+        Args:
+            force: Force (3x1) [N]; zero if None.
+            torque: Torque (3x1) [N m]; zero if None.
         """
         none = ca.SX(3, 1)
         point = self.plant.placement(self.base_frame)[1]
@@ -399,20 +410,13 @@ class ActuatorContext:
 class GraspContext:
     """A tip and the mating frame that it holds; everything in world axes.
 
-    Attributes
-    ----------
-    context
-        Time and the numbers of the grasp's section.
-    plant, start
-        Mechanics now, and where everything begins.
-    name
-        Name of the grasp.
-    tip_frame, mate_frame
-        Frames of tip and mating frame in the model.
-    may_close, lets_go
-        Whether the phase lets it close, and has it let go (1x1 each).
-    hold
-        State of a grasp that opens and closes; None if it is always closed.
+    Attributes:
+        context: Time and the numbers of the grasp's section.
+        plant, start: Mechanics now, and where everything begins.
+        name: Name of the grasp.
+        tip_frame, mate_frame: Frames of tip and mating frame in the model.
+        may_close, lets_go: Whether the phase lets it close, and has it let go (1x1 each).
+        hold: State of a grasp that opens and closes; None if it is always closed.
     """
 
     context: SectionContext
@@ -438,15 +442,11 @@ class GraspContext:
     def opposite(self, force: ca.SX, torque: ca.SX) -> tuple[Wrench, Wrench]:
         """Pair of opposite wrenches at the tip's origin.
 
-        Parameters
-        ----------
-        force, torque
-            Force [N] and torque [N m] on the target, world axes (3x1 each).
+        Args:
+            force, torque: Force [N] and torque [N m] on the target, world axes (3x1 each).
 
-        Returns
-        -------
-        tuple
-            Wrench on the target's joint as given, and the opposite one on the robot's joint.
+        Returns:
+            tuple: Wrench on the target's joint as given, and the opposite one on the robot's joint.
         """
         point = self.plant.placement(self.tip_frame)[1]
         return (
@@ -459,23 +459,16 @@ class GraspContext:
 class ReferenceContext(SectionContext):
     """A tip and the target as the tip's references see them; everything in world axes.
 
-    Attributes
-    ----------
-    plant
-        Mechanics now.
-    tip
-        Frame of the tip.
-    links
-        Frames of the target's links, by name.
-    target
-        Joints of the target, its root first; none where its base is fixed.
-    shown
-        Map from a signal's name and value (3x1) to the sensor's reading; None without sensors.
-    held
-        From a signal's name and what its sensor shows of something now (n x 1) to what is known of it: the
-        same, or what was shown when the sensor measured last.
-    estimates
-        Estimates of the robot's filters, by signal; see :class:`Contribution`.
+    Attributes:
+        plant: Mechanics now.
+        tip: Frame of the tip.
+        links: Frames of the target's links, by name.
+        target: Joints of the target, its root first; none where its base is fixed.
+        shown: Map from a signal's name and value (3x1) to the sensor's reading; None without sensors.
+        held: From a signal's name, what its sensor shows of something now (n x 1), and the origin from which
+            it measures that (n x 1, zero if None) to what is known of it: the same, or what was shown when
+            the sensor measured last.
+        estimates: Estimates of the robot's filters, by signal; see :class:`Contribution`.
     """
 
     plant: Plant
@@ -483,7 +476,7 @@ class ReferenceContext(SectionContext):
     links: Mapping[str, int]
     target: tuple[int, ...]
     shown: Callable[[str, ca.SX], ca.SX | None]
-    held: Callable[[str, ca.SX], ca.SX]
+    held: Callable[[str, ca.SX, ca.SX | None], ca.SX]
     estimates: Mapping[str, Callable[[ca.SX], ca.SX]]
 
 
@@ -500,16 +493,11 @@ class ContactSurface:
 class ContactContext:
     """Shapes of two bodies that may touch; everything in world axes.
 
-    Attributes
-    ----------
-    context
-        Time and the numbers of the contact's section.
-    plant
-        Mechanics now.
-    name
-        Name of the contact.
-    pairs
-        Every first shape with every second one.
+    Attributes:
+        context: Time and the numbers of the contact's section.
+        plant: Mechanics now.
+        name: Name of the contact.
+        pairs: Every first shape with every second one.
     """
 
     context: SectionContext
@@ -520,10 +508,8 @@ class ContactContext:
     def proximity(self, first: ContactSurface, second: ContactSurface) -> Proximity:
         """Proximity of two shapes, with the contact's ``crown``.
 
-        Parameters
-        ----------
-        first, second
-            Surfaces of the two bodies.
+        Args:
+            first, second: Surfaces of the two bodies.
         """
         crown = self.context.number("crown")
         return proximity(first.shape, second.shape, crown)
@@ -531,10 +517,8 @@ class ContactContext:
     def approach_speed(self, first: ContactSurface, second: ContactSurface) -> ca.SX:
         """Upper bound of the rate of the gap of two shapes (1x1) [m/s], wherever they are nearest.
 
-        Parameters
-        ----------
-        first, second
-            Surfaces of the two bodies.
+        Args:
+            first, second: Surfaces of the two bodies.
         """
         moving = [
             MovingShape(one.shape, self.velocity(one, one.shape.position), self.plant.velocity(one.frame)[1])
@@ -545,12 +529,9 @@ class ContactContext:
     def velocity(self, surface: ContactSurface, point: ca.SX) -> ca.SX:
         """Velocity of a body's material point, world axes (3x1) [m/s].
 
-        Parameters
-        ----------
-        surface
-            Surface of the body.
-        point
-            Current position of the point in the world (3x1) [m].
+        Args:
+            surface: Surface of the body.
+            point: Current position of the point in the world (3x1) [m].
         """
         linear, angular = self.plant.velocity(surface.frame)
         return linear + cross(angular, point - self.plant.placement(surface.frame)[1])
@@ -560,19 +541,13 @@ class ContactContext:
     ) -> tuple[Wrench, Wrench]:
         """Pair of opposite forces at a point.
 
-        Parameters
-        ----------
-        pair
-            The two surfaces.
-        force
-            Force on the second one, world axes (3x1) [N].
-        point
-            Point of application in the world (3x1) [m].
+        Args:
+            pair: The two surfaces.
+            force: Force on the second one, world axes (3x1) [N].
+            point: Point of application in the world (3x1) [m].
 
-        Returns
-        -------
-        tuple
-            Wrench on the second one's joint as given, and the opposite one on the first one's joint.
+        Returns:
+            tuple: Wrench on the second one's joint as given, and the opposite one on the first one's joint.
         """
         none = ca.SX(3, 1)
         return Wrench(pair[1].joint, force, none, point), Wrench(pair[0].joint, -force, none, point)

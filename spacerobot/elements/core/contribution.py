@@ -19,18 +19,12 @@ Item = TypeVar("Item", "State", "CommandedTorque", "PowerTerm", "Output", Wrench
 class State:
     """A state with where it begins and how it changes.
 
-    Attributes
-    ----------
-    name
-        Path of the state, ``rpr1/tip/pid.integral``.
-    symbol
-        Symbols of the state (n x 1).
-    initial
-        Initial value, an expression of (t, q, v, c); other states in it count as zero (n x 1).
-    derivative
-        Time derivative, an expression of (t, x, c) (n x 1).
-    remembers
-        Whether events alone change it; other states may then count on it where they begin.
+    Attributes:
+        name: Path of the state, ``rpr1/tip/pid.integral``.
+        symbol: Symbols of the state (n x 1).
+        initial: Initial value, an expression of (t, q, v, c); other states in it count as zero (n x 1).
+        derivative: Time derivative, an expression of (t, x, c) (n x 1).
+        remembers: Whether events alone change it; other states may then count on it where they begin.
     """
 
     name: str
@@ -48,12 +42,9 @@ class State:
 def memory(name: str, initial: ca.SX) -> State:
     """State that keeps its value until an event changes it.
 
-    Parameters
-    ----------
-    name
-        Name of the state and of its symbol.
-    initial
-        Initial value (n x 1).
+    Args:
+        name: Name of the state and of its symbol.
+        initial: Initial value (n x 1).
     """
     size = initial.size1()
     return State(name, ca.SX.sym(name, size), ca.densify(initial), ca.SX.zeros(size), remembers=True)
@@ -63,14 +54,10 @@ def memory(name: str, initial: ca.SX) -> State:
 class CommandedTorque:
     """Generalized forces commanded of a robot's actuators.
 
-    Attributes
-    ----------
-    robot
-        Name of the robot.
-    value
-        Generalized forces (nv x 1).
-    null_space
-        Whether only the part that does not accelerate the robot's controlled tips shall act.
+    Attributes:
+        robot: Name of the robot.
+        value: Generalized forces (nv x 1).
+        null_space: Whether only the part that does not accelerate the robot's controlled tips shall act.
     """
 
     robot: str
@@ -82,18 +69,15 @@ class CommandedTorque:
 class ActuatorDrive:
     """Response of an actuator to commanded generalized forces.
 
-    Attributes
-    ----------
-    columns
-        Places in v that it takes over: those of joints, or of a base. What is delivered to a base comes from
-        outside the scene; a wheel delivers nothing there, its wrench stands in ``answer``.
-    deliver
-        Function from the commands at these places to the loads delivered there (n x 1 each) [N m or N].
-    answer
-        From what is asked for to what else it brings: states, wrenches, what it stores, powers, outputs.
-    passes_on
-        Those of its places at which what ``deliver`` gives is not delivered but left for the next actuator;
-        what the last of these leaves acts nowhere.
+    Attributes:
+        columns: Places in v that it takes over: those of joints, or of a base. What is delivered to a base
+            comes from outside the scene; a wheel delivers nothing there, its wrench stands in ``answer``.
+        deliver: Function from the commands at these places to the loads delivered there (n x 1 each) [N m or
+            N].
+        answer: From what is asked for to what else it brings: states, wrenches, what it stores, powers,
+            outputs.
+        passes_on: Those of its places at which what ``deliver`` gives is not delivered but left for the next
+            actuator; what the last of these leaves acts nowhere.
     """
 
     columns: tuple[int, ...]
@@ -106,14 +90,10 @@ class ActuatorDrive:
 class StoredMomentum:
     """Momentum and kinetic energy of an element in addition to those of the links, such as a wheel's.
 
-    Attributes
-    ----------
-    body
-        Name of the body that it is mounted on, ``rpr1``.
-    angular
-        Angular momentum (3x1), world axes [N m s].
-    energy
-        Kinetic energy (1x1) [J].
+    Attributes:
+        body: Name of the body that it is mounted on, ``rpr1``.
+        angular: Angular momentum (3x1), world axes [N m s].
+        energy: Kinetic energy (1x1) [J].
     """
 
     body: str
@@ -125,14 +105,10 @@ class StoredMomentum:
 class MotorSide:
     """Motion of a joint's motor as an encoder there shows it, divided by the gear ratio.
 
-    Attributes
-    ----------
-    column
-        Place of the joint in v.
-    ahead
-        Lead of the motor's position over the joint's (1x1) [rad or m].
-    rate
-        Rate of the motor (1x1) [rad/s or m/s].
+    Attributes:
+        column: Place of the joint in v.
+        ahead: Lead of the motor's position over the joint's (1x1) [rad or m].
+        rate: Rate of the motor (1x1) [rad/s or m/s].
     """
 
     column: int
@@ -144,22 +120,14 @@ class MotorSide:
 class ControlChannel:
     """A law that may depend on the acceleration it causes: ``u = command - derivative_gain (C v' + drift)``.
 
-    Attributes
-    ----------
-    robot
-        Name of the robot whose actuators exert it.
-    actuation
-        u to generalized forces (nv x n): transposed rows of the manipulator Jacobian.
-    drive
-        ``actuation``, reduced (nv x n).
-    sense
-        Loads along which v' is C v', reduced (nv x n).
-    command
-        u without the part that depends on v' (n x 1).
-    derivative_gain
-        K_d; none where u does not depend on v' (n x 1 or None).
-    moves_tip
-        Whether it moves a tip, whose motion the null space of the robot's joints leaves alone.
+    Attributes:
+        robot: Name of the robot whose actuators exert it.
+        actuation: u to generalized forces (nv x n): transposed rows of the manipulator Jacobian.
+        drive: ``actuation``, reduced (nv x n).
+        sense: Loads along which v' is C v', reduced (nv x n).
+        command: u without the part that depends on v' (n x 1).
+        derivative_gain: K_d; none where u does not depend on v' (n x 1 or None).
+        moves_tip: Whether it moves a tip, whose motion the null space of the robot's joints leaves alone.
     """
 
     robot: str
@@ -183,20 +151,13 @@ class SampledLaw:
     At an instant their outputs are solved for as those of a continuous law are, with all other torques as
     they are asked for then.
 
-    Attributes
-    ----------
-    event
-        Name of the event that evaluates them.
-    channels
-        Channels of the continuous law.
-    output
-        Symbols (n x 1) that stand for their outputs in the event's updates, one after the other.
-    held
-        Generalized forces (nv x 1) that their controller holds, which the new ones replace.
-    group
-        Laws of one group are evaluated at the same instants.
-    first
-        Place of the first of its outputs among those of all channels.
+    Attributes:
+        event: Name of the event that evaluates them.
+        channels: Channels of the continuous law.
+        output: Symbols (n x 1) that stand for their outputs in the event's updates, one after the other.
+        held: Generalized forces (nv x 1) that their controller holds, which the new ones replace.
+        group: Laws of one group are evaluated at the same instants.
+        first: Place of the first of its outputs among those of all channels.
     """
 
     event: str
@@ -242,14 +203,10 @@ def jointly(laws: Sequence[SampledLaw]) -> tuple[SampledLaw, ...]:
 class PowerTerm:
     """A power of the energy balance.
 
-    Attributes
-    ----------
-    name
-        Label in the energy ledger; powers of one label are added up.
-    value
-        Power (1x1) [W].
-    sign
-        ``in`` for what is put in, ``out`` for what is taken.
+    Attributes:
+        name: Label in the energy ledger; powers of one label are added up.
+        value: Power (1x1) [W].
+        sign: ``in`` for what is put in, ``out`` for what is taken.
     """
 
     name: str
@@ -261,21 +218,16 @@ class PowerTerm:
 class Output:
     """Something that can be observed, declared by the element that makes it.
 
-    Attributes
-    ----------
-    name
-        Variable of the result; outputs of one name are put together over their labels, those of one name and
-        label added up.
-    value
-        Vector in world axes (3x1), or number (1x1).
-    unit
-        SI unit, ``1`` for a pure number.
-    text
-        Description for axes, tables and the documentation.
-    dimension, label
-        What it is of: ``tip``, ``body``, ``grasp`` or ``contact``, and which one; ``joint`` for a number of
-        each joint (n x 1); none for the whole scene. Any other word is a dimension of its own, along which
-        the labels stand in the order of their outputs.
+    Attributes:
+        name: Variable of the result; outputs of one name are put together over their labels, those of one
+            name and label added up.
+        value: Vector in world axes (3x1), or number (1x1).
+        unit: SI unit, ``1`` for a pure number.
+        text: Description for axes, tables and the documentation.
+        dimension, label: What it is of: ``tip``, ``body``, ``grasp`` or ``contact``, and which one; ``joint``
+            for a number of each joint (n x 1); none for the whole scene. Any other word is a dimension of its
+            own, along which the labels stand in the order of their outputs.
+        plotted: Whether pages plot it over time.
     """
 
     name: str
@@ -284,37 +236,30 @@ class Output:
     text: str
     dimension: str | None = None
     label: str = ""
+    plotted: bool = True
 
 
 @dataclass(frozen=True)
 class AccelerationConstraint:
     """Accelerations that vanish, ``G v' + drift = 0``, and the wrenches that see to it.
 
-    Attributes
-    ----------
-    directions
-        Unit force and torque on the tip, opposite on the target at the same point (pairs of 3x1), of exact
-        rank: two or three, and one or three more for a weld.
-    sense
-        The same loads, reduced, along which v' is the relative acceleration, drift left out (nv x n).
-    drift
-        Remaining acceleration and stabilisation (n x 1).
-    slip
-        The relative velocity itself (n x 1).
-    answer
-        Function of the reaction's force and torque on the target (3x1 each); returns powers and outputs.
-    active
-        Switch (1x1) that is 1 while it holds; None if it always does.
-    struck
-        From an impulse's force and torque on the target (3x1 each) [N s, N m s] to new values of states by
-        name; None if nothing remembers it.
-    compliance
-        C (n x 1) where the reactions w also move what has no place in v, ``G v' + drift + C w = 0``: inverse
-        inertia of that; None if there is nothing.
-    imposed
-        Relative velocity (n x 1) that it drives, ``G v = imposed`` where it does not slip; None for none.
-    known
-        Of a joint that is held: switch (1x1) that is 1 while controllers know that it is; None for others.
+    Attributes:
+        directions: Unit force and torque on the tip, opposite on the target at the same point (pairs of 3x1),
+            of exact rank: two or three, and one or three more for a weld.
+        sense: The same loads, reduced, along which v' is the relative acceleration, drift left out (nv x n).
+        drift: Remaining acceleration and stabilisation (n x 1).
+        slip: The relative velocity itself (n x 1).
+        answer: Function of the reaction's force and torque on the target (3x1 each); returns powers and
+            outputs.
+        active: Switch (1x1) that is 1 while it holds; None if it always does.
+        struck: From an impulse's force and torque on the target (3x1 each) [N s, N m s] to new values of
+            states by name; None if nothing remembers it.
+        compliance: C (n x 1) where the reactions w also move what has no place in v, ``G v' + drift + C w =
+            0``: inverse inertia of that; None if there is nothing.
+        imposed: Relative velocity (n x 1) that it drives, ``G v = imposed`` where it does not slip; None for
+            none.
+        known: Of a joint that is held: switch (1x1) that is 1 while controllers know that it is; None for
+            others.
     """
 
     directions: tuple[tuple[ca.SX, ca.SX], ...]
@@ -345,20 +290,13 @@ class AccelerationConstraint:
 class Innovation:
     """Innovations of a filter by the samples of one signal, for tests of whether its sensor has failed.
 
-    Attributes
-    ----------
-    filter, signal
-        Label of the filter, ``servicer/attitude``, and name of the signal.
-    square
-        Last normalised innovation squared (1x1).
-    size
-        Number of components.
-    used
-        Time of the last sample that was used (1x1) [s], below zero for none.
-    period, delay
-        Between instants at which the filter takes samples, and the first of them (1x1) [s].
-    period_s
-        Period of the samples [s], by the scenario's numbers.
+    Attributes:
+        filter, signal: Label of the filter, ``servicer/attitude``, and name of the signal.
+        square: Last normalised innovation squared (1x1).
+        size: Number of components.
+        used: Time of the last sample that was used (1x1) [s], below zero for none.
+        period, delay: Between instants at which the filter takes samples, and the first of them (1x1) [s].
+        period_s: Period of the samples [s], by the scenario's numbers.
     """
 
     filter: str
@@ -375,45 +313,28 @@ class Innovation:
 class Contribution:
     """Contribution of one element to the closed loop; the loop concatenates.
 
-    Attributes
-    ----------
-    states
-        States of the element.
-    torques
-        That actuators are asked for.
-    wrenches
-        On bodies, in opposite pairs or against what is stored: they change no momentum of the whole.
-    outside
-        Wrenches from outside the scene; momentum is then not conserved.
-    channels
-        Laws that may depend on the acceleration.
-    sampled
-        Such laws that are evaluated at instants.
-    drives
-        Drives of actuators, in the order in which they act.
-    stored
-        Momenta and kinetic energies beside those of the links.
-    wheels
-        Angular momenta (3x1) of sets of wheels about their axes, world axes, for what unloads them.
-    motors
-        Motors of joints with a transmission, for encoders on the motors.
-    constraints
-        Acceleration constraints of rigid connections.
-    energy
-        Stored in springs (1x1) [J], none if it stores nothing.
-    powers, outputs
-        Booked in the ledger, and observed.
-    events
-        Events at which the element's law changes.
-    estimates
-        Signals that the controllers of its robot read of it instead of a sensor, each with a function from
-        the true value to the estimated one; of ``target_position`` and ``target_velocity`` from the true
-        place of a point of the target (3x1), world axes.
-    innovations
-        Innovations of a filter, for each signal whose samples it uses.
-    fine
-        Switches (1x1), each with the longest step [s] while it is 1, infinite for that of the rollout, and
-        over how many of these steps grow at the beginning of that time and shrink at its end.
+    Attributes:
+        states: States of the element.
+        torques: That actuators are asked for.
+        wrenches: On bodies, in opposite pairs or against what is stored: they change no momentum of the
+            whole.
+        outside: Wrenches from outside the scene; momentum is then not conserved.
+        channels: Laws that may depend on the acceleration.
+        sampled: Such laws that are evaluated at instants.
+        drives: Drives of actuators, in the order in which they act.
+        stored: Momenta and kinetic energies beside those of the links.
+        wheels: Angular momenta (3x1) of sets of wheels about their axes, world axes, for what unloads them.
+        motors: Motors of joints with a transmission, for encoders on the motors.
+        constraints: Acceleration constraints of rigid connections.
+        energy: Stored in springs (1x1) [J], none if it stores nothing.
+        powers, outputs: Booked in the ledger, and observed.
+        events: Events at which the element's law changes.
+        estimates: Signals that the controllers of its robot read of it instead of a sensor, each with a
+            function from the true value to the estimated one; of ``target_position`` and ``target_velocity``
+            from the true place of a point of the target (3x1), world axes.
+        innovations: Innovations of a filter, for each signal whose samples it uses.
+        fine: Switches (1x1), each with the longest step [s] while it is 1, infinite for that of the rollout,
+            and over how many of these steps grow at the beginning of that time and shrink at its end.
     """
 
     states: tuple[State, ...] = ()

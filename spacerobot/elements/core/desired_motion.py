@@ -12,16 +12,12 @@ from spacerobot.elements.core.section_context import SectionContext
 
 @dataclass(frozen=True)
 class DesiredMotion:
-    """Where a frame shall be and how it shall move, world axes.
+    """Desired pose and motion of a frame, world axes.
 
-    Attributes
-    ----------
-    position, velocity, acceleration
-        Motion of the frame's origin, 3x1 each [m, m/s, m/s^2].
-    rotation
-        Frame axes to world axes, 3x3.
-    angular_velocity, angular_acceleration
-        3x1 each [rad/s, rad/s^2].
+    Attributes:
+        position, velocity, acceleration: Motion of the frame's origin, 3x1 each [m, m/s, m/s^2].
+        rotation: Frame axes to world axes, 3x3.
+        angular_velocity, angular_acceleration: 3x1 each [rad/s, rad/s^2].
     """
 
     position: ca.SX
@@ -34,18 +30,15 @@ class DesiredMotion:
 
 @dataclass(frozen=True)
 class InitialMotion:
-    """Where a frame is, and how it moves, when a reference begins to lead it; world axes.
+    """Pose and motion of a frame at the instant at which a reference becomes active, world axes.
 
-    Attributes
-    ----------
-    rotation
-        Frame axes to world axes (3x3).
-    origin
-        Origin of the frame (3x1) [m].
-    twist
-        Gives its velocity and its spin (3x1 each) [m/s, rad/s]; they are kept only where they are asked for.
-    keep
-        Function from a name and an expression of the state to its value at that instant, of the same shape.
+    Attributes:
+        rotation: Frame axes to world axes (3x3).
+        origin: Origin of the frame (3x1) [m].
+        twist: Gives its velocity and its spin (3x1 each) [m/s, rad/s]; they are kept only where they are
+            asked for.
+        keep: Function from a name and an expression of the state to its value at that instant, of the same
+            shape.
     """
 
     rotation: ca.SX
@@ -80,12 +73,9 @@ STILL = TimeProfile(ca.SX(3, 1), ca.SX(3, 1), ca.SX(3, 1))
 def cubic_blend(context: SectionContext, key: str = "duration") -> TimeProfile:
     """Cubic blend from 0 to 1, at rest at both ends and constant afterwards (Eq. 42).
 
-    Parameters
-    ----------
-    context
-        Time, and the numbers of the section.
-    key
-        Key of the blend's duration in the section [s].
+    Args:
+        context: Time, and the numbers of the section.
+        key: Key of the blend's duration in the section [s].
     """
     duration = context.number(key)
     moving = context.time < context.jump(key)
@@ -102,14 +92,10 @@ def smooth_blend(
 ) -> TimeProfile:
     """Profile from 0 to 1, with zero velocity and acceleration at both ends, between two instants.
 
-    Parameters
-    ----------
-    context
-        Time.
-    keys
-        Names of the two instants; none for the beginning of the law.
-    begin, duration
-        Made of the section's numbers (1x1 each) [s].
+    Args:
+        context: Time.
+        keys: Names of the two instants; none for the beginning of the law.
+        begin, duration: Made of the section's numbers (1x1 each) [s].
     """
     began = ca.SX(1) if keys[0] is None else context.time >= context.jump(keys[0], begin)
     moving = ca.logic_and(began, context.time < context.jump(keys[1], begin + duration))

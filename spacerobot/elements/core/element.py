@@ -17,16 +17,12 @@ class Element(Section):
     a scenario, and ``build`` gives its law as CasADi expressions. Everything else (schema, messages, tuning,
     gradients, results, documentation) follows from that.
 
-    Attributes
-    ----------
-    family
-        Which elements it stands beside: ``reference``, ``grasp``, ``contact``, ``tip_controller``,
-        ``robot_controller``, ``actuator``, ``sensor``, ``estimator``, ``environment``, ``flexible_link`` or
-        ``shape``; of a plan, ``goal`` or ``plan_limit``.
-    fills
-        Key of the section that what stands in its ``file`` fills in, if it has one.
-    told_by
-        Key that tells the kind in a section that does not name it, if its family is told apart so.
+    Attributes:
+        family: Which elements it stands beside: ``reference``, ``grasp``, ``contact``, ``tip_controller``,
+            ``robot_controller``, ``actuator``, ``sensor``, ``estimator``, ``environment``, ``flexible_link``
+            or ``shape``; of a plan, ``goal`` or ``plan_limit``.
+        fills: Key of the section that what stands in its ``file`` fills in, if it has one.
+        told_by: Key that tells the kind in a section that does not name it, if its family is told apart so.
     """
 
     family: ClassVar[str]
@@ -40,19 +36,13 @@ class Element(Section):
     def read(cls, file: Path, where: str, phase: str | None = None) -> Mapping[str, Any]:
         """Values of a section from a file, in the form that :attr:`fills` takes.
 
-        Parameters
-        ----------
-        file
-            The file.
-        where
-            Dotted path of the section.
-        phase
-            Phase whose values are read, if any.
+        Args:
+            file: The file.
+            where: Dotted path of the section.
+            phase: Phase whose values are read, if any.
 
-        Raises
-        ------
-        ScenarioError
-            If it is not such a file, or has nothing for that section.
+        Raises:
+            ScenarioError: If it is not such a file, or has nothing for that section.
         """
         raise NotImplementedError
 

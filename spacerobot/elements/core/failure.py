@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import casadi as ca
 from pydantic import Field
 
+from spacerobot.elements.core.contribution import Output
 from spacerobot.elements.core.event import Event, negated
 from spacerobot.elements.core.section_context import SectionContext
 from spacerobot.section import MAX_SAMPLES, Section, quantity
@@ -48,16 +49,12 @@ def failing(
 ) -> tuple[ca.SX, Event]:
     """Switch that the failure of a part turns on, and the event that does so.
 
-    Parameters
-    ----------
-    context
-        Context of the section with the time ``at`` of the failure [s].
-    name
-        Name of the failing part; the event is ``name.failed``.
-    switch
-        Name of the switch, unique in the section.
-    sets, updates, impact
-        Further effects of the event; see :class:`~spacerobot.elements.core.event.Event`.
+    Args:
+        context: Context of the section with the time ``at`` of the failure [s].
+        name: Name of the failing part; the event is ``name.failed``.
+        switch: Name of the switch, unique in the section.
+        sets, updates, impact: Further effects of the event; see
+            :class:`~spacerobot.elements.core.event.Event`.
     """
     failed = context.switch(switch)
     turned = {failed.name(): True} | dict(sets or {})
@@ -73,3 +70,29 @@ def failing(
         impact=impact,
         clock=True,
     )
+
+
+def detection(
+    name: str,
+    who: str,
+    excess: ca.SX,
+    switch: ca.SX,
+    *,
+    sets: Mapping[str, bool] | None = None,
+    impact: bool = False,
+) -> Event:
+    """Event at which a failure is detected; a switch is on from then on.
+
+    Args:
+        name, who: Name of the event, and of the part that has failed.
+        excess: Part by which the test exceeds its threshold (1x1), above zero for an alarm.
+        switch: The switch (1x1).
+        sets, impact: Further effects of the event; see :class:`~spacerobot.elements.core.event.Event`.
+    """
+    turned = {switch.name(): True} | dict(sets or {})
+    return Event(name, "detected", who, excess, negated(switch), turned, impact=impact, onboard=True)
+
+
+def detected_failures(count: ca.SX, robot: str) -> Output:
+    """Output with the number (1x1) of failures that tests of a robot have detected."""
+    return Output("failures_detected", count, "1", "failures that were detected", "body", robot)

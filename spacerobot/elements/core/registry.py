@@ -62,11 +62,9 @@ Kind = TypeVar("Kind", bound=type[Any])
 def register(kind: Kind) -> Kind:
     """Add a kind of element, sampler, tuning method, figure or command; use it as a decorator of the class.
 
-    Raises
-    ------
-    SpaceRobotError
-        If the class belongs to no family, has no ``kind`` or documentation, lacks a required method, or its
-        name is taken.
+    Raises:
+        SpaceRobotError: If the class belongs to no family, has no ``kind`` or documentation, lacks a required
+            method, or its name is taken.
     """
     if isinstance(getattr(kind, "registry", None), Registry):
         return registered(kind)
@@ -81,9 +79,12 @@ def register(kind: Kind) -> Kind:
         raise SpaceRobotError("no docstring; the documentation needs its first line", where=where)
     if not kind.__module__.startswith(_HOMES[family]):
         _load_shipped(_HOMES[family])  # whose names are taken
-    taken = _KINDS[family].get(name)
-    if taken is not None and (taken.__module__, taken.__qualname__) != (kind.__module__, kind.__qualname__):
-        held = f"{taken.__module__}.{taken.__qualname__}"
+    registered_kind = _KINDS[family].get(name)
+    if registered_kind is not None and (registered_kind.__module__, registered_kind.__qualname__) != (
+        kind.__module__,
+        kind.__qualname__,
+    ):
+        held = f"{registered_kind.__module__}.{registered_kind.__qualname__}"
         raise SpaceRobotError(f"the {family} kind {name!r} is taken by {held}", where=where)
     check_methods(kind)
     _KINDS[family][name] = kind
@@ -116,21 +117,14 @@ def kinds(family: str) -> Mapping[str, type[Element]]:
 def create(family: str, kind: str, **values: Any) -> Any:
     """Create a section of a registered kind; keys that are not given have their defaults.
 
-    Parameters
-    ----------
-    family
-        Family of the kind, such as ``reference``.
-    kind
-        Name of the kind.
-    **values
-        Values of the section, by key.
+    Args:
+        family: Family of the kind, such as ``reference``.
+        kind: Name of the kind.
+        **values: Values of the section, by key.
 
-    Raises
-    ------
-    pydantic.ValidationError
-        If a value is not allowed by the kind.
-    KeyError
-        If there is no such family or kind.
+    Raises:
+        pydantic.ValidationError: If a value is not allowed by the kind.
+        KeyError: If there is no such family or kind.
     """
     return kinds(family)[kind].model_validate({"kind": kind} | values)
 
@@ -148,10 +142,8 @@ def on_change(listener: Callable[[], None]) -> None:
 def load_plugin(path: StrPath) -> None:
     """Run a Python file that registers kinds; one that has been run is run again only if it changed.
 
-    Raises
-    ------
-    SpaceRobotError
-        If there is no such file, or it fails; the line it fails in is named.
+    Raises:
+        SpaceRobotError: If there is no such file, or it fails; the line it fails in is named.
     """
     path = Path(path)
     if not path.is_file():
@@ -209,14 +201,10 @@ def _load_shipped(package: str) -> None:
 class Family:
     """Annotation of a field: a section of any registered kind of a family, told apart by ``kind``.
 
-    Attributes
-    ----------
-    name
-        Name of the family.
-    default
-        Kind of a section that names none; it must name one if None.
-    only
-        The one kind that the field takes, where its key names it; any kind of the family if None.
+    Attributes:
+        name: Name of the family.
+        default: Kind of a section that names none; it must name one if None.
+        only: The one kind that the field takes, where its key names it; any kind of the family if None.
     """
 
     name: str

@@ -20,29 +20,22 @@ Part = Literal["force", "torque"]
 class RobotProperties:
     """A robot in its initial posture, in numbers.
 
-    Attributes
-    ----------
-    name
-        Name of the robot.
-    joints
-        Names of its free joints: none that mimics another one, none that an actuator owns.
-    limits
-        Greatest torque of each joint [N m or N] by name; none where neither scenario nor URDF gives one.
-    efforts
-        The URDF's effort of each joint [N m or N] by name.
-    find_moved
-        Finds :attr:`moved`, which takes time.
-    begins
-        Initial position of each joint [rad or m] by name, as far as the scenario gives it.
-    base
-        Joint between its base and the world: ``planar``, ``free_flyer`` or ``fixed``.
-    spinning
-        Axis (3,), root link's axes, of each joint by name that turns without end on that link and carries no
-        other joint; also of those that actuators own.
-    owned
-        Names of the joints that actuators own, as wheels.
-    sensors
-        Sections of its sensors (:class:`spacerobot.elements.Sensor`) by signal; none where they are ideal.
+    Attributes:
+        name: Name of the robot.
+        joints: Names of its free joints: none that mimics another one, none that an actuator owns.
+        limits: Greatest torque of each joint [N m or N] by name; none where neither scenario nor URDF gives
+            one.
+        efforts: The URDF's effort of each joint [N m or N] by name.
+        find_moved: Finds :attr:`moved`, which takes time.
+        begins: Initial position of each joint [rad or m] by name, as far as the scenario gives it.
+        base: Joint between its base and the world: ``planar``, ``free_flyer`` or ``fixed``.
+        spinning: Axis (3,), root link's axes, of each joint by name that turns without end on that link and
+            carries no other joint; also of those that actuators own.
+        owned: Names of the joints that actuators own, as wheels.
+        sensors: Sections of its sensors (:class:`spacerobot.elements.Sensor`) by signal; none where they are
+            ideal.
+        tips: Names of its tips.
+        target_links: Names of the target's links.
     """
 
     name: str
@@ -55,6 +48,8 @@ class RobotProperties:
     spinning: Mapping[str, Array] = field(default_factory=dict)
     owned: tuple[str, ...] = ()
     sensors: Mapping[str, Any] = field(default_factory=dict)
+    tips: tuple[str, ...] = ()
+    target_links: tuple[str, ...] = ()
 
     @functools.cached_property
     def moved(self) -> Array:
@@ -70,10 +65,9 @@ class RobotProperties:
 class RobotElement(Element):
     """An element of a whole robot.
 
-    Attributes
-    ----------
-    base_wrench
-        Parts of a wrench on the robot's base that a controller asks for, or an actuator takes over.
+    Attributes:
+        base_wrench: Parts of a wrench on the robot's base that a controller asks for, or an actuator takes
+            over.
     """
 
     base_wrench: ClassVar[frozenset[Part]] = frozenset()
@@ -84,7 +78,7 @@ class RobotElement(Element):
         return self.base_wrench
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
-        """Why it cannot act on this robot: the key of its section, empty for all of it, and a sentence."""
+        """Reasons why the element cannot act on this robot: key of the section or empty, and a sentence."""
         del robot
         return ()
 

@@ -85,21 +85,14 @@ SAMPLED = Field(
 def periodic(config: Sampling, context: SectionContext, name: str, continuous: Contribution) -> Contribution:
     """Contribution of a controller that is evaluated periodically, from its continuous one.
 
-    Parameters
-    ----------
-    config
-        Period and delay of the samples.
-    context
-        Time, and the numbers of the section ``sampled``.
-    name
-        Name of the controller, unique in the closed loop: ``rpr1/tip/pid``.
-    continuous
-        Contribution of the continuous law.
+    Args:
+        config: Period and delay of the samples.
+        context: Time, and the numbers of the section ``sampled``.
+        name: Name of the controller, unique in the closed loop: ``rpr1/tip/pid``.
+        continuous: Contribution of the continuous law.
 
-    Raises
-    ------
-    ScenarioError
-        If a phase changes the period or the delay.
+    Raises:
+        ScenarioError: If a phase changes the period or the delay.
     """
     period = context.steady("period")
     clock = Clock.of(f"{name}.samples", context.time, period)

@@ -18,16 +18,11 @@ from spacerobot.symbolic.noise import DRAW, SEED
 class StartInstant:
     """An instant that events decide, from which a law counts its time.
 
-    Attributes
-    ----------
-    owner
-        Name of the owner of the time.
-    active
-        Whether the law is followed (1x1).
-    jumps
-        Events at which it jumps, by the name of the switch that each of them turns on.
-    knots
-        Events that turn no switch: between two pieces of it.
+    Attributes:
+        owner: Name of the owner of the time.
+        active: Whether the law is followed (1x1).
+        jumps: Events at which it jumps, by the name of the switch that each of them turns on.
+        knots: Events that turn no switch: between two pieces of it.
     """
 
     owner: str
@@ -40,20 +35,13 @@ class StartInstant:
 class SectionContext:
     """Time and the numbers of one section.
 
-    Attributes
-    ----------
-    path
-        Dotted path of the section.
-    time
-        Time (1x1) [s], since the law began to be followed.
-    parameters, constants
-        The scenario's numbers, and what is computed of them once for each rollout.
-    phases
-        Switch (1x1) of each phase, by name; none if there is one phase only.
-    since
-        Origin of time; None for the start.
-    words
-        Words that differ from the scenario's in phases, by dotted path, ``phases.NAME.`` ahead of it.
+    Attributes:
+        path: Dotted path of the section.
+        time: Time (1x1) [s], since the law began to be followed.
+        parameters, constants: The scenario's numbers, and what is computed of them once for each rollout.
+        phases: Switch (1x1) of each phase, by name; none if there is one phase only.
+        since: Origin of time; None for the start.
+        words: Words that differ from the scenario's in phases, by dotted path, ``phases.NAME.`` ahead of it.
     """
 
     path: str
@@ -82,19 +70,13 @@ class SectionContext:
     def random(self, sensor: str, rows: int, width: int, row: ca.SX) -> ca.SX:
         """Standard normal numbers of a sensor's sample.
 
-        Parameters
-        ----------
-        sensor
-            Name of the sensor, which chooses the stream of numbers.
-        rows, width
-            Number of samples, and of numbers in each.
-        row
-            Index of the sample (1x1), which only events change; limited to the last one.
+        Args:
+            sensor: Name of the sensor, which chooses the stream of numbers.
+            rows, width: Number of samples, and of numbers in each.
+            row: Index of the sample (1x1), which only events change; limited to the last one.
 
-        Returns
-        -------
-        casadi.SX
-            Numbers of the sample (width x 1).
+        Returns:
+            casadi.SX: Numbers of the sample (width x 1).
         """
         _ = self.parameters(SEED), self.parameters(DRAW)  # a rollout draws by them
         cursor = self.constants.cursor(f"{sensor}.sample", ca.fmin(row, rows - 1))
@@ -103,10 +85,8 @@ class SectionContext:
     def steady(self, key: str) -> ca.SX:
         """A number of the section (1x1) that no phase may change.
 
-        Raises
-        ------
-        ScenarioError
-            If one does.
+        Raises:
+            ScenarioError: If one does.
         """
         for name in self.phases:
             phase_path = f"phases.{name}.{self.path}.{key}"
@@ -119,12 +99,9 @@ class SectionContext:
     def chosen(self, key: str, word: str) -> dict[str, ca.SX]:
         """Words at a key of the section, each with whether it applies in the present phase (1x1).
 
-        Parameters
-        ----------
-        key
-            Key of the section.
-        word
-            Word of the scenario, the only one where no phase has another.
+        Args:
+            key: Key of the section.
+            word: Word of the scenario, the only one where no phase has another.
         """
         activity: dict[str, list[ca.SX]] = {}
         for name, active in self.phases.items():
@@ -141,12 +118,9 @@ class SectionContext:
     def vector(self, key: str, factor: float = 1.0) -> ca.SX:
         """Three numbers of the section times a factor (3x1); exact zeros are structural.
 
-        Parameters
-        ----------
-        key
-            Key of the numbers.
-        factor
-            Factor, for example of a conversion of units.
+        Args:
+            key: Key of the numbers.
+            factor: Factor, for example of a conversion of units.
         """
         value = self.parameters.sparse_vector(f"{self.path}.{key}")
         return self.once(key, value * factor if factor != 1.0 else value)
@@ -154,29 +128,21 @@ class SectionContext:
     def once(self, name: str, expression: ca.SX) -> ca.SX:
         """Evaluate an expression once for each rollout.
 
-        Parameters
-        ----------
-        name
-            Name of the constant, unique in the section.
-        expression
-            Expression of the parameters only; any shape.
+        Args:
+            name: Name of the constant, unique in the section.
+            expression: Expression of the parameters only; any shape.
 
-        Returns
-        -------
-        casadi.SX
-            Symbol or constant of the same shape.
+        Returns:
+            casadi.SX: Symbol or constant of the same shape.
         """
         return self.constants.hoist(f"{self.path}.{name}", expression)
 
     def begun(self, name: str, expression: ca.SX) -> ca.SX:
         """Value of an expression at the instant at which the law becomes active.
 
-        Parameters
-        ----------
-        name
-            Name of the constant, unique in the section.
-        expression
-            Expression of the initial state of the law; any shape.
+        Args:
+            name: Name of the constant, unique in the section.
+            expression: Expression of the initial state of the law; any shape.
         """
         if self.since is not None:
             return expression
@@ -187,13 +153,10 @@ class SectionContext:
 
         Steps end there.
 
-        Parameters
-        ----------
-        key
-            Key of the time in the section, or a name if ``time`` is given.
-        time
-            Time [s] where it is not a number of the section: an expression of the parameters and of the
-            initial state of the law.
+        Args:
+            key: Key of the time in the section, or a name if ``time`` is given.
+            time: Time [s] where it is not a number of the section: an expression of the parameters and of the
+                initial state of the law.
         """
         name = f"{self.path}.{key}"
         at = self.parameters(name) if time is None else ca.SX(time)
@@ -210,11 +173,8 @@ class SectionContext:
     def switch(self, name: str, initial: bool = False) -> ca.SX:
         """Switch of the section (1x1): 1 or 0, changed by events only.
 
-        Parameters
-        ----------
-        name
-            Name of the switch; its symbol is named ``path.name``.
-        initial
-            Whether it is on at the start.
+        Args:
+            name: Name of the switch; its symbol is named ``path.name``.
+            initial: Whether it is on at the start.
         """
         return self.constants.switch(f"{self.path}.{name}", initial)

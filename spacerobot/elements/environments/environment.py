@@ -21,18 +21,12 @@ from spacerobot.symbolic import Plant
 class Load:
     """Rigid load of one joint: the links welded to it; world axes.
 
-    Attributes
-    ----------
-    joint
-        Id of the joint.
-    mass, com
-        [kg] (1x1), and where its centre of mass is [m] (3x1).
-    rotation
-        Rotation from its own axes to world axes (3x3).
-    inertia
-        About its centre of mass, its own axes (3x3) [kg m^2].
-    velocity, spin
-        Velocity of its centre of mass [m/s], and angular velocity [rad/s] (3x1 each).
+    Attributes:
+        joint: Id of the joint.
+        mass, com: [kg] (1x1), and where its centre of mass is [m] (3x1).
+        rotation: Rotation from its own axes to world axes (3x3).
+        inertia: About its centre of mass, its own axes (3x3) [kg m^2].
+        velocity, spin: Velocity of its centre of mass [m/s], and angular velocity [rad/s] (3x1 each).
     """
 
     joint: int
@@ -48,14 +42,10 @@ class Load:
 class EnvironmentContext:
     """A scene as its environments see it; everything in world axes.
 
-    Attributes
-    ----------
-    context
-        Time and the numbers of the environment's section.
-    plant
-        Mechanics now.
-    roots
-        Frames of the bodies' root links, by the bodies' names.
+    Attributes:
+        context: Time and the numbers of the environment's section.
+        plant: Mechanics now.
+        roots: Frames of the bodies' root links, by the bodies' names.
     """
 
     context: SectionContext
@@ -85,12 +75,9 @@ class EnvironmentContext:
 
         In a planar scene the components out of the plane are left out.
 
-        Parameters
-        ----------
-        load
-            Load of one joint.
-        force, torque
-            Force [N] and torque [N m], world axes (3x1 each).
+        Args:
+            load: Load of one joint.
+            force, torque: Force [N] and torque [N m], world axes (3x1 each).
         """
         force, torque = ca.SX(force), ca.SX(torque)
         if self.plant.planar:
@@ -103,10 +90,9 @@ class EnvironmentContext:
 class Environment(Element):
     """Something that acts from outside on all bodies alike; it knows nothing of arms and bases.
 
-    Attributes
-    ----------
-    falls
-        Whether the world's origin falls freely with it: uniform gravity, or a second one, has then no place.
+    Attributes:
+        falls: Whether the world's origin falls freely with it: uniform gravity, or a second one, has then no
+            place.
     """
 
     family: ClassVar[str] = "environment"

@@ -1,4 +1,4 @@
-"""The neighbourhood of a reference orbit, in axes that do not rotate."""
+"""The neighbourhood of a reference orbit, in axes that do not rotate, or in Hill axes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.core.contribution import Contribution, Output
 from spacerobot.elements.core.registry import register
-from spacerobot.elements.environments.environment import Environment, EnvironmentContext
+from spacerobot.elements.environments.environment import Environment, EnvironmentContext, Load
 from spacerobot.elements.references.reference import DEGREE
 from spacerobot.section import quantity
 
@@ -24,16 +24,11 @@ _ITERATIONS = 7  # exact to rounding up to an eccentricity of 0.999
 class OrbitState:
     """The reference orbit at one instant; its plane is x-y of the world.
 
-    Attributes
-    ----------
-    direction
-        Radial unit vector of the origin, world axes (3x1).
-    radius
-        Distance of the origin from the planet's centre [m].
-    rate, strength
-        Rate at which the radial direction turns [rad/s]; mu / r^3 [1/s^2].
-    anomaly
-        True anomaly [rad], between -pi and pi.
+    Attributes:
+        direction: Radial unit vector of the origin, world axes (3x1).
+        radius: Distance of the origin from the planet's centre [m].
+        rate, strength: Rate at which the radial direction turns [rad/s]; mu / r^3 [1/s^2].
+        anomaly: True anomaly [rad], between -pi and pi.
     """
 
     direction: ca.SX
@@ -41,6 +36,11 @@ class OrbitState:
     rate: ca.SX
     strength: ca.SX
     anomaly: ca.SX
+
+    @property
+    def axis(self) -> ca.SX:
+        """Angular velocity of the radial direction (3x1) [rad/s]."""
+        return ca.vertcat(ca.SX(2, 1), self.rate)
 
     def hill(self, vector: ca.SX) -> ca.SX:
         """World axes to radial, along-track and cross-track (3x1 each)."""
@@ -73,9 +73,20 @@ class Orbit(Environment):
         "(Clohessy and Wiltshire's on a circle)",
     )
     gravity_gradient: bool = Field(default=True, description="whether gravity turns bodies, each by itself")
+    axes: Literal["inertial", "rotating"] = Field(
+        default="inertial",
+        description="world axes: inertial, or rotating with the radial, along-track and cross-track "
+        "directions of a circular orbit; velocities, spins and attitudes, of sensors too, are then relative "
+        "to those",
+    )
 
     @model_validator(mode="after")
     def _check(self) -> Orbit:
+        if self.axes == "rotating" and self.eccentricity:
+            raise ValueError(
+                "axes: found rotating, allowed: inertial on an orbit with eccentricity "
+                f"{self.eccentricity:g}; or make it 0"
+            )
         if (self.altitude is None) == (self.semi_major_axis is None):
             raise ValueError("give either `altitude` or `semi_major_axis`")
         if self.semi_major_axis is not None:
@@ -103,7 +114,10 @@ class Orbit(Environment):
             angle = rate * context.time
             reached = context.once("anomaly", first) + angle
             anomaly = ca.atan2(ca.sin(reached), ca.cos(reached))
-            line = ca.vertcat(ca.cos(angle), ca.sin(angle), 0)
+            if self.axes == "rotating":
+                line = ca.vertcat(1, ca.SX(2, 1))
+            else:
+                line = ca.vertcat(ca.cos(angle), ca.sin(angle), 0)
             now = OrbitState(line, a, rate, context.once("strength", mu / axis**3), anomaly)
         else:
             narrow = ca.sqrt((1 - e) * (1 + e))
@@ -139,35 +153,47 @@ class Orbit(Environment):
                 local_line = ca.mtimes(load.rotation.T, line)
                 couple = cross(local_line, ca.mtimes(load.inertia, local_line))
                 torque = 3 * strength * ca.mtimes(load.rotation, couple)
-            pairs.append(environment.acting(load, load.mass * pull, torque))
+            force = load.mass * pull
+            if self.axes == "rotating":
+                inertial_force, inertial_torque = frame_rotation_wrench(load, now.axis)
+                force, torque = force + inertial_force, torque + inertial_torque
+            pairs.append(environment.acting(load, force, torque))
         return Contribution(
             outside=tuple(wrench for wrench, _ in pairs),
             powers=tuple(power for _, power in pairs),
             outputs=(
-                Output("orbit_anomaly", now.anomaly, "rad", "true anomaly of the reference orbit"),
                 Output(
-                    "orbit_radius", now.radius, "m", "distance of the world's origin from the planet's centre"
+                    "orbit_anomaly", now.anomaly, "rad", "true anomaly of the reference orbit", plotted=False
                 ),
-                *_relative(now, environment),
+                Output(
+                    "orbit_radius",
+                    now.radius,
+                    "m",
+                    "distance of the world's origin from the planet's centre",
+                    plotted=False,
+                ),
+                *_relative(now, environment, self.axes == "rotating"),
             ),
         )
 
     def mean_motion(self) -> float | None:
-        """Mean motion of a circular orbit [rad/s]; None for others."""
-        return (
-            math.sqrt(self.gravitational_parameter / self.ends()[1] ** 3) if not self.eccentricity else None
-        )
+        """Mean motion of a circular orbit [rad/s]; None for others, and in axes that rotate."""
+        if self.eccentricity or self.axes == "rotating":
+            return None
+        return math.sqrt(self.gravitational_parameter / self.ends()[1] ** 3)
 
     def assumptions(self) -> list[str]:
         """Location of the world frame."""
+        axes = "its axes do not rotate: x radial, y along-track, z cross-track, as they are at the start"
+        if self.axes == "rotating":
+            axes = "its axes rotate with it: x radial, y along-track, z cross-track"
         return [
-            "the world's origin moves along the reference orbit and its axes do not rotate: x radial, y "
-            "along-track, z cross-track, as they are at the start",
+            f"the world's origin moves along the reference orbit and {axes}",
             "a spherical planet and nothing else; the planet does not feel the scene",
         ]
 
     def words(self) -> str:
-        """Its size, its rate and its model."""
+        """Semi-major axis, mean motion and model."""
         periapsis, axis = self.ends()
         period = 2 * math.pi * math.sqrt(axis**3 / self.gravitational_parameter)
         shape = f"e = {self.eccentricity:g}, " if self.eccentricity else ""
@@ -201,12 +227,33 @@ def eccentric_anomaly(mean: ca.SX, eccentricity: ca.SX) -> ca.SX:
     return swept
 
 
-def _relative(now: OrbitState, environment: EnvironmentContext) -> Iterator[Output]:
-    """Bodies' root links as seen in Hill axes, which turn."""
-    axis = ca.vertcat(ca.SX(2, 1), now.rate)
+def frame_rotation_wrench(load: Load, axis: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Inertial force and torque on a load where the world's axes rotate at a constant rate.
+
+    With the velocity u of its centre of mass p and its spin w relative to axes that rotate by W, Newton's and
+    Euler's equations of the inertial motion, whose spin is w + W, are those of the relative motion with
+
+        F = -m (2 W x u + W x (W x p)),
+        T = -(w x I W - I (w x W) + W x I (w + W)),
+
+    the Coriolis and centrifugal force, and what the rotation of the axes adds to the rate of I (w + W).
+
+    Args:
+        load: Load of one joint.
+        axis: Angular velocity W of the world's axes (3x1) [rad/s].
+    """
+    force = -load.mass * (2 * cross(axis, load.velocity) + cross(axis, cross(axis, load.com)))
+    w, turn = ca.mtimes(load.rotation.T, load.spin), ca.mtimes(load.rotation.T, axis)
+    torque = cross(w, ca.mtimes(load.inertia, turn)) - ca.mtimes(load.inertia, cross(w, turn))
+    torque = torque + cross(turn, ca.mtimes(load.inertia, w + turn))
+    return force, -ca.mtimes(load.rotation, torque)
+
+
+def _relative(now: OrbitState, environment: EnvironmentContext, rotating: bool) -> Iterator[Output]:
+    """Bodies' root links as seen in Hill axes, which rotate."""
     axes = "radial, along-track, cross-track"
     for name, frame in environment.roots.items():
         place, speed = environment.plant.placement(frame)[1], environment.plant.velocity(frame)[0]
-        hill_velocity = now.hill(speed - cross(axis, place))
+        hill_velocity = now.hill(speed if rotating else speed - cross(now.axis, place))
         yield Output("hill_position", now.hill(place), "m", f"position of bodies: {axes}", "body", name)
         yield Output("hill_velocity", hill_velocity, "m/s", f"velocity of bodies: {axes}", "body", name)

@@ -122,7 +122,7 @@ class AttitudeFilter(Estimator):
         return ["begins with an attitude whose error is drawn, and with the gyro's bias unknown"]
 
     def words(self) -> str:
-        """Its initial uncertainty."""
+        """Initial uncertainty."""
         return f"attitude_filter from {self.attitude_deg:g} deg"
 
 
@@ -154,11 +154,11 @@ class _AttitudeFilterLaw:
     def _numbers(self, rotation: ca.SX) -> ca.SX:
         return attitude_numbers(rotation, planar=self.robot.plant.planar)
 
-    def _number(self, key: str, signal: str, own: str) -> ca.SX:
+    def _number(self, key: str, signal: str, default: str) -> ca.SX:
         """A number of the section, or that of a sensor (1x1)."""
         if getattr(self.config, key) is not None:
             return self.robot.context.number(key)
-        return self.robot.errors(signal).number(own)
+        return self.robot.errors(signal).number(default)
 
     def _initial(self) -> ca.SX:
         """Covariance at the start."""
@@ -204,9 +204,9 @@ class _AttitudeFilterLaw:
         clock = Clock.of(f"{robot.label}.instants", robot.context.time, robot.errors(GYRO).steady("period"))
         first = clock.count.symbol < 0.5
         begin = robot.context.number("attitude_deg") * DEGREE
-        drawn = begin * robot.context.random(f"{robot.label}.begin", 1, n, ca.SX(0))
+        initial_error = begin * robot.context.random(f"{robot.label}.begin", 1, n, ca.SX(0))
         predicted, spread = self._predicted()
-        predicted = ca.if_else(first, ca.mtimes(turned_by(drawn), self.true), predicted)
+        predicted = ca.if_else(first, ca.mtimes(turned_by(initial_error), self.true), predicted)
         spread = ca.if_else(first, self._initial(), spread)
         sample = self.tracker.value.symbol
         fresh = both(sample[-1] > self.used.symbol, negated(robot.rejected(TRACKER)))
@@ -236,12 +236,12 @@ class _AttitudeFilterLaw:
             (self.nis, ca.if_else(fresh, nis, self.nis.symbol)),
         ]
         if self.late:
-            taken = self.tracker.samples.symbol
-            new = taken > self.copied.symbol + 0.5
+            sample_count = self.tracker.samples.symbol
+            new = sample_count > self.copied.symbol + 0.5
             again = ca.SX.eye(self._count)
             again[3 * n :, :n], again[3 * n :, 3 * n :] = ca.SX.eye(n), ca.SX(n, n)
             after = ca.if_else(new, ca.mtimes(again, ca.mtimes(after, again.T)), after)
-            updates += [(self.copy, ca.if_else(new, numbers, self.copy.symbol)), (self.copied, taken)]
+            updates += [(self.copy, ca.if_else(new, numbers, self.copy.symbol)), (self.copied, sample_count)]
         updates.append((self.covariance, triangle(after)))
         named = {state.name: ca.densify(value) for state, value in updates}
         tick = clock.event(f"{robot.label}.estimated", "estimated", robot.label, named, silent=True)
@@ -267,10 +267,10 @@ class _AttitudeFilterLaw:
             innovations=(innovation_of_tracker,),
         )
 
-    def _outputs(self, found: ca.SX) -> Iterable[Output]:
+    def _outputs(self, estimate: ca.SX) -> Iterable[Output]:
         """Errors, standard deviations, and how the ones agree with the others."""
         n, name = self.size, self.robot.robot
-        error = rotation_log(ca.mtimes(self.true, found.T))[list(self.axes)]
+        error = rotation_log(ca.mtimes(self.true, estimate.T))[list(self.axes)]
         true = ca.SX.zeros(n) if self.gyro.bias is None else self.gyro.bias
         covariance = symmetric(self.covariance.symbol, self._count)[: 2 * n, : 2 * n]
         deviation = ca.sqrt(ca.diag(covariance))
@@ -280,7 +280,12 @@ class _AttitudeFilterLaw:
             "attitude_estimate_error": (error, "rad", "rotation vector from estimated to true attitudes"),
             "attitude_estimate_deviation": (deviation[:n], "rad", "standard deviation of attitude estimates"),
             "bias_estimate": (self.bias.symbol, "rad/s", "estimated biases of gyros, axes of the base"),
-            "bias_estimate_deviation": (deviation[n:], "rad/s", "standard deviation of these biases"),
+            "bias_estimate_error": (
+                errors[n:],
+                "rad/s",
+                "true less estimated biases of gyros, axes of the base",
+            ),
+            "bias_estimate_deviation": (deviation[n:], "rad/s", "standard deviation of bias estimates"),
         }
         for key, (value, unit, text) in vectors.items():
             vector = ca.SX(3, 1)

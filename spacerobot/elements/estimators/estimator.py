@@ -24,16 +24,11 @@ HELD_INERTIA = "held_inertia"
 class TargetModel:
     """The target as it is at the start by the scenario's numbers, one rigid body.
 
-    Attributes
-    ----------
-    root, links
-        Frames of its root link, and of all links by name, in the model.
-    mass, moments
-        Mass [kg] and principal moments of inertia (3,) [kg m^2].
-    centre, axes
-        Centre of mass (3,) [m] and principal axes (3, 3), both in the root link's axes.
-    poses
-        Rotation (3, 3) and origin (3,) [m] of the links in the root link's axes, by name.
+    Attributes:
+        root, links: Frames of its root link, and of all links by name, in the model.
+        mass, moments: Mass [kg] and principal moments of inertia (3,) [kg m^2].
+        centre, axes: Centre of mass (3,) [m] and principal axes (3, 3), both in the root link's axes.
+        poses: Rotation (3, 3) and origin (3,) [m] of the links in the root link's axes, by name.
     """
 
     root: int
@@ -97,19 +92,14 @@ class EstimatorContext(Protocol):
     ) -> Measurement:
         """Samples with their times, for this estimator alone.
 
-        Parameters
-        ----------
-        signal
-            Name of the signal.
-        value
-            Vector (3x1), or attitude (3x3), whose errors are small rotations about world axes.
-        axes
-            Components that are measured.
-        carrier
-            Axes of the link that carries the sensor, in those of the signal (3x3); None if it measures in
-            its own axes.
-        away
-            Place (3x1) [m] from which a vector is seen and which is added to it, and distance (1x1) [m].
+        Args:
+            signal: Name of the signal.
+            value: Vector (3x1), or attitude (3x3), whose errors are small rotations about world axes.
+            axes: Components that are measured.
+            carrier: Axes of the link that carries the sensor, in those of the signal (3x3); None if it
+                measures in its own axes.
+            away: Place (3x1) [m] from which a vector is seen and which is added to it, and distance (1x1)
+                [m].
         """
 
     def positions(self, driven: ca.SX) -> Mapping[int, ca.SX]:
@@ -118,12 +108,9 @@ class EstimatorContext(Protocol):
     def read(self, signal: str, value: ca.SX) -> ca.SX:
         """Signal as controllers read it now (n x 1), with the estimates of the estimators listed earlier.
 
-        Parameters
-        ----------
-        signal
-            Name of the signal.
-        value
-            True value (n x 1).
+        Args:
+            signal: Name of the signal.
+            value: True value (n x 1).
         """
 
     def delay_s(self, signal: str) -> float:
@@ -132,10 +119,8 @@ class EstimatorContext(Protocol):
     def holds(self, tip: str, link: str) -> ca.SX:
         """Switch (1x1) that is nonzero while a tip holds a link of the target.
 
-        Parameters
-        ----------
-        tip, link
-            Names of the tip and of the link.
+        Args:
+            tip, link: Names of the tip and of the link.
         """
 
     def stored_momentum(self) -> ca.SX:
@@ -157,12 +142,9 @@ class EstimatorContext(Protocol):
 class Estimator(RobotElement):
     """An estimator of signals that the controllers of a robot read.
 
-    Attributes
-    ----------
-    needs
-        Signals that it must have measurements of, whose sensors have ``errors``.
-    makes
-        Signals that it estimates.
+    Attributes:
+        needs: Signals that it must have measurements of, whose sensors have ``errors``.
+        makes: Signals that it estimates.
     """
 
     family: ClassVar[str] = "estimator"

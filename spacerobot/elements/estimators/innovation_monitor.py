@@ -16,6 +16,7 @@ period T of the samples. A sensor that is lost gives no innovations: that is fou
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Literal
 
 import casadi as ca
@@ -23,7 +24,7 @@ from pydantic import Field
 
 from spacerobot.elements.core.clock import Clock
 from spacerobot.elements.core.contribution import Contribution, Output, memory
-from spacerobot.elements.core.event import Event, negated
+from spacerobot.elements.core.failure import detected_failures, detection
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import RobotProperties
 from spacerobot.elements.estimators.estimator import Estimator, EstimatorContext
@@ -99,20 +100,19 @@ class InnovationMonitor(Estimator):
             count.name: ca.if_else(window_full, 0, number),
             window_sum.name: ca.if_else(window_full, new, window_sum.symbol),
         }
-        sets, armed = {detected.name(): True}, negated(detected)
         excess = ca.fmax(window_sum.symbol / upper - 1, 1 - window_sum.symbol / lower)
         events = [
             clock.event(f"{label}.counted", "estimated", label, updates, silent=True),
-            Event(f"{label}.detected", "detected", who, excess, armed, sets),
+            detection(f"{label}.detected", who, excess, detected),
         ]
         if self.silence is not None:
             since = context.time - ca.fmax(tested.used, 0) - context.number("silence")
-            events.append(Event(f"{label}.silent", "detected", who, since, armed, sets, clock=True))
+            events.append(replace(detection(f"{label}.silent", who, since, detected), clock=True))
         text = "sum of normalised innovations squared over the last window"
         outputs = (
             Output("innovation_sum", window_sum.symbol, "1", text, "filter", who),
             Output("innovation_limit", ca.SX(upper), "1", "maximum sum that is no alarm", "filter", who),
-            Output("failures_detected", detected, "1", "failures that were detected", "body", robot.robot),
+            detected_failures(detected, robot.robot),
         )
         return Contribution(
             states=(last_sample, total, count, window_sum, clock.count), events=tuple(events), outputs=outputs

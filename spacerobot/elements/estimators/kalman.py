@@ -37,21 +37,14 @@ def updated(
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Measurement update.
 
-    Parameters
-    ----------
-    covariance
-        Covariance of the errors before the update (n x n).
-    rows
-        Derivatives of the measurement with respect to the errors (m x n).
-    innovation
-        Measured less predicted (m x 1).
-    variances
-        Variances of the measurement's errors, which are independent (m of 1x1).
+    Args:
+        covariance: Covariance of the errors before the update (n x n).
+        rows: Derivatives of the measurement with respect to the errors (m x n).
+        innovation: Measured less predicted (m x 1).
+        variances: Variances of the measurement's errors, which are independent (m of 1x1).
 
-    Returns
-    -------
-    tuple
-        Correction (n x 1), covariance (n x n) and normalised innovation squared (1x1).
+    Returns:
+        tuple: Correction (n x 1), covariance (n x n) and normalised innovation squared (1x1).
     """
     correction, nis = ca.SX.zeros(covariance.size1()), ca.SX(0)
     for i, variance in enumerate(variances):

@@ -186,10 +186,8 @@ class _TargetFilterLaw:
     def _true_ratios(self, axes: ca.SX, centre: ca.SX) -> ca.SX:
         """Logarithms of the true inertia ratios, also where a campaign varies inertias.
 
-        Parameters
-        ----------
-        axes, centre
-            Principal axes (3x3) and centre of mass (3x1) [m] in the world.
+        Args:
+            axes, centre: Principal axes (3x3) and centre of mass (3x1) [m] in the world.
         """
         if not self.ratios:
             return ca.SX(0, 1)
@@ -240,7 +238,7 @@ class _TargetFilterLaw:
             axes = attitude_of(attitude)[self.about, self.about]
             return self._rate(motion), driven, ca.mtimes(axes, spread)
 
-        begun = self._parts(motion)
+        parts = self._parts(motion)
         spread, turned, h = ca.SX.eye(n), ca.SX.zeros(n, count), time / steps
         spread = ca.horzcat(spread, ca.SX.zeros(n, self.ratios))
         for _ in range(steps):
@@ -253,7 +251,7 @@ class _TargetFilterLaw:
             motion, spread, turned = (x + h / 6 * (a + 2 * b + 2 * c + d) for x, a, b, c, d in slopes_of)
         place, velocity, attitude, spin, ratios = self._parts(motion)
         if self.planar:  # exactly
-            attitude = self._turned(begun[2], time * begun[3])
+            attitude = self._turned(parts[2], time * parts[3])
         attitude = attitude / ca.norm_2(attitude)
         m, size = len(self.along), sum(self.errors)
         transition = ca.SX.eye(size)
@@ -365,9 +363,11 @@ class _TargetFilterLaw:
         robot, label = self.robot, self.robot.label
         errors = robot.errors(PLACE)
         begins = Clock.of(f"{label}.begin", robot.context.time, ca.SX(ONCE))
-        drawn = self._deviations() * robot.context.random(f"{label}.begin", 1, sum(self.errors), ca.SX(0))
-        begun = self._corrected(self.mean.symbol, drawn)
-        first = {self.mean.name: begun, self.now.name: begun}
+        initial_error = self._deviations() * robot.context.random(
+            f"{label}.begin", 1, sum(self.errors), ca.SX(0)
+        )
+        initial = self._corrected(self.mean.symbol, initial_error)
+        first = {self.mean.name: initial, self.now.name: initial}
         delay = errors.steady("delay")
         clock = Clock.of(f"{label}.arrivals", robot.context.time, errors.steady("period"), delay)
         self.arrived = clock.count.symbol

@@ -199,7 +199,7 @@ class FlexibleBeam(FlexibleLink):
         }
 
     def moving_inertia(self, description: Description, name: str) -> Array:
-        """That of the pieces."""
+        """Inertia (6x6) of the segments, each about its own origin, summed."""
         total = np.zeros((6, 6))
         for i in range(1, self.segments + 1):
             piece = find_link(description, f"{name}_{i}")

@@ -23,14 +23,10 @@ Number = TypeVar("Number", float, ca.SX)
 class FlexibleContext:
     """A flexible link as its law sees it.
 
-    Attributes
-    ----------
-    plant
-        Mechanics now.
-    description
-        The URDF, with the links and joints of the flexible link.
-    body, name
-        Names of the robot or the target, and of the flexible link.
+    Attributes:
+        plant: Mechanics now.
+        description: The URDF, with the links and joints of the flexible link.
+        body, name: Names of the robot or the target, and of the flexible link.
     """
 
     plant: Plant
@@ -65,17 +61,12 @@ class FlexibleLink(Element):
     def expanded(self, description: Description, name: str) -> Description:
         """Description with the links and joints of the flexible link.
 
-        Parameters
-        ----------
-        description
-            The URDF.
-        name
-            Name of the flexible link, the prefix of its links and joints.
+        Args:
+            description: The URDF.
+            name: Name of the flexible link, the prefix of its links and joints.
 
-        Raises
-        ------
-        DescriptionError
-            If there is no such link, or the flexible link cannot be realised.
+        Raises:
+            DescriptionError: If there is no such link, or the flexible link cannot be realised.
         """
         raise NotImplementedError
 
@@ -85,14 +76,10 @@ class FlexibleLink(Element):
     ) -> Mapping[str, tuple[Number, Number]]:
         """Stiffness [N m/rad or N/m] and damping [N m s/rad or N s/m] of each joint, by its name.
 
-        Parameters
-        ----------
-        description
-            Description after the expansion.
-        name
-            Name of the flexible link.
-        number
-            Function from a key of the section to its number.
+        Args:
+            description: Description after the expansion.
+            name: Name of the flexible link.
+            number: Function from a key of the section to its number.
         """
         raise NotImplementedError
 
@@ -100,17 +87,12 @@ class FlexibleLink(Element):
     def moving_inertia(self, description: Description, name: str) -> Array:
         """Share of the link's spatial inertia that moves in the joints (6, 6), linear rows first.
 
-        Parameters
-        ----------
-        description
-            Description after the expansion.
-        name
-            Name of the flexible link.
+        Args:
+            description: Description after the expansion.
+            name: Name of the flexible link.
 
-        Returns
-        -------
-        numpy.ndarray
-            About the origin of the link it is taken from, in its axes.
+        Returns:
+            numpy.ndarray: About the origin of the link it is taken from, in its axes.
         """
         raise NotImplementedError
 

@@ -76,12 +76,9 @@ class ModalBody:
 def modal_body(participation: Participation, radius: float) -> ModalBody:
     """Body and joint that realise one mode.
 
-    Parameters
-    ----------
-    participation
-        L at the attachment [kg^(1/2), kg^(1/2) m].
-    radius
-        Of gyration of the appendage [m]: the arm where the mode gives none.
+    Args:
+        participation: L at the attachment [kg^(1/2), kg^(1/2) m].
+        radius: Of gyration of the appendage [m]: the arm where the mode gives none.
     """
     force, couple, nothing = np.array(participation[:3]), np.array(participation[3:]), np.zeros(3)
     s = float(np.linalg.norm(force))

@@ -52,10 +52,10 @@ class Goal(Element):
         """Leave out keys of other kinds that say nothing."""
         if not isinstance(data, dict):
             return data
-        said = {k: list(v) if isinstance(v, tuple) else v for k, v in data.items()}
+        values = {k: list(v) if isinstance(v, tuple) else v for k, v in data.items()}
         return {
             key: data[key]
-            for key, value in said.items()
+            for key, value in values.items()
             if key in cls.model_fields or key not in FLAT or value != FLAT[key]
         }
 
@@ -78,10 +78,8 @@ class Goal(Element):
     def resting(self, instant: PlanInstant) -> Iterator[Goal]:
         """Goals of the bodies whose joints are at rest at the end: this one, and those that it implies.
 
-        Parameters
-        ----------
-        instant
-            The last instant.
+        Args:
+            instant: The last instant.
         """
         del instant
         if self.rests:
@@ -95,15 +93,12 @@ class Goal(Element):
     def settling(self, instant: PlanInstant) -> ca.SX | None:
         """Motion that the joints produce at the end with minimum rates, and without acceleration.
 
-        Parameters
-        ----------
-        instant
-            The last instant.
+        Args:
+            instant: The last instant.
 
-        Returns
-        -------
-        casadi.SX or None
-            Velocities [m/s] and spins [rad/s] of a tip (n x 1); None where joints may move as they like.
+        Returns:
+            casadi.SX or None: Velocities [m/s] and spins [rad/s] of a tip (n x 1); None where joints may move
+                as they like.
         """
         del instant
         return None
@@ -113,31 +108,14 @@ class Goal(Element):
         del instant
         return None
 
-    @required()
-    def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
-        """Terminal constraints, without the joints' rest.
-
-        Raises
-        ------
-        ScenarioError
-            If it names an unknown body, link or joint.
-        """
-        raise NotImplementedError
-
-
-class TipGoal(Goal):
-    """Terminal condition of a tip."""
-
-    tip: str = Field(description="which tip, as robot/tip")
+    @property
+    def tip_label(self) -> str | None:
+        """Tip that it places, ``robot/tip``; None for a goal without :meth:`place`."""
+        return None
 
     @property
-    def body(self) -> str:
-        """The tip's robot."""
-        return self.tip.partition("/")[0]
-
-    @property
-    def follows(self) -> str | None:
-        """Link of the target that it follows, if any."""
+    def mating(self) -> tuple[str, str] | None:
+        """Tip and link of the target that it brings together, if any."""
         return None
 
     @property
@@ -158,14 +136,11 @@ class TipGoal(Goal):
         """
         return None
 
-    @required()
     def place(self, instant: PlanInstant) -> ca.SX:
-        """Where the tip shall be (3x1) [m], world axes.
+        """Desired position of the tip (3x1) [m], world axes; of a goal with a ``tip_label``.
 
-        Raises
-        ------
-        ScenarioError
-            If it names an unknown body, link or joint.
+        Raises:
+            ScenarioError: If it names an unknown body, link or joint.
         """
         raise NotImplementedError
 
@@ -173,3 +148,47 @@ class TipGoal(Goal):
         """Section of a reference that keeps it met, where ``own`` is what the tip follows afterwards."""
         del own
         return {"kind": "hold"}
+
+    @required()
+    def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
+        """Terminal constraints, without the joints' rest.
+
+        Raises:
+            ScenarioError: If it names an unknown body, link or joint.
+        """
+        raise NotImplementedError
+
+
+class TipGoal(Goal):
+    """Terminal condition of a tip."""
+
+    tip: str = Field(description="which tip, as robot/tip")
+
+    @property
+    def body(self) -> str:
+        """The tip's robot."""
+        return self.tip.partition("/")[0]
+
+    @property
+    def tip_label(self) -> str:
+        """The tip."""
+        return self.tip
+
+    @property
+    def mating(self) -> tuple[str, str] | None:
+        """The tip, and the link of the target that it follows."""
+        return None if self.follows is None else (self.tip, self.follows)
+
+    @property
+    def follows(self) -> str | None:
+        """Link of the target that it follows, if any."""
+        return None
+
+    @required()
+    def place(self, instant: PlanInstant) -> ca.SX:
+        """Desired position of the tip (3x1) [m], world axes.
+
+        Raises:
+            ScenarioError: If it names an unknown body, link or joint.
+        """
+        raise NotImplementedError

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar, Literal
 
 import casadi as ca
@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
+from spacerobot.arrays import Array
 from spacerobot.dynamics.joints import exact_directions
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.goals.goal import TipGoal
@@ -55,6 +56,9 @@ class Mated(TipGoal):
         "deg/s", "maximum relative spin, likewise; none if not given", default=None, gt=0
     )
     orientation: bool = Field(default=True, description="whether orientation and spin are matched too")
+    roll: bool = Field(
+        default=True, description="whether, of those, the angle and spin about `axis` are matched too"
+    )
     settled: bool = Field(
         default=False,
         description="whether joints then move no more than the tip's motion takes, and without acceleration: "
@@ -100,7 +104,8 @@ class Mated(TipGoal):
     @property
     def end_speed(self) -> float | None:
         """The closing speed, where the tip then neither turns nor moves otherwise relative to the frame."""
-        return self.closing_speed if self.rests and self.orientation and not self.rate_within else None
+        is_rigid = self.rests and self.orientation and self.roll and not self.rate_within
+        return self.closing_speed if is_rigid else None
 
     def settling(self, instant: PlanInstant) -> ca.SX | None:
         """Velocity of the tip, and its spin where orientation is matched."""
@@ -120,13 +125,26 @@ class Mated(TipGoal):
         if not self.orientation:
             return
         mated = exact_directions(pin.rpy.rpyToMatrix(np.radians(self.mated_deg)))
+        slow = None if self.spin_within_deg is None else float(np.radians(self.spin_within_deg))
+        if not self.roll and len(instant.turns) == 3:
+            # both perpendicular to the axis of approach, which is the first column: its tilt by an angle x as
+            # a vector of length 2 tan(x/2), which is smooth up to half a turn, and the spin
+            across = ca.SX(axis_frame(self.axis)[:, 1:])
+            pointing = ca.mtimes([mate.rotation.T, tip.rotation, mated.T, axis])
+            tilt = 2 * ca.mtimes(across.T, pointing) / (1 + ca.dot(pointing, axis))
+            if self.orientation_within_deg is not None:
+                limit = 2 * np.tan(np.radians(self.orientation_within_deg) / 2)
+                yield within("orientation", "rad", tilt, float(limit))
+            else:
+                yield from (zero(f"tilt {k + 1}", "rad", tilt[k]) for k in range(2))
+            yield from matched("spin", "rad/s", ca.mtimes(across.T, spin), (0, 1), slow)
+            return
         turn = instant.turned(ca.mtimes(mate.rotation, mated), tip.rotation)
         if self.orientation_within_deg is not None:
             yield within("orientation", "rad", turn, float(np.radians(self.orientation_within_deg)))
         else:
             for k, i in enumerate(instant.turns):
                 yield zero(f"orientation {'xyz'[i]}", "rad", turn[k])
-        slow = None if self.spin_within_deg is None else float(np.radians(self.spin_within_deg))
         yield from matched("spin", "rad/s", spin, instant.turns, slow)
 
     def arrival(self, instant: PlanInstant) -> tuple[ca.SX, ca.SX]:
@@ -149,3 +167,9 @@ class Mated(TipGoal):
             document |= {"axis": self.axis, "mated_deg": self.mated_deg}
         settling = {"approach_time": SETTLING} if self.orientation else {}
         return document | settling | {"standoff": self.standoff}
+
+
+def axis_frame(axis: Sequence[float]) -> Array:
+    """Rotation (3, 3) whose first column is along an axis (3,)."""
+    turn = pin.Quaternion.FromTwoVectors(np.eye(3)[0], np.array(axis, dtype=float))
+    return np.asarray(turn.toRotationMatrix())

@@ -24,28 +24,17 @@ T = TypeVar("T")
 class BoundedRow:
     """Something that must stay between limits.
 
-    Attributes
-    ----------
-    name
-        Name for messages and tables.
-    unit
-        Unit of the values times the scale.
-    value
-        Expression (1x1) in an instant, and in the symbol of ``about``.
-    lower, upper
-        Limits.
-    final_fraction
-        Part of the duration, at its end, for which it must hold.
-    scale
-        Size of a violation of one, in that unit.
-    first
-        Whether it must hold at the first instant alone.
-    form
-        What the value is of what is named: the square over that of its limit, or an angle's cosine.
-    size
-        Magnitude of the limit, in that unit, where violations between the points count relative to it.
-    about
-        What an iteration finds for it, constant in the derivatives of ``value``.
+    Attributes:
+        name: Name for messages and tables.
+        unit: Unit of the values times the scale.
+        value: Expression (1x1) in an instant, and in the symbol of ``about``.
+        lower, upper: Limits.
+        final_fraction: Part of the duration, at its end, for which it must hold.
+        scale: Size of a violation of one, in that unit.
+        first: Whether it must hold at the first instant alone.
+        form: What the value is of what is named: the square over that of its limit, or an angle's cosine.
+        size: Magnitude of the limit, in that unit, where violations between the points count relative to it.
+        about: What an iteration finds for it, constant in the derivatives of ``value``.
     """
 
     name: str
@@ -63,17 +52,13 @@ class BoundedRow:
     def held(self, share: Array, begins: float) -> npt.NDArray[np.bool_]:
         """Points at which the constraint holds.
 
-        Parameters
-        ----------
-        share
-            Parts of the duration that have passed at the points, 0 to 1 (n,).
-        begins
-            Part of the duration from which it holds; of no effect if it holds at the first instant only.
+        Args:
+            share: Parts of the duration that have passed at the points, 0 to 1 (n,).
+            begins: Part of the duration from which it holds; of no effect if it holds at the first instant
+                only.
 
-        Returns
-        -------
-        numpy.ndarray
-            Truth values (n,).
+        Returns:
+            numpy.ndarray: Truth values (n,).
         """
         return np.asarray(share == 0 if self.first else share >= begins - 1e-12)
 
@@ -81,12 +66,9 @@ class BoundedRow:
 def zero(name: str, unit: str, value: ca.SX) -> BoundedRow:
     """Equality constraint on a value.
 
-    Parameters
-    ----------
-    name, unit
-        Name for messages, and unit of the value.
-    value
-        Expression that must be zero (1x1).
+    Args:
+        name, unit: Name for messages, and unit of the value.
+        value: Expression that must be zero (1x1).
     """
     return BoundedRow(name, unit, value, 0.0, 0.0)
 
@@ -94,14 +76,10 @@ def zero(name: str, unit: str, value: ca.SX) -> BoundedRow:
 def within(name: str, unit: str, value: ca.SX, limit: float) -> BoundedRow:
     """Bound on a vector's length, as its square over that of the limit, which is smooth at zero.
 
-    Parameters
-    ----------
-    name, unit
-        Name for messages, and unit of the vector.
-    value
-        The vector (n x 1).
-    limit
-        Greatest length, in that unit.
+    Args:
+        name, unit: Name for messages, and unit of the vector.
+        value: The vector (n x 1).
+        limit: Greatest length, in that unit.
     """
     square = ca.sumsqr(value) / limit**2
     return BoundedRow(name, unit, square, upper=1.0, scale=limit / 2, form="square")
@@ -112,16 +90,11 @@ def matched(
 ) -> Iterator[BoundedRow]:
     """Zero along each of some axes, or no longer than a tolerance.
 
-    Parameters
-    ----------
-    name, unit_name
-        Name and unit of the quantity.
-    value
-        Expression (3x1).
-    axes
-        Axes of the entries that count.
-    tolerance
-        Greatest length in that unit; None for zero.
+    Args:
+        name, unit_name: Name and unit of the quantity.
+        value: Expression (3x1).
+        axes: Axes of the entries that count.
+        tolerance: Greatest length in that unit; None for zero.
     """
     if tolerance is None:
         yield from (zero(f"{name} {'xyz'[i]}", unit_name, value[i]) for i in axes)
@@ -137,12 +110,9 @@ def unit(axis: Sequence[float]) -> ca.SX:
 class MovingFrame(NamedTuple):
     """A frame that moves, world axes.
 
-    Attributes
-    ----------
-    rotation, origin
-        Rotation to world axes (3x3), and position of the origin (3x1) [m].
-    velocity, spin
-        Velocity and angular velocity (3x1 each) [m/s, rad/s].
+    Attributes:
+        rotation, origin: Rotation to world axes (3x3), and position of the origin (3x1) [m].
+        velocity, spin: Velocity and angular velocity (3x1 each) [m/s, rad/s].
     """
 
     rotation: ca.SX
@@ -163,16 +133,11 @@ class MovingFrame(NamedTuple):
 class JointCoordinate(NamedTuple):
     """A joint of one degree of freedom.
 
-    Attributes
-    ----------
-    name
-        Name of the joint in the URDF.
-    position
-        Position (1x1) [rad or m]; of an unbounded joint cosine and sine of its angle (2x1).
-    rate
-        Rate (1x1) [rad/s or m/s].
-    lower, upper
-        Range in the URDF [rad or m]; infinite where it has none.
+    Attributes:
+        name: Name of the joint in the URDF.
+        position: Position (1x1) [rad or m]; of an unbounded joint cosine and sine of its angle (2x1).
+        rate: Rate (1x1) [rad/s or m/s].
+        lower, upper: Range in the URDF [rad or m]; infinite where it has none.
     """
 
     name: str
@@ -192,16 +157,12 @@ class JointCoordinate(NamedTuple):
 class PlannedBase(NamedTuple):
     """The floating base of a robot.
 
-    Attributes
-    ----------
-    frame
-        Frame of its root link.
-    rotation
-        Rotation vector since the start (3x1) [rad], axes of the root link there.
-    translation
-        Displacement since the start (3x1) [m], world axes.
-    force, torque
-        What drives it (3x1 each) [N], [N m], axes of the root link; structurally zero where nothing does.
+    Attributes:
+        frame: Frame of its root link.
+        rotation: Rotation vector since the start (3x1) [rad], axes of the root link there.
+        translation: Displacement since the start (3x1) [m], world axes.
+        force, torque: What drives it (3x1 each) [N], [N m], axes of the root link; structurally zero where
+            nothing does.
     """
 
     frame: MovingFrame
@@ -214,14 +175,10 @@ class PlannedBase(NamedTuple):
 class PlannedWheels(NamedTuple):
     """Reaction wheels that alone turn a robot's base.
 
-    Attributes
-    ----------
-    momenta
-        Angular momentum of each about its axis (n x 1) [N m s].
-    speeds
-        Speed of each wheel relative to the base (n x 1) [rad/s].
-    motors
-        Torques of the motors (n x 1) [N m].
+    Attributes:
+        momenta: Angular momentum of each about its axis (n x 1) [N m s].
+        speeds: Speed of each wheel relative to the base (n x 1) [rad/s].
+        motors: Torques of the motors (n x 1) [N m].
     """
 
     momenta: ca.SX
@@ -240,15 +197,13 @@ class PlanInstant(Protocol):
     def signal(self, name: str) -> Mapping[str, ca.SX]:
         """Columns of a signal by label, of which quantities are expressions.
 
-        Parameters
-        ----------
-        name
-            ``joint_torque``, ``joint_rate``, ``joint_acceleration``, ``tip_position``, ``tip_velocity``,
-            ``base_force``, ``base_torque`` (root link's axes), ``base_rotation``, ``base_translation``,
-            ``reaction_force``, ``reaction_torque`` (of arms on their base about its origin, world axes; on a
-            fixed base with the opposite sign), ``grasp_force``, ``grasp_torque``, ``single_wheel_momentum``,
-            ``vibration_energy`` or ``arrival`` (velocity and spin of tips relative to the mating frames that
-            goals bring them to).
+        Args:
+            name: ``joint_torque``, ``joint_rate``, ``joint_acceleration``, ``tip_position``,
+                ``tip_velocity``, ``base_force``, ``base_torque`` (root link's axes), ``base_rotation``,
+                ``base_translation``, ``reaction_force``, ``reaction_torque`` (of arms on their base about its
+                origin, world axes; on a fixed base with the opposite sign), ``grasp_force``,
+                ``grasp_torque``, ``single_wheel_momentum``, ``vibration_energy`` or ``arrival`` (velocity and
+                spin of tips relative to the mating frames that goals bring them to).
         """
 
     @property
@@ -262,116 +217,84 @@ class PlanInstant(Protocol):
     def tip(self, label: str, key: str = "tip") -> MovingFrame:
         """Frame of a tip.
 
-        Parameters
-        ----------
-        label
-            The tip, as robot/tip.
-        key
-            Key of the section that names it.
+        Args:
+            label: The tip, as robot/tip.
+            key: Key of the section that names it.
         """
 
     def mating(self, link: str, key: str = "frame") -> MovingFrame:
         """Frame of a link of the target.
 
-        Parameters
-        ----------
-        link
-            Name of the link.
-        key
-            Key of the section that names it.
+        Args:
+            link: Name of the link.
+            key: Key of the section that names it.
         """
 
     def root(self, body: str, key: str) -> tuple[ca.SX, ca.SX]:
         """Velocity [m/s] and spin [rad/s] of a floating root link, along its own axes in which it moves.
 
-        Parameters
-        ----------
-        body
-            Name of the body.
-        key
-            Key of the section that names it.
+        Args:
+            body: Name of the body.
+            key: Key of the section that names it.
         """
 
     def joined(self, body: str, key: str) -> Sequence[str]:
         """Names of a body and of those that closed grasps join it with, that body first.
 
-        Parameters
-        ----------
-        body
-            Name of the body.
-        key
-            Key of the section that names it.
+        Args:
+            body: Name of the body.
+            key: Key of the section that names it.
         """
 
     def base(self, robot: str, key: str) -> MovingFrame:
         """Frame of a robot's floating root link.
 
-        Parameters
-        ----------
-        robot
-            Name of the robot.
-        key
-            Key of the section that names it.
+        Args:
+            robot: Name of the robot.
+            key: Key of the section that names it.
         """
 
     def joints(self, robot: str, given: Mapping[str, T], key: str) -> Iterator[tuple[JointCoordinate, T]]:
         """Joints of a robot that match patterns, each with the value of its pattern.
 
-        Parameters
-        ----------
-        robot
-            Name of the robot.
-        given
-            Values by joint name or pattern.
-        key
-            Key of the section that holds them.
+        Args:
+            robot: Name of the robot.
+            given: Values by joint name or pattern.
+            key: Key of the section that holds them.
         """
 
     def turned(self, wanted: ca.SX, found: ca.SX) -> ca.SX:
         """Rotation vector from one orientation to another [rad], in the axes of the first.
 
-        Parameters
-        ----------
-        wanted, found
-            Orientations to start from and to reach, as rotations to world axes (3x3 each).
+        Args:
+            wanted, found: Orientations to start from and to reach, as rotations to world axes (3x3 each).
 
-        Returns
-        -------
-        casadi.SX
-            As many entries as :attr:`turns`.
+        Returns:
+            casadi.SX: As many entries as :attr:`turns`.
         """
 
     def fault(self, message: str, key: str) -> ScenarioError:
         """Error that names the place of a key of the section.
 
-        Parameters
-        ----------
-        message
-            Text of the error.
-        key
-            Key of the section.
+        Args:
+            message: Text of the error.
+            key: Key of the section.
         """
 
     def link(self, label: str, key: str = "link") -> MovingFrame:
         """Frame of a robot's link.
 
-        Parameters
-        ----------
-        label
-            The link, as robot/link.
-        key
-            Key of the section that names it.
+        Args:
+            label: The link, as robot/link.
+            key: Key of the section that names it.
         """
 
     def flexible(self, body: str, key: str) -> Mapping[str, tuple[ca.SX, ca.SX]]:
         """Position [rad or m] and rate of each joint of a body's flexible links (1x1 each), by its name.
 
-        Parameters
-        ----------
-        body
-            Name of the body, which must have some.
-        key
-            Key of the section that names it.
+        Args:
+            body: Name of the body, which must have some.
+            key: Key of the section that names it.
         """
 
     def bases(self) -> Mapping[str, PlannedBase]:
@@ -386,16 +309,11 @@ class PlanInstant(Protocol):
     def gaps(self, between: tuple[str, str], wrap: Wrap | None) -> Iterator[tuple[str, ca.SX, Implicit]]:
         """Distances of pairs of shapes.
 
-        Parameters
-        ----------
-        between
-            The two sides, each a pad or the links whose shapes count.
-        wrap
-            Shape that replaces meshes and cylinders, if any.
+        Args:
+            between: The two sides, each a pad or the links whose shapes count.
+            wrap: Shape that replaces meshes and cylinders, if any.
 
-        Returns
-        -------
-        Iterator
-            For each pair: its label, the distance (1x1) [m], and the result of the iteration on which it
-            depends.
+        Returns:
+            Iterator: For each pair: its label, the distance (1x1) [m], and the result of the iteration on
+                which it depends.
         """

@@ -54,7 +54,7 @@ class Capture(Section):
         return tuple(name for name in ENVELOPE if getattr(self, name) is not None)
 
     def words(self) -> str:
-        """When it closes, in a few words."""
+        """Conditions of the capture, in a few words."""
         if self.at is not None:
             return f"closes at {self.at:g} s"
         units = {"distance": "m", "misalignment_deg": "deg", "spin_deg": "deg/s"}

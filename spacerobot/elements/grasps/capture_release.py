@@ -298,18 +298,19 @@ class _GraspLifecycle:
     def _outputs(self) -> Iterator[Output]:
         """State of the grasp, and what is remembered of its capture."""
         plant, states = self.grasp.plant, self.memory
-        of_grasp = functools.partial(Output, dimension="grasp", label=self.grasp.name)
+        of_grasp = functools.partial(Output, dimension="grasp", label=self.grasp.name, plotted=False)
         state = 2 * self.closed + 3 * self.released + (self.inside if "entered_at" in states else 0)
         yield of_grasp("grasp_state", state, "1", f"state of grasps: {STATES}")
         turned = misalignment(self.grasp, self.mated)
-        yield of_grasp("grasp_misalignment", turned, "rad", "rotation vector from where mated to tips")
+        text = "rotation vector from where mated to tips"
+        yield of_grasp("grasp_misalignment", turned, "rad", text, plotted=True)
         if "captured_at" in states:
             when = "time of the last capture, -1 before the first"
             yield of_grasp("grasp_captured_at", states["captured_at"].symbol, "s", when)
         if "rest_gap" in states:
             text = "from mating frames to tips at the capture, axes of the mating frame"
-            yield of_grasp("grasp_capture_gap", states["rest_gap"].symbol, "m", text)
-        said = {
+            yield of_grasp("grasp_capture_gap", states["rest_gap"].symbol, "m", text, plotted=True)
+        outputs = {
             "velocity": (
                 "grasp_capture_velocity",
                 "m/s",
@@ -323,7 +324,7 @@ class _GraspLifecycle:
                 "impulsive couples of grasps on the target, at the tip",
             ),
         }
-        for key, (name, unit, text) in said.items():
+        for key, (name, unit, text) in outputs.items():
             if key in states:
                 axes = plant.translation_axes if key in ("velocity", "impulse") else plant.rotation_axes
                 yield of_grasp(name, self._said(key, axes), unit, text)

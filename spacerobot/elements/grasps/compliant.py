@@ -32,7 +32,7 @@ class Compliant(Grasp):
 
     @property
     def holds_orientation(self) -> bool:
-        """Where it has rotational springs or dampers."""
+        """Whether the grasp has rotational springs or dampers."""
         return bool(self.rotational_stiffness or self.rotational_damping)
 
     def spring_wrench(self, number: Callable[[str], ca.SX], tip: Displacement) -> tuple[ca.SX, ca.SX]:
@@ -53,15 +53,15 @@ class Compliant(Grasp):
         twist, spin = only(relative.twist, plant.rotation_axes), only(relative.spin, plant.rotation_axes)
         force, torque = self.spring_wrench(number, Displacement(gap, twist, velocity, spin))
         energy = number("stiffness") * ca.dot(gap, gap) / 2
-        taken = number("damping") * ca.dot(velocity, velocity)
+        dissipated = number("damping") * ca.dot(velocity, velocity)
         if self.rotational_stiffness is not None:
             energy = energy + number("rotational_stiffness") * ca.dot(twist, twist) / 2
         if self.rotational_damping is not None:
-            taken = taken + number("rotational_damping") * ca.dot(spin, spin)
+            dissipated = dissipated + number("rotational_damping") * ca.dot(spin, spin)
         return Contribution(
             wrenches=grasp.opposite(force, torque),
             energy=energy,
-            powers=(PowerTerm("grasp", taken), *relative.rest.powers(force, torque)),
+            powers=(PowerTerm("grasp", dissipated), *relative.rest.powers(force, torque)),
             outputs=observed(grasp, relative, force, torque),
         )
 
@@ -73,5 +73,5 @@ class Compliant(Grasp):
         return sentences
 
     def words(self) -> str:
-        """Its stiffness and damping."""
+        """Stiffness and damping."""
         return f"compliant {self.stiffness:g} N/m, {self.damping:g} N s/m"

@@ -38,12 +38,10 @@ OBSERVED = {
 class Displacement:
     """Tip relative to where a grasp is at rest, world axes (3x1 each).
 
-    Attributes
-    ----------
-    gap, twist
-        Displacement [m] and rotation vector [rad].
-    velocity, spin
-        Velocity and angular velocity of the tip relative to the target at its point [m/s, rad/s].
+    Attributes:
+        gap, twist: Displacement [m] and rotation vector [rad].
+        velocity, spin: Velocity and angular velocity of the tip relative to the target at its point [m/s,
+            rad/s].
     """
 
     gap: ca.SX
@@ -55,12 +53,11 @@ class Displacement:
 class Grasp(Element):
     """A connection of a tip and a mating frame.
 
-    Attributes
-    ----------
-    fixes_position, fixes_orientation
-        What a rigid connection takes away: the two or three translations, and the one or three rotations.
-    has_springs
-        Whether its wrench depends on the tip's displacement and motion alone: :meth:`spring_wrench`.
+    Attributes:
+        fixes_position, fixes_orientation: What a rigid connection takes away: the two or three translations,
+            and the one or three rotations.
+        has_springs: Whether its wrench depends on the tip's displacement and motion alone:
+            :meth:`spring_wrench`.
     """
 
     family: ClassVar[str] = "grasp"
@@ -128,17 +125,14 @@ class Grasp(Element):
     def spring_wrench(self, number: Callable[[str], ca.SX], tip: Displacement) -> tuple[ca.SX, ca.SX]:
         """Force [N] and torque [N m] on the target by springs and dampers, world axes (3x1 each).
 
-        Parameters
-        ----------
-        number
-            Value of a key of this section (1x1): a symbol in a closed loop, the number itself in a plan.
-        tip
-            The tip relative to where the grasp is at rest.
+        Args:
+            number: Value of a key of this section (1x1): a symbol in a closed loop, the number itself in a
+                plan.
+            tip: The tip relative to where the grasp is at rest.
 
-        Raises
-        ------
-        NotImplementedError
-            If :attr:`has_springs` is not set: the wrench depends on more than that, as that of a rigid one.
+        Raises:
+            NotImplementedError: If :attr:`has_springs` is not set: the wrench depends on more than that, as
+                that of a rigid one.
         """
         raise NotImplementedError
 
@@ -152,14 +146,10 @@ class Grasp(Element):
 class RestPose:
     """Tip relative to mating frame where the grasp is at rest, world axes (3x1 each).
 
-    Attributes
-    ----------
-    gap
-        Vector from mating frame to tip [m].
-    velocity, spin
-        Velocity and angular velocity of the rest pose while it is drawn in [m/s, rad/s].
-    acceleration, angular_acceleration
-        Their rates, the mating frame turning [m/s^2, rad/s^2].
+    Attributes:
+        gap: Vector from mating frame to tip [m].
+        velocity, spin: Velocity and angular velocity of the rest pose while it is drawn in [m/s, rad/s].
+        acceleration, angular_acceleration: Their rates, the mating frame turning [m/s^2, rad/s^2].
     """
 
     gap: ca.SX
@@ -179,16 +169,12 @@ class RestPose:
 class RelativeMotion:
     """Tip relative to where the grasp is at rest, world axes.
 
-    Attributes
-    ----------
-    gap
-        From there to the tip (3x1) [m]; the mating frame itself, unless captured elsewhere.
-    twist
-        Rotation vector from the orientation at rest, initial or as captured, to the tip's (3x1) [rad].
-    velocity, spin
-        Of the tip relative to the target at the tip's point, less the rest's own (3x1 each) [m/s, rad/s].
-    rest
-        Pose at which it is at rest.
+    Attributes:
+        gap: From there to the tip (3x1) [m]; the mating frame itself, unless captured elsewhere.
+        twist: Rotation vector from the orientation at rest, initial or as captured, to the tip's (3x1) [rad].
+        velocity, spin: Of the tip relative to the target at the tip's point, less the rest's own (3x1 each)
+            [m/s, rad/s].
+        rest: Pose at which it is at rest.
     """
 
     gap: ca.SX

@@ -18,16 +18,11 @@ WrenchPart = Literal["force", "torque"]
 class PlannedJoint:
     """A joint that is planned, as a limit sees it.
 
-    Attributes
-    ----------
-    label
-        ``robot/joint``.
-    kind
-        ``revolute``, ``continuous`` or ``prismatic``.
-    limited
-        Names among ``position``, ``rate`` and ``torque`` that the URDF, or the scenario, limits.
-    file
-        Name of the URDF's file.
+    Attributes:
+        label: ``robot/joint``.
+        kind: ``revolute``, ``continuous`` or ``prismatic``.
+        limited: Names among ``position``, ``rate`` and ``torque`` that the URDF, or the scenario, limits.
+        file: Name of the URDF's file.
     """
 
     label: str
@@ -40,12 +35,9 @@ class PlannedJoint:
 class SeparatedShapes:
     """Shapes that a limit keeps apart.
 
-    Attributes
-    ----------
-    between
-        The two: each the name of a pad, or a link with ``*`` for any letters.
-    wrap
-        Shape around meshes and cylinders that stands in for them.
+    Attributes:
+        between: The two: each the name of a pad, or a link with ``*`` for any letters.
+        wrap: Shape around meshes and cylinders that stands in for them.
     """
 
     between: tuple[str, str]
@@ -56,16 +48,11 @@ class SeparatedShapes:
 class ApproachCone:
     """A cone that opens from a mating frame against the direction of approach.
 
-    Attributes
-    ----------
-    frame
-        The mating frame, a link of the target's URDF.
-    axis
-        Direction of approach in that frame (3,).
-    half_angle_deg
-        Between its axis and its surface [deg].
-    radius
-        Radius of its cut in the frame's plane [m].
+    Attributes:
+        frame: The mating frame, a link of the target's URDF.
+        axis: Direction of approach in that frame (3,).
+        half_angle_deg: Between its axis and its surface [deg].
+        radius: Radius of its cut in the frame's plane [m].
     """
 
     frame: str
@@ -80,10 +67,8 @@ class PlanLimit(Element):
     In a scenario a number alone, or a list, is the key :attr:`short`, and the key is its kind where the
     section names none: ``torque: 3`` is ``torque: {kind: torque, upper: 3}``.
 
-    Attributes
-    ----------
-    relative_to_start
-        Whether it is measured from where the base is at the start.
+    Attributes:
+        relative_to_start: Whether it is measured from where the base is at the start.
     """
 
     family: ClassVar[str] = "plan_limit"
@@ -110,17 +95,15 @@ class PlanLimit(Element):
         return None
 
     def faults(self, joint: PlannedJoint) -> Iterator[str]:
-        """Why a joint cannot be planned with it."""
+        """Reasons why a joint cannot be planned with the limit."""
         del joint
         yield from ()
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """Path constraints.
 
-        Raises
-        ------
-        ScenarioError
-            If it names an unknown body, link or joint.
+        Raises:
+            ScenarioError: If it names an unknown body, link or joint.
         """
         del instant
         yield from ()

@@ -26,24 +26,15 @@ ROUNDING = 1e-12
 class Knots:
     """Where an instant lies among n intervals, and tables of what belongs to them and to what is behind them.
 
-    Attributes
-    ----------
-    context
-        Context of the law.
-    cursor
-        Tells the interval, n behind the last one.
-    u
-        Part of the interval that lies behind it (1x1).
-    width
-        Width of the interval (1x1) [s].
-    pace
-        Reciprocal of the width, zero after the last interval (1x1) [1/s].
-    nodes
-        Parts of an interval at which its points lie (s,).
-    event
-        That an interval ends; None where known times tell it.
-    parted
-        Whether each interval has rows of its own at both ends, so that forces may jump at knots.
+    Attributes:
+        context: Context of the law.
+        cursor: Tells the interval, n behind the last one.
+        u: Part of the interval that lies behind it (1x1).
+        width: Width of the interval (1x1) [s].
+        pace: Reciprocal of the width, zero after the last interval (1x1) [1/s].
+        nodes: Parts of an interval at which its points lie (s,).
+        event: That an interval ends; None where known times tell it.
+        parted: Whether each interval has rows of its own at both ends, so that forces may jump at knots.
     """
 
     context: SectionContext
@@ -66,14 +57,11 @@ class Knots:
     ) -> Knots:
         """An instant among the times of all points, rising from 0.
 
-        Parameters
-        ----------
-        context, times, points
-            Context of the law; times of its points (n,) [s], and number of points of an interval.
-        time
-            Time (1x1) [s] that is counted from an event; that of the law if None.
-        begin
-            Simulation time of the first point (1x1) [s]; the start if None.
+        Args:
+            context, times, points: Context of the law; times of its points (n,) [s], and number of points of
+                an interval.
+            time: Time (1x1) [s] that is counted from an event; that of the law if None.
+            begin: Simulation time of the first point (1x1) [s]; the start if None.
         """
         constants, ends = context.constants, times[ends_of(times, points)]
         now, limits = context.time if time is None else time, ends[1:].copy()
@@ -177,10 +165,8 @@ def ends_of(times: Sequence[float] | Array, points: int) -> list[int]:
 def nodes_of(times: Array, points: int) -> Array:
     """Parts of each interval at which its points lie (s,), the same in all.
 
-    Raises
-    ------
-    ValueError
-        If they are not, or the last interval has too few.
+    Raises:
+        ValueError: If they are not, or the last interval has too few.
     """
     if not is_parted(times, points) and (len(times) - 1) % (points - 1):
         raise ValueError(f"times: found {len(times)}, which intervals of {points} points do not make")

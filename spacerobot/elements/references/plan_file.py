@@ -23,12 +23,10 @@ TIPS = ("tip_position", "tip_velocity", "tip_rotation", "tip_spin")
 def read_joints(file: Path, where: str, phase: str | None = None) -> Mapping[str, Any]:
     """Joint motion, plain, of the robot that a dotted path belongs to; that of one phase if it is named.
 
-    Raises
-    ------
-    ScenarioError
-        If the file is no plan or has no joints of that robot, or not that phase.
+    Raises:
+        ScenarioError: If the file is no plan or has no joints of that robot, or not that phase.
     """
-    plan, robot = _parted(_during(open_plan(file, JOINTS), phase)), _keys(where)[1]
+    plan, robot = parted(_during(open_plan(file, JOINTS), phase)), _keys(where)[1]
     owners = {str(label).partition("/")[0] for label in plan.joint.values}
     if robot not in owners:
         raise ScenarioError(f"a plan without robot {robot!r}; {near_names(robot, owners)}", source=file)
@@ -45,12 +43,10 @@ def read_joints(file: Path, where: str, phase: str | None = None) -> Mapping[str
 def read_base(file: Path, where: str, phase: str | None = None) -> Mapping[str, Any]:
     """Base drive of the robot that a dotted path belongs to, as plain data; of one phase if it is named.
 
-    Raises
-    ------
-    ScenarioError
-        If the file is no plan or drives no base of that robot, or has not that phase.
+    Raises:
+        ScenarioError: If the file is no plan or drives no base of that robot, or has not that phase.
     """
-    plan, robot = _parted(_during(open_plan(file, BASES), phase)), _keys(where)[1]
+    plan, robot = parted(_during(open_plan(file, BASES), phase)), _keys(where)[1]
     labels = [str(label) for label in plan.drive.values if str(label).startswith(f"{robot}/")]
     if not labels:
         owners = {str(label).partition("/")[0] for label in plan.drive.values}
@@ -65,16 +61,14 @@ def _timed(plan: xr.Dataset) -> dict[str, Any]:
     """Times, points of an interval, and phases, plain."""
     times = plan.time.values
     phases = {name: [float(times[a]), float(times[b])] for name, (a, b) in phase_rows(plan).items()}
-    return {"times": times.tolist(), "points": _points(plan), "phases": phases}
+    return {"times": times.tolist(), "points": points_of(plan), "phases": phases}
 
 
 def read_tip(file: Path, where: str) -> Mapping[str, Any]:
     """Motion, plain, of the tip that a dotted path belongs to; that of a phase where the path is in one.
 
-    Raises
-    ------
-    ScenarioError
-        If the file is no plan, or does not have that tip.
+    Raises:
+        ScenarioError: If the file is no plan, or does not have that tip.
     """
     plan, keys = open_plan(file, TIPS), _keys(where)
     if keys[2:3] != ["tips"]:
@@ -86,12 +80,12 @@ def read_tip(file: Path, where: str) -> Mapping[str, Any]:
     phases, name = phase_rows(plan), where.split(".")[1]
     if where.startswith("phases.") and name in phases:
         plan = _during(plan, name)
-    tip_plan = _parted(plan.sel(tip=label))
+    tip_plan = parted(plan.sel(tip=label))
     position, velocity, rotation, spin = (numbers(tip_plan, name, ("time", "axis")).tolist() for name in TIPS)
     times = (tip_plan.time.values - tip_plan.time.values[0]).tolist()
     return {
         "times": times,
-        "points": _points(plan),
+        "points": points_of(plan),
         "position": position,
         "velocity": velocity,
         "rotation": rotation,
@@ -108,10 +102,8 @@ def _keys(where: str) -> list[str]:
 def open_plan(file: Path, names: tuple[str, ...]) -> xr.Dataset:
     """Content of a plan's file that has these variables.
 
-    Raises
-    ------
-    ScenarioError
-        If it cannot be read or lacks one.
+    Raises:
+        ScenarioError: If it cannot be read or lacks one.
     """
     import xarray as xr  # takes as long to load as all sections of a scenario
 
@@ -135,10 +127,8 @@ def open_plan(file: Path, names: tuple[str, ...]) -> xr.Dataset:
 def numbers(plan: xr.Dataset, name: str, dims: tuple[str, str]) -> Array:
     """Numbers of a variable, (n, m).
 
-    Raises
-    ------
-    ScenarioError
-        If they are not of these dimensions, or not finite.
+    Raises:
+        ScenarioError: If they are not of these dimensions, or not finite.
     """
     variable = plan[name]
     if set(variable.dims) != set(dims):
@@ -150,7 +140,7 @@ def numbers(plan: xr.Dataset, name: str, dims: tuple[str, str]) -> Array:
     return values
 
 
-def _points(plan: xr.Dataset) -> int:
+def points_of(plan: xr.Dataset) -> int:
     """Points of an interval between two knots."""
     points = plan.attrs.get("points", 2)
     return int(points) if isinstance(points, int | np.integer) else 0
@@ -159,10 +149,8 @@ def _points(plan: xr.Dataset) -> int:
 def _during(plan: xr.Dataset, phase: str | None) -> xr.Dataset:
     """Rows of one phase, time from its beginning; all where none is named.
 
-    Raises
-    ------
-    ScenarioError
-        If there is no such phase.
+    Raises:
+        ScenarioError: If there is no such phase.
     """
     phases = phase_rows(plan)
     if phase is None:
@@ -176,9 +164,9 @@ def _during(plan: xr.Dataset, phase: str | None) -> xr.Dataset:
     return phase_plan.assign_coords(time=phase_plan.time - phase_plan.time[0])
 
 
-def _parted(plan: xr.Dataset) -> xr.Dataset:
+def parted(plan: xr.Dataset) -> xr.Dataset:
     """A plan whose forces jump at some knots, with rows of its own for both ends of each interval."""
-    times, step, rows, first = plan.time.values, _points(plan) - 1, list[int](), 0
+    times, step, rows, first = plan.time.values, points_of(plan) - 1, list[int](), 0
     if (np.diff(times) > 0).all() or step < 1:
         return plan
     while first + step < len(times):

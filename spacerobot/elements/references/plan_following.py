@@ -38,10 +38,8 @@ def plan_phase() -> Any:
 def check_given(file: str | None, knots: object) -> None:
     """Refuse an element that follows no plan.
 
-    Raises
-    ------
-    ValueError
-        If there is neither a file nor knots.
+    Raises:
+        ValueError: If there is neither a file nor knots.
     """
     if file is None and knots is None:
         raise ValueError("file: which plan? give `file` or `knots`")
@@ -50,10 +48,8 @@ def check_given(file: str | None, knots: object) -> None:
 def known(knots: M | None) -> M:
     """The planned motion, which was given or read.
 
-    Raises
-    ------
-    ValueError
-        If it was not read yet.
+    Raises:
+        ValueError: If it was not read yet.
     """
     if knots is None:
         raise ValueError("a plan that was not read")

@@ -48,15 +48,12 @@ class Reference(Element):
     def from_standoff(self, standoff: float) -> dict[str, Any] | None:
         """Section that continues as this one does, for a tip that is already near the link that it follows.
 
-        Parameters
-        ----------
-        standoff
-            Distance before that link at which the tip is [m].
+        Args:
+            standoff: Distance before that link at which the tip is [m].
 
-        Returns
-        -------
-        dict or None
-            The section without what lies behind the tip; None for a reference that cannot begin there.
+        Returns:
+            dict or None: The section without what lies behind the tip; None for a reference that cannot begin
+                there.
         """
         del standoff
         return None
@@ -84,15 +81,11 @@ class Reference(Element):
     ) -> DesiredMotion:
         """Motion of a frame that begins at ``start``.
 
-        Parameters
-        ----------
-        context
-            Time, this section's numbers, and what can be seen of the target.
-        start
-            Motion of the frame when the reference begins.
-        pivot
-            Where the point then is that is displaced (3x1) [m], where that is not the frame's own origin: the
-            target's, if the frame is carried along by it.
+        Args:
+            context: Time, this section's numbers, and what can be seen of the target.
+            start: Motion of the frame when the reference begins.
+            pivot: Where the point then is that is displaced (3x1) [m], where that is not the frame's own
+                origin: the target's, if the frame is carried along by it.
         """
         return carried(context, start, pivot, (self.moved(context), self.turned(context)))
 

@@ -180,20 +180,23 @@ class _Seen:
             estimate = (estimates[f"target_{key}"](place) for key in ("position", "velocity", "spin"))
             return cls(ca.mtimes(turned, rotation), *estimate)
 
-        def read(signal: str, known: ca.SX, value: ca.SX, axes: tuple[int, ...]) -> ca.SX:
+        def read(signal: str, truth: ca.SX, axes: tuple[int, ...], origin: ca.SX | None = None) -> ca.SX:
+            value = truth if origin is None else truth - origin
             reading = context.shown(signal, value)
-            return known if reading is None else context.held(signal, known + only(reading - value, axes))
+            if reading is None:
+                return truth
+            return context.held(signal, truth + only(reading - value, axes), origin)
 
         along = plant.translation_axes
         return cls(
             rotation,
-            read("target_position", place, place - tip, along),
-            read("target_velocity", velocity, velocity, along),
-            read("target_spin", spin, spin, plant.rotation_axes),
+            read("target_position", place, along, tip),
+            read("target_velocity", velocity, along),
+            read("target_spin", spin, plant.rotation_axes),
         )
 
     def at(self, start: InitialMotion) -> _Seen:
-        """When the reference began."""
+        """The motion at the start of the reference."""
         return _Seen(**{name: start.keep(name, value) for name, value in vars(self).items()})
 
 
@@ -201,7 +204,7 @@ def _vector(context: ReferenceContext, key: str) -> ca.SX:
     return context.parameters.sparse_vector(f"{context.path}.{key}")
 
 
-def _free_acceleration(context: ReferenceContext, seen: _Seen) -> tuple[ca.SX, ca.SX]:
+def _free_acceleration(context: ReferenceContext, target: _Seen) -> tuple[ca.SX, ca.SX]:
     """Rates of the mating frame's velocity and spin (3x1 each) while the target drifts as one body."""
     plant, none = context.plant, ca.SX(3, 1)
     if not context.target:
@@ -209,7 +212,7 @@ def _free_acceleration(context: ReferenceContext, seen: _Seen) -> tuple[ca.SX, c
     parts = [(joint, *plant.inertias.in_world(plant.kinematics, joint)) for joint in context.target]
     mass = sum(part[1] for part in parts)
     centre = sum(m * plant.kinematics.origin[joint] + moment for joint, m, moment, _ in parts) / mass
-    spin, angular = seen.spin, none
+    spin, angular = target.spin, none
     if not plant.planar:
         shifted = (
             shifted_inertia(m, moment, inertia, plant.kinematics.origin[joint] - centre)[2]
@@ -217,6 +220,6 @@ def _free_acceleration(context: ReferenceContext, seen: _Seen) -> tuple[ca.SX, c
         )
         inertia = sum(shifted, ca.SX(3, 3))
         angular = SymmetricFactors(inertia).solve_negated(cross(spin, ca.mtimes(inertia, spin)))
-    lever = seen.position - centre
+    lever = target.position - centre
     gravity = ca.SX(ca.DM(plant.model.gravity.linear))
     return gravity + cross(angular, lever) + cross(spin, cross(spin, lever)), angular

@@ -34,10 +34,10 @@ class JointEncoder(LinearSensor):
 
     @property
     def reads_motors(self) -> bool:
-        """By its side."""
+        """Whether the encoder is on the motor's side of a transmission."""
         return self.side == "motor"
 
     @property
     def is_ideal(self) -> bool:
-        """As of a linear sensor, at the link alone."""
+        """Whether the encoder is on the link's side and a linear sensor without errors."""
         return super().is_ideal and self.side == "link"

@@ -5,17 +5,20 @@ Sample k of a signal s, with the sensor's scale b and offset a, is
     m_k = clip(Q(b s + a + beta_k + sigma_d / sqrt(T) n_k)),    beta_k = beta_k-1 + kappa sqrt(T) w_k,
 
 with the period T, the densities sigma_d of white noise and kappa of the bias' random walk, standard normal
-numbers n and w, the quantisation Q and the range by which it is clipped. White noise of density sigma_d
-(square root of the two-sided power spectral density) has the variance sigma_d^2 / T where it is averaged
-over T; the integral of a rate then walks at random by sigma_d sqrt(t), whatever T (IEEE Std 952). beta_0 is
-drawn with the standard deviation of the initial bias. A sample that drops out leaves the last one; each
-acts after the latency, and is held until the next. A sensor that drifts adds a ramp to the signal, one that
-freezes repeats its last sample as if it were new, and one that is lost gives no more samples.
+numbers n and w, the quantisation Q and the range by which it is clipped, both of each component. White noise
+of density sigma_d (square root of the two-sided power spectral density) has the variance sigma_d^2 / T where
+it is averaged over T; the integral of a rate then walks at random by sigma_d sqrt(t), whatever T (IEEE Std
+952). beta_0 is drawn with the standard deviation of the initial bias. A sample that drops out leaves the last
+one; each acts after the latency, and is held until the next. A sensor that sees a vector from a moving point,
+or a rotation vector from a moving attitude, holds the place or the attitude in the world that its sample
+shows. A sensor that drifts adds a ramp to the signal, one that freezes repeats its last sample as if it were
+new, and one that is lost gives no more samples.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from statistics import NormalDist
 from typing import Literal
@@ -27,6 +30,7 @@ from spacerobot.dynamics.rotations import (
     quaternion_from_rotation,
     rotation_exp,
     rotation_from_quaternion,
+    rotation_log,
     turn,
 )
 from spacerobot.elements.core.clock import MAX_DELAY, Clock, DelayLine
@@ -56,9 +60,11 @@ class SensorErrors(Section):
     bias_walk: float = quantity(
         f"{SIGNALS_UNIT}/s^0.5", "density of the random walk of the bias", default=0.0, ge=0
     )
-    resolution: float = quantity(SIGNALS_UNIT, "quantisation; 0: none", default=0.0, ge=0)
+    resolution: float = quantity(SIGNALS_UNIT, "quantisation of each component; 0: none", default=0.0, ge=0)
     dropout: float = quantity("1", "probability that a sample is lost", default=0.0, ge=0, lt=1)
-    range: float | None = quantity(SIGNALS_UNIT, "largest magnitude it shows", default=None, gt=0)
+    range: float | None = quantity(
+        SIGNALS_UNIT, "largest magnitude it shows, of each component", default=None, gt=0
+    )
     misalignment_deg: Vector = quantity(
         "deg",
         "rotation vector of the sensor's axes about those of the base or the tip that carries it",
@@ -73,6 +79,24 @@ class SensorErrors(Section):
                 f"{MAX_DELAY * self.period:g} s"
             )
         return self
+
+    def coarsening(self, context: SectionContext) -> Callable[[ca.SX], ca.SX] | None:
+        """Return the map from a signal (n x 1) to its quantised and clipped value; None without both.
+
+        Args:
+            context: Context of this section.
+        """
+        step = None if context.is_zero("resolution") else context.number("resolution")
+        limit = None if self.range is None else context.number("range")
+
+        def coarsen(signal: ca.SX) -> ca.SX:
+            if step is not None:
+                signal = step * ca.floor(signal / step + 0.5)
+            if limit is not None:  # last, so that rounding up does not exceed it
+                signal = ca.fmin(ca.fmax(signal, -limit), limit)
+            return signal
+
+        return None if step is None and limit is None else coarsen
 
 
 class SensorFailure(Failure):
@@ -117,28 +141,47 @@ class FailingSensor:
 class Observation:
     """A signal as its sensor sees it.
 
-    Attributes
-    ----------
-    shown
-        What it shows now, offset and scale in it (n x 1); of an attitude, its error about the axes that turn.
-    distance
-        Distance to the target (1x1) [m], for a sensor that sees it.
-    attitude
-        True attitude (3x3) of what is measured as an attitude; None for a vector.
-    stamped
-        Whether a sample ends with its time, -1 for none; one that drops out keeps that of the last one.
+    Attributes:
+        shown: What it shows now, offset and scale in it (n x 1); of an attitude, its error about the axes
+            that turn.
+        distance: Distance to the target (1x1) [m], for a sensor that sees it.
+        attitude: True attitude (3x3) of what is measured as an attitude; None for a vector.
+        origin: Origin from which the sensor measures what it shows: a part of ``shown`` (n x 1), or the
+            attitude (3x3) from which the rotation vector of ``attitude`` counts; None for the zero of
+            ``shown``.
+        stamped: Whether a sample ends with its time, -1 for none; one that drops out keeps that of the last
+            one.
     """
 
     shown: ca.SX
     distance: ca.SX | None = None
     attitude: ca.SX | None = None
+    origin: ca.SX | None = None
     stamped: bool = False
 
-    def sample(self, observation: ca.SX, time: ca.SX) -> ca.SX:
-        """Sample (m x 1) that shows an observation (n x 1), at a time (1x1) [s]."""
+    def sample(
+        self, observation: ca.SX, time: ca.SX, coarsen: Callable[[ca.SX], ca.SX] | None = None
+    ) -> ca.SX:
+        """Build the sample (m x 1) that shows an observation.
+
+        Args:
+            observation: Observation (n x 1), as ``shown``.
+            time: Time of the sample (1x1) [s].
+            coarsen: Map from the signal that the sensor measures (n x 1) to the numbers that it gives; None
+                if these are the same.
+        """
         if self.attitude is not None:
-            error = turned_by(observation)
-            observation = attitude_numbers(ca.mtimes(error, self.attitude), planar=observation.size1() == 1)
+            planar = observation.size1() == 1
+            rotation = ca.mtimes(turned_by(observation), self.attitude)
+            if coarsen is not None:
+                origin = ca.SX.eye(3) if self.origin is None else self.origin
+                measured = rotation_log(ca.mtimes(rotation, origin.T))
+                measured = coarsen(ca.densify(measured[2] if planar else measured))
+                rotation = ca.mtimes(turned_by(measured), origin)
+            observation = attitude_numbers(rotation, planar=planar)
+        elif coarsen is not None:
+            origin = ca.SX(observation.size1(), 1) if self.origin is None else self.origin
+            observation = origin + coarsen(observation - origin)
         return ca.vertcat(observation, time) if self.stamped else observation
 
 
@@ -177,20 +220,13 @@ def attitude_of(numbers: ca.SX) -> ca.SX:
 class Measurement:
     """A signal as it was measured last.
 
-    Attributes
-    ----------
-    shown
-        Present reading of the sensor (n x 1).
-    value
-        State that holds the last sample.
-    states, events
-        States of the sensor, and events at its instants.
-    samples
-        Number of samples so far.
-    bias
-        Bias at the last sample (n x 1); none without noise.
-    continuous
-        Reading of a continuous sensor that may fail (n x 1).
+    Attributes:
+        shown: Present reading of the sensor (n x 1).
+        value: State that holds the last sample.
+        states, events: States of the sensor, and events at its instants.
+        samples: Number of samples so far.
+        bias: Bias at the last sample (n x 1); none without noise.
+        continuous: Reading of a continuous sensor that may fail (n x 1).
     """
 
     shown: ca.SX
@@ -237,18 +273,12 @@ class Measurement:
     ) -> Measurement:
         """With errors.
 
-        Parameters
-        ----------
-        name
-            Unique in the closed loop; it also tells the sensor's random numbers from those of others.
-        context
-            Context of the section ``errors``.
-        errors
-            That section.
-        observed
-            Present observation of the sensor.
-        sensor
-            Failure of the sensor, if it fails.
+        Args:
+            name: Unique in the closed loop; it also tells the sensor's random numbers from those of others.
+            context: Context of the section ``errors``.
+            errors: That section.
+            observed: Present observation of the sensor.
+            sensor: Failure of the sensor, if it fails.
         """
         period = context.steady("period")
         clock = Clock.of(f"{name}.samples", context.time, period)
@@ -276,13 +306,7 @@ class Measurement:
             sample = sample + density / root * context.random(name, rows, size, number)
         if sensor is not None:
             sample = sample + sensor.drift
-        if not context.is_zero("resolution"):
-            step = context.number("resolution")
-            sample = step * ca.floor(sample / step + 0.5)
-        if errors.range is not None:  # last, so that rounding up does not exceed it
-            limit = context.number("range")
-            sample = ca.fmin(ca.fmax(sample, -limit), limit)
-        sample = observed.sample(sample, clock.instant)
+        sample = observed.sample(sample, clock.instant, errors.coarsening(context))
         if errors.dropout or sensor is not None:
             last = memory(f"{name}.last", observed.sample(observed.shown, ca.SX(-1)))
             if errors.dropout:
@@ -313,9 +337,10 @@ def places_of(value: ca.SX) -> list[tuple[int, int]]:
     return [place for place in zip(rows, columns, strict=True) if not value[place].is_constant()]
 
 
-def changing(value: ca.SX) -> ca.SX:
-    """Entries of a matrix that are not constant (n x 1)."""
-    return ca.vertcat(ca.SX(0, 1), *(value[place] for place in places_of(value)))
+def changing(value: ca.SX, of: ca.SX | None = None) -> ca.SX:
+    """Entries of a matrix that are not constant (n x 1), or those of another matrix at the same places."""
+    matrix = value if of is None else of
+    return ca.vertcat(ca.SX(0, 1), *(matrix[place] for place in places_of(value)))
 
 
 def filled(value: ca.SX, other: ca.SX) -> ca.SX:

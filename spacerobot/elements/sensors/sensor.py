@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar
 
 import casadi as ca
@@ -20,13 +21,26 @@ from spacerobot.elements.sensors.measurement import (
 from spacerobot.registry import required
 
 
+@dataclass(frozen=True)
+class Flange:
+    """Place of a force-torque sensor.
+
+    Attributes:
+        joint: Name of the joint of the URDF, fixed or not, through which the measured wrench passes; None for
+            the tip, beyond which there is no link.
+        compensated: Whether weight and inertia of the links beyond it are subtracted.
+    """
+
+    joint: str | None = None
+    compensated: bool = True
+
+
 class Sensor(Element):
     """A sensor of one signal, the same for every component; its reading is linear in the signal.
 
-    Attributes
-    ----------
-    holds
-        Whether it measures only now and then, by its number ``period`` [s], and holds what it measured.
+    Attributes:
+        holds: Whether it measures only now and then, by its number ``period`` [s], and holds what it
+            measured.
     """
 
     family: ClassVar[str] = "sensor"
@@ -45,14 +59,10 @@ class Sensor(Element):
     def measurement(self, name: str, context: SectionContext, observed: Observation) -> Measurement | None:
         """Sampled measurement of a signal (n x 1); None if it is continuous and does not fail.
 
-        Parameters
-        ----------
-        name
-            Unique in the closed loop.
-        context
-            Context of the sensor's section.
-        observed
-            Present observation, by :meth:`aligned` and :meth:`affine`.
+        Args:
+            name: Unique in the closed loop.
+            context: Context of the sensor's section.
+            observed: Present observation, by :meth:`aligned` and :meth:`affine`.
         """
         failing = None
         if self.failure is not None:
@@ -67,14 +77,10 @@ class Sensor(Element):
     def aligned(self, context: SectionContext, value: ca.SX, axes: ca.SX | None) -> ca.SX:
         """Signal by a sensor whose axes are turned.
 
-        Parameters
-        ----------
-        context
-            Context of the sensor's section.
-        value
-            Vector (3x1), or attitude (3x3).
-        axes
-            Axes of what carries the sensor, in those of the signal (3x3); None if they are the value.
+        Args:
+            context: Context of the sensor's section.
+            value: Vector (3x1), or attitude (3x3).
+            axes: Axes of what carries the sensor, in those of the signal (3x3); None if they are the value.
         """
         turn = None if self.errors is None else misalignment(context.at(f"{context.path}.errors"))
         if turn is None:
@@ -94,6 +100,16 @@ class Sensor(Element):
     def reads_motors(self) -> bool:
         """Whether it is mounted on the motors of joints, in front of their transmissions."""
         return False
+
+    @property
+    def measures_wrench(self) -> bool:
+        """Whether it measures forces and torques alone."""
+        return False
+
+    @property
+    def flange(self) -> Flange:
+        """Place at which it measures the wrench on a tip; at the tip itself by default."""
+        return Flange()
 
     @property
     @required()

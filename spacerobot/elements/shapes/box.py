@@ -40,7 +40,7 @@ class Box(CollisionShape):
 
     @classmethod
     def of_urdf(cls, size: Sequence[float]) -> dict[str, Any]:
-        """Edges from the URDF's size [m]."""
+        """Section of a box from the edge lengths of a URDF [m]."""
         return {"size": tuple(size)}
 
     @classmethod

@@ -80,7 +80,7 @@ def _smallest(points: Array, axis: int) -> tuple[float, float, float, float]:
         return max((top - bottom) / 2, 0.0), (top + bottom) / 2
 
     def volume(radius: float) -> float:
-        """Of the cylinder and the two half balls."""
+        """Volume of the cylinder and the two half balls."""
         return float(np.pi * radius**2 * (2 * ends(radius)[0] + 4 / 3 * radius))
 
     from scipy.optimize import minimize_scalar  # slow to import, and few scenes have meshes to wrap

@@ -47,14 +47,10 @@ class CollisionShape(Element):
     Its measures are the keys that a kind adds to these. A kind states its support function, from which
     distances follow; a half-space has none. Everything else has a default that follows from it.
 
-    Attributes
-    ----------
-    is_halfspace
-        Whether it is all that is below its own x-y plane.
-    urdf_geometry
-        Geometry of a URDF that it is, if there is one.
-    wrap_order
-        Rank among the shapes that plans try around meshes and cylinders; only where it can wrap.
+    Attributes:
+        is_halfspace: Whether it is all that is below its own x-y plane.
+        urdf_geometry: Geometry of a URDF that it is, if there is one.
+        wrap_order: Rank among the shapes that plans try around meshes and cylinders; only where it can wrap.
     """
 
     family: ClassVar[str] = "shape"
@@ -75,12 +71,9 @@ class CollisionShape(Element):
     def support(cls, rotation: ca.SX, measures: ca.SX) -> Support:
         """Support function about its origin.
 
-        Parameters
-        ----------
-        rotation
-            Rotation from its own axes to those of the result (3x3).
-        measures
-            Lengths (n x 1) [m], in the order of its keys.
+        Args:
+            rotation: Rotation from its own axes to those of the result (3x3).
+            measures: Lengths (n x 1) [m], in the order of its keys.
         """
         raise NotImplementedError
 
@@ -88,18 +81,13 @@ class CollisionShape(Element):
     def nearest(cls, point: ca.SX, shape: Shape) -> Nearest | None:
         """Signed distance from a point to the shape without its ball, where that has a closed form.
 
-        Parameters
-        ----------
-        point
-            The point (3x1) [m], world axes.
-        shape
-            Pose of the shape.
+        Args:
+            point: The point (3x1) [m], world axes.
+            shape: Pose of the shape.
 
-        Returns
-        -------
-        tuple or None
-            Distance (1x1) [m], unit direction to the point (3x1), nearest point of the core (3x1) [m]; None
-            where support functions shall give the distance.
+        Returns:
+            tuple or None: Distance (1x1) [m], unit direction to the point (3x1), nearest point of the core
+                (3x1) [m]; None where support functions shall give the distance.
         """
         del point, shape
         return None
@@ -115,12 +103,9 @@ class CollisionShape(Element):
     def around(cls, points: Array, axes: Sequence[int]) -> Wrapping:
         """The shape around points.
 
-        Parameters
-        ----------
-        points
-            Points to be contained (n, 3) [m].
-        axes
-            Axes along which it may lie: 0, 1, 2.
+        Args:
+            points: Points to be contained (n, 3) [m].
+            axes: Axes along which it may lie: 0, 1, 2.
         """
         raise NotImplementedError
 
@@ -138,7 +123,7 @@ class CollisionShape(Element):
         return tuple(key for key in cls.model_fields if key not in CollisionShape.model_fields)
 
     def measures(self, context: SectionContext | None = None) -> ca.SX:
-        """Its measures (n x 1) [m]: numbers, or with the context of its section symbols."""
+        """Measures of the shape (n x 1) [m]: numbers, or symbols with the context of its section."""
         if context is None:
             values = [ca.SX(ca.DM(getattr(self, key))) for key in self.measure_keys()]
         else:
@@ -164,7 +149,7 @@ class CollisionShape(Element):
         return float(reach.min()), float(reach.max())
 
     def coal(self) -> Any:
-        """Its geometry in coal, which the Pinocchio engine uses: the hull of points of its surface.
+        """Geometry in coal, which the Pinocchio engine uses: the convex hull of points of its surface.
 
         The engine starts from coal's distance and refines it by the support function.
         """
@@ -177,10 +162,9 @@ class CollisionShape(Element):
     def drawing(self, reach: float) -> list[DrawnGeometry]:
         """Drawn geometry: the hull of its surface points.
 
-        Parameters
-        ----------
-        reach
-            Distance from its origin to the farthest of the shapes that may touch it [m]; for a half-space.
+        Args:
+            reach: Distance from its origin to the farthest of the shapes that may touch it [m]; for a
+                half-space.
         """
         del reach
         from spacerobot.description import Geometry
@@ -188,7 +172,7 @@ class CollisionShape(Element):
         return [DrawnGeometry(Geometry("mesh", np.ones(3), corners=self.surface_points()))]
 
     def words(self) -> str:
-        """Its kind and measures."""
+        """Kind and measures."""
         sizes = [(key, np.atleast_1d(getattr(self, key))) for key in self.measure_keys()]
         return ", ".join(
             [self.kind, *(f"{key} {' x '.join(f'{x:g}' for x in values)} m" for key, values in sizes)]
