@@ -23,15 +23,11 @@ IDENTITY3 = ca.SX.eye(3)
 def cross(a: ca.SX, b: ca.SX) -> ca.SX:
     """Vector product of two 3-vectors, sparse where both operands allow it.
 
-    Parameters
-    ----------
-    a, b
-        Vectors, 3x1.
+    Args:
+        a, b: Vectors, 3x1.
 
-    Returns
-    -------
-    casadi.SX
-        ``a x b``, 3x1.
+    Returns:
+        casadi.SX: ``a x b``, 3x1.
     """
     return ca.cross(a, b)
 
@@ -130,17 +126,12 @@ def velocity_gradient(products: ca.SX, acceleration: ca.SX) -> ca.SX:
     A point at ``r`` from the origin accelerates by ``G r`` more than the origin does:
     ``G = skew(alpha) + skew(omega)^2``.
 
-    Parameters
-    ----------
-    products
-        ``omega omega^T``, rad^2/s^2, 3x3.
-    acceleration
-        Angular acceleration alpha, rad/s^2, 3x1.
+    Args:
+        products: ``omega omega^T``, rad^2/s^2, 3x3.
+        acceleration: Angular acceleration alpha, rad/s^2, 3x1.
 
-    Returns
-    -------
-    casadi.SX
-        ``G``, 1/s^2, 3x3.
+    Returns:
+        casadi.SX: ``G``, 1/s^2, 3x3.
     """
     square = -ca.trace(products)  # one node, which a planar G then shares
     return ca.sparsify(products + square * IDENTITY3) + skew(acceleration)
@@ -150,12 +141,9 @@ def velocity_gradient(products: ca.SX, acceleration: ca.SX) -> ca.SX:
 def inertia_torque(rotational: ca.SX, products: ca.SX, gradient: ca.SX, acceleration: ca.SX) -> ca.SX:
     """Euler's torque ``I alpha + omega x I omega``, N m, 3x1, from the products the gradient is made of.
 
-    Parameters
-    ----------
-    rotational
-        I, kg m^2, 3x3 symmetric.
-    products, gradient, acceleration
-        As in :func:`velocity_gradient`.
+    Args:
+        rotational: I, kg m^2, 3x3 symmetric.
+        products, gradient, acceleration: As in :func:`velocity_gradient`.
     """
     inertia, rows = rotational, []
     for x in range(3):
@@ -176,10 +164,8 @@ class SymmetricFactors:
     Everything is kept negated. ``SX`` rewrites ``x * (1 / d)`` as a division, and so would divide once per
     product; ``x * (-1 / d)`` it leaves alone, one division per pivot.
 
-    Parameters
-    ----------
-    matrix
-        Symmetric positive definite, nxn; only the lower triangle is read.
+    Args:
+        matrix: Symmetric positive definite, nxn; only the lower triangle is read.
     """
 
     def __init__(self, matrix: ca.SX) -> None:

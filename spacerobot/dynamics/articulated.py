@@ -42,16 +42,11 @@ from spacerobot.dynamics.recorded import recorded
 class Wrench:
     """A force and a couple applied to a joint's body, or n of them in turn, world axes.
 
-    Attributes
-    ----------
-    joint_id
-        The body's joint; a wrench on the universe (0) does nothing.
-    force
-        N, 3xn, acting at ``point``.
-    torque
-        N m, 3xn, in addition to the force's own moment.
-    point
-        World position of the point of attack, m, 3x1.
+    Attributes:
+        joint_id: The body's joint; a wrench on the universe (0) does nothing.
+        force: N, 3xn, acting at ``point``.
+        torque: N m, 3xn, in addition to the force's own moment.
+        point: World position of the point of attack, m, 3x1.
     """
 
     joint_id: int
@@ -66,18 +61,12 @@ class _Elimination:
 
     The joint's motion subspace is ``A T``: A (6xk) is simple where the joint allows it, T (kxk) orthogonal.
 
-    Attributes
-    ----------
-    rows
-        Where A consists of unit vectors, their rows; else ``None``.
-    axes
-        A.
-    turn
-        T, from velocity coordinates to coordinates along A.
-    factors
-        Of ``D = A^T I A``.
-    gain
-        ``K = -I A D^-1``, 6xk, the rows of :attr:`rows` left out (they are minus the identity).
+    Attributes:
+        rows: Where A consists of unit vectors, their rows; else ``None``.
+        axes: A.
+        turn: T, from velocity coordinates to coordinates along A.
+        factors: Of ``D = A^T I A``.
+        gain: ``K = -I A D^-1``, 6xk, the rows of :attr:`rows` left out (they are minus the identity).
     """
 
     rows: tuple[int, ...] | None
@@ -93,14 +82,10 @@ class ArticulatedBody:
 
     Build it with :meth:`factorise`; the cost of that and of every sweep is linear in the number of joints.
 
-    Attributes
-    ----------
-    model, kinematics
-        The system and its posture.
-    bodies
-        Mass, first moment and rotational inertia of every body in calculation axes.
-    eliminations
-        By joint, without the universe.
+    Attributes:
+        model, kinematics: The system and its posture.
+        bodies: Mass, first moment and rotational inertia of every body in calculation axes.
+        eliminations: By joint, without the universe.
     """
 
     model: pinocchio.Model
@@ -117,10 +102,8 @@ class ArticulatedBody:
     ) -> ArticulatedBody:
         """Eliminate every joint, from the leaves to the roots.
 
-        Parameters
-        ----------
-        model, kinematics, inertias
-            The system and its posture.
+        Args:
+            model, kinematics, inertias: The system and its posture.
         """
         rotor = sparse_rotor_inertia(model)
         bodies = [inertias.rotated(motion.body, index) for index, motion in enumerate(kinematics.local)]
@@ -147,14 +130,11 @@ class ArticulatedBody:
 
         One sweep reduces any number n of load cases, the columns of the result (nvxn).
 
-        Parameters
-        ----------
-        tau
-            Generalised force in velocity coordinates, nvxn; may be sparse.
-        wrenches
-            Applied forces and couples.
-        moving
-            Whether the model's gravity and the inertia forces at its velocity count among the loads; n is 1.
+        Args:
+            tau: Generalised force in velocity coordinates, nvxn; may be sparse.
+            wrenches: Applied forces and couples.
+            moving: Whether the model's gravity and the inertia forces at its velocity count among the loads;
+                n is 1.
         """
         wrenches = tuple(wrenches)
         cases = load_cases(tau, wrenches)
@@ -214,10 +194,8 @@ class ArticulatedBody:
     def resistance(self, acceleration: ca.SX) -> ca.SX:
         """Loads that an acceleration from rest takes, reduced: ``N M a``, nv, the inverse of :meth:`motion`.
 
-        Parameters
-        ----------
-        acceleration
-            v-dot in velocity coordinates, nv; may be sparse.
+        Args:
+            acceleration: v-dot in velocity coordinates, nv; may be sparse.
         """
         carried = [ca.SX(6, 1)] * self.model.njoints
         result: list[ca.SX] = []
@@ -238,11 +216,9 @@ class ArticulatedBody:
     def inertia_force(self, joints: Iterable[int]) -> tuple[ca.SX, ca.SX]:
         """Force and torque that bodies take to move as they do at zero joint acceleration, gravity removed.
 
-        Parameters
-        ----------
-        joints
-            Their joints, each behind its parent. The first carries all others, and the torque is about its
-            origin; 3x1 each, world axes.
+        Args:
+            joints: Their joints, each behind its parent. The first carries all others, and the torque is
+                about its origin; 3x1 each, world axes.
         """
         loads = [ca.SX(6, 1)] * self.model.njoints
         root, *behind = joints
@@ -260,10 +236,8 @@ class ArticulatedBody:
     def negated_mobility(self, rows: ca.SX, columns: ca.SX) -> ca.SX:
         """``-B^T M^-1 A``, the motion along loads B (m of them) that loads A (n) cause, negated, mxn.
 
-        Parameters
-        ----------
-        rows, columns
-            B and A, :meth:`reduced`, nvxm and nvxn.
+        Args:
+            rows, columns: B and A, :meth:`reduced`, nvxm and nvxn.
         """
         pivots = ca.vertcat(*(elimination.factors.negated_pivots for elimination in self.eliminations))
         return ca.mtimes(rows.T, ca.mtimes(ca.diag(pivots), columns))
@@ -273,20 +247,16 @@ class ArticulatedBody:
 
         Only joints that carry load cost anything in the backward sweep; velocity and gravity play no part.
 
-        Parameters
-        ----------
-        tau, wrenches
-            As for :meth:`reduced`.
+        Args:
+            tau, wrenches: As for :meth:`reduced`.
         """
         return self.motion(self.reduced(tau, wrenches))
 
     def acceleration(self, tau: ca.SX | None = None, wrenches: Iterable[Wrench] = ()) -> ca.SX:
         """Forward dynamics: v-dot in Pinocchio's velocity coordinates, nv.
 
-        Parameters
-        ----------
-        tau, wrenches
-            As for :meth:`reduced`, beside the model's gravity.
+        Args:
+            tau, wrenches: As for :meth:`reduced`, beside the model's gravity.
         """
         return self.motion(self.reduced(tau, wrenches, moving=True))
 

@@ -18,13 +18,10 @@ def mass_matrix(
 ) -> ca.SX:
     """Joint-space inertia matrix M, nv x nv, sparse and symmetric.
 
-    Parameters
-    ----------
-    model, kinematics, inertias
-        The system and its posture.
-    rotor_inertia
-        Inertia of the rotors reflected to the velocity coordinates, nv; ``None`` takes the model's
-        ``armature``.
+    Args:
+        model, kinematics, inertias: The system and its posture.
+        rotor_inertia: Inertia of the rotors reflected to the velocity coordinates, nv; ``None`` takes the
+            model's ``armature``.
     """
     rotor = sparse_rotor_inertia(model) if rotor_inertia is None else rotor_inertia
     composite = [inertias.in_world(kinematics, index) for index in range(model.njoints)]

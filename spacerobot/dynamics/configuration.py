@@ -12,19 +12,13 @@ from spacerobot.dynamics.rotations import rotation_from_quaternion
 def configuration_derivative(model: pinocchio.Model, q: ca.SX, v: ca.SX) -> ca.SX:
     """Time derivative of the configuration for a velocity in Pinocchio's coordinates.
 
-    Parameters
-    ----------
-    model
-        Any model of supported joints.
-    q
-        Configuration, nq.
-    v
-        Velocity, nv.
+    Args:
+        model: Any model of supported joints.
+        q: Configuration, nq.
+        v: Velocity, nv.
 
-    Returns
-    -------
-    casadi.SX
-        ``qdot``, nq, tangent to the manifold at ``q``.
+    Returns:
+        casadi.SX: ``qdot``, nq, tangent to the manifold at ``q``.
     """
     return ca.vertcat(*(_rate(joint, joint.coordinates(q), joint.rates(v)) for joint in read_joints(model)))
 
@@ -32,17 +26,12 @@ def configuration_derivative(model: pinocchio.Model, q: ca.SX, v: ca.SX) -> ca.S
 def normalise(model: pinocchio.Model, q: ca.SX) -> ca.SX:
     """Return a configuration to the manifold: (cos, sin) pairs and quaternions are scaled to length one.
 
-    Parameters
-    ----------
-    model
-        Any model of supported joints.
-    q
-        Configuration, Pinocchio's coordinates, nq.
+    Args:
+        model: Any model of supported joints.
+        q: Configuration, Pinocchio's coordinates, nq.
 
-    Returns
-    -------
-    casadi.SX
-        Configuration, nq.
+    Returns:
+        casadi.SX: Configuration, nq.
     """
     return ca.vertcat(*(_normalised(joint, joint.coordinates(q)) for joint in read_joints(model)))
 

@@ -31,18 +31,12 @@ from spacerobot.errors import DescriptionError, near_names
 class FreeFloating:
     """Momentum of one free-floating subtree, split into base and joints, at one posture.
 
-    Attributes
-    ----------
-    model, kinematics, inertias
-        The model that holds the robot, and its posture.
-    base
-        The robot's root joint, planar (k = 3) or free-flyer (k = 6).
-    columns
-        Velocity indices of the n joints behind the base.
-    base_inertia
-        H_b, kxk: momentum along the base's velocity coordinates per base velocity.
-    base_coupling
-        H_bm, kxn: the same per joint rate.
+    Attributes:
+        model, kinematics, inertias: The model that holds the robot, and its posture.
+        base: The robot's root joint, planar (k = 3) or free-flyer (k = 6).
+        columns: Velocity indices of the n joints behind the base.
+        base_inertia: H_b, kxk: momentum along the base's velocity coordinates per base velocity.
+        base_coupling: H_bm, kxn: the same per joint rate.
     """
 
     model: pinocchio.Model
@@ -59,19 +53,13 @@ class FreeFloating:
     ) -> FreeFloating:
         """Split the momentum of the subtree that starts at joint ``root``.
 
-        Parameters
-        ----------
-        model
-            Model that holds the robot.
-        kinematics, inertias
-            Its posture and its mass properties.
-        root
-            Id of the robot's planar or free-flyer joint on the universe.
+        Args:
+            model: Model that holds the robot.
+            kinematics, inertias: Its posture and its mass properties.
+            root: Id of the robot's planar or free-flyer joint on the universe.
 
-        Raises
-        ------
-        DescriptionError
-            If the joint is not a planar or free-flyer joint on the universe.
+        Raises:
+            DescriptionError: If the joint is not a planar or free-flyer joint on the universe.
         """
         base = _base(model, kinematics, root)
         ids = subtree(model, root)[1:]
@@ -102,18 +90,13 @@ class FreeFloating:
     def base_velocity(self, rates: ca.SX, momentum: ca.SX | None = None) -> ca.SX:
         """Base velocity that follows from joint rates and momentum.
 
-        Parameters
-        ----------
-        rates
-            Joint rates, n [rad/s or m/s].
-        momentum
-            Linear momentum [N s] and angular momentum about the world's origin [N m s], world axes,
-            6; zero if ``None``.
+        Args:
+            rates: Joint rates, n [rad/s or m/s].
+            momentum: Linear momentum [N s] and angular momentum about the world's origin [N m s], world axes,
+                6; zero if ``None``.
 
-        Returns
-        -------
-        casadi.SX
-            Velocity of the base in Pinocchio's coordinates, k.
+        Returns:
+            casadi.SX: Velocity of the base in Pinocchio's coordinates, k.
         """
         reaction = SymmetricFactors(self.base_inertia).solve_negated(ca.mtimes(self.base_coupling, rates))
         if momentum is None:
@@ -152,12 +135,9 @@ class FreeFloating:
 class FreeFloatingRobot:
     """Numeric free-floating kinematics of one robot and one tip; compiled once, called with arrays.
 
-    Attributes
-    ----------
-    columns
-        Velocity indices of the robot's n joints, in the order of all joint rates here.
-    function
-        ``(q, momentum, rates) -> (jacobian, momentum_map, coupling, base_velocity)``.
+    Attributes:
+        columns: Velocity indices of the robot's n joints, in the order of all joint rates here.
+        function: ``(q, momentum, rates) -> (jacobian, momentum_map, coupling, base_velocity)``.
     """
 
     columns: tuple[int, ...]
@@ -167,19 +147,13 @@ class FreeFloatingRobot:
     def of(cls, model: pinocchio.Model, tip: str, root: str | None = None) -> FreeFloatingRobot:
         """Kinematics of the robot that carries the frame ``tip``.
 
-        Parameters
-        ----------
-        model
-            A model; robots beside this one are left out of its momentum.
-        tip
-            Name of a frame.
-        root
-            Name of the robot's root joint; ``None`` follows the tip down to the universe.
+        Args:
+            model: A model; robots beside this one are left out of its momentum.
+            tip: Name of a frame.
+            root: Name of the robot's root joint; ``None`` follows the tip down to the universe.
 
-        Raises
-        ------
-        DescriptionError
-            If a name is not in the model or the root is not a free base.
+        Raises:
+            DescriptionError: If a name is not in the model or the root is not a free base.
         """
         if not model.existFrame(tip):
             names = (frame.name for frame in model.frames)
@@ -225,40 +199,28 @@ class FreeFloatingRobot:
     def base_velocity(self, q: Array, rates: Array, momentum: Array | None = None) -> Array:
         """Base velocity that follows from joint rates and momentum.
 
-        Parameters
-        ----------
-        q
-            Configuration of the whole model, (nq,).
-        rates
-            Joint rates, (n,) [rad/s or m/s].
-        momentum
-            Linear momentum [N s] and angular momentum about the world's origin [N m s], world axes,
-            (6,); zero if ``None``.
+        Args:
+            q: Configuration of the whole model, (nq,).
+            rates: Joint rates, (n,) [rad/s or m/s].
+            momentum: Linear momentum [N s] and angular momentum about the world's origin [N m s], world axes,
+                (6,); zero if ``None``.
 
-        Returns
-        -------
-        numpy.ndarray
-            Velocity of the base in Pinocchio's coordinates, (k,): k = 3 for a planar base, 6 for a
-            free-flyer.
+        Returns:
+            numpy.ndarray: Velocity of the base in Pinocchio's coordinates, (k,): k = 3 for a planar base, 6
+                for a free-flyer.
         """
         return np.asarray(self.function(q, 0 if momentum is None else momentum, rates)[3]).ravel()
 
     def reaction_null_space(self, q: Array, *, angular_only: bool = False, tolerance: float = 1e-10) -> Array:
         """Joint rates that leave the base alone, as an orthonormal basis.
 
-        Parameters
-        ----------
-        q
-            Configuration of the whole model.
-        angular_only
-            Keep the base's attitude alone; its origin may move with the centre of mass at rest.
-        tolerance
-            Singular values below this fraction of the largest count as zero.
+        Args:
+            q: Configuration of the whole model.
+            angular_only: Keep the base's attitude alone; its origin may move with the centre of mass at rest.
+            tolerance: Singular values below this fraction of the largest count as zero.
 
-        Returns
-        -------
-        numpy.ndarray
-            (n, d): d basis vectors of joint rates; d may be 0.
+        Returns:
+            numpy.ndarray: (n, d): d basis vectors of joint rates; d may be 0.
         """
         coupling = self.coupling(q)[3:] if angular_only else self.coupling(q)
         _, values, right = np.linalg.svd(coupling)

@@ -58,10 +58,8 @@ def move_inside(parameters: Array) -> Array:
     on either side of the boundary. Second moments of 1e-12 of those about the origin are added along each
     axis: a thousand times the rounding errors of m c c^T, which is subtracted to move to the centre of mass.
 
-    Parameters
-    ----------
-    parameters
-        Of positive mass, (10,) or (4,).
+    Args:
+        parameters: Of positive mass, (10,) or (4,).
     """
     smallest, about_origin = _central_spread(parameters)
     added = max(0.0, INTERIOR * about_origin - smallest)
@@ -90,17 +88,24 @@ def _central_spread(parameters: Array) -> tuple[float, float]:
 def inertial_parameters(mass: ca.SX, centre: ca.SX, inertia: ca.SX) -> ca.SX:
     """The ten parameters (10x1) of a body.
 
-    Parameters
-    ----------
-    mass
-        Mass (1x1) [kg].
-    centre
-        Centre of mass (3x1) [m].
-    inertia
-        ixx, iyy, izz, ixy, ixz, iyz about the centre of mass (6x1) [kg m^2].
+    Args:
+        mass: Mass (1x1) [kg].
+        centre: Centre of mass (3x1) [m].
+        inertia: ixx, iyy, izz, ixy, ixz, iyz about the centre of mass (6x1) [kg m^2].
     """
     about = _matrix(inertia, _NAMED) + _steiner(mass, centre)
     return ca.vertcat(mass, mass * centre, _entries(about, _PLACES))
+
+
+def parameters_about_origin(mass: ca.SX, moment: ca.SX, inertia: ca.SX) -> ca.SX:
+    """The ten parameters (10x1) of a body from its moments about the origin.
+
+    Args:
+        mass: Mass (1x1) [kg].
+        moment: Product of mass and centre of mass (3x1) [kg m].
+        inertia: Inertia about the origin (3x3) [kg m^2].
+    """
+    return ca.vertcat(mass, moment, _entries(inertia, _PLACES))
 
 
 def mass_properties(parameters: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -111,7 +116,7 @@ def mass_properties(parameters: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
 
 
 def spatial_inertia(parameters: ca.SX) -> ca.SX:
-    """From the twist (linear velocity of the origin first) to the momentum about the origin (6x6)."""
+    """Spatial inertia (6x6): momentum about the origin for a twist, linear velocity of the origin first."""
     mass, moment = parameters[0] * ca.SX.eye(3), skew(parameters[1:4])
     rotational = _matrix(parameters[4:], _PLACES)
     return ca.vertcat(ca.horzcat(mass, -moment), ca.horzcat(moment, rotational))
@@ -120,10 +125,8 @@ def spatial_inertia(parameters: ca.SX) -> ca.SX:
 def momentum_regressor(velocity: ca.SX, spin: ca.SX) -> ca.SX:
     """Linear momentum, and angular momentum about the origin, per parameter (6x10); axes of the body.
 
-    Parameters
-    ----------
-    velocity, spin
-        Velocity of the origin [m/s] and angular velocity [rad/s] (3x1 each).
+    Args:
+        velocity, spin: Velocity of the origin [m/s] and angular velocity [rad/s] (3x1 each).
     """
     one = ca.SX.eye(SIZE)
     twist = ca.vertcat(velocity, spin)
@@ -137,14 +140,10 @@ def inertial_wrench(
 
     ``f = m a + alpha x m c + w x (w x m c)``, ``n = I alpha + w x I w + m c x a``.
 
-    Parameters
-    ----------
-    parameters
-        Of the body (10x1).
-    acceleration
-        Of the origin, gravity subtracted (3x1) [m/s^2].
-    spin, spin_acceleration
-        Of the body (3x1 each) [rad/s, rad/s^2].
+    Args:
+        parameters: Of the body (10x1).
+        acceleration: Of the origin, gravity subtracted (3x1) [m/s^2].
+        spin, spin_acceleration: Of the body (3x1 each) [rad/s, rad/s^2].
     """
     mass, moment, about = parameters[0], parameters[1:4], _matrix(parameters[4:], _PLACES)
     force = mass * acceleration + cross(spin_acceleration, moment) + cross(spin, cross(spin, moment))
@@ -155,12 +154,9 @@ def inertial_wrench(
 def in_other_axes(parameters: ca.SX, rotation: ca.SX, origin: ca.SX) -> ca.SX:
     """The parameters (10x1) in other axes.
 
-    Parameters
-    ----------
-    parameters
-        In the old axes (10x1).
-    rotation, origin
-        Old axes to new ones (3x3), and the old origin in the new axes (3x1) [m].
+    Args:
+        parameters: In the old axes (10x1).
+        rotation, origin: Old axes to new ones (3x3), and the old origin in the new axes (3x1) [m].
     """
     mass, centre, inertia = mass_properties(parameters)
     turned = ca.mtimes(rotation, ca.mtimes(_matrix(inertia, _NAMED), rotation.T))

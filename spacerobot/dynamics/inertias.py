@@ -21,14 +21,10 @@ class Inertias:
     All tuples are indexed by joint; entry 0 belongs to the universe and is not used. Keep structural zeros:
     a planar arm should hold mass, the moment's x and y, and the rotational inertia's zz alone.
 
-    Attributes
-    ----------
-    mass
-        kg, 1x1.
-    moment
-        Mass times centre of mass, from the joint origin, in the joint's (moving) axes, kg m, 3x1.
-    rotational
-        Rotational inertia about the *joint origin* in the joint's axes, kg m^2, 3x3 symmetric.
+    Attributes:
+        mass: kg, 1x1.
+        moment: Mass times centre of mass, from the joint origin, in the joint's (moving) axes, kg m, 3x1.
+        rotational: Rotational inertia about the *joint origin* in the joint's axes, kg m^2, 3x3 symmetric.
     """
 
     mass: tuple[ca.SX, ...]
@@ -50,12 +46,9 @@ class Inertias:
     def replaced(self, joint: int, parameters: ca.SX) -> Inertias:
         """The same with other mass properties of one body.
 
-        Parameters
-        ----------
-        joint
-            Id of the joint that carries it.
-        parameters
-            Its inertial parameters in Pinocchio's order (10x1).
+        Args:
+            joint: Id of the joint that carries it.
+            parameters: Its inertial parameters in Pinocchio's order (10x1).
         """
         mass, moment, (xx, xy, yy, xz, yz, zz) = parameters[0], parameters[1:4], ca.vertsplit(parameters[4:])
         about = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
@@ -65,29 +58,21 @@ class Inertias:
     def in_world(self, kinematics: Kinematics, joint_id: int) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Mass properties of a joint's body about the joint origin, world axes.
 
-        Parameters
-        ----------
-        kinematics
-            Posture of the model.
-        joint_id
-            Joint that carries the body.
+        Args:
+            kinematics: Posture of the model.
+            joint_id: Joint that carries the body.
 
-        Returns
-        -------
-        tuple
-            Mass (kg, 1x1), first moment (kg m, 3x1) and rotational inertia (kg m^2, 3x3).
+        Returns:
+            tuple: Mass (kg, 1x1), first moment (kg m, 3x1) and rotational inertia (kg m^2, 3x3).
         """
         return self.rotated(kinematics.rotation[joint_id], joint_id)
 
     def rotated(self, rotation: ca.SX, joint_id: int) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Mass (1x1), first moment (3x1) and rotational inertia (3x3) about the joint origin.
 
-        Parameters
-        ----------
-        rotation
-            Body axes to the axes wanted, 3x3.
-        joint_id
-            Joint whose body is meant.
+        Args:
+            rotation: Body axes to the axes wanted, 3x3.
+            joint_id: Joint whose body is meant.
         """
         return (
             self.mass[joint_id],

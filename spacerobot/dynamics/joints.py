@@ -52,18 +52,12 @@ _KINDS = {
 class JointModel:
     """One joint of a model, with exact zeros and ones where the model means them.
 
-    Attributes
-    ----------
-    index, parent
-        Joint indices; 0 is the universe.
-    kind
-        Family.
-    idx_q, nq, idx_v, nv
-        Place and size in the configuration and in the velocity.
-    rotation, offset
-        Placement in the parent's joint frame: 3x3 and 3x1 (m), constant and sparse.
-    linear, angular
-        Motion subspace in the joint's own (moving) axes, 3xnv each, constant and sparse.
+    Attributes:
+        index, parent: Joint indices; 0 is the universe.
+        kind: Family.
+        idx_q, nq, idx_v, nv: Place and size in the configuration and in the velocity.
+        rotation, offset: Placement in the parent's joint frame: 3x3 and 3x1 (m), constant and sparse.
+        linear, angular: Motion subspace in the joint's own (moving) axes, 3xnv each, constant and sparse.
     """
 
     index: int
@@ -90,10 +84,8 @@ class JointModel:
 def read_joints(model: pinocchio.Model) -> tuple[JointModel, ...]:
     """Joints of a model in Pinocchio's order, without the universe.
 
-    Raises
-    ------
-    DescriptionError
-        If a joint is of a type the algorithms do not cover; it names the joint.
+    Raises:
+        DescriptionError: If a joint is of a type the algorithms do not cover; it names the joint.
     """
     neutral = pinocchio.neutral(model)
     return tuple(_read(model, index, neutral) for index in range(1, model.njoints))

@@ -23,22 +23,15 @@ class Kinematics:
 
     All tuples are indexed by joint, 0 being the universe.
 
-    Attributes
-    ----------
-    joints
-        The joints, in order, without the universe.
-    velocity
-        v, Pinocchio's coordinates, nv.
-    local
-        Motion in calculation axes, which the algorithms work in.
-    rotation
-        R_i, joint axes to world axes, 3x3.
-    origin
-        Joint origin, m, 3x1.
-    linear, angular
-        Motion subspace, 3xnv_i each: columns of the joint's own velocity, linear at the joint origin.
-    linear_velocity, angular_velocity
-        Of the joint frame at its origin, m/s and rad/s, 3x1.
+    Attributes:
+        joints: The joints, in order, without the universe.
+        velocity: v, Pinocchio's coordinates, nv.
+        local: Motion in calculation axes, which the algorithms work in.
+        rotation: R_i, joint axes to world axes, 3x3.
+        origin: Joint origin, m, 3x1.
+        linear, angular: Motion subspace, 3xnv_i each: columns of the joint's own velocity, linear at the
+            joint origin.
+        linear_velocity, angular_velocity: Of the joint frame at its origin, m/s and rad/s, 3x1.
     """
 
     joints: tuple[JointModel, ...]
@@ -63,20 +56,14 @@ class Kinematics:
 def forward_kinematics(model: pinocchio.Model, q: ca.SX, v: ca.SX | None = None) -> Kinematics:
     """Positions, velocities and velocity-product accelerations of all joint frames.
 
-    Parameters
-    ----------
-    model
-        Any model of supported joints.
-    q
-        Configuration, Pinocchio's coordinates, nq.
-    v
-        Velocity, Pinocchio's coordinates, nv; ``None`` means at rest (then all velocities are structurally
-        zero).
+    Args:
+        model: Any model of supported joints.
+        q: Configuration, Pinocchio's coordinates, nq.
+        v: Velocity, Pinocchio's coordinates, nv; ``None`` means at rest (then all velocities are structurally
+            zero).
 
-    Raises
-    ------
-    DescriptionError
-        If a joint is of a type the algorithms do not cover.
+    Raises:
+        DescriptionError: If a joint is of a type the algorithms do not cover.
     """
     joints = read_joints(model)
     velocity = ca.SX(model.nv, 1) if v is None else v
@@ -101,19 +88,13 @@ def forward_kinematics(model: pinocchio.Model, q: ca.SX, v: ca.SX | None = None)
 def frame_placement(model: pinocchio.Model, kinematics: Kinematics, frame_id: int) -> tuple[ca.SX, ca.SX]:
     """Pose of a frame in the world.
 
-    Parameters
-    ----------
-    model
-        Model that holds the frame.
-    kinematics
-        Its posture.
-    frame_id
-        Pinocchio's id of the frame.
+    Args:
+        model: Model that holds the frame.
+        kinematics: Its posture.
+        frame_id: Pinocchio's id of the frame.
 
-    Returns
-    -------
-    tuple
-        Rotation from frame to world axes (3x3), and origin (m, 3x1).
+    Returns:
+        tuple: Rotation from frame to world axes (3x3), and origin (m, 3x1).
     """
     joint, arm = _lever(model, kinematics, frame_id)
     local = exact_directions(model.frames[frame_id].placement.rotation)
@@ -123,19 +104,13 @@ def frame_placement(model: pinocchio.Model, kinematics: Kinematics, frame_id: in
 def frame_velocity(model: pinocchio.Model, kinematics: Kinematics, frame_id: int) -> tuple[ca.SX, ca.SX]:
     """Velocity of a frame's origin and angular velocity of the frame.
 
-    Parameters
-    ----------
-    model
-        Model that holds the frame.
-    kinematics
-        Its posture and velocities.
-    frame_id
-        Pinocchio's id of the frame.
+    Args:
+        model: Model that holds the frame.
+        kinematics: Its posture and velocities.
+        frame_id: Pinocchio's id of the frame.
 
-    Returns
-    -------
-    tuple
-        Linear (m/s) and angular (rad/s) velocity, world axes, 3x1 each.
+    Returns:
+        tuple: Linear (m/s) and angular (rad/s) velocity, world axes, 3x1 each.
     """
     joint, arm = _lever(model, kinematics, frame_id)
     spin = kinematics.angular_velocity[joint]
@@ -145,20 +120,14 @@ def frame_velocity(model: pinocchio.Model, kinematics: Kinematics, frame_id: int
 def frame_drift(model: pinocchio.Model, kinematics: Kinematics, frame_id: int) -> tuple[ca.SX, ca.SX]:
     """Classical acceleration of a frame's origin at zero joint acceleration.
 
-    Parameters
-    ----------
-    model
-        Model that holds the frame.
-    kinematics
-        Its posture and velocities.
-    frame_id
-        Pinocchio's id of the frame.
+    Args:
+        model: Model that holds the frame.
+        kinematics: Its posture and velocities.
+        frame_id: Pinocchio's id of the frame.
 
-    Returns
-    -------
-    tuple
-        Linear (m/s^2) and angular (rad/s^2), world axes, 3x1 each: ``Jdot v`` for the Jacobian of
-        :func:`frame_jacobian`.
+    Returns:
+        tuple: Linear (m/s^2) and angular (rad/s^2), world axes, 3x1 each: ``Jdot v`` for the Jacobian of
+            :func:`frame_jacobian`.
     """
     frame = model.frames[frame_id]
     motion = kinematics.local[int(frame.parentJoint)]
@@ -170,19 +139,14 @@ def frame_drift(model: pinocchio.Model, kinematics: Kinematics, frame_id: int) -
 def frame_jacobian(model: pinocchio.Model, kinematics: Kinematics, frame_id: int) -> ca.SX:
     """Jacobian of a frame in Pinocchio's ``LOCAL_WORLD_ALIGNED`` convention.
 
-    Parameters
-    ----------
-    model
-        Model that holds the frame.
-    kinematics
-        Its posture.
-    frame_id
-        Pinocchio's id of the frame.
+    Args:
+        model: Model that holds the frame.
+        kinematics: Its posture.
+        frame_id: Pinocchio's id of the frame.
 
-    Returns
-    -------
-    casadi.SX
-        6xnv, sparse: linear rows (m/s), then angular rows (rad/s) per velocity coordinate, world axes.
+    Returns:
+        casadi.SX: 6xnv, sparse: linear rows (m/s), then angular rows (rad/s) per velocity coordinate, world
+            axes.
     """
     joint, arm = _lever(model, kinematics, frame_id)
     return point_jacobian(kinematics, joint, kinematics.origin[joint] + arm)
@@ -191,19 +155,14 @@ def frame_jacobian(model: pinocchio.Model, kinematics: Kinematics, frame_id: int
 def point_jacobian(kinematics: Kinematics, joint_id: int, point: ca.SX) -> ca.SX:
     """Jacobian of a material point of a joint's body.
 
-    Parameters
-    ----------
-    kinematics
-        Posture of the model.
-    joint_id
-        Joint that carries the body.
-    point
-        Current position of the point in the world, m, 3x1.
+    Args:
+        kinematics: Posture of the model.
+        joint_id: Joint that carries the body.
+        point: Current position of the point in the world, m, 3x1.
 
-    Returns
-    -------
-    casadi.SX
-        6xnv, sparse: linear rows (m/s), then angular rows (rad/s) per velocity coordinate, world axes.
+    Returns:
+        casadi.SX: 6xnv, sparse: linear rows (m/s), then angular rows (rad/s) per velocity coordinate, world
+            axes.
     """
     blocks = {joint.index: ca.SX(6, joint.nv) for joint in kinematics.joints}
     for joint in kinematics.support(joint_id):

@@ -26,27 +26,17 @@ _CARRIED = (JointKind.PLANAR, JointKind.FREE_FLYER)
 class LocalMotion:
     """One joint frame's motion, in its calculation axes unless stated otherwise.
 
-    Attributes
-    ----------
-    axes
-        C, calculation axes to world axes, 3x3.
-    to_parent
-        E, calculation axes to those of the parent, 3x3; ``None`` if they are the same.
-    body
-        B, body axes to calculation axes, 3x3; ``C B`` is the joint frame's rotation.
-    arm
-        Joint origin relative to the parent's, in the *parent's* calculation axes, m, 3x1.
-    linear, angular
-        Motion subspace, 3xnv_i each.
-    velocity, spin
-        Of the joint frame at its origin, m/s and rad/s, 3x1.
-    velocity_bias, spin_bias
-        Classical acceleration of the origin (m/s^2) and angular acceleration (rad/s^2) at zero joint
-        acceleration, 3x1.
-    products
-        ``spin spin^T``, rad^2/s^2, 3x3.
-    gradient
-        Further bias per distance from the origin, 1/s^2, 3x3.
+    Attributes:
+        axes: C, calculation axes to world axes, 3x3.
+        to_parent: E, calculation axes to those of the parent, 3x3; ``None`` if they are the same.
+        body: B, body axes to calculation axes, 3x3; ``C B`` is the joint frame's rotation.
+        arm: Joint origin relative to the parent's, in the *parent's* calculation axes, m, 3x1.
+        linear, angular: Motion subspace, 3xnv_i each.
+        velocity, spin: Of the joint frame at its origin, m/s and rad/s, 3x1.
+        velocity_bias, spin_bias: Classical acceleration of the origin (m/s^2) and angular acceleration
+            (rad/s^2) at zero joint acceleration, 3x1.
+        products: ``spin spin^T``, rad^2/s^2, 3x3.
+        gradient: Further bias per distance from the origin, 1/s^2, 3x3.
     """
 
     axes: ca.SX
@@ -63,15 +53,15 @@ class LocalMotion:
     gradient: ca.SX
 
     def in_world(self, vector: ca.SX) -> ca.SX:
-        """From these calculation axes to the world's, 3xn."""
+        """Vectors (3xn) in world axes."""
         return vector if self.axes is IDENTITY3 else ca.mtimes(self.axes, vector)
 
     def inward(self, vector: ca.SX) -> ca.SX:
-        """From the parent's calculation axes to these, 3xn."""
+        """Vectors (3xn) of the parent's calculation axes in these axes."""
         return vector if self.to_parent is None else ca.mtimes(self.to_parent.T, vector)
 
     def outward(self, vector: ca.SX) -> ca.SX:
-        """From these calculation axes to the parent's, 3xn."""
+        """Vectors (3xn) of these calculation axes in the parent's."""
         return vector if self.to_parent is None else ca.mtimes(self.to_parent, vector)
 
 

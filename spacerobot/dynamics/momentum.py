@@ -16,17 +16,12 @@ from spacerobot.dynamics.recorded import recorded
 def subtree(model: pinocchio.Model, joint_id: int) -> tuple[int, ...]:
     """Joint ids of a subtree.
 
-    Parameters
-    ----------
-    model
-        Any model.
-    joint_id
-        Root of the subtree.
+    Args:
+        model: Any model.
+        joint_id: Root of the subtree.
 
-    Returns
-    -------
-    tuple
-        Ids, the root first; the universe is left out.
+    Returns:
+        tuple: Ids, the root first; the universe is left out.
     """
     return tuple(int(index) for index in model.subtrees[joint_id] if index)
 
@@ -40,19 +35,13 @@ def momentum(
 ) -> tuple[ca.SX, ca.SX]:
     """Linear momentum and angular momentum about a point fixed in the world.
 
-    Parameters
-    ----------
-    model, kinematics, inertias
-        The system and its motion.
-    joints
-        Joint ids whose bodies count; ``None`` means all.
-    about
-        World point, m, 3x1; ``None`` means the world's origin.
+    Args:
+        model, kinematics, inertias: The system and its motion.
+        joints: Joint ids whose bodies count; ``None`` means all.
+        about: World point, m, 3x1; ``None`` means the world's origin.
 
-    Returns
-    -------
-    tuple
-        Linear (N s) and angular (N m s) momentum, world axes, 3x1 each.
+    Returns:
+        tuple: Linear (N s) and angular (N m s) momentum, world axes, 3x1 each.
     """
     linear, angular = ZERO3, ZERO3
     for index in _chosen(model, joints):
@@ -72,17 +61,12 @@ def kinetic_energy(
 ) -> ca.SX:
     """Kinetic energy of bodies and of the rotors that drive them.
 
-    Parameters
-    ----------
-    model, kinematics, inertias
-        The system and its motion.
-    joints
-        Joint ids whose bodies count; ``None`` means all.
+    Args:
+        model, kinematics, inertias: The system and its motion.
+        joints: Joint ids whose bodies count; ``None`` means all.
 
-    Returns
-    -------
-    casadi.SX
-        J, 1x1.
+    Returns:
+        casadi.SX: J, 1x1.
     """
     rotor = sparse_rotor_inertia(model)
     doubled = ca.SX(1, 1)
@@ -99,17 +83,12 @@ def kinetic_energy(
 def total_mass(model: pinocchio.Model, inertias: Inertias, joints: Iterable[int] | None = None) -> ca.SX:
     """Total mass of bodies.
 
-    Parameters
-    ----------
-    model, inertias
-        The system and its mass properties.
-    joints
-        Joint ids whose bodies count; ``None`` means all.
+    Args:
+        model, inertias: The system and its mass properties.
+        joints: Joint ids whose bodies count; ``None`` means all.
 
-    Returns
-    -------
-    casadi.SX
-        kg, 1x1.
+    Returns:
+        casadi.SX: kg, 1x1.
     """
     mass = ca.SX(1, 1)
     for index in _chosen(model, joints):
@@ -125,17 +104,12 @@ def centre_of_mass(
 ) -> ca.SX:
     """Common centre of mass of bodies.
 
-    Parameters
-    ----------
-    model, kinematics, inertias
-        The system, its posture and its mass properties.
-    joints
-        Joint ids whose bodies count; ``None`` means all.
+    Args:
+        model, kinematics, inertias: The system, its posture and its mass properties.
+        joints: Joint ids whose bodies count; ``None`` means all.
 
-    Returns
-    -------
-    casadi.SX
-        Position in the world, m, 3x1.
+    Returns:
+        casadi.SX: Position in the world, m, 3x1.
     """
     chosen = _chosen(model, joints)
     moment = ZERO3

@@ -21,10 +21,9 @@ def recorded(*shapes: tuple[int, int]) -> Callable[[Callable[..., Result]], Call
     The function must not look at the structure of its arguments: it is called with symbols alone. Arguments
     may be sparse, and what is zero then is structurally zero in the results.
 
-    Parameters
-    ----------
-    shapes
-        Rows and columns of its positional arguments; those by keyword choose among several recordings.
+    Args:
+        shapes: Rows and columns of its positional arguments; those by keyword choose among several
+            recordings.
     """
 
     def decorate(function: Callable[..., Result]) -> Callable[..., Result]:

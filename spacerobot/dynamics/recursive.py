@@ -22,19 +22,13 @@ def inverse_dynamics(
 ) -> ca.SX:
     """Generalised force that an acceleration takes: ``M a + h - sum J^T f``, with the model's gravity.
 
-    Parameters
-    ----------
-    model, kinematics, inertias
-        The system and its motion.
-    acceleration
-        v-dot in Pinocchio's velocity coordinates, nv; may be sparse.
-    wrenches
-        Applied forces and couples.
+    Args:
+        model, kinematics, inertias: The system and its motion.
+        acceleration: v-dot in Pinocchio's velocity coordinates, nv; may be sparse.
+        wrenches: Applied forces and couples.
 
-    Returns
-    -------
-    casadi.SX
-        Generalised force in velocity coordinates (N, N m), nv.
+    Returns:
+        casadi.SX: Generalised force in velocity coordinates (N, N m), nv.
     """
     rotor = sparse_rotor_inertia(model)
     forces = [-load for load in applied_loads(model, kinematics, wrenches)]

@@ -35,12 +35,9 @@ def turn(axis: ca.SX, cosine: ca.SX, sine: ca.SX) -> ca.SX:
 
     About a coordinate axis, of either sign, the result keeps its four zeros and its one.
 
-    Parameters
-    ----------
-    axis
-        Unit vector, 3x1.
-    cosine, sine
-        Of the angle, 1x1 each.
+    Args:
+        axis: Unit vector, 3x1.
+        cosine, sine: Of the angle, 1x1 each.
     """
     return _turn(axis, cosine, sine, coordinate=axis.nnz() == 1 and axis.is_constant())
 
@@ -56,10 +53,8 @@ def _turn(axis: ca.SX, cosine: ca.SX, sine: ca.SX, *, coordinate: bool) -> ca.SX
 def rotation_from_rpy(rpy: ca.SX) -> ca.SX:
     """Rotation of roll, pitch and yaw about fixed axes, ``Rz(yaw) Ry(pitch) Rx(roll)`` as in URDF, 3x3.
 
-    Parameters
-    ----------
-    rpy
-        Roll, pitch, yaw, rad, 3x1. Structurally zero angles cost nothing.
+    Args:
+        rpy: Roll, pitch, yaw, rad, 3x1. Structurally zero angles cost nothing.
     """
     result = IDENTITY3
     for axis, angle in ((_Z, rpy[2]), (_Y, rpy[1]), (_X, rpy[0])):
@@ -71,15 +66,11 @@ def rotation_from_rpy(rpy: ca.SX) -> ca.SX:
 def rotation_exp(vector: ca.SX) -> ca.SX:
     """Rotation of a rotation vector, smooth everywhere.
 
-    Parameters
-    ----------
-    vector
-        Axis times angle, rad, 3x1.
+    Args:
+        vector: Axis times angle, rad, 3x1.
 
-    Returns
-    -------
-    casadi.SX
-        3x3; about a coordinate axis if only one entry of ``vector`` is structurally non-zero.
+    Returns:
+        casadi.SX: 3x3; about a coordinate axis if only one entry of ``vector`` is structurally non-zero.
     """
     if vector.nnz() == 1:
         axis = ca.SX(vector.sparsity(), 1)
@@ -107,15 +98,12 @@ def _rotation_exp(vector: ca.SX) -> ca.SX:
 def rotation_log(rotation: ca.SX) -> ca.SX:
     """Rotation vector of a rotation, of length 0 .. pi, smooth below pi.
 
-    Parameters
-    ----------
-    rotation
-        3x3. If its structural zeros show that it turns about a coordinate axis, one ``atan2`` is all.
+    Args:
+        rotation: 3x3. If its structural zeros show that it turns about a coordinate axis, one ``atan2`` is
+            all.
 
-    Returns
-    -------
-    casadi.SX
-        Axis times angle, rad, 3x1.
+    Returns:
+        casadi.SX: Axis times angle, rad, 3x1.
     """
     for k in range(3):
         i, j = (k + 1) % 3, (k + 2) % 3

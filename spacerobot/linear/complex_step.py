@@ -26,12 +26,9 @@ def derivative(value: Any) -> Any:
 def evaluate(function: ca.Function, *arguments: Any) -> list[Array]:
     """Results of a function of CasADi as arrays (n, m), with derivatives where arguments carry any.
 
-    Parameters
-    ----------
-    function
-        The function.
-    *arguments
-        Numbers and arrays, real or with derivatives.
+    Args:
+        function: The function.
+        *arguments: Numbers and arrays, real or with derivatives.
     """
     values = [np.real(argument) for argument in arguments]
     values_out = function.call(values)

@@ -18,14 +18,10 @@ from spacerobot.rollout import FiredEvent, Rollout, Trajectory, time_grid
 class Instant:
     """State of a simulation at an instant.
 
-    Attributes
-    ----------
-    label
-        ``12.3 s``, or an event: ``captured, before``.
-    time_s
-        Time [s].
-    x, c
-        State (nx,) and constants (nc,) of the closed loop, its switches as they are then.
+    Attributes:
+        label: ``12.3 s``, or an event: ``captured, before``.
+        time_s: Time [s].
+        x, c: State (nx,) and constants (nc,) of the closed loop, its switches as they are then.
     """
 
     label: str
@@ -42,20 +38,15 @@ class Instant:
 def instants(rollout: Rollout, loop: ClosedLoop, at: Iterable[float | str]) -> Iterator[Instant]:
     """States at times and at events.
 
-    Parameters
-    ----------
-    rollout, loop
-        The rollout, and its closed loop; states of the rollout beyond the closed loop's are left out.
-    at
-        Times [s], and kinds or names of events; of each event the states just before and just after the first
-        time that it happens.
+    Args:
+        rollout, loop: The rollout, and its closed loop; states of the rollout beyond the closed loop's are
+            left out.
+        at: Times [s], and kinds or names of events; of each event the states just before and just after the
+            first time that it happens.
 
-    Raises
-    ------
-    DivergedError
-        If the simulation does not reach an instant.
-    ScenarioError
-        If a time lies outside the simulation, or an event does not happen.
+    Raises:
+        DivergedError: If the simulation does not reach an instant.
+        ScenarioError: If a time lies outside the simulation, or an event does not happen.
     """
     places = list(at)
     duration = rollout.grid.duration_s
@@ -67,27 +58,24 @@ def instants(rollout: Rollout, loop: ClosedLoop, at: Iterable[float | str]) -> I
         if isinstance(place, str) and trajectory is not None:
             yield from _at_event(loop, trajectory, place)
         elif place == 0:
-            x0, c = (found.full().ravel() for found in loop.setup(loop.parameter_values))
+            x0, c = (value.full().ravel() for value in loop.setup(loop.parameter_values))
             yield _instant(loop, "0 s", 0.0, x0, c[list(loop.switches)])
         else:
             time_s = float(place)
             grid = time_grid(time_s, rollout.grid.step_s, time_s)
-            found = _run(dataclasses.replace(rollout, grid=grid))
-            if found.ended_at_s is not None and found.ended_at_s < time_s:
-                ended = f"the simulation ended at {found.ended_at_s:g} s, before {time_s:g} s"
+            value = _run(dataclasses.replace(rollout, grid=grid))
+            if value.ended_at_s is not None and value.ended_at_s < time_s:
+                ended = f"the simulation ended at {value.ended_at_s:g} s, before {time_s:g} s"
                 raise ScenarioError(ended, where="at")
-            yield _instant(loop, f"{time_s:.6g} s", time_s, found.state[-1], _switches(loop, found.events))
+            yield _instant(loop, f"{time_s:.6g} s", time_s, value.state[-1], _switches(loop, value.events))
 
 
 def samples(rollout: Rollout, loop: ClosedLoop, count: int) -> Iterator[Instant]:
     """States at equidistant times from the start to the end, the first and last included.
 
-    Parameters
-    ----------
-    rollout, loop
-        As for :func:`instants`.
-    count
-        How many; an event at one of them has happened.
+    Args:
+        rollout, loop: As for :func:`instants`.
+        count: How many; an event at one of them has happened.
     """
     grid = rollout.grid
     grid = time_grid(grid.duration_s, grid.step_s, grid.duration_s / (count - 1))
@@ -100,12 +88,9 @@ def samples(rollout: Rollout, loop: ClosedLoop, count: int) -> Iterator[Instant]
 def events_of(rollout: Rollout, loop: ClosedLoop, kinds: Collection[str]) -> tuple[tuple[float, str], ...]:
     """Times [s] and kinds of events of a simulation.
 
-    Parameters
-    ----------
-    rollout, loop
-        As for :func:`instants`.
-    kinds
-        Those that are of interest.
+    Args:
+        rollout, loop: As for :func:`instants`.
+        kinds: Those that are of interest.
     """
     fired = [(one.time_s, loop.events[one.event].kind) for one in _run(rollout).events]
     return tuple(one for one in fired if one[1] in kinds)

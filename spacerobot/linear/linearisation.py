@@ -33,16 +33,20 @@ from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop, build_closed_loop
 from spacerobot.closedloop.break_points import PerturbedLoop, build_perturbed_loop
 from spacerobot.errors import SpaceRobotError, near_names
+from spacerobot.files import StrPath
 from spacerobot.linear.complex_step import evaluate
 from spacerobot.linear.instants import Instant, instants
 from spacerobot.linear.periodic import Matrices, PeriodicUpdate, beginning, occurrences, transition
-from spacerobot.notebook import html_table
 from spacerobot.rollout import Rollout
-from spacerobot.scene import Scene
+from spacerobot.scene import Scene, to_scene
 from spacerobot.simulation import Backend, Progress, prepare_simulation
+from spacerobot.tables import Content, Table, Tabular
 
 if TYPE_CHECKING:
     import control
+
+MOST_MODES = 6
+"""Number of modes of a table, the least damped ones."""
 
 RIGID = 3e-3
 """Poles below it [1/s] count as zero: a Jordan block of four zeros splits by the fourth root of rounding."""
@@ -58,14 +62,10 @@ RANK = 1e-9
 class Mode:
     """A pole, or a pair of conjugate ones.
 
-    Attributes
-    ----------
-    pole
-        With the imaginary part above or equal to zero [1/s]; of a periodic system ``log(z) / T``.
-    frequency_hz
-        Undamped natural frequency |s| / 2 pi [Hz].
-    damping
-        Damping ratio -Re(s) / |s|; NaN for a pole at zero.
+    Attributes:
+        pole: With the imaginary part above or equal to zero [1/s]; of a periodic system ``log(z) / T``.
+        frequency_hz: Undamped natural frequency |s| / 2 pi [Hz].
+        damping: Damping ratio -Re(s) / |s|; NaN for a pole at zero.
     """
 
     pole: complex
@@ -74,22 +74,17 @@ class Mode:
 
 
 @dataclass(frozen=True)
-class LinearSystem:
+class LinearSystem(Tabular):
     """Closed loop linearised at an instant, with an input at every break point; arrays are named.
 
-    Attributes
-    ----------
-    label, time_s
-        The instant.
-    A, B, C, D
-        Matrices of the closed loop (nx, nx), (nx, nu), (ny, nx), (ny, nu).
-    states, inputs, outputs
-        Names. Inputs and the first outputs are those of the break points: ``torque/one/joint_1``.
-    period_s
-        Period of a discrete system [s]; 0 where it is continuous.
-    starts
-        Of a discrete system: B, C, D and A by the break point whose output is held from the instant on at
-        which the period begins; a loop without one is not invariant in time.
+    Attributes:
+        label, time_s: The instant.
+        A, B, C, D: Matrices of the closed loop (nx, nx), (nx, nu), (ny, nx), (ny, nu).
+        states, inputs, outputs: Names. Inputs and the first outputs are those of the break points:
+            ``torque/one/joint_1``.
+        period_s: Period of a discrete system [s]; 0 where it is continuous.
+        starts: Of a discrete system: B, C, D and A by the break point whose output is held from the instant
+            on at which the period begins; a loop without one is not invariant in time.
     """
 
     label: str
@@ -112,10 +107,32 @@ class LinearSystem:
             f"{len(self.outputs)} outputs>"
         )
 
-    def _repr_html_(self) -> str:
-        """The same as a table, for notebooks."""
-        modes = [(f"{mode.frequency_hz:.4g} Hz", f"damping ratio {mode.damping:.3g}") for mode in self.modes]
-        return html_table(f"Linearised at {self.label}", modes)
+    def content(self) -> list[Content]:
+        """Size and stability, and the least damped modes."""
+        return [f"{self.label}: {self.description}.", self.mode_table()]
+
+    def mode_table(self) -> Table:
+        """Table of the least damped modes."""
+        chosen = sorted(self.modes, key=lambda mode: mode.damping)[:MOST_MODES]
+        rows = [
+            [
+                f"{mode.pole.real:+.4g} {mode.pole.imag:+.4g}i",
+                f"{mode.frequency_hz:.4g}",
+                f"{round(mode.damping, 4) + 0.0:.4f}",  # a rounded -0 has no sign
+            ]
+            for mode in chosen
+        ]
+        return Table(None, ("mode", "frequency [Hz]", "damping ratio"), rows)
+
+    @property
+    def description(self) -> str:
+        """Size and stability of the closed loop in words."""
+        kind = f"sampled, period {self.period_s:g} s" if self.period_s else "continuous"
+        stability = "no growing mode"
+        if self.growing:
+            fastest = max(mode.pole.real for mode in self.growing)
+            stability = f"{len(self.growing)} growing modes, the fastest {fastest:.3g} 1/s"
+        return f"{kind}, {len(self.states)} states, {self.zero_poles} poles at zero, {stability}"
 
     @property
     def poles(self) -> Array:
@@ -176,25 +193,20 @@ class LinearSystem:
     def to_control(self) -> control.StateSpace:
         """Closed loop as a system of python-control, with the names of states, inputs and outputs.
 
-        Raises
-        ------
-        SpaceRobotError
-            If python-control is not installed.
+        Raises:
+            SpaceRobotError: If python-control is not installed.
         """
         return self._system((self.A, self.B, self.C, self.D), self.inputs, self.outputs)
 
     def loop_transfer(self, name: str) -> control.StateSpace:
         """Transfer function L of a loop broken at one point, the others closed, for negative feedback.
 
-        Parameters
-        ----------
-        name
-            A break point, one of ``inputs``.
+        Args:
+            name: A break point, one of ``inputs``.
 
-        Raises
-        ------
-        SpaceRobotError
-            If there is no such point, python-control is not installed, or the broken loop varies in time.
+        Raises:
+            SpaceRobotError: If there is no such point, python-control is not installed, or the broken loop
+                varies in time.
         """
         return self._system(self.broken(name), [name], [name])
 
@@ -205,15 +217,11 @@ class LinearSystem:
     def closed(self, name: str) -> Matrices:
         """Matrices of the closed loop in which the input of a break point acts with its output at once.
 
-        Parameters
-        ----------
-        name
-            A break point.
+        Args:
+            name: A break point.
 
-        Raises
-        ------
-        SpaceRobotError
-            If there is no such point, or the broken loop varies in time.
+        Raises:
+            SpaceRobotError: If there is no such point, or the broken loop varies in time.
         """
         if name not in self.inputs:
             raise SpaceRobotError(f"no break point '{name}', {near_names(name, self.inputs)}")
@@ -228,15 +236,11 @@ class LinearSystem:
 
         With u = y + w, ``w = (1 + d)^-1 (u - c x)`` removes the feedback of the loop itself.
 
-        Parameters
-        ----------
-        name
-            A break point.
+        Args:
+            name: A break point.
 
-        Raises
-        ------
-        SpaceRobotError
-            If there is no such point, or the broken loop varies in time.
+        Raises:
+            SpaceRobotError: If there is no such point, or the broken loop varies in time.
         """
         A, B, C, D = self.closed(name)
         place = self.inputs.index(name)
@@ -257,10 +261,8 @@ class LinearSystem:
 def python_control() -> Any:
     """Module of python-control.
 
-    Raises
-    ------
-    SpaceRobotError
-        If it is not installed.
+    Raises:
+        SpaceRobotError: If it is not installed.
     """
     try:
         import control
@@ -273,7 +275,7 @@ def python_control() -> Any:
 
 
 def linearise(
-    scene: Scene,
+    scene: Scene | StrPath,
     at: Iterable[float | str] = (0.0,),
     *,
     outputs: Iterable[str] = (),
@@ -282,32 +284,25 @@ def linearise(
 ) -> list[LinearSystem]:
     """Linearise a scene's closed loop at instants of its simulation.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    at
-        Times [s], and kinds or names of events (``captured``), which give the instants just before and after.
-    outputs
-        Names of outputs of the simulation, such as ``tip_position``, after the break points' signals.
-    backend, progress
-        As of :func:`spacerobot.simulate`.
+    Args:
+        scene: The scene, or the name or file of its scenario.
+        at: Times [s], and kinds or names of events (``captured``), which give the instants just before and
+            after.
+        outputs: Names of outputs of the simulation, such as ``tip_position``, after the break points'
+            signals.
+        backend, progress: As of :func:`spacerobot.simulate`.
 
-    Returns
-    -------
-    list of LinearSystem
-        In the order of ``at``.
+    Returns:
+        list of LinearSystem: In the order of ``at``.
 
-    Raises
-    ------
-    DivergedError
-        If the simulation does not reach an instant.
-    ScenarioError
-        If a time lies outside the simulation, an event does not happen, or periods have no common multiple.
+    Raises:
+        DivergedError: If the simulation does not reach an instant.
+        ScenarioError: If a time lies outside the simulation, an event does not happen, or periods have no
+            common multiple.
     """
     tell = progress or (lambda _: None)
     tell("building the closed loop")
-    lineariser = Lineariser.of(scene, outputs)
+    lineariser = Lineariser.of(to_scene(scene), outputs)
     rollout = lineariser.rollout(backend, tell)
     tell("simulating and linearising")
     return [lineariser.at(instant) for instant in instants(rollout, lineariser.loop, at)]
@@ -323,19 +318,14 @@ class Lineariser:
 
     @classmethod
     def of(cls, scene: Scene, outputs: Iterable[str] = (), vary: Collection[str] = ()) -> Lineariser:
-        """Of a scene, with outputs of the simulation after the break points' signals.
+        """Linearisation of a scene, with outputs of the simulation after the break points' signals.
 
-        Parameters
-        ----------
-        scene, outputs
-            As of :func:`linearise`.
-        vary
-            Parameters that are kept although they are exactly zero.
+        Args:
+            scene, outputs: As of :func:`linearise`.
+            vary: Parameters that are kept although they are exactly zero.
 
-        Raises
-        ------
-        ScenarioError
-            If there is no such output.
+        Raises:
+            ScenarioError: If there is no such output.
         """
         loop, requested = build_closed_loop(scene, vary), tuple(outputs)
         names = [variable.name for variable in loop.variables]
@@ -353,10 +343,8 @@ class Lineariser:
 
         Where the instant carries derivatives (:mod:`spacerobot.linear.complex_step`), so do all matrices.
 
-        Raises
-        ------
-        ScenarioError
-            If periods of elements have no common multiple.
+        Raises:
+            ScenarioError: If periods of elements have no common multiple.
         """
         perturbed, (nq, nv) = self.perturbed, (self.loop.nq, self.loop.nv)
         t, x, c = instant.time_s, instant.x, instant.c
@@ -450,15 +438,15 @@ def _relevant(A: Array, B: Array, C: Array, updates: Sequence[PeriodicUpdate], m
         relevant = left
 
 
-def _periodic(found: LinearSystem, updates: Sequence[PeriodicUpdate], period_s: float) -> LinearSystem:
+def _periodic(system: LinearSystem, updates: Sequence[PeriodicUpdate], period_s: float) -> LinearSystem:
     """Discrete form over one period; see :mod:`spacerobot.linear.periodic`."""
-    continuous, starts = (found.A, found.B, found.C, found.D), {}
-    made: dict[float, Matrices] = {}
-    for place, name in enumerate(found.inputs):
+    continuous, starts = (system.A, system.B, system.C, system.D), {}
+    matrices_by_period: dict[float, Matrices] = {}
+    for place, name in enumerate(system.inputs):
         begin = beginning(updates, continuous, place, period_s)
         if begin is not None:
-            if begin not in made:
-                made[begin] = transition(updates, continuous, begin, period_s)
-            starts[name] = made[begin]
+            if begin not in matrices_by_period:
+                matrices_by_period[begin] = transition(updates, continuous, begin, period_s)
+            starts[name] = matrices_by_period[begin]
     A, B, C, D = transition(updates, continuous, updates[0].time_s, period_s)
-    return replace(found, A=A, B=B, C=C, D=D, period_s=period_s, starts=starts)
+    return replace(system, A=A, B=B, C=C, D=D, period_s=period_s, starts=starts)

@@ -12,21 +12,27 @@ The delay margin of a sampled loop is phase over frequency: exact for whole peri
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import xarray as xr
 from scipy.optimize import brentq
 
 from spacerobot.arrays import Array
-from spacerobot.errors import SpaceRobotError
+from spacerobot.errors import ResultError, SpaceRobotError
+from spacerobot.files import StrPath
 from spacerobot.linear.instants import events_of, instants, samples
 from spacerobot.linear.linearisation import Lineariser, LinearSystem
 from spacerobot.linear.loop_response import loop_responses, response_slopes, responses
-from spacerobot.notebook import html_table
-from spacerobot.scene import Scene
+from spacerobot.scene import Scene, to_scene
 from spacerobot.simulation import Backend, Progress
+from spacerobot.tables import Content, Table, Tabular
+
+FILE = "margins.nc"
+"""File with the margins, in the folder that ``spacerobot margins --out`` writes."""
 
 MAX_GAIN = 1e6
 """Crossings that need a larger change of the gain than by this factor are rounding."""
@@ -37,6 +43,19 @@ MAX_CONDITION = 1e10
 UNITS = {"gain_up": "dB", "gain_down": "dB", "phase": "deg", "delay": "s", "disk": "1", "crossover": "Hz"}
 """Margins of a loop, and their units."""
 
+HEADINGS = ("loop", "gain [dB]", "phase [deg]", "delay [s]", "disk", "crossover [Hz]")
+"""Headings of a table of loops."""
+
+MOST_LOOPS = 12
+"""Number of loops of a table, those with the least disk margins."""
+
+
+NO_DELAY = (
+    "0*: the gain of the loop stays above one at all high frequencies, so any additional delay makes it "
+    "unstable, however short. The phase margin is that at the crossovers. A sampled or band-limited "
+    "controller gives the loop a delay margin."
+)
+"""Note below a table with loops without a delay margin."""
 
 MAX_INSTANTS = 100_000
 """Largest number of instants along a simulation."""
@@ -46,22 +65,15 @@ MAX_INSTANTS = 100_000
 class LoopMargins:
     """Margins of a loop broken at one point; infinite where nothing is crossed, NaN where it varies in time.
 
-    Attributes
-    ----------
-    name
-        Break point: ``torque/one/joint_1``.
-    gain_up, gain_down
-        By how much its gain may grow, and fall (negative) [dB].
-    phase
-        By how much its phase may change [deg].
-    delay
-        Delay that it may have in addition [s].
-    disk
-        Disk margin alpha: L may change by any factor ``(1 + alpha/2 d) / (1 - alpha/2 d)``, |d| < 1.
-    crossover
-        Highest frequency at which its gain is one [Hz].
-    frequencies
-        Where each margin is found [rad/s], by its name, NaN where it is infinite; and the lowest crossover.
+    Attributes:
+        name: Break point: ``torque/one/joint_1``.
+        gain_up, gain_down: By how much its gain may grow, and fall (negative) [dB].
+        phase: By how much its phase may change [deg].
+        delay: Delay that it may have in addition [s].
+        disk: Disk margin alpha: L may change by any factor ``(1 + alpha/2 d) / (1 - alpha/2 d)``, |d| < 1.
+        crossover: Highest frequency at which its gain is one [Hz].
+        frequencies: Where each margin is found [rad/s], by its name, NaN where it is infinite; and the lowest
+            crossover.
     """
 
     name: str
@@ -73,19 +85,24 @@ class LoopMargins:
     crossover: float
     frequencies: Mapping[str, float] = field(default_factory=dict, repr=False)
 
+    def row(self) -> list[str]:
+        """Cells of a table with the headings :data:`HEADINGS`."""
+        if math.isnan(self.disk):
+            return [self.name, "varies in time", "", "", "", ""]
+        gain = f"{self.gain_down:+.1f} to {self.gain_up:+.1f}"
+        delay = f"{self.delay:.3g}" if self.delay > 0 else "0*"
+        numbers = (f"{self.phase:.1f}", delay, f"{self.disk:.3f}", f"{self.crossover:.3g}")
+        return [self.name, gain, *(text.replace("nan", "none") for text in numbers)]
+
 
 @dataclass(frozen=True)
-class MarginAnalysis:
+class MarginAnalysis(Tabular):
     """Margins of all loops at instants of a simulation.
 
-    Attributes
-    ----------
-    linearisations
-        Closed loops at the instants.
-    loops
-        Margins at each instant, of each break point.
-    events
-        Times [s] and kinds of the captures and releases of the simulation.
+    Attributes:
+        linearisations: Closed loops at the instants.
+        loops: Margins at each instant, of each break point.
+        events: Times [s] and kinds of the captures and releases of the simulation.
     """
 
     linearisations: tuple[LinearSystem, ...]
@@ -111,6 +128,7 @@ class MarginAnalysis:
             coords={
                 "instant": [one.label for one in linear],
                 "time": ("instant", [one.time_s for one in linear], {"units": "s"}),
+                "description": ("instant", [one.description for one in linear]),
                 "loop": [one.name for one in rows[0]] if rows else [],
             },
         )
@@ -121,14 +139,85 @@ class MarginAnalysis:
             f"<MarginAnalysis: {len(self.loops)} instants, {len(self.loops[0]) if self.loops else 0} loops>"
         )
 
-    def _repr_html_(self) -> str:
-        """Disk margins at the first instant, for notebooks."""
-        rows = [(one.name, f"{one.disk:.3g}") for one in self.loops[0]] if self.loops else []
-        return html_table("Disk margins", rows)
+    def content(self) -> list[Content]:
+        """Loops with the least disk margins and the least damped modes, at each instant."""
+        tables: list[Content] = []
+        for linear, loops in zip(self.linearisations, self.loops, strict=True):
+            tables += [*_instant_tables(linear.label, linear.description, loops), linear.mode_table()]
+        return tables
+
+    def least_margins(self) -> list[Content]:
+        """Loops with the least disk margins over all instants, each at the instant where it is least."""
+        disks = np.array([[one.disk for one in loops] for loops in self.loops])
+        disks = np.where(np.isnan(disks), math.inf, disks)
+        rows = []
+        for k in disks.min(axis=0).argsort()[:MOST_LOOPS]:
+            worst = int(disks[:, k].argmin())
+            rows.append([self.linearisations[worst].label, *self.loops[worst][k].row()])
+        title = f"least disk margins of {len(self.loops)} instants"
+        return _with_note(Table(title, ("at", *HEADINGS), rows, keys=2))
+
+
+@dataclass(frozen=True)
+class SavedMargins(Tabular):
+    """Margins that were written to a folder.
+
+    Attributes:
+        data: Margins by instant and loop, as of :meth:`MarginAnalysis.to_xarray`.
+        folder: Folder with ``margins.nc``, and the diagrams in ``figures``.
+    """
+
+    data: xr.Dataset
+    folder: Path
+
+    @classmethod
+    def load(cls, folder: StrPath) -> SavedMargins:
+        """Margins in a folder that ``spacerobot margins --out`` wrote.
+
+        Raises:
+            ResultError: If they cannot be read.
+        """
+        path = Path(folder) / FILE
+        try:
+            with xr.open_dataset(path) as data:
+                data = data.load()
+            missing = {*UNITS, "time", "description"} - {*data.variables}
+        except (OSError, ValueError, RuntimeError) as fault:
+            raise ResultError(f"cannot be read: {fault}", source=path) from None
+        if missing:
+            raise ResultError(f"holds no {min(missing)}; run `spacerobot margins --out` again", source=path)
+        return cls(data, Path(folder))
+
+    def __repr__(self) -> str:
+        """Numbers of instants and loops, in one line."""
+        return f"<SavedMargins: {self.data.sizes['instant']} instants, {self.data.sizes['loop']} loops>"
+
+    def content(self) -> list[Content]:
+        """Loops with the least disk margins at each instant."""
+        tables: list[Content] = []
+        for k, label in enumerate(self.data.instant.values):
+            instant = self.data.isel(instant=k)
+            loops = []
+            for j, name in enumerate(self.data.loop.values):
+                up, down, phase, delay, disk, crossover = (float(instant[key].values[j]) for key in UNITS)
+                loops.append(LoopMargins(str(name), up, down, phase, delay, disk, crossover))
+            tables += _instant_tables(str(label), str(instant.description.values), loops)
+        return tables
+
+
+def _instant_tables(label: str, description: str, loops: Iterable[LoopMargins]) -> list[Content]:
+    """Loops with the least disk margins at an instant."""
+    ranked = sorted(loops, key=lambda one: math.inf if math.isnan(one.disk) else one.disk)
+    return _with_note(Table(f"{label}: {description}", HEADINGS, [one.row() for one in ranked[:MOST_LOOPS]]))
+
+
+def _with_note(table: Table) -> list[Content]:
+    """Table of loops, and the explanation of delay margins of zero if it has any."""
+    return [table, NO_DELAY] if any("0*" in row for row in table.rows) else [table]
 
 
 def margins(
-    scene: Scene,
+    scene: Scene | StrPath,
     at: Iterable[float | str] = (0.0,),
     *,
     along: int = 0,
@@ -137,31 +226,23 @@ def margins(
 ) -> MarginAnalysis:
     """Margins of every loop of a scene, broken at torques, measurements and wheels.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    at
-        Times [s], and kinds or names of events, as of :func:`spacerobot.linearise`.
-    along
-        If positive, ``at`` is replaced by so many equidistant times from the start to the end, at least two.
-    backend, progress
-        As of :func:`spacerobot.simulate`.
+    Args:
+        scene: The scene, or the name or file of its scenario.
+        at: Times [s], and kinds or names of events, as of :func:`spacerobot.linearise`.
+        along: If positive, ``at`` is replaced by so many equidistant times from the start to the end, at
+            least two.
+        backend, progress: As of :func:`spacerobot.simulate`.
 
-    Raises
-    ------
-    DivergedError
-        If the simulation does not reach an instant.
-    ScenarioError
-        As :func:`spacerobot.linearise`.
-    SpaceRobotError
-        If ``along`` is one, or larger than :data:`MAX_INSTANTS`.
+    Raises:
+        DivergedError: If the simulation does not reach an instant.
+        ScenarioError: As :func:`spacerobot.linearise`.
+        SpaceRobotError: If ``along`` is one, or larger than :data:`MAX_INSTANTS`.
     """
     if along != 0 and not 2 <= along <= MAX_INSTANTS:
         raise SpaceRobotError(f"along: found {along:g}, allowed: 0, or from 2 to {MAX_INSTANTS}")
     tell = progress or (lambda _: None)
     tell("building the closed loop")
-    lineariser = Lineariser.of(scene)
+    lineariser = Lineariser.of(to_scene(scene))
     rollout = lineariser.rollout(backend, tell)
     tell("simulating and linearising")
     loop = lineariser.loop
@@ -179,59 +260,54 @@ def margins(
     return MarginAnalysis(tuple(linear), tuple(loops), events_of(rollout, loop, ("captured", "released")))
 
 
-def loop_margins(found: LinearSystem, names: Iterable[str] | None = None) -> Iterator[LoopMargins]:
+def loop_margins(system: LinearSystem, names: Iterable[str] | None = None) -> Iterator[LoopMargins]:
     """Margins of loops of a linearised closed loop.
 
-    Parameters
-    ----------
-    found
-        The linearised closed loop.
-    names
-        Break points; all of them if None.
+    Args:
+        system: The linearised closed loop.
+        names: Break points; all of them if None.
 
-    Raises
-    ------
-    SpaceRobotError
-        If there is no such break point.
+    Raises:
+        SpaceRobotError: If there is no such break point.
     """
-    names = list(found.inputs if names is None else names)
-    able = [name for name in names if found.is_invariant(name)]
-    answers = zip(able, loop_responses(found, able), strict=True)
+    names = list(system.inputs if names is None else names)
+    able = [name for name in names if system.is_invariant(name)]
+    answers = zip(able, loop_responses(system, able), strict=True)
     for name in names:
         if name in able:
-            yield _margins(found, name, *next(answers)[1])
+            yield _margins(system, name, *next(answers)[1])
         else:
             yield LoopMargins(name, *(np.nan,) * 6)
 
 
-def _margins(found: LinearSystem, name: str, omega: Array, response: Array) -> LoopMargins:
+def _margins(system: LinearSystem, name: str, omega: Array, response: Array) -> LoopMargins:
     """Margins from a frequency response, each at its own exact frequency."""
     if not np.abs(response).max() > 0:
         return LoopMargins(name, np.inf, -np.inf, np.inf, np.inf, 2.0, np.nan)
-    closed, place = found.closed(name), found.inputs.index(name)
+    closed, place = system.closed(name), system.inputs.index(name)
 
     def at(frequency: float) -> complex:
-        return complex(responses(closed, [place], found.points(np.array([frequency])))[0, 0])
+        return complex(responses(closed, [place], system.points(np.array([frequency])))[0, 0])
 
     def roughness(frequency: float) -> float:
         """Slope of |S - 1/2|^2, with dS = -S^2 dL; its factor ds / d omega included."""
-        (s,) = found.points(np.array([frequency]))
+        (s,) = system.points(np.array([frequency]))
         value, slope = response_slopes(closed, place, s)
-        turn = 1j * (s if found.period_s else 1.0)
+        turn = 1j * (s if system.period_s else 1.0)
         return float(-2 * (np.conj(1 / (1 + value) - 0.5) * slope * turn / (1 + value) ** 2).real)
 
     size = np.abs(response)
     crossings = list(_roots(lambda w: abs(at(w)) - 1, omega, size - 1))
     phases = {w: float(np.angle(-at(w), deg=True)) for w in crossings}
     delays = {w: np.radians(phase if phase > 0 else phase + 360) / w for w, phase in phases.items()}
-    if not found.period_s and abs(closed[3][place, place]) >= abs(1 + closed[3][place, place]):
+    if not system.period_s and abs(closed[3][place, place]) >= abs(1 + closed[3][place, place]):
         delays[np.inf] = 0.0  # gain above one at all high frequencies
     # where L is real and negative: within the range by its sign change, at the ends always
     likely = (response.real < 0) & (size > 1 / MAX_GAIN) & (size < MAX_GAIN)
     real = [*_roots(lambda w: at(w).imag, omega, np.where(likely, response.imag, np.nan))]
     ends = []
-    for end in (0.0, np.pi / found.period_s) if found.period_s else (0.0,):
-        shifted = found.points(np.array([end]))[0] * np.eye(len(closed[0])) - closed[0]
+    for end in (0.0, np.pi / system.period_s) if system.period_s else (0.0,):
+        shifted = system.points(np.array([end]))[0] * np.eye(len(closed[0])) - closed[0]
         if np.linalg.cond(shifted) < MAX_CONDITION:
             ends.append(end)
     gains = {w: -1 / at(w).real for w in [*real, *ends] if at(w).real < 0}
@@ -241,7 +317,7 @@ def _margins(found: LinearSystem, name: str, omega: Array, response: Array) -> L
     if roughness(near[0]) > 0 > roughness(near[1]):
         worst = brentq(roughness, *near, xtol=1e-12 * worst)
     disks = {w: 1 / abs(1 / (1 + at(w)) - 0.5) for w in (worst, *ends)}
-    if not found.period_s:
+    if not system.period_s:
         disks[np.inf] = 1 / abs(closed[3][place, place] + 0.5)
     worst, disk = min(disks.items(), key=_second)
     up, gain_up = min(((w, g) for w, g in gains.items() if 1 < g < MAX_GAIN), key=_second, default=NO_GROWTH)

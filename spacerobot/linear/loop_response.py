@@ -32,36 +32,27 @@ AROUND = np.concatenate([-np.geomspace(8, 1e-2, 40), [0.0], np.geomspace(1e-2, 8
 """Places around a pole with little damping, in units of its real part."""
 
 
-def loop_response(found: LinearSystem, name: str) -> tuple[Array, Array]:
+def loop_response(system: LinearSystem, name: str) -> tuple[Array, Array]:
     """Frequencies [rad/s] and loop transfer function (complex) there, of a loop broken at one point.
 
-    Parameters
-    ----------
-    found
-        The linearised closed loop.
-    name
-        The break point.
+    Args:
+        system: The linearised closed loop.
+        name: The break point.
 
-    Raises
-    ------
-    SpaceRobotError
-        If there is no such point, or the broken loop varies in time.
+    Raises:
+        SpaceRobotError: If there is no such point, or the broken loop varies in time.
     """
-    return next(loop_responses(found, [name]))
+    return next(loop_responses(system, [name]))
 
 
 def loop_responses(system: LinearSystem, names: Iterable[str]) -> Iterator[tuple[Array, Array]]:
     """The same of several loops, in the order of their names.
 
-    Parameters
-    ----------
-    found, names
-        As for :func:`loop_response`.
+    Args:
+        system, names: As for :func:`loop_response`.
 
-    Raises
-    ------
-    SpaceRobotError
-        As :func:`loop_response`.
+    Raises:
+        SpaceRobotError: As :func:`loop_response`.
     """
     names, poles = list(names), system.poles
     poles_open = {name: system.rates(system.broken(name)[0]) for name in names}
@@ -93,14 +84,10 @@ def loop_responses(system: LinearSystem, names: Iterable[str]) -> Iterator[tuple
 def responses(closed: Matrices, places: Sequence[int], s: Array) -> Array:
     """Loop transfer functions (loops, points) at complex points s (n,).
 
-    Parameters
-    ----------
-    closed
-        Matrices of the closed loop.
-    places
-        Of the break points among its inputs.
-    s
-        Points of the Laplace plane, or z of a discrete system.
+    Args:
+        closed: Matrices of the closed loop.
+        places: Of the break points among its inputs.
+        s: Points of the Laplace plane, or z of a discrete system.
     """
     A, B, C, D = closed
     eye, B, C, D = np.eye(len(A)), B[:, places], C[places], D[places, places]
@@ -118,10 +105,8 @@ def responses(closed: Matrices, places: Sequence[int], s: Array) -> Array:
 def response_slopes(closed: Matrices, place: int, s: complex) -> tuple[complex, complex]:
     """Loop transfer function L of one loop at a point s, and dL/ds.
 
-    Parameters
-    ----------
-    closed, place, s
-        As for :func:`responses`.
+    Args:
+        closed, place, s: As for :func:`responses`.
     """
     A, B, C, D = closed
     shifted = s * np.eye(len(A)) - A
@@ -134,14 +119,10 @@ def response_slopes(closed: Matrices, place: int, s: complex) -> tuple[complex, 
 def frequency_grid(poles: Array, most: float, reach: Array | None = None) -> Array:
     """Frequencies [rad/s] from below the slowest to beyond the fastest pole, dense around resonances.
 
-    Parameters
-    ----------
-    poles
-        Those whose resonances count [1/s].
-    most
-        Greatest frequency [rad/s].
-    reach
-        Poles that decide how far the frequencies reach [1/s]; the same if None.
+    Args:
+        poles: Those whose resonances count [1/s].
+        most: Greatest frequency [rad/s].
+        reach: Poles that decide how far the frequencies reach [1/s]; the same if None.
     """
     sizes = np.abs(poles if reach is None else reach)
     sizes = sizes[sizes > RIGID]

@@ -38,15 +38,12 @@ not slower by it than the slowest crossover."""
 class MarginValue:
     """Size of a loop's margin, negative where the closed loop is unstable, and its derivatives.
 
-    Attributes
-    ----------
-    loop
-        Break point.
-    value
-        The margin; of ``gain_down`` its negative, so that more is better. Where the closed loop is unstable,
-        the loop with the least disk margin has its negative: at the onset it is zero, as every margin.
-    gradient
-        Derivatives by the variables (k,); zero where the margin is infinite.
+    Attributes:
+        loop: Break point.
+        value: The margin; of ``gain_down`` its negative, so that more is better. Where the closed loop is
+            unstable, the loop with the least disk margin has its negative: at the onset it is zero, as every
+            margin.
+        gradient: Derivatives by the variables (k,); zero where the margin is infinite.
     """
 
     loop: str
@@ -58,18 +55,13 @@ class MarginValue:
 class ParametricLinearisation:
     """Linearised closed loops of a scene at instants, as functions of variables.
 
-    Attributes
-    ----------
-    lineariser
-        Closed loop and its derivatives.
-    instants
-        States of the nominal simulation.
-    places
-        Places among the closed loop's parameters that each variable sets.
-    prepared
-        (p, t, x, switches) -> (x0, c): initial state, and constants at the instant.
-    motion
-        Derivatives (nx + 1, k) of each instant's state and time by the variables; none if states are kept.
+    Attributes:
+        lineariser: Closed loop and its derivatives.
+        instants: States of the nominal simulation.
+        places: Places among the closed loop's parameters that each variable sets.
+        prepared: (p, t, x, switches) -> (x0, c): initial state, and constants at the instant.
+        motion: Derivatives (nx + 1, k) of each instant's state and time by the variables; none if states are
+            kept.
     """
 
     lineariser: Lineariser
@@ -89,41 +81,33 @@ class ParametricLinearisation:
     ) -> ParametricLinearisation:
         """Simulate a scene up to instants, and prepare its linearisation there.
 
-        Parameters
-        ----------
-        scene, at, backend, progress
-            As of :func:`spacerobot.linearise`.
-        variables
-            Dotted paths that each variable sets.
+        Args:
+            scene, at, backend, progress: As of :func:`spacerobot.linearise`.
+            variables: Dotted paths that each variable sets.
 
-        Raises
-        ------
-        DivergedError, ScenarioError
-            As :func:`spacerobot.linearise`; if the closed loop does not depend on a path.
+        Raises:
+            DivergedError, ScenarioError: As :func:`spacerobot.linearise`; if the closed loop does not depend
+                on a path.
         """
         tell = progress or (lambda _: None)
         lineariser = Lineariser.of(scene, vary=[path for paths in variables for path in paths])
         loop = lineariser.loop
         places = tuple(tuple(loop.index(path) for path in paths) for paths in variables)
-        found = tuple(instants(lineariser.rollout(backend, tell), loop, at))
+        operating_points = tuple(instants(lineariser.rollout(backend, tell), loop, at))
         p, t = ca.SX.sym("p", len(loop.parameter_paths)), ca.SX.sym("t")
         x, switches = ca.SX.sym("x", loop.nx), ca.SX.sym("s", len(loop.switches))
         x0, c = loop.setup(p)
         c[list(loop.switches)] = switches
         prepared = ca.Function("prepared", [p, t, x, switches], [x0, loop.at(t, x, c)])
-        return cls(lineariser, found, places, prepared)
+        return cls(lineariser, operating_points, places, prepared)
 
     def system(self, k: int, values: Array | None = None, along: int | None = None) -> LinearSystem:
         """Linearised closed loop at an instant.
 
-        Parameters
-        ----------
-        k
-            Number of the instant.
-        values
-            Of the variables; the scenario's own numbers if None.
-        along
-            Number of the variable whose derivatives the matrices carry; none if None.
+        Args:
+            k: Number of the instant.
+            values: Of the variables; the scenario's own numbers if None.
+            along: Number of the variable whose derivatives the matrices carry; none if None.
         """
         p, instant = self.lineariser.loop.parameter_values.astype(float), self.instants[k]
         if values is not None:
@@ -153,26 +137,20 @@ class ParametricLinearisation:
     ) -> list[MarginValue]:
         """Margins of loops at an instant, with exact derivatives.
 
-        Parameters
-        ----------
-        k, values
-            As for :meth:`system`.
-        margin
-            One of :data:`MARGINS`.
-        loops
-            Break points.
-        least
-            Whether the loop with the least margin suffices.
-        slopes
-            Whether derivatives are computed; they are empty otherwise.
+        Args:
+            k, values: As for :meth:`system`.
+            margin: One of :data:`MARGINS`.
+            loops: Break points.
+            least: Whether the loop with the least margin suffices.
+            slopes: Whether derivatives are computed; they are empty otherwise.
         """
         system = self.system(k, values)
-        found = [one for one in loop_margins(system, loops) if not math.isnan(one.disk)]
+        margins = [one for one in loop_margins(system, loops) if not math.isnan(one.disk)]
         sign = -1.0 if margin == "gain_down" else 1.0
-        named = [(sign, margin, one) for one in found]
-        if found and _is_destabilised(system, found):
-            nearest = min(range(len(found)), key=lambda i: found[i].disk)
-            named[nearest] = (-1.0, "disk", found[nearest])
+        named = [(sign, margin, one) for one in margins]
+        if margins and _is_destabilised(system, margins):
+            nearest = min(range(len(margins)), key=lambda i: margins[i].disk)
+            named[nearest] = (-1.0, "disk", margins[nearest])
         if least:
             named = sorted(named, key=lambda one: one[0] * getattr(one[2], one[1]))[:1]
         moved = [self.system(k, values, along) for along in range(len(self.places)) if named and slopes]
@@ -186,55 +164,50 @@ class ParametricLinearisation:
         ]
 
 
-def _is_destabilised(found: LinearSystem, loops: Sequence[LoopMargins]) -> bool:
+def _is_destabilised(system: LinearSystem, loops: Sequence[LoopMargins]) -> bool:
     """Whether a mode grows because of the loops.
 
     Where a loop becomes unstable, L = -1 at the pole: its frequency is a crossover of every loop that has
     part in it. What grows far more slowly, or with all loops open, is a drift of the motion.
     """
-    if not found.growing:
+    if not system.growing:
         return False
-    count = len(found.inputs)
-    opening = np.linalg.pinv(np.eye(count) + found.D[:count]) @ found.C[:count]  # w = -y, y = C x + D w
-    opened = replace(found, A=found.A - found.B @ opening)
+    count = len(system.inputs)
+    opening = np.linalg.pinv(np.eye(count) + system.D[:count]) @ system.C[:count]  # w = -y, y = C x + D w
+    opened = replace(system, A=system.A - system.B @ opening)
     drift = max((abs(mode.pole) for mode in opened.growing), default=RIGID)
     crossings = [one.frequencies["crossover"] for one in loops if "crossover" in one.frequencies]
     slow = np.nanmin([*crossings, np.inf])
     limit = max(DRIFT * drift, slow / DRIFT if math.isfinite(slow) else 0.0)
-    return max(abs(mode.pole) for mode in found.growing) > limit
+    return max(abs(mode.pole) for mode in system.growing) > limit
 
 
-def margin_slope(found: LinearSystem, one: LoopMargins, margin: str) -> float:
+def margin_slope(system: LinearSystem, one: LoopMargins, margin: str) -> float:
     """Derivative of a margin along the direction that a linearised closed loop carries.
 
-    Parameters
-    ----------
-    found
-        From :meth:`ParametricLinearisation.system`, with derivatives.
-    one
-        Margins of a loop of the same system.
-    margin
-        One of :data:`MARGINS`.
+    Args:
+        system: From :meth:`ParametricLinearisation.system`, with derivatives.
+        one: Margins of a loop of the same system.
+        margin: One of :data:`MARGINS`.
 
-    Returns
-    -------
-    float
-        In the unit of the margin by that of the variable; zero for a margin that is infinite or a limit.
+    Returns:
+        float: In the unit of the margin by that of the variable; zero for a margin that is infinite or a
+            limit.
     """
     omega, value = one.frequencies.get(margin, math.nan), getattr(one, margin)
     if math.isnan(omega) or not math.isfinite(value) or (math.isinf(omega) and margin != "disk"):
         return 0.0
-    place = found.inputs.index(one.name)
-    A, B, C, D = found.closed(one.name)
+    place = system.inputs.index(one.name)
+    A, B, C, D = system.closed(one.name)
     b, c, d = B[:, place], C[place], D[place, place]
-    period = found.period_s or 1.0
+    period = system.period_s or 1.0
     G: complex = d.real + 0j
     by_angle: complex = 0j
     along: complex = derivative(d) + 0j
     if math.isfinite(omega):
         angle = omega * period.real
-        s = complex(np.exp(1j * angle)) if found.period_s else 1j * omega
-        turn = 1j * s if found.period_s else 1j
+        s = complex(np.exp(1j * angle)) if system.period_s else 1j * omega
+        turn = 1j * s if system.period_s else 1j
         shifted = s * np.eye(len(A)) - A.real
         states, row = np.linalg.solve(shifted, b.real), np.linalg.solve(shifted.T, c.real)
         G, by_angle = complex(G + c.real @ states), complex(-(row @ states) * turn)

@@ -48,23 +48,17 @@ def occurrences(
 ) -> tuple[list[PeriodicUpdate], float]:
     """Periodic events from an instant on, over two common periods, and that period [s].
 
-    Parameters
-    ----------
-    loop, perturbed
-        Closed loop and its derivatives.
-    instant
-        Where they are evaluated; only the counters of samples advance.
+    Args:
+        loop, perturbed: Closed loop and its derivatives.
+        instant: Where they are evaluated; only the counters of samples advance.
 
-    Returns
-    -------
-    tuple
-        No events and zero if nothing is periodic. Events that turn switches, such as thruster pulses, are not
-        linear and left out, and so are those that happen once.
+    Returns:
+        tuple: No events and zero if nothing is periodic. Events that turn switches, such as thruster pulses,
+            are not linear and left out, and so are those that happen once.
 
-    Raises
-    ------
-    ScenarioError
-        If periods have no common multiple with few enough events, or what a delay waits for is not kept.
+    Raises:
+        ScenarioError: If periods have no common multiple with few enough events, or what a delay waits for is
+            not kept.
     """
     places = [i for i, rule in enumerate(loop.events) if rule.clock and not rule.sets]
     counters = [i for i, name in enumerate(loop.state_names) if name.endswith(".count[0]")]
@@ -110,10 +104,8 @@ def occurrences(
 def common_period(periods: Sequence[float]) -> float:
     """Least common multiple of periods [s].
 
-    Raises
-    ------
-    ScenarioError
-        If there is none with few enough events.
+    Raises:
+        ScenarioError: If there is none with few enough events.
     """
     shortest = min(periods, key=np.real)
     ratios = [Fraction((period / shortest).real).limit_denominator(1000) for period in periods]
@@ -133,16 +125,11 @@ def beginning(
 
     It is invariant if its signal is set once in a period and held, or seen by events at one instant alone.
 
-    Parameters
-    ----------
-    updates
-        Events over two periods.
-    continuous
-        A, B, C, D between events.
-    place
-        Of the break point among inputs and outputs.
-    period_s
-        The period [s].
+    Args:
+        updates: Events over two periods.
+        continuous: A, B, C, D between events.
+        place: Of the break point among inputs and outputs.
+        period_s: The period [s].
     """
     A, B, C, D = continuous
     eye, rows = np.eye(len(A)), np.flatnonzero(C[place])
@@ -163,14 +150,10 @@ def transition(
 ) -> Matrices:
     """Discrete system over one period; outputs are those just after the events at its beginning.
 
-    Parameters
-    ----------
-    updates
-        Events over two periods.
-    continuous
-        A, B, C, D between events.
-    begin_s, period_s
-        Beginning and length of the period [s].
+    Args:
+        updates: Events over two periods.
+        continuous: A, B, C, D between events.
+        begin_s, period_s: Beginning and length of the period [s].
     """
     A, B, C, D = continuous
     size, inputs = B.shape

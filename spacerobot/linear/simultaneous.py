@@ -39,22 +39,15 @@ ASCENTS = 3
 def simultaneous_disk_margin(system: LinearSystem, loops: str = "torque/*") -> tuple[float, float]:
     """Bounds of the disk margin of loops that change at once.
 
-    Parameters
-    ----------
-    found
-        The linearised closed loop; loops of a periodic one must begin their periods together.
-    loops
-        Break points, ``torque/*``.
+    Args:
+        system: The linearised closed loop; loops of a periodic one must begin their periods together.
+        loops: Break points, ``torque/*``.
 
-    Returns
-    -------
-    tuple of float
-        What is guaranteed, and what it is at most.
+    Returns:
+        tuple of float: What is guaranteed, and what it is at most.
 
-    Raises
-    ------
-    SpaceRobotError
-        If there is no such loop, or loops are not invariant in time together.
+    Raises:
+        SpaceRobotError: If there is no such loop, or loops are not invariant in time together.
     """
     names = [name for name in system.inputs if fnmatchcase(name, loops)]
     if not names:
@@ -81,10 +74,8 @@ def simultaneous_disk_margin(system: LinearSystem, loops: str = "torque/*") -> t
 def greatest_structured_value(matrices: Array) -> tuple[float, float]:
     """Bounds of the greatest structured singular value of matrices (N, n, n), for diagonals of n numbers.
 
-    Returns
-    -------
-    tuple of float
-        The upper, and the lower one.
+    Returns:
+        tuple of float: The upper, and the lower one.
     """
     simple = np.abs(np.linalg.eigvals(matrices)).max(axis=1)
     simple = np.maximum(simple, np.abs(np.diagonal(matrices, axis1=1, axis2=2)).max(axis=1))
@@ -108,14 +99,10 @@ def greatest_structured_value(matrices: Array) -> tuple[float, float]:
 def upper_bound(M: Array, x: Array, enough: float = 0.0) -> tuple[float, Array]:
     """Least ``sigma(D M D^-1)``, ``D = exp(x)``, that is found from a first x (n,), and its x.
 
-    Parameters
-    ----------
-    M
-        Matrix (n, n).
-    x
-        First logarithms of the diagonal.
-    enough
-        Value below which the search ends.
+    Args:
+        M: Matrix (n, n).
+        x: First logarithms of the diagonal.
+        enough: Value below which the search ends.
     """
     least, at = np.inf, x
 

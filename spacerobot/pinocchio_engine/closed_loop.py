@@ -31,16 +31,11 @@ from spacerobot.symbolic import Parameters, Plant
 class EvaluatedInstant:
     """Mechanics, numbers that every law sees, and what was solved for, at one time.
 
-    Attributes
-    ----------
-    state
-        Mechanics.
-    given
-        Arguments of the compiled laws: t, (q, v, z), c and inputs.
-    solved
-        The unknowns (n,); NaN where not requested.
-    acceleration
-        v' (nv,), the last of them.
+    Attributes:
+        state: Mechanics.
+        given: Arguments of the compiled laws: t, (q, v, z), c and inputs.
+        solved: The unknowns (n,); NaN where not requested.
+        acceleration: v' (nv,), the last of them.
     """
 
     state: MechanicalState
@@ -55,20 +50,13 @@ class PinocchioLoop:
     The state is x = (q, v, z), that of the closed loop. The constants c, which hold the switches, change by
     :meth:`happen` alone.
 
-    Attributes
-    ----------
-    scene, model
-        The scene and its ``pinocchio.Model``.
-    parameter_paths
-        Dotted paths of the parameters.
-    state_names
-        Names of z, in the closed loop's order.
-    x0
-        Initial state (nx,).
-    c
-        Constants (nc,), with the switches as they are now.
-    events
-        What may happen, as data.
+    Attributes:
+        scene, model: The scene and its ``pinocchio.Model``.
+        parameter_paths: Dotted paths of the parameters.
+        state_names: Names of z, in the closed loop's order.
+        x0: Initial state (nx,).
+        c: Constants (nc,), with the switches as they are now.
+        events: What may happen, as data.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -83,8 +71,8 @@ class PinocchioLoop:
             self._unknowns = DynamicsUnknowns(plant, acting)
             return self._unknowns.result
 
-        found = evaluate(builder, solve)
-        acting = found.acting
+        evaluated = evaluate(builder, solve)
+        acting = evaluated.acting
         constants = context.constants
         z = ca.vertcat(ca.SX(0, 1), *(state.symbol for state in acting.states))
         self.state_names = state_names(self.model, acting.states)[self.model.nq + self.model.nv :]
@@ -94,8 +82,8 @@ class PinocchioLoop:
         self.c: Array = self._constants(parameters.values)[0]
         self._jumps, self._tables = list(constants.jumps), constants.tables
         self._jump_times = self.c[self._jumps]
-        drawn = (t.drawn(*(parameters.value(key) for key in t.keys)) for t in constants.noise)
-        self._noise: Array = np.concatenate([np.empty(0), *drawn])
+        noise = (t.drawn(*(parameters.value(key) for key in t.keys)) for t in constants.noise)
+        self._noise: Array = np.concatenate([np.empty(0), *noise])
         self._switches = list(constants.switches.values())
         self.events: tuple[LoopEvent, ...] = rules_of(acting.events, list(constants.switches))
         self._impacts = [event.impact for event in acting.events]
@@ -108,30 +96,30 @@ class PinocchioLoop:
         armed = ca.vertcat(none, *(event.armed for event in acting.events))
         start = ca.vertcat(none, *(state.initial for state in acting.states))
         updated = update_of(plant, acting, which, unknowns.struck)
-        given = [context.time, ca.vertcat(plant.q, plant.v, z), constants.symbols, plant.inputs.symbols]
+        symbols = [context.time, ca.vertcat(plant.q, plant.v, z), constants.symbols, plant.inputs.symbols]
         null_space, output, solved = unknowns.null_space, unknowns.output, unknowns.solved
         self._solved, self._reactions = solved.size1(), unknowns.reaction.size1()
 
         def function(name: str, arguments: list[ca.SX], *values: ca.SX) -> NumericFunction:
-            made = ca.Function(name, arguments, ca.cse([ca.densify(value) for value in values]))
-            return NumericFunction(made)
+            result = ca.Function(name, arguments, ca.cse([ca.densify(value) for value in values]))
+            return NumericFunction(result)
 
-        self._loads = function("loads", given, *unknowns.loads.values())
-        self._early = function("early", [*given, null_space], *unknowns.early)
-        self._late = function("late", [*given, null_space, output], *unknowns.late)
-        self._rates = function("rates", [*given, solved], rates)
-        self._outputs = function("outputs", [*given, solved], *found.outputs.values())
-        self._guards = function("guards", [*given, solved], guards)
+        self._loads = function("loads", symbols, *unknowns.loads.values())
+        self._early = function("early", [*symbols, null_space], *unknowns.early)
+        self._late = function("late", [*symbols, null_space, output], *unknowns.late)
+        self._rates = function("rates", [*symbols, solved], rates)
+        self._outputs = function("outputs", [*symbols, solved], *evaluated.outputs.values())
+        self._guards = function("guards", [*symbols, solved], guards)
         self._armed = function("armed", [constants.symbols], armed)
         sampled = ca.vertcat(none, *unknowns.sampled)
-        self._update = function("update", [*given, solved, unknowns.impact, sampled, which], updated)
+        self._update = function("update", [*symbols, solved, unknowns.impact, sampled, which], updated)
         self._laws = {
-            name: function(f"law_{i}", [*given, solved], *loads.values())
+            name: function(f"law_{i}", [*symbols, solved], *loads.values())
             for i, (name, loads) in enumerate(unknowns.laws.items())
         }
-        self._rows = function("rows", given, constants.cursors)
-        self._start = function("start", given, start)
-        self._output_names = tuple(found.outputs)
+        self._rows = function("rows", symbols, constants.cursors)
+        self._start = function("start", symbols, start)
+        self._output_names = tuple(evaluated.outputs)
         self._guards_see_forces = bool(ca.depends_on(guards, solved)) if guards.numel() else False
         # initial state (nx,): other states count as zero where one begins, but for what events change
         q, v, model = np.array(self.scene.q), np.array(self.scene.v), self.model
@@ -185,50 +173,45 @@ class PinocchioLoop:
         # constants (nc,) as they hold within an interval: jumps passed or not, rows of tables shown
         at = t if within is None else within
         if at in self._kept and within is not None:
-            shown = self._kept[at]
+            constants = self._kept[at]
         else:
-            shown = self.c.copy()
-            shown[self._jumps] = np.where(self._jump_times <= at, -np.inf, np.inf)
+            constants = self.c.copy()
+            constants[self._jumps] = np.where(self._jump_times <= at, -np.inf, np.inf)
             if self._tables:
-                rows = self._rows(t, x, shown, inputs)[0].astype(int)
+                rows = self._rows(t, x, constants, inputs)[0].astype(int)
                 for table in self._tables:
-                    held, first = (self._noise, table.noise) if table.noise >= 0 else (shown, table.first)
+                    held, first = (self._noise, table.noise) if table.noise >= 0 else (constants, table.first)
                     first += rows[table.cursor] * table.width
-                    shown[table.window : table.window + table.width] = held[first : first + table.width]
-            self._kept = {at: shown}
-        given = (t, x, shown, inputs)
+                    constants[table.window : table.window + table.width] = held[first : first + table.width]
+            self._kept = {at: constants}
+        arguments = (t, x, constants, inputs)
         if not solved:
-            return EvaluatedInstant(state, given, np.full(self._solved, np.nan), np.full(len(v), np.nan))
-        conditions = self._conditions(state, given)
+            return EvaluatedInstant(state, arguments, np.full(self._solved, np.nan), np.full(len(v), np.nan))
+        conditions = self._conditions(state, arguments)
         parts = [conditions.kept_still(name, size) for name, size in self._unknowns.projections]
         null_space = np.concatenate([np.empty(0), *parts])
-        commanded, pushed = self._early(*given, null_space)
+        commanded, pushed = self._early(*arguments, null_space)
         effort = commanded + pushed
         outputs, reactions, acceleration = conditions.solve(effort, outputs=True)
         if len(outputs):
-            commanded, pushed = self._late(*given, null_space, outputs)
+            commanded, pushed = self._late(*arguments, null_space, outputs)
             effort = commanded + pushed
         if self._unknowns.then:
             _, reactions, acceleration = conditions.solve(effort, outputs=False)
-        own = reactions[: self._reactions]
+        loads = reactions[: self._reactions]
         return EvaluatedInstant(
-            state, given, np.concatenate([null_space, outputs, own, acceleration]), acceleration
+            state, arguments, np.concatenate([null_space, outputs, loads, acceleration]), acceleration
         )
 
     def derivative(self, t: float, x: Array, within: float | None = None) -> Array:
         """Rate x' (nx,) of the state at time t [s].
 
-        Parameters
-        ----------
-        t, x
-            Time and state; the configuration need not be normalised.
-        within
-            A time in the interval that is meant where t itself lies between two; t if None.
+        Args:
+            t, x: Time and state; the configuration need not be normalised.
+            within: A time in the interval that is meant where t itself lies between two; t if None.
 
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            In a posture in which rigid grasps fix a freedom twice.
+        Raises:
+            numpy.linalg.LinAlgError: In a posture in which rigid grasps fix a freedom twice.
         """
         now = self.instant(t, x, within)
         q, v, _ = self.split(x)
@@ -253,12 +236,12 @@ class PinocchioLoop:
     def gaps(self, x: Array) -> tuple[Array, Array]:
         """Gaps [m] between the shapes of all contacts, and bounds of their rates [m/s] (n,) each."""
         q, v, _ = self.split(x)
-        state, found = MechanicalState(self.model, q, v, self._scratch), list[tuple[float, float]]()
+        state, pairs = MechanicalState(self.model, q, v, self._scratch), list[tuple[float, float]]()
         for contact in self.scene.contacts:
             for pair in contact.pairs:
                 crown = contact.config.crown
-                found.append((state.proximity(pair, crown)[0], state.approach_speed(pair, crown)))
-        gaps, speeds = np.array(found).reshape(-1, 2).T
+                pairs.append((state.proximity(pair, crown)[0], state.approach_speed(pair, crown)))
+        gaps, speeds = np.array(pairs).reshape(-1, 2).T
         return gaps, speeds
 
     def happen(self, number: int, t: float, x: Array, within: float | None = None) -> Array:
@@ -275,22 +258,22 @@ class PinocchioLoop:
             conditions = self._conditions(now.state, now.given)
             impact = conditions.strike(self._reactions)
         # outputs of laws that are evaluated at instants; zero for those that another event evaluates
-        found = [np.zeros(output.size1()) for output in self._unknowns.sampled]
+        jumps = [np.zeros(output.size1()) for output in self._unknowns.sampled]
         for place, (name, loads) in enumerate(self._unknowns.laws.items()):
             if name == event.name:
                 values = self._laws[name].matrices(*now.given, now.solved)
-                own = dict(zip(loads, values, strict=True))
+                impulses = dict(zip(loads, values, strict=True))
                 conditions = self._conditions(now.state, now.given)
-                conditions = DynamicsConditions(now.state, {**conditions.loads, **own})
-                outputs = conditions.solve(own["effort"][:, 0], outputs=True)[0]
-                found[place] = self._unknowns.instants[place].of(outputs)
-        sampled = np.concatenate([np.empty(0), *found])
+                conditions = DynamicsConditions(now.state, {**conditions.loads, **impulses})
+                outputs = conditions.solve(impulses["effort"][:, 0], outputs=True)[0]
+                jumps[place] = self._unknowns.instants[place].of(outputs)
+        sampled = np.concatenate([np.empty(0), *jumps])
         after = self._update(*now.given, now.solved, impact, sampled, number)[0]
         self._kept.clear()
         return after
 
     def _conditions(
-        self, state: MechanicalState, given: tuple[float, Array, Array, Array]
+        self, state: MechanicalState, arguments: tuple[float, Array, Array, Array]
     ) -> DynamicsConditions:
-        found = self._loads.matrices(*given)
-        return DynamicsConditions(state, dict(zip(self._unknowns.loads, found, strict=True)))
+        loads = self._loads.matrices(*arguments)
+        return DynamicsConditions(state, dict(zip(self._unknowns.loads, loads, strict=True)))

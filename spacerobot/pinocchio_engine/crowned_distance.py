@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -38,14 +39,10 @@ def shape_distance(
 
     Coal's, where the distance has a closed form; elsewhere by support functions, from coal's normal.
 
-    Parameters
-    ----------
-    pair
-        The shapes; at most one is a half-space.
-    links
-        Placements of their links in the world (``pin.SE3``).
-    crown
-        Height of the domes, of half the lengths.
+    Args:
+        pair: The shapes; at most one is a half-space.
+        links: Placements of their links in the world (``pin.SE3``).
+        crown: Height of the domes, of half the lengths.
     """
     near = coal_distance(*pair, links)
     normal = np.array(near.normal)
@@ -66,16 +63,12 @@ def _has_closed_form(*shapes: CollisionShape) -> bool:
 
 @dataclass(frozen=True)
 class CrownedSupport:
-    """How far crowned shapes reach: sums of a ball, ellipsoids (thickened segments and discs), smooth terms.
+    """Support function of crowned shapes: a ball, ellipsoids (thickened segments, discs), smooth terms.
 
-    Attributes
-    ----------
-    roots
-        Of the ellipsoids' squared support functions (k, 3, 3), world axes [m^2].
-    ball
-        Radius [m].
-    smooth
-        Rotations (3, 3), and values, gradients and Hessians of directions in own axes.
+    Attributes:
+        roots: Of the ellipsoids' squared support functions (k, 3, 3), world axes [m^2].
+        ball: Radius [m].
+        smooth: Rotations (3, 3), and values, gradients and Hessians of directions in own axes.
     """
 
     roots: Array
@@ -84,40 +77,44 @@ class CrownedSupport:
 
     @classmethod
     def of(cls, shape: SceneShape, rotation: Array, crown: float) -> CrownedSupport:
-        """Of a shape that is turned (3, 3)."""
+        """Support function of a shape that is turned by a rotation (3, 3)."""
         flat, domes, ball, smooth = _own(shape.config)
         roots = rotation @ (flat + crown**2 * domes) @ rotation.T
-        return cls(roots, ball, tuple((rotation @ own, term) for own, term in smooth))
+        return cls(roots, ball, tuple((rotation @ root, term) for root, term in smooth))
 
     def __add__(self, other: CrownedSupport) -> CrownedSupport:
         """The Minkowski sum."""
         roots = np.concatenate([self.roots, other.roots])
         return CrownedSupport(roots, self.ball + other.ball, self.smooth + other.smooth)
 
+    def reflected(self) -> CrownedSupport:
+        """Of the shape reflected at its centre: the support function at -n."""
+        return dataclasses.replace(self, smooth=tuple((-rotation, term) for rotation, term in self.smooth))
+
     def reach(self, n: Array) -> Array:
         """Support function (k,) [m] of directions (k, 3)."""
-        found = np.sqrt(np.einsum("ni,kij,nj->nk", n, self.roots, n)).sum(axis=1) + self.ball
+        support = np.sqrt(np.einsum("ni,kij,nj->nk", n, self.roots, n)).sum(axis=1) + self.ball
         for rotation, term in self.smooth:
-            found = found + term((n @ rotation).T)[0].ravel()
-        return np.asarray(found)
+            support = support + term((n @ rotation).T)[0].ravel()
+        return np.asarray(support)
 
     def farthest(self, n: Array) -> Array:
-        """Its farthest point along a unit vector (3,), from its centre [m]."""
-        seen = self.roots @ n
-        found = (seen / np.sqrt(seen @ n)[:, None]).sum(axis=0) + self.ball * n
+        """Farthest point of the shape along a unit vector (3,), from its centre [m]."""
+        directions = self.roots @ n
+        point = (directions / np.sqrt(directions @ n)[:, None]).sum(axis=0) + self.ball * n
         for rotation, term in self.smooth:
-            found = found + rotation @ term(n @ rotation)[1].ravel()
-        return np.asarray(found)
+            point = point + rotation @ term(n @ rotation)[1].ravel()
+        return np.asarray(point)
 
     def curvature(self, n: Array) -> Array:
         """Derivative of the farthest point (3, 3) [m]."""
-        seen = self.roots @ n
-        reach = np.sqrt(seen @ n)[:, None, None]
-        parts = self.roots / reach - np.einsum("ki,kj->kij", seen, seen) / reach**3
-        found = parts.sum(axis=0) + self.ball * (np.eye(3) - np.outer(n, n))
+        directions = self.roots @ n
+        reach = np.sqrt(directions @ n)[:, None, None]
+        parts = self.roots / reach - np.einsum("ki,kj->kij", directions, directions) / reach**3
+        hessian = parts.sum(axis=0) + self.ball * (np.eye(3) - np.outer(n, n))
         for rotation, term in self.smooth:
-            found = found + rotation @ term(n @ rotation)[2] @ rotation.T
-        return np.asarray(found)
+            hessian = hessian + rotation @ term(n @ rotation)[2] @ rotation.T
+        return np.asarray(hessian)
 
 
 @functools.lru_cache(maxsize=1024)
@@ -141,7 +138,7 @@ def _own(shape: CollisionShape) -> tuple[Array, Array, float, tuple[tuple[Array,
 def _smooth(term: SmoothTerm) -> SmoothSupport:
     """A smooth term's value, gradient and Hessian in own axes."""
     function, measures = term.own_derivatives, _numbers(term.measures)
-    return lambda directions: [found.full() for found in function(directions, measures)]
+    return lambda directions: [value.full() for value in function(directions, measures)]
 
 
 def _numbers(expression: ca.SX) -> Array:
@@ -154,17 +151,12 @@ def crowned_distance(
 ) -> tuple[float, Array, Array]:
     """Signed distance [m], normal (3,) and point halfway (3,) [m] of two shapes.
 
-    Parameters
-    ----------
-    pair
-        The shapes; at most one is a half-space.
-    links
-        Placements of their links in the world (``pin.SE3``).
-    crown
-        Height of the domes, of half the lengths.
-    normal
-        Of the shapes as they are without domes (3,), from which that with domes is sought. Inside one another
-        coal's may be a far longer way out, seen from some directions all around.
+    Args:
+        pair: The shapes; at most one is a half-space.
+        links: Placements of their links in the world (``pin.SE3``).
+        crown: Height of the domes, of half the lengths.
+        normal: Of the shapes as they are without domes (3,), from which that with domes is sought. Inside one
+            another coal's may be a far longer way out, seen from some directions all around.
     """
     at = [link * pin.SE3(shape.placement) for link, shape in zip(links, pair, strict=True)]
     centre = at[1].translation - at[0].translation
@@ -177,8 +169,8 @@ def crowned_distance(
     elif below[1]:
         n = -at[1].rotation[:, 2]
     else:
-        n = _greatest(centre, one + other, normal)
-    ends = at[0].translation + one.farthest(n), at[1].translation - other.farthest(n)
+        n = _greatest(centre, one + other.reflected(), normal)
+    ends = at[0].translation + one.farthest(n), at[1].translation + other.farthest(-n)
     # two points on a plane differ by what lies along it
     gap = float(n @ (ends[1] - ends[0]))
     point = ends[0] + gap / 2 * n if not below[0] else ends[1] - gap / 2 * n
@@ -199,11 +191,11 @@ def _greatest(centre: Array, both: CrownedSupport, start: Array) -> Array:
         step /= max(1.0, float(np.linalg.norm(step)))
         for _ in range(_HALVINGS):
             ahead = (n + step) / np.linalg.norm(n + step)
-            found = float(ahead @ (centre - both.farthest(ahead)))
-            if found >= gap - _LEVEL:
+            separation = float(ahead @ (centre - both.farthest(ahead)))
+            if separation >= gap - _LEVEL:
                 break
             step = step / 2
-        n, gap = ahead, found
+        n, gap = ahead, separation
         if np.linalg.norm(step) < _SMALL:
             break
     return np.asarray(n)

@@ -31,20 +31,15 @@ from spacerobot.symbolic import Plant
 class DynamicsUnknowns:
     """Symbols of what NumPy solves for, and the loads and conditions that it is solved from.
 
-    Attributes
-    ----------
-    null_space, output, reaction, acceleration
-        Symbols (n x 1): forces that keep tips still, outputs of implicit channels, reactions of rigid
-        connections along their directions, and v'.
-    struck
-        Symbols of an impact.
-    loads
-        Expressions that depend on no unknown, by name.
-    early, late
-        Generalized forces, commanded and of wrenches (nv x 1 each), before and after ``output`` is known.
-    laws, sampled
-        Loads of laws that are evaluated at instants, by the name of the event that does it, and the symbols
-        of their outputs (n x 1 each).
+    Attributes:
+        null_space, output, reaction, acceleration: Symbols (n x 1): forces that keep tips still, outputs of
+            implicit channels, reactions of rigid connections along their directions, and v'.
+        struck: Symbols of an impact.
+        loads: Expressions that depend on no unknown, by name.
+        early, late: Generalized forces, commanded and of wrenches (nv x 1 each), before and after ``output``
+            is known.
+        laws, sampled: Loads of laws that are evaluated at instants, by the name of the event that does it,
+            and the symbols of their outputs (n x 1 each).
     """
 
     def __init__(self, plant: Plant, acting: Contribution) -> None:
@@ -57,11 +52,11 @@ class DynamicsUnknowns:
                 torque = torque + ca.mtimes(channel.actuation, channel.command)
         self.projections: list[tuple[str, int]] = []
         self.null_space, self.loads = ca.SX(0, 1), dict[str, ca.SX]()
-        for number, asked in enumerate(acting.torques):
-            own = [one for one in channels if one.robot == asked.robot and one.moves_tip]
-            torque = torque + asked.value
-            if asked.null_space and own:
-                actuation = ca.horzcat(*(one.actuation for one in own))
+        for number, command in enumerate(acting.torques):
+            tip_channels = [one for one in channels if one.robot == command.robot and one.moves_tip]
+            torque = torque + command.value
+            if command.null_space and tip_channels:
+                actuation = ca.horzcat(*(one.actuation for one in tip_channels))
                 force = ca.SX.sym(f"null_space_{number}", actuation.size2())
                 torque = torque - ca.mtimes(actuation, force)
                 self.null_space = ca.vertcat(self.null_space, force)
@@ -70,9 +65,9 @@ class DynamicsUnknowns:
                 still = [plant.ties, *(masked(one.sense, one.active) for one in locks)]
                 idle = [ca.SX(force.size1() + plant.ties.size2(), 1), *(idleness(one) for one in locks)]
                 self.loads |= {
-                    f"asked_{number}": asked.value,
-                    f"asked_{number}_sense": ca.horzcat(*(one.sense for one in own), *still),
-                    f"asked_{number}_drive": ca.horzcat(*(one.drive for one in own), *still),
+                    f"asked_{number}": command.value,
+                    f"asked_{number}_sense": ca.horzcat(*(one.sense for one in tip_channels), *still),
+                    f"asked_{number}_drive": ca.horzcat(*(one.drive for one in tip_channels), *still),
                     f"asked_{number}_idle": ca.vertcat(*idle),
                 }
         first, self.then = in_turn(acting.drives, self.implicit)
@@ -142,7 +137,7 @@ class DynamicsUnknowns:
 
 
 def _loads(plant: Plant, channels: Sequence[ControlChannel]) -> dict[str, ca.SX]:
-    """Of channels whose outputs depend on the acceleration."""
+    """Loads of channels whose outputs depend on the acceleration."""
     none, wide = ca.SX(0, 1), ca.SX(plant.v.size1(), 0)
     gains = (ca.SX(one.size, 1) if one.derivative_gain is None else one.derivative_gain for one in channels)
     return {
@@ -162,8 +157,8 @@ class DynamicsConditions:
 
     def mobility(self, rows: Array, columns: Array) -> Array:
         """Motion along loads (nv, m) that loads (nv, n) cause (m, n)."""
-        found: Array = rows.T @ np.linalg.solve(self.state.inertia, columns)
-        return found
+        product: Array = rows.T @ np.linalg.solve(self.state.inertia, columns)
+        return product
 
     def kept_still(self, name: str, size: int) -> Array:
         """Forces (size,) that cancel what a commanded torque does to the tips' feedback."""
@@ -190,8 +185,8 @@ class DynamicsConditions:
         right = np.concatenate(
             [command - gain * (sense.T @ free), -self.loads["drift"][:, 0] - held.T @ free]
         )
-        found = np.linalg.solve(matrix, right)
-        return found[:nu], found[nu:], free + caused @ found
+        solution = np.linalg.solve(matrix, right)
+        return solution[:nu], solution[nu:], free + caused @ solution
 
     def strike(self, count: int) -> Array:
         """Velocity after a plastic impact, impulses along the first directions, and loss (nv + count + 1,).

@@ -35,14 +35,10 @@ CHATTER, CHATTER_S = 100, 1e-3
 class LocatedEvent:
     """An event.
 
-    Attributes
-    ----------
-    time_s
-        When it was [s].
-    name, kind, who
-        What it was, as the closed loop calls it.
-    before, after
-        States (nx,).
+    Attributes:
+        time_s: When it was [s].
+        name, kind, who: What it was, as the closed loop calls it.
+        before, after: States (nx,).
     """
 
     time_s: float
@@ -56,14 +52,11 @@ class LocatedEvent:
 class Integrator:
     """Carries the state from sample to sample.
 
-    Attributes
-    ----------
-    t
-        Time of its last good state [s].
-    events
-        What happened on the way.
-    ended, chattering
-        Whether an event ended the simulation, and whether there were too many in too short a time.
+    Attributes:
+        t: Time of its last good state [s].
+        events: What happened on the way.
+        ended, chattering: Whether an event ended the simulation, and whether there were too many in too short
+            a time.
     """
 
     def __init__(self, engine: PinocchioLoop, rtol: float, atol: float) -> None:
@@ -82,6 +75,11 @@ class Integrator:
     def stopped(self) -> bool:
         """Whether an event, or too many, ended the simulation."""
         return self.ended or self.chattering
+
+    def change(self, x: Array) -> None:
+        """Continue from another state (nx,)."""
+        if not np.array_equal(x, self.x):
+            self.x, self._step = np.array(x), None
 
     def advance(self, until: float) -> tuple[Array | None, float]:
         """Normalised state at a later time, None if it diverges, and a time within the last interval.
@@ -126,7 +124,7 @@ class Integrator:
         self._step = None
 
     def _solver(self, until: float, within: float) -> DOP853:
-        """From where it is; its first step as long as the last one would have been."""
+        """Solver that continues from the current state, with the step size that was reached."""
         first = None if self._step is None else min(self._step, until - self.t)
         return DOP853(
             lambda t, x: self._rate(t, x, within),
@@ -149,9 +147,9 @@ class Integrator:
             solver.step()
             if solver.status == "failed" or not self._is_good(solver.y):
                 return False
-            found = self._first(watched, solver, within) if watched else None
-            if found is not None:
-                return self._stop_at(*found, within)
+            event = self._first(watched, solver, within) if watched else None
+            if event is not None:
+                return self._stop_at(*event, within)
         # not the last step, which was cut to fit, but the one that the solver would do next
         self._step = solver.h_abs
         self.t, self.x = until, self._engine.normalise(solver.y)
@@ -159,14 +157,14 @@ class Integrator:
 
     def _first(self, watched: Sequence[int], solver: DOP853, within: float) -> tuple[int, float] | None:
         """Number of the first event of the step that a solver did, and about when it is."""
-        kept: list[DenseOutput] = []  # costs three rates, and is seldom wanted in a short step
+        outputs: list[DenseOutput] = []  # costs three rates, and is seldom wanted in a short step
 
         def state(t: float) -> Array:
             if t in (self.t, solver.t):
                 return self.x if t == self.t else np.asarray(solver.y)
-            if not kept:
-                kept.append(solver.dense_output())
-            return np.asarray(kept[0](t))
+            if not outputs:
+                outputs.append(solver.dense_output())
+            return np.asarray(outputs[0](t))
 
         def guards(t: float) -> Array:
             return self._engine.guards(t, state(t), within)
@@ -179,9 +177,9 @@ class Integrator:
                 waiting.append(early + (late - early) / 2)
                 continue
             waiting.pop()
-            roots, found = list[tuple[float, int]](), guards(late)
+            roots, guard_values = list[tuple[float, int]](), guards(late)
             for number in watched:
-                if found[number] > 0:
+                if guard_values[number] > 0:
 
                     def guard(t: float, number: int = number) -> float:
                         return float(guards(t)[number])

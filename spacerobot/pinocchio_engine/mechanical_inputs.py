@@ -82,12 +82,9 @@ class MechanicalInputs:
 class InputPlant(Plant):
     """A plant whose mechanics are inputs; loads are generalized forces as they are, not reduced.
 
-    Attributes
-    ----------
-    inputs
-        What was requested so far.
-    pattern
-        Kinematics as expressions, of which nothing but the constant entries is used.
+    Attributes:
+        inputs: What was requested so far.
+        pattern: Kinematics as expressions, of which nothing but the constant entries is used.
     """
 
     inputs: MechanicalInputs
@@ -141,8 +138,8 @@ class InputPlant(Plant):
     def velocity(self, frame: int) -> tuple[ca.SX, ca.SX]:
         """Linear and angular velocity of a frame's origin (3x1 each) [m/s, rad/s]."""
         pattern = ca.vertcat(*frame_velocity(self.model, self.pattern, frame))
-        found = self.inputs.matrix(("velocity", frame), pattern, lambda s: s.frame(frame).velocity)
-        return found[:3], found[3:]
+        twist = self.inputs.matrix(("velocity", frame), pattern, lambda s: s.frame(frame).velocity)
+        return twist[:3], twist[3:]
 
     def jacobian(self, frame: int) -> ca.SX:
         """Jacobian of a frame (6 x nv), linear rows first."""
@@ -152,8 +149,8 @@ class InputPlant(Plant):
     def drift(self, frame: int) -> tuple[ca.SX, ca.SX]:
         """Linear and angular acceleration of a frame at zero joint acceleration (3x1 each)."""
         pattern = ca.vertcat(*frame_drift(self.model, self.pattern, frame))
-        found = self.inputs.matrix(("drift", frame), pattern, lambda s: s.frame(frame).drift)
-        return found[:3], found[3:]
+        acceleration = self.inputs.matrix(("drift", frame), pattern, lambda s: s.frame(frame).drift)
+        return acceleration[:3], acceleration[3:]
 
     def reduced(self, torque: ca.SX | None = None, wrenches: Sequence[Wrench] = ()) -> ca.SX:
         """Generalized forces of torques and wrenches (nv x n): ``torque + sum J^T f``."""
@@ -173,10 +170,10 @@ class InputPlant(Plant):
     def inertia_force(self, joints: Iterable[int]) -> tuple[ca.SX, ca.SX]:
         """Force and torque (3x1 each) that a subtree takes at zero joint acceleration, gravity removed."""
         root = next(iter(joints))
-        found = self.inputs.matrix(
+        force = self.inputs.matrix(
             ("inertia_force", root), ca.SX.sym("pattern", 6), lambda s: s.inertia_force(root)
         )
-        return found[:3], found[3:]
+        return force[:3], force[3:]
 
     @property
     def mass_matrix(self) -> ca.SX:
@@ -207,9 +204,9 @@ class InputPlant(Plant):
     def at_start(self, expression: ca.SX, start: InitialState, constants: Constants) -> ca.SX:
         """An expression of (q, v, c) and inputs where everything begins, as one of the parameters."""
         q, v = (ca.DM(part).full().ravel() for part in (start.q, start.v))
-        given = [self.q, self.v, self.inputs.symbols, constants.symbols]
-        found = ca.Function("first", given, [expression])
-        return found(q, v, self.inputs.values(MechanicalState(self.model, q, v)), constants.expressions)
+        arguments = [self.q, self.v, self.inputs.symbols, constants.symbols]
+        value = ca.Function("first", arguments, [expression])
+        return value(q, v, self.inputs.values(MechanicalState(self.model, q, v)), constants.expressions)
 
 
 def _joint_jacobian(pattern: Kinematics, inputs: MechanicalInputs, joint: int) -> ca.SX:
@@ -224,8 +221,8 @@ def _joint_origin(pattern: Kinematics, inputs: MechanicalInputs, joint: int) -> 
 
 def _joint_motion(pattern: Kinematics, inputs: MechanicalInputs, joint: int) -> LocalMotion:
     """Motion of a joint frame; what only other algorithms use of it is not a number."""
-    own, unused = pattern.joints[joint - 1], ca.SX.nan(3, 3)
-    columns = list(range(own.idx_v, own.idx_v + own.nv))
+    joint_model, unused = pattern.joints[joint - 1], ca.SX.nan(3, 3)
+    columns = list(range(joint_model.idx_v, joint_model.idx_v + joint_model.nv))
     jacobian = _joint_jacobian(pattern, inputs, joint)
     velocities = ca.vertcat(pattern.linear_velocity[joint], pattern.angular_velocity[joint])
     moving = inputs.matrix(("joint_velocity", joint), velocities, lambda s: s.joint_velocity(joint))
@@ -235,7 +232,7 @@ def _joint_motion(pattern: Kinematics, inputs: MechanicalInputs, joint: int) -> 
         body=inputs.matrix(
             ("joint_rotation", joint), pattern.rotation[joint], lambda s: s.data.oMi[joint].rotation
         ),
-        arm=_joint_origin(pattern, inputs, joint) - _joint_origin(pattern, inputs, own.parent),
+        arm=_joint_origin(pattern, inputs, joint) - _joint_origin(pattern, inputs, joint_model.parent),
         linear=jacobian[:3, columns],
         angular=jacobian[3:, columns],
         velocity=moving[:3],
@@ -254,14 +251,14 @@ class InputContact(ContactContext):
     scene_contact: SceneContact
 
     def proximity(self, first: ContactSurface, second: ContactSurface) -> Proximity:
-        """How near two shapes are."""
+        """Distance of two shapes and its witness points."""
         assert isinstance(self.plant, InputPlant)
         number = next(k for k, pair in enumerate(self.pairs) if pair[0] is first and pair[1] is second)
         pair, crown = self.scene_contact.pairs[number], self.scene_contact.config.crown
-        found = self.plant.inputs.matrix(
+        closest = self.plant.inputs.matrix(
             ("near", self.name, number), ca.SX.sym("pattern", 7), lambda s: s.proximity(pair, crown)
         )
-        return Proximity(found[0], found[1:4], found[4:])
+        return Proximity(closest[0], closest[1:4], closest[4:])
 
 
 @dataclass(frozen=True)
@@ -270,11 +267,13 @@ class InputBuilder(LoopBuilder):
 
     def contact(self, contact: SceneContact) -> ContactContext:
         """Context from which a contact is built, its forces being inputs."""
-        own = super().contact(contact)
-        return InputContact(own.context, own.plant, own.name, own.pairs, contact)
+        contact_input = super().contact(contact)
+        return InputContact(
+            contact_input.context, contact_input.plant, contact_input.name, contact_input.pairs, contact
+        )
 
 
 def numeric_start(scene: Scene) -> InitialState:
-    """Where everything begins, as numbers."""
+    """Initial state, as numbers."""
     q, v = ca.SX(ca.DM(scene.q)), ca.SX(ca.DM(scene.v))
     return InitialState(scene.model, q, v, forward_kinematics(scene.model, q))

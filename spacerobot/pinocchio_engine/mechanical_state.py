@@ -24,16 +24,11 @@ _AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 class FrameMotion:
     """A frame, or the frame of a joint, at one instant.
 
-    Attributes
-    ----------
-    rotation, position
-        (3, 3) and (3,) [m].
-    velocity
-        Of its origin, then angular (6,) [m/s, rad/s].
-    drift
-        Acceleration at zero joint acceleration, classical, then angular (6,).
-    jacobian, jacobian_rate
-        (6, nv) each, linear rows first.
+    Attributes:
+        rotation, position: (3, 3) and (3,) [m].
+        velocity: Of its origin, then angular (6,) [m/s, rad/s].
+        drift: Acceleration at zero joint acceleration, classical, then angular (6,).
+        jacobian, jacobian_rate: (6, nv) each, linear rows first.
     """
 
     rotation: Array
@@ -47,15 +42,11 @@ class FrameMotion:
 class MechanicalState:
     """Kinematics and dynamics of a model at one configuration and velocity, computed when first asked for.
 
-    Parameters
-    ----------
-    model
-        The scene's ``pinocchio.Model``.
-    q, v
-        Configuration (nq,), normalised here, and velocity (nv,).
-    scratch
-        ``pinocchio.Data`` for results that are copied at once; a new one if None. To make one takes ten times
-        as long as the algorithms themselves.
+    Args:
+        model: The scene's ``pinocchio.Model``.
+        q, v: Configuration (nq,), normalised here, and velocity (nv,).
+        scratch: ``pinocchio.Data`` for results that are copied at once; a new one if None. To make one takes
+            ten times as long as the algorithms themselves.
     """
 
     def __init__(self, model: Any, q: Array, v: Array, scratch: Any = None) -> None:
@@ -87,8 +78,8 @@ class MechanicalState:
 
     def joint_jacobian(self, joint: int) -> Array:
         """Jacobian of a joint frame (6, nv), linear rows first."""
-        found: Array = pin.getJointJacobian(self.model, self.data, joint, _AXES)
-        return found
+        jacobian: Array = pin.getJointJacobian(self.model, self.data, joint, _AXES)
+        return jacobian
 
     @functools.cached_property
     def _scratch(self) -> Any:
@@ -98,8 +89,8 @@ class MechanicalState:
     def inertia(self) -> Array:
         """Joint-space inertia (nv, nv), by the composite-rigid-body algorithm."""
         upper = np.triu(pin.crba(self.model, self._scratch, self.q))
-        found: Array = upper + np.triu(upper, 1).T
-        return found
+        matrix: Array = upper + np.triu(upper, 1).T
+        return matrix
 
     @functools.cached_property
     def _newton_euler(self) -> Any:
@@ -175,7 +166,7 @@ def coordinates(model: Any) -> list[tuple[slice, slice]]:
 
 def configuration_rate(places: Sequence[tuple[slice, slice]], q: Array, v: Array) -> Array:
     """Time derivative of Pinocchio's coordinates (nq,), joint by joint; q need not be normalised."""
-    rate: Array = np.concatenate([_joint_rate(q[own], v[speed]) for own, speed in places])
+    rate: Array = np.concatenate([_joint_rate(q[coordinates], v[speed]) for coordinates, speed in places])
     return rate
 
 

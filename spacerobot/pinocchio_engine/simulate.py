@@ -10,8 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from spacerobot.arrays import Array
+from spacerobot.closedloop import ClosedLoop
 from spacerobot.pinocchio_engine.closed_loop import PinocchioLoop
 from spacerobot.pinocchio_engine.integrator import Integrator, LocatedEvent
+from spacerobot.rollout import FiredEvent
 from spacerobot.rollout.time_grid import time_grid
 from spacerobot.rollout.trajectory import Trajectory, frozen
 from spacerobot.scene import Scene
@@ -19,15 +21,16 @@ from spacerobot.scene import Scene
 Progress = Callable[[float], None]
 """Told the part of the time, 0 to 1, that is done."""
 
+CHECKING_TOLERANCE = 1e-2
+"""Tolerance of the integrator relative to ``simulation.tolerance``; order 8 then errs a hundredth of it."""
+
 
 @dataclass(frozen=True, repr=False)
 class PinocchioTrajectory(Trajectory):
     """A rollout by this engine.
 
-    Attributes
-    ----------
-    happened
-        Its events; ``events`` is empty, for it holds those of a closed loop.
+    Attributes:
+        happened: Its events; ``events`` is empty, for it holds those of a closed loop.
     """
 
     happened: tuple[LocatedEvent, ...] = ()
@@ -47,31 +50,23 @@ def simulate(
     The integration stops at every sample and wherever two pieces of a reference meet, so that each of its
     steps sees a smooth right-hand side (clipped torques excepted) and samples are not interpolated.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    output_step_s, duration_s
-        Longest time between samples, and duration [s]; the scenario's own if None.
-    rtol, atol
-        Tolerances of the integrator, per component of x.
-    progress
-        Told how far it is, once for each sample.
+    Args:
+        scene: The scene.
+        output_step_s, duration_s: Longest time between samples, and duration [s]; the scenario's own if None.
+        rtol, atol: Tolerances of the integrator, per component of x.
+        progress: Told how far it is, once for each sample.
 
-    Returns
-    -------
-    PinocchioTrajectory
-        No measures and costs. A sample on the end of a reference shows what led up to it. Cut short, with
-        status ``diverged``, where the state leaves its bounds, becomes singular or cannot be integrated.
+    Returns:
+        PinocchioTrajectory: No measures and costs. A sample on the end of a reference shows what led up to
+            it. Cut short, with status ``diverged``, where the state leaves its bounds, becomes singular or
+            cannot be integrated.
 
-    Raises
-    ------
-    SpaceRobotError
-        If a duration, a step or a tolerance is not positive and finite.
+    Raises:
+        SpaceRobotError: If a duration, a step or a tolerance is not positive and finite.
     """
     begin = time.perf_counter()
-    found = roll_out(PinocchioLoop(scene), (output_step_s, duration_s), (rtol, atol), progress)
-    return dataclasses.replace(found, wall_s=time.perf_counter() - begin)
+    trajectory = roll_out(PinocchioLoop(scene), (output_step_s, duration_s), (rtol, atol), progress)
+    return dataclasses.replace(trajectory, wall_s=time.perf_counter() - begin)
 
 
 def roll_out(
@@ -82,15 +77,11 @@ def roll_out(
 ) -> PinocchioTrajectory:
     """Roll out an engine that is ready.
 
-    Parameters
-    ----------
-    engine
-        The engine at the start.
-    times_s, tolerances
-        Longest time between samples and duration [s], relative and absolute tolerance, as for
-        :func:`simulate`.
-    progress
-        Told how far it is, once for each sample.
+    Args:
+        engine: The engine at the start.
+        times_s, tolerances: Longest time between samples and duration [s], relative and absolute tolerance,
+            as for :func:`simulate`.
+        progress: Told how far it is, once for each sample.
     """
     simulation, (output_step_s, duration_s) = engine.scene.scenario.simulation, times_s
     run = PinocchioRun(engine, *tolerances)
@@ -102,20 +93,34 @@ def roll_out(
     return run.trajectory
 
 
+def fired_events(loop: ClosedLoop, checked: PinocchioTrajectory) -> tuple[FiredEvent, ...]:
+    """Events of the independent engine as the closed loop's, whose states are the same.
+
+    Args:
+        loop: The closed loop.
+        checked: Rollout of the same scene by the independent engine.
+    """
+    switches = loop.setup(loop.parameter_values)[1].full().ravel()[list(loop.switches)]
+    rules = {rule.name: place for place, rule in enumerate(loop.events)}
+    fired = []
+    for event in checked.happened:
+        number = rules[event.name]
+        for place, value in loop.events[number].sets:
+            switches[place] = float(value)
+        if not loop.events[number].silent:
+            fired.append(FiredEvent(event.time_s, number, event.before, event.after, switches.copy()))
+    return tuple(fired)
+
+
 class PinocchioRun:
     """A rollout that is carried on from time to time; between two, parameters may be changed.
 
-    Parameters
-    ----------
-    engine
-        The engine at the start.
-    rtol, atol
-        As for :func:`simulate`.
+    Args:
+        engine: The engine at the start.
+        rtol, atol: As for :func:`simulate`.
 
-    Attributes
-    ----------
-    engine, integrator
-        Evaluate and integrate.
+    Attributes:
+        engine, integrator: Evaluate and integrate.
     """
 
     def __init__(self, engine: PinocchioLoop, rtol: float, atol: float) -> None:
@@ -128,20 +133,16 @@ class PinocchioRun:
     def advance(self, until: float, output_step_s: float, progress: Progress | None = None) -> None:
         """Carry on to a time [s], with samples on the way.
 
-        Parameters
-        ----------
-        until
-            The time.
-        output_step_s
-            Longest time between samples [s].
-        progress
-            As for :func:`simulate`.
+        Args:
+            until: The time.
+            output_step_s: Longest time between samples [s].
+            progress: As for :func:`simulate`.
         """
         now = self._times[-1]
         samples = now + time_grid(until - now, output_step_s, output_step_s).time
         samples[-1] = until
-        found = _samples(self.engine, self.integrator, samples, progress or (lambda _: None))
-        states, outputs, self._bad = found
+        rows = _samples(self.engine, self.integrator, samples, progress or (lambda _: None))
+        states, outputs, self._bad = rows
         self._times += samples[1 : 1 + len(states)].tolist()
         self._states += states
         self._outputs += outputs
@@ -186,11 +187,11 @@ def _samples(
         x, within = integrator.advance(until)
         if integrator.stopped:
             return states, outputs, integrator.t if integrator.chattering else None
-        found = None if x is None else _outputs(engine, until, x, within)
-        if x is None or found is None:
+        rows = None if x is None else _outputs(engine, until, x, within)
+        if x is None or rows is None:
             return states, outputs, min(integrator.t, until)
         states.append(x)
-        outputs.append(found)
+        outputs.append(rows)
         progress(until / samples[-1])
     return states, outputs, None
 

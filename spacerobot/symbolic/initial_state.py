@@ -14,12 +14,9 @@ from spacerobot.dynamics import Kinematics, frame_placement
 class InitialState:
     """The initial state, an expression of the parameters.
 
-    Attributes
-    ----------
-    q, v
-        Configuration (nq x 1) and velocity (nv x 1), Pinocchio's coordinates.
-    kinematics
-        Of the initial configuration at rest.
+    Attributes:
+        q, v: Configuration (nq x 1) and velocity (nv x 1), Pinocchio's coordinates.
+        kinematics: Of the initial configuration at rest.
     """
 
     model: Any

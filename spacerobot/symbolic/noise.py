@@ -28,12 +28,9 @@ NOISELESS = -1.0
 class NoiseTable:
     """Standard normal numbers of one sensor.
 
-    Attributes
-    ----------
-    sensor
-        Its name, unique in the closed loop.
-    rows, width
-        Samples, and numbers for each.
+    Attributes:
+        sensor: Its name, unique in the closed loop.
+        rows, width: Samples, and numbers for each.
     """
 
     sensor: str

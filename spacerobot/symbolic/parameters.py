@@ -18,12 +18,9 @@ class Parameters:
     A number that is exactly zero may be left out as *structurally* zero (:meth:`sparse`), which is what
     makes a planar arm cost no more than a planar algorithm; ``vary`` names those to be kept all the same.
 
-    Parameters
-    ----------
-    numbers
-        Nominal value of each number by its dotted path, in the scenario's units.
-    vary
-        Paths of numbers to be kept although they are exactly zero.
+    Args:
+        numbers: Nominal value of each number by its dotted path, in the scenario's units.
+        vary: Paths of numbers to be kept although they are exactly zero.
     """
 
     def __init__(self, numbers: Mapping[str, float], vary: Collection[str] = ()) -> None:

@@ -30,23 +30,16 @@ from spacerobot.symbolic.parameters import Constants
 class Plant:
     """Everything mechanical at one (q, v), world axes.
 
-    Attributes
-    ----------
-    model
-        The scene's ``pinocchio.Model``.
-    planar
-        Whether nothing can leave the x-y plane.
-    q, v
-        Symbols of configuration (nq x 1) and velocity (nv x 1).
-    stiffness
-        Of the springs in flexible links (nv x 1), structurally zero where there is none.
-    damping
-        Viscous resistance R_j of each velocity component (nv x 1), structurally zero where there is none.
-    ties
-        Loads, reduced, along which v' is the acceleration of a joint that mimics another one, relative to
-        what it mimics (nv x n); they keep it at zero.
-    spread
-        Velocities of all joints from those of the free ones (nv x nv), constant.
+    Attributes:
+        model: The scene's ``pinocchio.Model``.
+        planar: Whether nothing can leave the x-y plane.
+        q, v: Symbols of configuration (nq x 1) and velocity (nv x 1).
+        stiffness: Of the springs in flexible links (nv x 1), structurally zero where there is none.
+        damping: Viscous resistance R_j of each velocity component (nv x 1), structurally zero where there is
+            none.
+        ties: Loads, reduced, along which v' is the acceleration of a joint that mimics another one, relative
+            to what it mimics (nv x n); they keep it at zero.
+        spread: Velocities of all joints from those of the free ones (nv x nv), constant.
     """
 
     model: Any
@@ -117,10 +110,8 @@ class Plant:
     def inertia_force(self, joints: Iterable[int]) -> tuple[ca.SX, ca.SX]:
         """Force and torque that bodies take to move as they do at zero joint acceleration, gravity removed.
 
-        Parameters
-        ----------
-        joints
-            A subtree of joints, its root first; the torque is about the root's origin.
+        Args:
+            joints: A subtree of joints, its root first; the torque is about the root's origin.
         """
         return self.articulated.inertia_force(joints)
 

@@ -9,16 +9,11 @@ from dataclasses import dataclass
 class WindowTable:
     """Rows of equal width in c, one after the other, and a window that shows one of them.
 
-    Attributes
-    ----------
-    cursor
-        Which of the cursors tells the row.
-    first, window
-        Where in c the first row and the window begin.
-    width, count
-        Numbers in a row, and rows.
-    noise
-        Place of the first row among the random numbers of a rollout; -1 where the rows are in c.
+    Attributes:
+        cursor: Which of the cursors tells the row.
+        first, window: Where in c the first row and the window begin.
+        width, count: Numbers in a row, and rows.
+        noise: Place of the first row among the random numbers of a rollout; -1 where the rows are in c.
     """
 
     cursor: int
