@@ -38,12 +38,9 @@ PLACES = (TORQUE, MEASUREMENT, WHEEL)
 class BreakPoints:
     """Inputs and signals of break points by name, in the order in which laws were built.
 
-    Attributes
-    ----------
-    inputs
-        Symbols w (1x1 each).
-    signals
-        Signals y of the loops (1x1 each).
+    Attributes:
+        inputs: Symbols w (1x1 each).
+        signals: Signals y of the loops (1x1 each).
     """
 
     inputs: dict[str, ca.SX] = field(default_factory=dict)
@@ -52,14 +49,10 @@ class BreakPoints:
     def opened(self, place: str, names: Sequence[str], signal: ca.SX) -> ca.SX:
         """Signal (n x 1) with an input added to each of its components.
 
-        Parameters
-        ----------
-        place
-            One of :data:`PLACES`.
-        names
-            Of the components.
-        signal
-            Its values. A law may be evaluated more than once: the first signal of a name counts.
+        Args:
+            place: One of :data:`PLACES`.
+            names: Of the components.
+            signal: Its values. A law may be evaluated more than once: the first signal of a name counts.
         """
         added = []
         for i, name in enumerate(names):
@@ -73,22 +66,15 @@ class BreakPoints:
 class PerturbedLoop:
     """Derivatives of a closed loop with break points, all at w = 0.
 
-    Attributes
-    ----------
-    state_names
-        As of the closed loop.
-    coordinates
-        Names of the components of v, one for each tangent direction of q.
-    inputs, outputs
-        Names of the break points, and of the outputs: the break points' signals first.
-    derivatives
-        (t, x, c) -> (A, B, C, D): Jacobians of x' and y by x and w.
-    tangent
-        (x) -> (N, rate): ``q' = N(q) v`` (nq x nv), and the rate of N along that.
-    constraints
-        (t, x, c) -> (G, slip_q): of the active rigid connections ``G v = 0``, G and the Jacobian of G v by q.
-    update
-        (t, x, c, e) -> (x_after, E, F): state after event number e, its Jacobians by x and w.
+    Attributes:
+        state_names: As of the closed loop.
+        coordinates: Names of the components of v, one for each tangent direction of q.
+        inputs, outputs: Names of the break points, and of the outputs: the break points' signals first.
+        derivatives: (t, x, c) -> (A, B, C, D): Jacobians of x' and y by x and w.
+        tangent: (x) -> (N, rate): ``q' = N(q) v`` (nq x nv), and the rate of N along that.
+        constraints: (t, x, c) -> (G, slip_q): of the active rigid connections ``G v = 0``, G and the Jacobian
+            of G v by q.
+        update: (t, x, c, e) -> (x_after, E, F): state after event number e, its Jacobians by x and w.
     """
 
     state_names: tuple[str, ...]
@@ -106,19 +92,13 @@ def build_perturbed_loop(
 ) -> PerturbedLoop:
     """Closed loop of a scene with break points; its constants are those of the closed loop itself.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    outputs
-        Names of outputs of the closed loop that stand after the break points' signals.
-    vary
-        As for the closed loop.
+    Args:
+        scene: The scene.
+        outputs: Names of outputs of the closed loop that stand after the break points' signals.
+        vary: As for the closed loop.
 
-    Raises
-    ------
-    KeyError
-        If there is no such output.
+    Raises:
+        KeyError: If there is no such output.
     """
     parameters = Parameters(dict(numbers(to_document(scene.scenario))), vary)
     context, points = section_context(scene, parameters), BreakPoints()

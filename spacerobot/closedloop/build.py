@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import casadi as ca
 
@@ -24,39 +24,50 @@ from spacerobot.dynamics import configuration_derivative, normalise
 from spacerobot.elements import Contribution, Event, SectionContext, State
 from spacerobot.elements.core.contribution import SampledLaw, concatenate
 from spacerobot.errors import SpaceRobotError
+from spacerobot.files import StrPath
 from spacerobot.scenario.load import to_document
-from spacerobot.scene import Scene
+from spacerobot.scene import Scene, to_scene
 from spacerobot.scene.grasp_closing import has_loops, open_grasps
 from spacerobot.section import leaves, numbers
 from spacerobot.symbolic import Constants, InitialState, Parameters, Plant
 
+Builder = TypeVar("Builder", bound=LoopBuilder)
 
-def build_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
+
+def build_closed_loop(
+    scene: Scene | StrPath, vary: Collection[str] = (), kind: type[LoopBuilder] = LoopBuilder
+) -> ClosedLoop:
     """Closed loop of a scene, its parameters being every number it depends on.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    vary
-        Parameters that shall be kept although they are exactly zero (products of inertia, offsets of
-        centres of mass); all others that are not structurally zero are there anyway.
+    Args:
+        scene: The scene, or the name or file of its scenario.
+        vary: Parameters that shall be kept although they are exactly zero (products of inertia, offsets of
+            centres of mass); all others that are not structurally zero are there anyway.
+        kind: Kind of builder.
 
-    Raises
-    ------
-    ScenarioError
-        If ``vary`` names what the closed loop does not depend on.
-    SpaceRobotError
-        If two elements give states the same name.
+    Raises:
+        ScenarioError: If ``vary`` names what the closed loop does not depend on.
+        SpaceRobotError: If two elements give states the same name.
     """
-    parameters = Parameters(dict(numbers(to_document(scene.scenario))), vary)
-    context = section_context(scene, parameters)
-    start = initial_state(scene, parameters)
-    builder = LoopBuilder(scene, context, build_plant(scene, parameters, context.constants), start)
-    loop = _assemble(builder, evaluate(builder))
+    scene = to_scene(scene)
+    builder = builder_of(kind, scene, vary)
+    loop = assemble(builder, evaluate(builder))
     for path in vary:
         loop.index(path)
     return loop
+
+
+def loop_builder(scene: Scene, vary: Collection[str] = ()) -> LoopBuilder:
+    """Builder of the elements of a scene's closed loop; parameters as for :func:`build_closed_loop`."""
+    return builder_of(LoopBuilder, scene, vary)
+
+
+def builder_of(kind: type[Builder], scene: Scene, vary: Collection[str] = ()) -> Builder:
+    """Builder of some kind; parameters as for :func:`build_closed_loop`."""
+    parameters = Parameters(dict(numbers(to_document(scene.scenario))), vary)
+    context = section_context(scene, parameters)
+    start = initial_state(scene, parameters)
+    return kind(scene, context, build_plant(scene, parameters, context.constants), start)
 
 
 def section_context(scene: Scene, parameters: Parameters) -> SectionContext:
@@ -88,12 +99,9 @@ def evaluate(
 ) -> EvaluatedLoop:
     """Everything that acts, the accelerations it causes, and what is observed of it.
 
-    Parameters
-    ----------
-    builder
-        What the elements are built from.
-    solve
-        From mechanics and what acts to the accelerations.
+    Args:
+        builder: What the elements are built from.
+        solve: From mechanics and what acts to the accelerations.
     """
     scene, plant = builder.scene, builder.plant
     _ = builder.motions  # built first, so that their constants stand in front of those of the controllers
@@ -103,7 +111,8 @@ def evaluate(
         constraint.answer(force, torque)
         for constraint, (force, torque) in zip(acting.constraints, solution.wrenches, strict=True)
     )
-    acting = concatenate([acting, solution.driven])
+    acting = concatenate([acting, solution.driven, builder.port_states()])
+    acting = builder.with_tip_wrenches(acting, solution)
     # at one instant sensors measure before filters estimate, and these before controllers read
     order = {"measured": 0, "estimated": 1}
     first = sorted(acting.events, key=lambda event: order.get(event.kind, 2))
@@ -165,15 +174,20 @@ def _beginning(builder: LoopBuilder, acting: Contribution, x: ca.SX) -> tuple[In
     return start, ca.vertcat(start.q, start.v, z)
 
 
-def _assemble(builder: LoopBuilder, found: EvaluatedLoop) -> ClosedLoop:
-    """Named functions of the finished expressions."""
-    context, plant, acting = builder.context, builder.plant, found.acting
+def assemble(builder: LoopBuilder, evaluated: EvaluatedLoop) -> ClosedLoop:
+    """Closed loop of finished expressions, as named functions.
+
+    Args:
+        builder: Builder whose elements are all built.
+        evaluated: What it evaluated to.
+    """
+    context, plant, acting = builder.context, builder.plant, evaluated.acting
     model, q, v = plant.model, plant.q, plant.v
     parameters, constants = context.parameters, context.constants
     z = ca.vertcat(*(state.symbol for state in acting.states))
     x, c = ca.vertcat(q, v, z), constants.symbols
     derivatives = [state.derivative for state in acting.states]
-    rates = ca.vertcat(configuration_derivative(model, q, v), found.acceleration, *derivatives)
+    rates = ca.vertcat(configuration_derivative(model, q, v), evaluated.acceleration, *derivatives)
     start, beginning = _beginning(builder, acting, x)
     # gaps [m] of the grasps that no base closes
     grasps = open_grasps(builder.scene)
@@ -195,7 +209,7 @@ def _assemble(builder: LoopBuilder, found: EvaluatedLoop) -> ClosedLoop:
         setup=({"p": parameters.symbols}, setup),
         dynamics=(arguments, {"xdot": ca.densify(rates)}),
         normalise=({"x": x}, {"x_unit": unit}),
-        outputs=(arguments, found.outputs),
+        outputs=(arguments, evaluated.outputs),
         gaps=({"p": parameters.symbols}, {"gap": ca.densify(gaps)}),
         rows=(arguments, {"row": ca.densify(constants.cursors)}),
         guards=({**arguments, "xdot": rate}, guards),
@@ -208,10 +222,10 @@ def _assemble(builder: LoopBuilder, found: EvaluatedLoop) -> ClosedLoop:
         nq=model.nq,
         nv=model.nv,
         nz=z.size1(),
-        variables=found.variables,
+        variables=evaluated.variables,
         max_gaps={grasp.path: grasp.config.max_gap for grasp in grasps},
         noise=tuple(constants.noise),
-        works={work.name: 1 if work.sign == "in" else -1 for work in found.works},
+        works={work.name: 1 if work.sign == "in" else -1 for work in evaluated.works},
         outside=unbooked(builder.scene),
         jumps=constants.jumps,
         tables=constants.tables,

@@ -11,25 +11,22 @@ import casadi as ca
 from spacerobot.arrays import Array
 from spacerobot.closedloop.events import LoopEvent
 from spacerobot.errors import ScenarioError, near_names
-from spacerobot.notebook import html_table
 from spacerobot.symbolic import NoiseTable, WindowTable
+from spacerobot.tables import Table, Tabular
 
 
 @dataclass(frozen=True)
 class OutputVariable:
     """An output variable of a result.
 
-    Attributes
-    ----------
-    name
-        Of the output.
-    dims
-        Its dimensions behind time: ``tip``, ``body``, ``grasp``, ``joint`` or another one, then ``axis`` of a
-        vector.
-    unit, text
-        SI unit, and what it is.
-    labels
-        Along the first dimension; empty for joints, for what has no dimension, and where there is nothing.
+    Attributes:
+        name: Of the output.
+        dims: Its dimensions behind time: ``tip``, ``body``, ``grasp``, ``joint`` or another one, then
+            ``axis`` of a vector.
+        unit, text: SI unit, and what it is.
+        labels: Along the first dimension; empty for joints, for what has no dimension, and where there is
+            nothing.
+        plotted: Whether pages plot it over time.
     """
 
     name: str
@@ -37,68 +34,47 @@ class OutputVariable:
     unit: str
     text: str
     labels: tuple[str, ...] = ()
+    plotted: bool = True
 
 
 @dataclass(frozen=True)
-class ClosedLoop:
+class ClosedLoop(Tabular):
     """Robots, object, grasps and controllers as one differential equation.
 
-    Attributes
-    ----------
-    parameter_paths
-        Dotted paths of p: every number of the scenario that the closed loop depends on.
-    parameter_values
-        Their nominal values (np,), in the scenario's units.
-    state_names
-        Names of x = (q, v, z): configuration and velocity in Pinocchio's coordinates, then the states of
-        controllers and the three works of the energy balance.
-    nq, nv, nz
-        Sizes of q, v and z.
-    setup
-        (p) -> (x0, c): initial state and prepared constants, once for each rollout.
-    dynamics
-        (t, x, c) -> (xdot). Between two jumps it is smooth in t; at one it takes the value that holds
-        afterwards.
-    normalise
-        (x) -> (x): cosine-sine pairs and quaternions back on their unit spheres.
-    outputs
-        (t, x, c) -> named column vectors, those of ``variables``.
-    gaps
-        (p) -> (gap): distances of tip and mating frame at the start [m], of the grasps that no base closes.
-    max_gaps
-        Greatest ones that are allowed [m], by the grasp's path, in the same order.
-    variables
-        What each output is, in the outputs' order.
-    works
-        Names of the works in the energy balance, with their signs: 1 for what is put in, -1 for what is
-        taken.
-    outside
-        Why momentum is not conserved, in words; empty where all that acts from outside is booked: the
-        outputs ``impulse_linear`` and ``impulse_angular`` are then what it gave.
-    jumps
-        Places in c of the times [s] at which the dynamics jump: where a reference ends or two pieces of it
-        meet. They are compared with t and used for nothing else.
-    switches
-        Places in c of the switches: numbers 1 or 0, constant between events.
-    events
-        What may happen, as data.
-    guards
-        (t, x, c, xdot) -> (g, rate): event i happens where g[i] > 0; minus infinity where it is not armed.
-        The rates are those of g along xdot.
-    update
-        (t, x, c, e) -> (x): state after event number e, with the switches as they are afterwards in c.
-    fine
-        Places in ``switches``, each with the longest step [s] while that switch is 1, and over how many of
-        these steps grow at the beginning of that time and shrink at its end.
-    tables
-        Tables in c, each with a window that shows one row; the functions see the windows alone, which
-        ``setup`` gives the first rows and rollouts the present ones, as :meth:`at` does.
-    rows
-        (t, x, c) -> (row): the present row of each cursor, which changes at jumps and events alone.
-    noise
-        Random numbers of sensors, which a rollout draws by the parameters that they name.
-    switch_names
-        Names of the switches, in their order.
+    Attributes:
+        parameter_paths: Dotted paths of p: every number of the scenario that the closed loop depends on.
+        parameter_values: Their nominal values (np,), in the scenario's units.
+        state_names: Names of x = (q, v, z): configuration and velocity in Pinocchio's coordinates, then the
+            states of controllers and the three works of the energy balance.
+        nq, nv, nz: Sizes of q, v and z.
+        setup: (p) -> (x0, c): initial state and prepared constants, once for each rollout.
+        dynamics: (t, x, c) -> (xdot). Between two jumps it is smooth in t; at one it takes the value that
+            holds afterwards.
+        normalise: (x) -> (x): cosine-sine pairs and quaternions back on their unit spheres.
+        outputs: (t, x, c) -> named column vectors, those of ``variables``.
+        gaps: (p) -> (gap): distances of tip and mating frame at the start [m], of the grasps that no base
+            closes.
+        max_gaps: Greatest ones that are allowed [m], by the grasp's path, in the same order.
+        variables: What each output is, in the outputs' order.
+        works: Names of the works in the energy balance, with their signs: 1 for what is put in, -1 for what
+            is taken.
+        outside: Why momentum is not conserved, in words; empty where all that acts from outside is booked:
+            the outputs ``impulse_linear`` and ``impulse_angular`` are then what it gave.
+        jumps: Places in c of the times [s] at which the dynamics jump: where a reference ends or two pieces
+            of it meet. They are compared with t and used for nothing else.
+        switches: Places in c of the switches: numbers 1 or 0, constant between events.
+        events: What may happen, as data.
+        guards: (t, x, c, xdot) -> (g, rate): event i happens where g[i] > 0; minus infinity where it is not
+            armed. The rates are those of g along xdot.
+        update: (t, x, c, e) -> (x): state after event number e, with the switches as they are afterwards in
+            c.
+        fine: Places in ``switches``, each with the longest step [s] while that switch is 1, and over how many
+            of these steps grow at the beginning of that time and shrink at its end.
+        tables: Tables in c, each with a window that shows one row; the functions see the windows alone, which
+            ``setup`` gives the first rows and rollouts the present ones, as :meth:`at` does.
+        rows: (t, x, c) -> (row): the present row of each cursor, which changes at jumps and events alone.
+        noise: Random numbers of sensors, which a rollout draws by the parameters that they name.
+        switch_names: Names of the switches, in their order.
     """
 
     parameter_paths: tuple[str, ...]
@@ -130,10 +106,8 @@ class ClosedLoop:
     def at(self, t: Any, x: Any, c: Any) -> Any:
         """Constants (nc x 1) with the rows of tables in their windows that hold at an instant.
 
-        Parameters
-        ----------
-        t, x, c
-            Time [s], state and constants, numbers or symbols.
+        Args:
+            t, x, c: Time [s], state and constants, numbers or symbols.
         """
         rows = self.rows(t, x, c)
         constants = type(rows)(c)
@@ -160,12 +134,12 @@ class ClosedLoop:
             f"{len(self.parameter_paths)} parameters, {len(self.variables)} outputs>"
         )
 
-    def _repr_html_(self) -> str:
-        """The same as a table, for notebooks."""
+    def content(self) -> list[Table]:
+        """The same as a table."""
         rows = [("states", f"{self.nx}: {self.nq} of positions, {self.nv} of velocities, {self.nz} others")]
         rows += [("parameters", str(len(self.parameter_paths)))]
         rows += [("outputs", ", ".join(variable.name for variable in self.variables))]
-        return html_table("Closed loop", rows)
+        return [Table.of_pairs("Closed loop", rows)]
 
     @property
     def nx(self) -> int:
@@ -175,10 +149,8 @@ class ClosedLoop:
     def index(self, path: str) -> int:
         """Place of a parameter in p.
 
-        Raises
-        ------
-        ScenarioError
-            If the closed loop does not depend on it; the near names are listed.
+        Raises:
+            ScenarioError: If the closed loop does not depend on it; the near names are listed.
         """
         try:
             return self.parameter_paths.index(path)
@@ -189,10 +161,8 @@ class ClosedLoop:
     def parameters(self, changes: Mapping[str, float] | None = None) -> Array:
         """Parameter vector p (np,) with some values changed.
 
-        Raises
-        ------
-        ScenarioError
-            For a path the closed loop does not depend on.
+        Raises:
+            ScenarioError: For a path the closed loop does not depend on.
         """
         values = self.parameter_values.copy()
         for path, value in (changes or {}).items():

@@ -27,14 +27,10 @@ from spacerobot.symbolic import Plant
 class EstimatorView(EstimatorContext):
     """Implementation of :class:`~spacerobot.elements.EstimatorContext` over the parts of a closed loop.
 
-    Attributes
-    ----------
-    robot_sensors
-        Sensors of the robot.
-    key
-        Key of the estimator in the robot's section.
-    earlier
-        Contributions of the estimators listed before this one.
+    Attributes:
+        robot_sensors: Sensors of the robot.
+        key: Key of the estimator in the robot's section.
+        earlier: Contributions of the estimators listed before this one.
     """
 
     robot_sensors: RobotSensors
@@ -117,38 +113,34 @@ class EstimatorView(EstimatorContext):
         """Samples of one signal, with the errors of its sensor."""
         context = self.robot_sensors.parts.context.at(f"{self._body.path}.sensors.{signal}")
         sensor, attitude = self._sections[signal], None
-        true = value
+        true, origin = value, None if away is None else away[0][list(axes)]
         value = sensor.aligned(context, value, carrier)
         if value.size2() == 3:
             value, attitude = ca.SX(3, 1), value
+            origin = context.once("start", self.attitude) if carrier is None else carrier
         reading = measured(sensor.affine(context), value)
         if away is not None and attitude is None:
             reading = reading + away[0]
-        seen, reading = reading, ca.densify(reading[list(axes)])
-        observed = Observation(reading, away[1] if away else None, attitude, stamped=True)
+        full_reading, reading = reading, ca.densify(reading[list(axes)])
+        observed = Observation(reading, away[1] if away else None, attitude, origin, stamped=True)
         name = f"{self.label}.{signal}"
         measurement = sensor.measurement(name, context, observed)
         assert measurement is not None, "scenes are refused whose filters lack a measurement"
         self.robot_sensors.parts.measurements[name] = measurement
         last = measurement.known[:-1]
         if attitude is None:
-            last, seen[list(axes)] = seen, last
+            last, full_reading[list(axes)] = full_reading, last
         self._show(signal, last, true, of_body=carrier is not None and carrier.is_eye())
         return measurement
 
     def _show(self, signal: str, last: ca.SX, true: ca.SX, *, of_body: bool) -> None:
         """Keep a sample for the outputs, unless controllers have samples of their own.
 
-        Parameters
-        ----------
-        signal
-            Name of the signal.
-        last
-            Vector (3x1), or attitude as numbers (4x1 or 2x1).
-        true
-            Present value of the signal, a vector (3x1) or an attitude (3x3).
-        of_body
-            Whether the vector is in the axes of the link that carries the sensor.
+        Args:
+            signal: Name of the signal.
+            last: Vector (3x1), or attitude as numbers (4x1 or 2x1).
+            true: Present value of the signal, a vector (3x1) or an attitude (3x3).
+            of_body: Whether the vector is in the axes of the link that carries the sensor.
         """
         assert isinstance(self._body.config, Robot)
         body, dimension, label = self._body, "body", self.robot

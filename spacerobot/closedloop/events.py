@@ -19,24 +19,16 @@ WORK = "event"
 class LoopEvent:
     """An event as integrators see it.
 
-    Attributes
-    ----------
-    name, kind, who
-        As in :class:`~spacerobot.elements.Event`.
-    sets
-        Places among the loop's switches, and the value of each afterwards.
-    ends
-        Whether the rollout is over.
-    kink
-        Whether it only marks where the dynamics are not smooth.
-    gap
-        Whether its guard is minus a gap whose rate has a bound.
-    clock, silent
-        Whether its guard is time less an instant that events alone change; whether it is not recorded.
-    routine
-        Whether batches do not record it.
-    quantised
-        Whether what it updates has steps.
+    Attributes:
+        name, kind, who: As in :class:`~spacerobot.elements.Event`.
+        sets: Places among the loop's switches, and the value of each afterwards.
+        ends: Whether the rollout is over.
+        kink: Whether it only marks where the dynamics are not smooth.
+        gap: Whether its guard is minus a gap whose rate has a bound.
+        clock, silent: Whether its guard is time less an instant that events alone change; whether it is not
+            recorded.
+        routine: Whether batches do not record it.
+        quantised: Whether what it updates has steps.
     """
 
     name: str
@@ -54,8 +46,8 @@ class LoopEvent:
 
 def booked(events: Sequence[Event]) -> tuple[PowerTerm, ...]:
     """The work that events book, if any takes energy; between them it stays as it is."""
-    taken = any(event.impact or event.loss is not None for event in events)
-    return (PowerTerm(WORK, ca.SX(1, 1)),) if taken else ()
+    loses_energy = any(event.impact or event.loss is not None for event in events)
+    return (PowerTerm(WORK, ca.SX(1, 1)),) if loses_energy else ()
 
 
 def rules_of(events: Sequence[Event], switches: Sequence[str]) -> tuple[LoopEvent, ...]:
@@ -116,11 +108,11 @@ def _new_values(
 ) -> Iterator[tuple[str, ca.SX]]:
     """New values of states by name: the event's own updates, the effects of impulses, and the work."""
     yield from event.updates.items()
-    taken = ca.SX(1, 1) if event.loss is None else event.loss
+    energy_loss = ca.SX(1, 1) if event.loss is None else event.loss
     if event.impact and impact is not None:
-        taken = taken + impact.loss
+        energy_loss = energy_loss + impact.loss
         for constraint, impulse in zip(acting.constraints, impact.impulses, strict=True):
             if constraint.struck is not None:
                 yield from constraint.struck(*constraint.on_target(impulse)).items()
     if event.impact or event.loss is not None:
-        yield f"work.{WORK}", symbols[f"work.{WORK}"] + taken
+        yield f"work.{WORK}", symbols[f"work.{WORK}"] + energy_loss

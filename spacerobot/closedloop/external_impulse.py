@@ -46,12 +46,9 @@ def impulse_of(plant: Plant, wrenches: Sequence[Wrench]) -> ExternalImpulse:
 def pushes_of(plant: Plant, wrenches: Sequence[Wrench], counted: Mapping[int, ca.SX]) -> tuple[State, ...]:
     """Impulses of the actuators of bases about the world's origin, as states.
 
-    Parameters
-    ----------
-    plant, wrenches
-        Mechanics, and what actuators deliver to bases from outside.
-    counted
-        Symbols of the states by the base's joint, of components in which the scene moves.
+    Args:
+        plant, wrenches: Mechanics, and what actuators deliver to bases from outside.
+        counted: Symbols of the states by the base's joint, of components in which the scene moves.
     """
     axes, states = [*plant.translation_axes, *(axis + 3 for axis in plant.rotation_axes)], []
     for joint, symbol in counted.items():
@@ -72,10 +69,8 @@ def _about_origin(wrenches: Iterable[Wrench]) -> tuple[ca.SX, ca.SX]:
 def base_wrenches(scene: Scene, plant: Plant, wrenches: Sequence[Wrench]) -> Iterator[Output]:
     """Forces and torques of actuators on floating bases, about the root link's origin.
 
-    Parameters
-    ----------
-    scene, plant, wrenches
-        The scene, its mechanics, and what actuators deliver to bases from outside.
+    Args:
+        scene, plant, wrenches: The scene, its mechanics, and what actuators deliver to bases from outside.
     """
     for body in scene.bodies:
         acting = [wrench for wrench in wrenches if wrench.joint_id == body.root_joint]
@@ -111,7 +106,7 @@ def on_bases(scene: Scene, plant: Plant, torque: ca.SX) -> Iterator[Wrench]:
 
 
 def unbooked(scene: Scene) -> tuple[str, ...]:
-    """Why momentum is not conserved although the impulse from outside is booked, in words."""
+    """Reason why momentum is not conserved although the external impulse is accounted for."""
     causes = []
     if any(body.base.joint == "fixed" for body in scene.bodies):
         causes.append("a base is fixed")

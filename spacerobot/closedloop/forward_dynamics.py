@@ -48,21 +48,14 @@ from spacerobot.symbolic import Plant
 class ForwardDynamicsResult:
     """Accelerations, torques and reactions of the closed loop at one instant.
 
-    Attributes
-    ----------
-    acceleration
-        v' (nv x 1).
-    torque
-        Actuator torques, as generalized forces (nv x 1).
-    wrenches
-        Force and torque of each rigid grasp on its target at the tip's point (pairs of 3x1), in the
-        constraints' order.
-    driven
-        What actuators bring beside the torques that they deliver.
-    sampled
-        Outputs of laws that are evaluated at instants, as they are now (n x 1 each).
-    commanded
-        Generalized forces that controllers command of all actuators (nv x 1).
+    Attributes:
+        acceleration: v' (nv x 1).
+        torque: Actuator torques, as generalized forces (nv x 1).
+        wrenches: Force and torque of each rigid grasp on its target at the tip's point (pairs of 3x1), in the
+            constraints' order.
+        driven: What actuators bring beside the torques that they deliver.
+        sampled: Outputs of laws that are evaluated at instants, as they are now (n x 1 each).
+        commanded: Generalized forces that controllers command of all actuators (nv x 1).
     """
 
     acceleration: ca.SX
@@ -76,12 +69,9 @@ class ForwardDynamicsResult:
 def solve_accelerations(plant: Plant, acting: Contribution) -> ForwardDynamicsResult:
     """Accelerations, actuator torques and constraint wrenches.
 
-    Parameters
-    ----------
-    plant
-        Mechanics.
-    acting
-        What all elements contribute.
+    Args:
+        plant: Mechanics.
+        acting: What all elements contribute.
     """
     ideal = [channel for channel in acting.channels if channel.derivative_gain is not None]
     torque = ca.SX(plant.v.size1(), 1)
@@ -164,15 +154,17 @@ def known_locks(constraints: Iterable[AccelerationConstraint]) -> list[Accelerat
     return locks
 
 
-def _projected(plant: Plant, asked: CommandedTorque, acting: Contribution) -> ca.SX:
+def _projected(plant: Plant, command: CommandedTorque, acting: Contribution) -> ca.SX:
     """Torque that was asked for; in the null space, without the part that accelerates the robot's tips.
 
     Subtracted is ``J^T F`` with the tip force F that cancels the acceleration the tips' feedback would see,
     with joints held that are known to be.
     """
-    channels = [channel for channel in acting.channels if channel.robot == asked.robot and channel.moves_tip]
-    if not asked.null_space or not channels:
-        return asked.value
+    channels = [
+        channel for channel in acting.channels if channel.robot == command.robot and channel.moves_tip
+    ]
+    if not command.null_space or not channels:
+        return command.value
     locks = [_Held.of(lock) for lock in known_locks(acting.constraints)]
     held = [plant.ties, *(lock.sense for lock in locks)]
     sense = ca.horzcat(*(channel.sense for channel in channels), *held)
@@ -183,8 +175,8 @@ def _projected(plant: Plant, asked: CommandedTorque, acting: Contribution) -> ca
     first = matrix.size1() - len(locks)
     for i, lock in enumerate(locks):
         matrix[first + i, first + i] -= lock.idle
-    force = eliminate(matrix, mobility(sense, plant.reduced(asked.value)))
-    return asked.value - ca.mtimes(actuation, force[: actuation.size2()])
+    force = eliminate(matrix, mobility(sense, plant.reduced(command.value)))
+    return command.value - ca.mtimes(actuation, force[: actuation.size2()])
 
 
 def _solve(

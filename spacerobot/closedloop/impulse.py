@@ -17,14 +17,11 @@ from spacerobot.symbolic import Plant
 class PlasticImpact:
     """A plastic impact: what stops the relative motion of everything that is rigidly connected.
 
-    Attributes
-    ----------
-    velocity
-        Of the plant afterwards (nv x 1).
-    impulses
-        Along the directions of each constraint, on the tip (n x 1 each) [N s, N m s]; zero where inactive.
-    loss
-        Energy that it takes (1x1) [J].
+    Attributes:
+        velocity: Of the plant afterwards (nv x 1).
+        impulses: Along the directions of each constraint, on the tip (n x 1 each) [N s, N m s]; zero where
+            inactive.
+        loss: Energy that it takes (1x1) [J].
     """
 
     velocity: ca.SX

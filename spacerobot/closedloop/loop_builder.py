@@ -9,9 +9,11 @@ from typing import Any
 import casadi as ca
 
 from spacerobot.closedloop.estimator_view import EstimatorView
+from spacerobot.closedloop.forward_dynamics import ForwardDynamicsResult
 from spacerobot.closedloop.loop_parts import LoopParts
 from spacerobot.closedloop.references import TipGuidance
 from spacerobot.closedloop.robot_sensors import HeldReader, RobotSensors
+from spacerobot.closedloop.tip_wrench import TipWrench, with_solved
 from spacerobot.dynamics.joints import sparse
 from spacerobot.dynamics.rotations import rotation_from_rpy
 from spacerobot.elements import (
@@ -33,7 +35,10 @@ from spacerobot.elements.core.contribution import concatenate, gated
 from spacerobot.elements.core.sampling import periodic
 from spacerobot.elements.estimators.estimator import HELD_INERTIA
 from spacerobot.elements.references.reference import DEGREE
+from spacerobot.elements.sensors.sensor import Flange
+from spacerobot.elements.sensors.signals import WRENCHES
 from spacerobot.scenario import Robot
+from spacerobot.scenario.sensors import IDEAL
 from spacerobot.scene import SceneBody, SceneTip
 from spacerobot.scene.scene import SceneContact, SceneShape
 from spacerobot.shapes import Shape
@@ -41,6 +46,11 @@ from spacerobot.shapes import Shape
 
 class LoopBuilder(LoopParts):
     """Builder of the elements of one closed loop: a context for each element, and what they contribute."""
+
+    @functools.cached_property
+    def wrenches(self) -> dict[tuple[str, Flange], TipWrench]:
+        """Wrenches that force-torque sensors measure, by the tip's label and the place of the sensor."""
+        return {}
 
     @functools.cached_property
     def leads(self) -> Mapping[str, TipGuidance]:
@@ -67,6 +77,10 @@ class LoopBuilder(LoopParts):
     @functools.cached_property
     def controllers(self) -> list[Contribution]:
         """Contributions of the controllers of tips, then of robots, in the scene's order."""
+        return self.scenario_controllers()
+
+    def scenario_controllers(self) -> list[Contribution]:
+        """Contributions of the controllers that the scenario has, in the order of :attr:`controllers`."""
         contributions = [
             self._acting(f"{tip.path}.{key}", f"{tip.label}/{key}", controller, self._tip(tip, key))
             for tip in self.scene.tips
@@ -89,7 +103,7 @@ class LoopBuilder(LoopParts):
             Contribution(states=one.states, events=one.events) for one in self.measurements.values()
         ]
         contributions += self.grasps
-        contributions += [contact.config.build(self.contact(contact)) for contact in self.scene.contacts]
+        contributions += self.contacts
         for body in self.scene.robots:
             if isinstance(body.config, Robot):
                 contributions += self.actuators(body)
@@ -102,6 +116,48 @@ class LoopBuilder(LoopParts):
             section = self.context.at(f"environment.{name}")
             contributions.append(element.build(EnvironmentContext(section, self.plant, roots)))
         return contributions
+
+    @functools.cached_property
+    def contacts(self) -> list[Contribution]:
+        """Contributions of the contacts, in the scene's order."""
+        return [contact.config.build(self.contact(contact)) for contact in self.scene.contacts]
+
+    def tip_wrench(self, tip: SceneTip) -> tuple[ca.SX, ca.SX]:
+        """Force and torque (3x1 each) on a tip, about its origin, through its robot's force-torque sensors.
+
+        Raises:
+            ScenarioError: If a continuous sensor would need the accelerations, or if no such joint carries
+                the tip.
+        """
+        config, parts = tip.body.config, []
+        sections = config.sensors if isinstance(config, Robot) else None
+        for k, signal in enumerate(WRENCHES):
+            sensor = IDEAL if sections is None else sections[signal]
+            key = tip.label, sensor.flange
+            if key not in self.wrenches:
+                grasps = list(zip(self.scene.grasps, self.grasps, strict=True))
+                place = tip, sensor.flange
+                self.wrenches[key] = TipWrench.of(self.scene, self.plant, place, grasps, self.contacts)
+            wrench = self.wrenches[key]
+            if wrench.unsolved is not None and sensor.errors is None and not sensor.holds:
+                raise self.scene.error(
+                    "found a continuous sensor of what depends on accelerations (rigid grasp, links beyond "
+                    "the sensor); allowed: one that samples, as by `{kind: force_torque}` or with `errors`",
+                    f"{tip.body.path}.sensors.{signal}",
+                )
+            parts.append(wrench.value[3 * k : 3 * k + 3])
+        return parts[0], parts[1]
+
+    def with_tip_wrenches(self, acting: Contribution, solution: ForwardDynamicsResult) -> Contribution:
+        """Contribution whose sensors measure the wrenches that were solved for.
+
+        Args:
+            acting, solution: Everything that acts, and what follows from it.
+        """
+        wrenches = [(one, one.unsolved) for one in self.wrenches.values() if one.unsolved is not None]
+        grasps = list(zip(self.scene.grasps, self.grasps, strict=True))
+        values = [one.solved(self.plant, self.context, acting, solution, grasps) for one, _ in wrenches]
+        return with_solved(acting, [symbols for _, symbols in wrenches], values)
 
     def _acting(
         self, path: str, name: str, controller: TipController | RobotController, context: Any
@@ -169,6 +225,15 @@ class LoopBuilder(LoopParts):
             held=self._reader(tip.body, tip.label, tip.frame, columns),
             siblings=tip.config.sections,
             held_inertia=self._held_inertia(tip),
+            wrench=functools.partial(self.tip_wrench, tip),
+            controlled=frozenset(
+                motion for name, one in tip.config.elements() if (motion := one.controls(name)) is not None
+            ),
+            peers=lambda: tuple(
+                self._tip(other, "")
+                for other in self.scene.tips
+                if other.body.name == tip.body.name and other.label != tip.label
+            ),
         )
 
     def _held_inertia(self, tip: SceneTip) -> ca.SX | None:

@@ -19,7 +19,7 @@ from spacerobot.elements import (
     either,
     memory,
 )
-from spacerobot.elements.core.context import Affine, unbroken
+from spacerobot.elements.core.context import Affine, unbroken, unported
 from spacerobot.elements.grasps.capture_release import grasp_lifecycle
 from spacerobot.elements.sensors.measurement import Measurement
 from spacerobot.scenario import Robot
@@ -31,16 +31,11 @@ from spacerobot.symbolic import InitialState, Plant
 class Sample:
     """Last sample of a signal.
 
-    Attributes
-    ----------
-    signal
-        Name of the signal, with the ending of its axes if these are not the world's.
-    dimension, label
-        What it is of, as of an :class:`~spacerobot.elements.Output`.
-    value
-        Vector (3x1) or number (1x1), or attitude of the root link of a body (3x3).
-    body
-        Name of the body whose attitude it is.
+    Attributes:
+        signal: Name of the signal, with the ending of its axes if these are not the world's.
+        dimension, label: What it is of, as of an :class:`~spacerobot.elements.Output`.
+        value: Vector (3x1) or number (1x1), or attitude of the root link of a body (3x3).
+        body: Name of the body whose attitude it is.
     """
 
     signal: str
@@ -54,29 +49,18 @@ class Sample:
 class LoopParts:
     """Shared parts of one closed loop: mechanics, phases, grasps, actuators and measurements.
 
-    Attributes
-    ----------
-    scene
-        The scene.
-    context
-        Time, and the scenario's numbers.
-    plant, start
-        Mechanics at the current state, and at the initial one.
-    phase_states
-        States that phases store, by a short name.
-    measurements
-        Sampled measurements, by name.
-    samples
-        Last samples that controllers and estimators read, by signal and label.
-    driven
-        Contributions of a robot's actuators, by its name; filled by :meth:`actuators`.
-    pushed
-        Impulses of the actuators of bases that estimators count (2 or 3 linear, 1 or 3 angular components),
-        by the base's joint.
-    affine
-        Offset and scale of each sensor that is read, by path.
-    break_point
-        As in :class:`~spacerobot.elements.ActuatorContext`; None unless the loop is linearised.
+    Attributes:
+        scene: The scene.
+        context: Time, and the scenario's numbers.
+        plant, start: Mechanics at the current state, and at the initial one.
+        phase_states: States that phases store, by a short name.
+        measurements: Sampled measurements, by name.
+        samples: Last samples that controllers and estimators read, by signal and label.
+        driven: Contributions of a robot's actuators, by its name; filled by :meth:`actuators`.
+        pushed: Impulses of the actuators of bases that estimators count (2 or 3 linear, 1 or 3 angular
+            components), by the base's joint.
+        affine: Offset and scale of each sensor that is read, by path.
+        break_point: As in :class:`~spacerobot.elements.ActuatorContext`; None unless the loop is linearised.
     """
 
     scene: Scene
@@ -154,7 +138,16 @@ class LoopParts:
             if body.root_joint
             else (),
             break_point=self.break_point or unbroken,
+            command_port=self.command_port,
         )
+
+    def command_port(self, name: str, unit: str, text: str, command: ca.SX) -> ca.SX:
+        """See :class:`~spacerobot.elements.core.context.ActuatorContext`."""
+        return unported(name, unit, text, command)
+
+    def port_states(self) -> Contribution:
+        """States of commands that software on board holds, once all actuators are built."""
+        return Contribution()
 
     def _grasp(self, grasp: SceneGrasp) -> GraspContext:
         return GraspContext(

@@ -31,16 +31,12 @@ VECTORS: dict[str, tuple[str, str, str]] = {
 
 
 def core_outputs(builder: LoopBuilder, torque: ca.SX, stored: Sequence[StoredMomentum]) -> Iterator[Output]:
-    """Of tips, bodies, the whole and the joints.
+    """Outputs of tips, bodies, joints and the whole system.
 
-    Parameters
-    ----------
-    builder
-        What is observed.
-    torque
-        Generalized forces of the joints (nv x 1).
-    stored
-        Momenta beside those of the links.
+    Args:
+        builder: What is observed.
+        torque: Generalized forces of the joints (nv x 1).
+        stored: Momenta beside those of the links.
     """
     for name, (dimension, unit, text) in VECTORS.items():
         yield Output(name, ca.SX(3, 1), unit, text, dimension)
@@ -92,10 +88,8 @@ def measured_outputs(builder: LoopBuilder) -> Iterator[Output]:
     References and estimators sample a signal apart from controllers. Where more than one of these samples it
     for one robot or tip, the output has the samples of controllers, otherwise those of the first estimator.
 
-    Parameters
-    ----------
-    builder
-        Builder of the closed loop whose elements are all built.
+    Args:
+        builder: Builder of the closed loop whose elements are all built.
     """
     of_tips = {
         (signal, label): Sample(signal, "tip", label, value)
@@ -152,5 +146,5 @@ def combine(scene: Scene, outputs: Iterable[Output]) -> tuple[tuple[OutputVariab
             expressions[name] = ca.densify(first.value)
         if first.dimension != "joint" and size == 3:
             axes = (*axes, "axis")
-        variables.append(OutputVariable(name, axes, first.unit, first.text, tuple(names)))
+        variables.append(OutputVariable(name, axes, first.unit, first.text, tuple(names), first.plotted))
     return tuple(variables), expressions

@@ -22,17 +22,12 @@ Condition = tuple[str, ca.SX, ca.SX]
 def phased(builder: LoopBuilder, outputs: Sequence[Output]) -> Contribution:
     """Contribution of the phases to the closed loop; empty if there is only one.
 
-    Parameters
-    ----------
-    builder
-        What everything else was built from, which is finished.
-    outputs
-        Of everything else.
+    Args:
+        builder: What everything else was built from, which is finished.
+        outputs: Of everything else.
 
-    Raises
-    ------
-    ScenarioError
-        If a phase ends by an output that there is not.
+    Raises:
+        ScenarioError: If a phase ends by an output that there is not.
     """
     if not builder.context.phases:
         leads = builder.leads.values()
@@ -70,11 +65,11 @@ class _Phases:
         return Contribution(
             states=tuple(states),
             events=(*events, *(event for lead in leads for event in lead.events)),
-            outputs=(Output("phase", number, "1", f"phase: {names}"),),
+            outputs=(Output("phase", number, "1", f"phase: {names}", plotted=False),),
         )
 
     def _events(self, name: str) -> Iterator[Event]:
-        """How a phase ends, and whether it settles meanwhile."""
+        """Events that end a phase, and those that tell whether it settles."""
         phase, (following, on_timeout) = self.phases[name], successors(self.phases)[name]
         if phase.until is not None and phase.until.settled is not None and phase.until.settled.dwell:
             # a body begins to move slowly enough, and faster again

@@ -31,14 +31,14 @@ def build_plant(scene: Scene, parameters: Parameters, constants: Constants) -> P
             joint = int(frame.parentJoint)
             if joint == 0:
                 continue  # welded to the world
-            moments = _link_moments(parameters, f"{body.path}.links.{name}", frame.placement)
+            moments = link_moments(parameters, f"{body.path}.links.{name}", frame.placement)
             mass[joint] += moments[0]
             moment[joint] += moments[1]
             rotational[joint] += moments[2]
         for name, lender, rest in lent(scene.model, body):
             joint = int(lender.parentJoint)
             if joint:
-                moments = _link_moments(parameters, f"{body.path}.links.{name}", lender.placement * rest)
+                moments = link_moments(parameters, f"{body.path}.links.{name}", lender.placement * rest)
                 mass[joint] -= moments[0]
                 moment[joint] -= moments[1]
                 rotational[joint] -= moments[2]
@@ -90,7 +90,7 @@ def _hoist_symmetric(constants: Constants, name: str, matrix: ca.SX) -> ca.SX:
     return lower + ca.tril(lower, False).T
 
 
-def _link_moments(parameters: Parameters, path: str, placement: Any) -> tuple[ca.SX, ca.SX, ca.SX]:
+def link_moments(parameters: Parameters, path: str, placement: Any) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Mass, first moment and inertia of a link about its joint's origin, in the joint's axes.
 
     An inertia that is not given by itself follows the mass, unless both are varied.

@@ -32,29 +32,19 @@ from spacerobot.symbolic import InitialState, Plant
 class TipGuidance:
     """A tip and the references that lead it.
 
-    Attributes
-    ----------
-    tip
-        The tip.
-    context, plant, start
-        Time and the scenario's numbers, mechanics now, and where everything begins.
-    target
-        The target, None if there is none.
-    shown
-        From signal and value (3x1) to what the sensor of the tip's robot shows of it, None without sensors.
-    measure
-        From signal, name and what the sensor sees to the measurement at instants; None for one that is
-        continuous.
-    estimators
-        Of the tip's robot.
-    kept
-        What is remembered of the instant at which the present reference began, by a short name.
-    seen
-        What else is remembered, by the state's name, with its expression at that instant.
-    held
-        What sensors measured last, by the state's name.
-    samples
-        The same as vectors (3x1), by signal and path of the reference.
+    Attributes:
+        tip: The tip.
+        context, plant, start: Time and the scenario's numbers, mechanics now, and where everything begins.
+        target: The target, None if there is none.
+        shown: From signal and value (3x1) to what the sensor of the tip's robot shows of it, None without
+            sensors.
+        measure: From signal, name and what the sensor sees to the measurement at instants; None for one that
+            is continuous.
+        estimators: Of the tip's robot.
+        kept: What is remembered of the instant at which the present reference began, by a short name.
+        seen: What else is remembered, by the state's name, with its expression at that instant.
+        held: What sensors measured last, by the state's name.
+        samples: The same as vectors (3x1), by signal and path of the reference.
     """
 
     tip: SceneTip
@@ -99,7 +89,7 @@ class TipGuidance:
 
     @functools.cached_property
     def sinces(self) -> tuple[StartInstant, ...]:
-        """When each reference leads."""
+        """Time at which each reference becomes active."""
         switches = self.context.phases
         return tuple(
             StartInstant(self.tip.label, either(*(switches[name] for name in reference.phases)))
@@ -107,7 +97,7 @@ class TipGuidance:
         )
 
     def _from_start(self, reference: SceneReference) -> DesiredMotion:
-        """A reference that leads from the start on, so that all about its beginning is known."""
+        """Motion by a reference that is active from the start, so that its initial values are known."""
         pivot = None
         if reference.from_target and self.root is not None:
             pivot = self.start.placement(self.root)[1]
@@ -130,7 +120,7 @@ class TipGuidance:
             held=functools.partial(self._measured_last, context.path),
         )
 
-    def _measured_last(self, path: str, signal: str, shown: ca.SX) -> ca.SX:
+    def _measured_last(self, path: str, signal: str, shown: ca.SX, origin: ca.SX | None = None) -> ca.SX:
         """Signal of a sensor, or its last sample where it is held; constant entries stay constant."""
         name = f"{self.tip.label}.{path}.{signal}"
         if name not in self.held:
@@ -138,7 +128,8 @@ class TipGuidance:
             away = None
             if self.root is not None:
                 away = ca.norm_2(ca.densify(self.plant.placement(self.root)[1] - frame))
-            measurement = self.measure(signal, name, Observation(changing(shown), away))
+            origin = None if origin is None else changing(shown, origin)
+            measurement = self.measure(signal, name, Observation(changing(shown), away, origin=origin))
             if measurement is None:
                 return shown
             self.held[name] = measurement

@@ -21,12 +21,9 @@ from spacerobot.scene import SceneBody
 class RobotSensors:
     """Sensors of one robot in a closed loop; ideal where the scenario gives none.
 
-    Attributes
-    ----------
-    parts
-        Shared parts of the closed loop.
-    body
-        The robot.
+    Attributes:
+        parts: Shared parts of the closed loop.
+        body: The robot.
     """
 
     parts: LoopParts
@@ -76,18 +73,13 @@ class RobotSensors:
 class HeldReader:
     """Reader of signals that are sampled or estimated; all readers of one signal share its samples.
 
-    Attributes
-    ----------
-    sensors
-        The robot's sensors.
-    owner
-        Name under which signals of a tip or of the target are sampled: the tip's label, or the robot's name.
-    frame
-        Frame in the model that carries the sensors.
-    columns
-        Places in v of the joints whose positions and rates are read.
-    estimates
-        From true values to estimated ones, by signal.
+    Attributes:
+        sensors: The robot's sensors.
+        owner: Name under which signals of a tip or of the target are sampled: the tip's label, or the robot's
+            name.
+        frame: Frame in the model that carries the sensors.
+        columns: Places in v of the joints whose positions and rates are read.
+        estimates: From true values to estimated ones, by signal.
     """
 
     sensors: RobotSensors
@@ -107,8 +99,9 @@ class HeldReader:
         of_tip = signal.startswith(("tip_", "target_"))
         name = f"{self.owner if of_tip else self.sensors.body.name}.{signal}"
         reading = self.sensors.reading(self.frame, signal, value)
+        origin = None
         if world is not None and reading is not None:
-            reading = world + reading - value
+            reading, origin = world + reading - value, world - value
         distance = None
         if signal.startswith("target_") and parts.scene.target is not None:
             places = (parts.plant.placement(each)[1] for each in (parts.scene.target.root_frame, self.frame))
@@ -117,7 +110,7 @@ class HeldReader:
         if signal in self.estimates:
             result = self._estimate(signal, value, world, point)
         elif reading is not None:
-            result = self._sample(signal, f"{name}.{value.size1()}", reading, distance)
+            result = self._sample(signal, f"{name}.{value.size1()}", reading, distance, origin)
         if at_motors and result is None:
             result = reading
         if parts.break_point is None:
@@ -143,11 +136,15 @@ class HeldReader:
         estimate = self.estimates[signal](value + origin) - origin
         return estimate if world is None else world + estimate - value
 
-    def _sample(self, signal: str, name: str, reading: ca.SX, distance: ca.SX | None) -> ca.SX | None:
-        """Last sample of a reading; None where the sensor is continuous."""
+    def _sample(
+        self, signal: str, name: str, reading: ca.SX, distance: ca.SX | None, origin: ca.SX | None
+    ) -> ca.SX | None:
+        """Last sample of a reading from an origin; None where the sensor is continuous."""
         measurements = self.sensors.parts.measurements
         if name not in measurements:
-            sampled = self.sensors.measure(signal, name, Observation(changing(reading), distance))
+            origin = None if origin is None else changing(reading, origin)
+            observed = Observation(changing(reading), distance, origin=origin)
+            sampled = self.sensors.measure(signal, name, observed)
             if sampled is not None:
                 measurements[name] = sampled
         if name not in measurements:

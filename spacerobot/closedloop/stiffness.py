@@ -23,12 +23,9 @@ _INCREMENT, _CHANGE, _SHARE = 1e-3, 1.1, 0.25
 class FastestRate:
     """Largest eigenvalue of the linearised loop where it begins.
 
-    Attributes
-    ----------
-    per_s
-        Its absolute value [1/s]; the method of Runge and Kutta needs steps below 2.8 over it.
-    gains
-        At most two paths of those it follows most: with the gain to a power of a quarter or more.
+    Attributes:
+        per_s: Its absolute value [1/s]; the method of Runge and Kutta needs steps below 2.8 over it.
+        gains: At most two paths of those it follows most: with the gain to a power of a quarter or more.
     """
 
     per_s: float
@@ -59,19 +56,13 @@ def find_poles(loop: ClosedLoop, time_s: float, x: Array, c: Array) -> Array:
     Coordinates of x are more than degrees of freedom, and works and momentum are integrals: a pole at zero
     for each comes in addition to those of the motion.
 
-    Parameters
-    ----------
-    loop
-        The closed loop.
-    time_s
-        Time [s].
-    x, c
-        State (nx,) and constants (nc,), its switches as they are then.
+    Args:
+        loop: The closed loop.
+        time_s: Time [s].
+        x, c: State (nx,) and constants (nc,), its switches as they are then.
 
-    Returns
-    -------
-    numpy.ndarray
-        Eigenvalues (nx,) of the Jacobian of x' [1/s]; NaN where there is none.
+    Returns:
+        numpy.ndarray: Eigenvalues (nx,) of the Jacobian of x' [1/s]; NaN where there is none.
     """
     # (8 (f(h) - f(-h)) - (f(2h) - f(-2h))) / 12 h, with errors of h^4 and of rounding over h: a
     # Jordan block of k zeros is split by the k-th root of both
