@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import shutil
-import signal
 import subprocess
 import tempfile
 import threading
@@ -14,9 +12,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from spacerobot.compiled.toolchain import SUFFIX, Toolchain
+from spacerobot.compiled.toolchain import PROCESS_GROUP, SUFFIX, Toolchain, end_process
 from spacerobot.errors import CompileError
-from spacerobot.interrupts import at_end
+from spacerobot.interrupts import at_end, uninterrupted
 
 TIMEOUT_S = 900.0
 """Time after which a compiler is held to hang, unless ``SPACEROBOT_COMPILE_TIMEOUT`` says another, in s."""
@@ -32,12 +30,9 @@ Progress = Callable[[int, int], None]
 class SourceUnit:
     """A source.
 
-    Attributes
-    ----------
-    text
-        C++.
-    cold
-        Whether it shall rather compile fast than run fast.
+    Attributes:
+        text: C++.
+        cold: Whether it shall rather compile fast than run fast.
     """
 
     text: str
@@ -52,23 +47,15 @@ def build(
     As many compilers run at a time as there are usable cores; each in a process group of its own, which is
     ended when it takes too long, when another fails, at Ctrl-C, and when this process ends.
 
-    Parameters
-    ----------
-    units
-        Sources, those that take longest first.
-    toolchain
-        What to compile with.
-    folder
-        Where the library shall be.
-    progress
-        Told whenever a source is done.
+    Args:
+        units: Sources, those that take longest first.
+        toolchain: What to compile with.
+        folder: Where the library shall be.
+        progress: Told whenever a source is done.
 
-    Raises
-    ------
-    CompileError
-        The compiler does not accept a source, or takes too long.
-    OSError
-        No compiler could be started, or nothing can be written.
+    Raises:
+        CompileError: The compiler does not accept a source, or takes too long.
+        OSError: No compiler could be started, or nothing can be written.
     """
     with tempfile.TemporaryDirectory(prefix="build-", dir=folder) as work:
         objects, commands = [], []
@@ -103,10 +90,8 @@ def usable_cores() -> int:
 def timeout_s() -> float:
     """Longest time that one compiler may take (s).
 
-    Raises
-    ------
-    CompileError
-        ``SPACEROBOT_COMPILE_TIMEOUT`` is no positive number.
+    Raises:
+        CompileError: ``SPACEROBOT_COMPILE_TIMEOUT`` is no positive number.
     """
     wish = os.environ.get("SPACEROBOT_COMPILE_TIMEOUT", "").strip()
     try:
@@ -132,10 +117,8 @@ class _Running:
     def start(self, name: str, command: Sequence[str], log: Path, environment: dict[str, str]) -> _Job:
         """Start a compiler.
 
-        Raises
-        ------
-        CompileError
-            This process is ending.
+        Raises:
+            CompileError: This process is ending.
         """
         with self._lock:
             if self._closed:
@@ -171,16 +154,14 @@ class _Job:
                 stdout=output,
                 stderr=output,
                 env=environment,
-                process_group=0 if os.name == "posix" else None,
+                process_group=PROCESS_GROUP,
             )
 
     def is_done(self, limit_s: float) -> bool:
         """Whether it ended well.
 
-        Raises
-        ------
-        CompileError
-            It ended badly, or runs for too long.
+        Raises:
+            CompileError: It ended badly, or runs for too long.
         """
         code = self.process.poll()
         if code is None and time.monotonic() - self.begin > limit_s:
@@ -194,39 +175,34 @@ class _Job:
         return code == 0
 
     def end(self) -> None:
-        """End it and what it started, unless it ended by itself: its number may then be another's."""
-        if self.process.poll() is not None:
-            return
-        if os.name == "posix":
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                os.killpg(self.process.pid, signal.SIGKILL)
-        else:
-            self.process.kill()
-        self.process.wait()
+        """End it and what it started, unless it ended by itself."""
+        end_process(self.process)
 
 
 RUNNING = _Running()
 
 
 def _run_all(
-    name: str, commands: Sequence[Sequence[str]], environment: dict[str, str], told: Progress
+    name: str, commands: Sequence[Sequence[str]], environment: dict[str, str], report: Progress
 ) -> None:
     """Run commands, at most one for each core at a time; none goes on when this returns."""
     work = Path(environment["TMPDIR"])
     limit_s, waiting, started, done = timeout_s(), list(enumerate(commands)), list[_Job](), 0
     cores = usable_cores()
-    told(done, len(commands))
+    report(done, len(commands))
     try:
         while waiting or started:
             while waiting and len(started) < cores:
                 k, command = waiting.pop(0)
-                started.append(RUNNING.start(name, command, work / f"log_{k}.txt", environment))
+                # Ctrl-C between the start of a compiler and its record would leave it running
+                with uninterrupted():
+                    started.append(RUNNING.start(name, command, work / f"log_{k}.txt", environment))
             ended = [job for job in started if job.is_done(limit_s)]
             for job in ended:
                 started.remove(job)
                 RUNNING.end(job)
                 done += 1
-                told(done, len(commands))
+                report(done, len(commands))
             if not ended:
                 time.sleep(LOOK_S)
     finally:

@@ -57,12 +57,9 @@ def cache_folder() -> Path:
 def find(folder: Path, key: str, suffix: str = SUFFIX) -> Path | None:
     """File stored under a key, checked against its digest; broken entries are removed.
 
-    Parameters
-    ----------
-    folder
-        What :func:`cache_folder` gave.
-    key, suffix
-        Hexadecimal name of the entry, and what its file's name ends in.
+    Args:
+        folder: What :func:`cache_folder` gave.
+        key, suffix: Hexadecimal name of the entry, and what its file's name ends in.
     """
     for path in sorted(folder.glob(f"{key}-*{suffix}")):
         try:
@@ -81,12 +78,9 @@ def find(folder: Path, key: str, suffix: str = SUFFIX) -> Path | None:
 def store(folder: Path, key: str, built: Path, suffix: str = SUFFIX) -> Path:
     """Move a freshly built file, which lies in the same folder, to its name in one atomic step.
 
-    Parameters
-    ----------
-    folder, key, suffix
-        As for :func:`find`.
-    built
-        The file.
+    Args:
+        folder, key, suffix: As for :func:`find`.
+        built: The file.
     """
     built.chmod(0o600)
     path = folder / f"{key}-{_digest(built)}{suffix}"
@@ -111,7 +105,7 @@ def _digest(path: Path) -> str:
 
 
 def _fault(path: Path) -> str:
-    """Why a path is not this user's alone, empty where it is: a link, someone else's, or open to others."""
+    """Reason why a path is not this user's alone (a link, another owner, open to others); empty if it is."""
     if not hasattr(os, "getuid"):
         return ""
     try:

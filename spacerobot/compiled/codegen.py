@@ -40,13 +40,10 @@ _CONDITIONAL = re.compile(r"\((a\d+)\?(a\d+):0\)")
 class GeneratedSource:
     """Functions as C++.
 
-    Attributes
-    ----------
-    struct
-        Declarations of the pieces, and a struct with one static function, and the sizes of its arguments,
-        for every function.
-    pieces
-        Definitions of what the struct calls.
+    Attributes:
+        struct: Declarations of the pieces, and a struct with one static function, and the sizes of its
+            arguments, for every function.
+        pieces: Definitions of what the struct calls.
     """
 
     struct: str
@@ -66,19 +63,13 @@ def source_of(
     ``call_f(arg, res)``. A long function that runs seldom and has the inputs of a long one that does not,
     begins with the pieces of that one.
 
-    Parameters
-    ----------
-    functions
-        SX functions by name, with dense inputs and outputs and no free variables.
-    cold
-        Names of those that run seldom, and shall rather compile fast.
-    lanes
-        How many evaluations one call will carry, which decides the order of operations.
+    Args:
+        functions: SX functions by name, with dense inputs and outputs and no free variables.
+        cold: Names of those that run seldom, and shall rather compile fast.
+        lanes: How many evaluations one call will carry, which decides the order of operations.
 
-    Raises
-    ------
-    CompileError
-        A function is not SX, has sparse arguments or free variables.
+    Raises:
+        CompileError: A function is not SX, has sparse arguments or free variables.
     """
     for name, function in functions.items():
         if not function.is_a("SXFunction"):
@@ -131,10 +122,9 @@ def source_of(
 def maths_of(vector_symbols: Mapping[str, str]) -> str:
     """Lines that bind every elementary function to a vector routine, or to the plain one lane by lane.
 
-    Parameters
-    ----------
-    vector_symbols
-        Routine of the vector maths library by function name; functions without one are absent.
+    Args:
+        vector_symbols: Routine of the vector maths library by function name; functions without one are
+            absent.
     """
 
     def line(name: str, arity: int) -> str:
@@ -156,10 +146,10 @@ def _together(chain: Mapping[str, ca.Function]) -> tuple[list[str], list[CodePie
     statements = statements_of("together", ca.Function("together", symbols, values, {"cse": True}))
     writes = [int(match.group(1)) if (match := _RESULT.match(line)) else -1 for line in statements]
     sections: list[CodeSection] = []
-    begin, begun = 0, 0
+    begin, first_index = 0, 0
     for name, function in chain.items():
         reads, _ = _parameters(function)
-        indices = range(begun, begun + function.n_out())
+        indices = range(first_index, first_index + function.n_out())
         parameters = (*reads, *(f"real* __restrict res{i}" for i in indices))
         end = max((k + 1 for k, i in enumerate(writes) if i in indices), default=begin)
         if any(i not in indices for i in writes[begin:end] if i >= 0):
@@ -167,7 +157,7 @@ def _together(chain: Mapping[str, ca.Function]) -> tuple[list[str], list[CodePie
         hot = not sections
         size = pieces.PIECE if hot else pieces.COLD_PIECE
         sections.append(CodeSection(name, parameters, tuple(statements[begin:end]), size, not hot))
-        begin, begun = end, indices.stop
+        begin, first_index = end, indices.stop
     cut, slots = pieces.cut(sections)
     members, calls, scratch = [], [], [f"  real between[{slots + 1}];"]
     for (name, function), section, parts in zip(chain.items(), sections, cut, strict=True):
@@ -202,10 +192,8 @@ def _alone(name: str, function: ca.Function, cold: bool, lanes: int) -> tuple[st
 def statements_of(name: str, function: ca.Function) -> list[str]:
     """Body of the code that CasADi generates for an SX function, adapted, one assignment a line.
 
-    Raises
-    ------
-    CompileError
-        CasADi's code has an unknown form.
+    Raises:
+        CompileError: CasADi's code has an unknown form.
     """
     generator = ca.CodeGenerator("generated.c", {"with_header": False})
     generator.add(function)

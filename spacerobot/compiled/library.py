@@ -29,20 +29,13 @@ from spacerobot.progress import tell
 class Library:
     """A loaded shared library of compiled functions.
 
-    Attributes
-    ----------
-    functions
-        What was compiled.
-    lanes
-        How many evaluations one call carries.
-    toolchain
-        What compiled it.
-    path
-        The library file.
-    cached
-        Whether it was found in the cache.
-    seconds
-        Time to generate, compile (or find) and load it.
+    Attributes:
+        functions: What was compiled.
+        lanes: How many evaluations one call carries.
+        toolchain: What compiled it.
+        path: The library file.
+        cached: Whether it was found in the cache.
+        seconds: Time to generate, compile (or find) and load it.
     """
 
     functions: Mapping[str, ca.Function]
@@ -65,17 +58,13 @@ class Library:
     def __call__(self, name: str, *arguments: npt.ArrayLike) -> tuple[Array, ...]:
         """Evaluate one function.
 
-        Parameters
-        ----------
-        name
-            Which.
-        arguments
-            One array for each input, of shape (n,), or (n, lanes) to evaluate one set in each lane.
+        Args:
+            name: Which.
+            arguments: One array for each input, of shape (n,), or (n, lanes) to evaluate one set in each
+                lane.
 
-        Returns
-        -------
-        tuple of arrays
-            One for each output, of shape (n,) or (n, lanes).
+        Returns:
+            tuple of arrays: One for each output, of shape (n,) or (n, lanes).
         """
         if name not in self.functions:
             raise KeyError(f"no function '{name}', {near_names(name, self.functions)}")
@@ -104,37 +93,56 @@ def compile_functions(
 ) -> Library:
     """Compile CasADi functions to one library, or take it from the cache.
 
-    Parameters
-    ----------
-    functions
-        SX functions with dense inputs and outputs, by name.
-    lanes
-        1 for plain doubles; ``toolchain.lanes`` to evaluate so many argument sets in one call.
-    cold
-        Names of functions that run seldom, and shall rather compile fast.
-    tail
-        C++ source that follows the functions, which it finds as static members of ``Generated``.
-    toolchain
-        What to compile with; found if None.
-    progress
-        Called with the pieces that are compiled and how many there are, if anything is compiled; those who
-        listen (:mod:`spacerobot.progress`) if None.
+    Args:
+        functions: SX functions with dense inputs and outputs, by name.
+        lanes: 1 for plain doubles; ``toolchain.lanes`` to evaluate so many argument sets in one call.
+        cold: Names of functions that run seldom, and shall rather compile fast.
+        tail: C++ source that follows the functions, which it finds as static members of ``Generated``.
+        toolchain: What to compile with; found if None.
+        progress: Called with the pieces that are compiled and how many there are, if anything is compiled;
+            those who listen (:mod:`spacerobot.progress`) if None.
 
-    Raises
-    ------
-    CompileError
-        There is no compiler, or it does not accept the source, or takes too long, or the library cannot be
-        loaded.
+    Raises:
+        CompileError: There is no compiler, or it does not accept the source, or takes too long, or the
+            library cannot be loaded.
     """
     begin = time.perf_counter()
     toolchain = toolchain or find_toolchain()
     if toolchain is None:
         raise CompileError(NO_COMPILER)
-    # sources of about the same length, the longest first; the last holds everything but the pieces
-    source = source_of(functions, cold=cold, lanes=lanes)
     vector_symbols = toolchain.vector_symbols if lanes == toolchain.lanes else {}
+    units = source_units(functions, lanes=lanes, cold=cold, tail=tail, vector_symbols=vector_symbols)
+    parts = [*(unit.text for unit in units), *toolchain.identity]
+
+    def make(folder: Path) -> Path:
+        return build(units, toolchain, folder, progress or tell)
+
+    path, handle, cached = cached_library(parts, make)
+    return Library(dict(functions), lanes, toolchain, path, cached, time.perf_counter() - begin, handle)
+
+
+def source_units(
+    functions: Mapping[str, ca.Function],
+    *,
+    lanes: int = 1,
+    cold: Collection[str] = (),
+    tail: str = "",
+    vector_symbols: Mapping[str, str] | None = None,
+) -> list[SourceUnit]:
+    """C++ sources of CasADi functions, of about the same length, the longest first.
+
+    Args:
+        functions, lanes, cold, tail: As for :func:`compile_functions`; the last source has the functions and
+            the tail.
+        vector_symbols: Routines of the vector maths library for so many lanes, by function name; none if
+            None.
+
+    Raises:
+        CompileError: As :func:`source_of`.
+    """
+    source = source_of(functions, cold=cold, lanes=lanes)
     lanes_hpp = resources.files("spacerobot.compiled").joinpath("lanes.hpp").read_text(encoding="utf-8")
-    head = "\n".join([f"#define LANES {lanes}", lanes_hpp, maths_of(vector_symbols)])
+    head = "\n".join([f"#define LANES {lanes}", lanes_hpp, maths_of(vector_symbols or {})])
     bins: list[list[CodePiece]] = []
     for piece in sorted(source.pieces, key=lambda piece: (piece.cold, -len(piece.lines))):
         room = UNIT - sum(len(other.lines) for other in bins[-1]) if bins else 0
@@ -150,38 +158,31 @@ def compile_functions(
         for held in bins
     ]
     units.append(SourceUnit("\n".join([head, source.struct, tail, ""])))
-    command_line = " ".join([*toolchain.command, *toolchain.flags, *toolchain.libraries])
-    parts = [*(unit.text for unit in units), toolchain.version, command_line, toolchain.processor]
-
-    def make(folder: Path) -> Path:
-        return build(units, toolchain, folder, progress or tell)
-
-    path, handle, cached = cached_library(parts, make)
-    return Library(dict(functions), lanes, toolchain, path, cached, time.perf_counter() - begin, handle)
+    return units
 
 
-def cached_library(parts: Sequence[str], make: Callable[[Path], Path]) -> tuple[Path, ctypes.CDLL, bool]:
+def cached_library(
+    parts: Sequence[str], make: Callable[[Path], Path], *, compiler: Sequence[str] = ()
+) -> tuple[Path, ctypes.CDLL, bool]:
     """Library from the cache, or made anew.
 
-    Parameters
-    ----------
-    parts
-        Everything that decides what it holds.
-    make
-        Makes it in a folder.
+    Args:
+        parts: Everything that decides what it holds.
+        make: Makes it in a folder.
+        compiler: The further parts of a library that serves whichever compiler made it: where it cannot be
+            made, one with other such parts is taken from the cache.
 
-    Returns
-    -------
-    tuple
-        The file, the loaded library, and whether it was found in the cache.
+    Returns:
+        tuple: The file, the loaded library, and whether it was found in the cache.
 
-    Raises
-    ------
-    CompileError
-        It cannot be made or loaded.
+    Raises:
+        CompileError: It cannot be made or loaded.
     """
     folder = cache.cache_folder()
-    key = hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
+    general, special = (
+        hashlib.sha256("\0".join(each).encode()).hexdigest()[:32] for each in (parts, compiler)
+    )
+    key = f"{general}{special}" if compiler else general
     path = cache.find(folder, key)
     if path is not None:
         try:
@@ -189,7 +190,13 @@ def cached_library(parts: Sequence[str], make: Callable[[Path], Path]) -> tuple[
         except OSError:  # no library of this machine: made again
             path.unlink(missing_ok=True)
     try:
-        path = cache.store(folder, key, make(folder))
+        try:
+            path = cache.store(folder, key, make(folder))
+        except CompileError:
+            path = cache.find(folder, f"{general}?*") if compiler else None
+            if path is None:
+                raise
+            return path, ctypes.CDLL(str(path)), True
         return path, ctypes.CDLL(str(path)), False
     except OSError as error:
         raise CompileError(f"the compiled library cannot be made or loaded: {error}") from error

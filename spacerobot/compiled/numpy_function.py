@@ -21,22 +21,16 @@ def numpy_function(function: ca.Function) -> Callable[..., Array | tuple[Array, 
 
     Its arguments and results pass through arrays of its own, so that each thread needs one of its own.
 
-    Parameters
-    ----------
-    function
-        SX function with dense inputs and outputs and no free variables.
+    Args:
+        function: SX function with dense inputs and outputs and no free variables.
 
-    Returns
-    -------
-    callable
-        From one argument for each input (shape (n,), or a number for every entry; a matrix column by column)
-        to new arrays of shape (n,), one for each output; alone where there is only one. It raises a
-        ``ValueError`` where the number of arguments, or the length of one, is wrong.
+    Returns:
+        callable: From one argument for each input (shape (n,), or a number for every entry; a matrix column
+            by column) to new arrays of shape (n,), one for each output; alone where there is only one. It
+            raises a ``ValueError`` where the number of arguments, or the length of one, is wrong.
 
-    Raises
-    ------
-    CompileError
-        There is no compiler, or it does not accept the function.
+    Raises:
+        CompileError: There is no compiler, or it does not accept the function.
     """
     library = compile_functions({"f": function})
     call = library.entry("call_f")

@@ -28,18 +28,12 @@ _REGISTER = re.compile(r"\ba\d+\b")
 class CodeSection:
     """Consecutive statements of a body that are cut together.
 
-    Attributes
-    ----------
-    name
-        Name from which those of the pieces are made.
-    parameters
-        Declarations of what the statements read and write, ``const real* __restrict arg0``.
-    statements
-        Assignments ``a0=...;`` in their order.
-    size
-        Statements in each piece.
-    cold
-        Whether they run seldom.
+    Attributes:
+        name: Name from which those of the pieces are made.
+        parameters: Declarations of what the statements read and write, ``const real* __restrict arg0``.
+        statements: Assignments ``a0=...;`` in their order.
+        size: Statements in each piece.
+        cold: Whether they run seldom.
     """
 
     name: str
@@ -53,16 +47,11 @@ class CodeSection:
 class CodePiece:
     """A function that does a part of the work.
 
-    Attributes
-    ----------
-    name
-        Its name.
-    head
-        Its declaration, without a semicolon.
-    lines
-        What its body holds.
-    cold
-        Whether it runs seldom.
+    Attributes:
+        name: Its name.
+        head: Its declaration, without a semicolon.
+        lines: What its body holds.
+        cold: Whether it runs seldom.
     """
 
     name: str
@@ -72,7 +61,7 @@ class CodePiece:
 
     @property
     def text(self) -> str:
-        """Its definition."""
+        """Definition of the function in C."""
         return "\n".join([f"{self.head} {{", *self.lines, "}"])
 
 
@@ -81,10 +70,8 @@ def cut(sections: Sequence[CodeSection]) -> tuple[list[list[CodePiece]], int]:
 
     The first parameter of every piece is ``real* __restrict between``, the place of these registers.
 
-    Parameters
-    ----------
-    sections
-        Parts of one body: a later one may read the registers of an earlier one.
+    Args:
+        sections: Parts of one body: a later one may read the registers of an earlier one.
     """
     parts = [
         (section, k, section.statements[k : k + section.size])

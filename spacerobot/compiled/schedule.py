@@ -38,12 +38,9 @@ class _Statement:
 def order_statements(lines: Sequence[str], window: int = WINDOW) -> list[str]:
     """The same statements in an order that keeps a processor busy, each register written once.
 
-    Parameters
-    ----------
-    lines
-        Statements ``a0=...;``.
-    window
-        How far to look ahead, in statements.
+    Args:
+        lines: Statements ``a0=...;``.
+        window: How far to look ahead, in statements.
     """
     # statements whose register names are their own places, with the places of what each needs
     place: dict[str, int] = {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib.util
 import os
@@ -9,14 +10,17 @@ import platform
 import re
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 from spacerobot.errors import CompileError
+from spacerobot.interrupts import uninterrupted
 
 FLAGS = (
     "-std=c++17",
@@ -42,6 +46,12 @@ BARE = (("-DNO_RUNTIME", "-fno-exceptions"), ("-nostdlib",))
 SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
 """How the name of a shared library ends here."""
 
+PROCESS_GROUP = 0 if os.name == "posix" else None
+"""Process group of a compiler: a new one, so that it can be ended with what it started."""
+
+ANSWER_S = 30.0
+"""Time after which a compiler that is asked for its version or macros is held to hang [s]."""
+
 NO_COMPILER = (
     "no C++ compiler was found (g++, clang++, CXX or SPACEROBOT_COMPILER); "
     "`pip install 'spacerobot[compiler]'` brings one"
@@ -52,22 +62,15 @@ NO_COMPILER = (
 class Toolchain:
     """Everything besides the source that decides what a compiled library holds.
 
-    Attributes
-    ----------
-    command
-        The C++ compiler: its path, and arguments that belong to its name.
-    version
-        First line of its version report.
-    flags
-        Its arguments for a source.
-    libraries
-        Its last arguments when linking.
-    processor
-        Model and instruction sets of the processor, since the code is built for this one.
-    lanes
-        Doubles that one vector register holds: 8 with AVX-512, 4 with AVX, 2 otherwise.
-    vector_symbols
-        Routines of the vector maths library for so many lanes, by function name; empty where it is missing.
+    Attributes:
+        command: The C++ compiler: its path, and arguments that belong to its name.
+        version: First line of its version report.
+        flags: Its arguments for a source.
+        libraries: Its last arguments when linking.
+        processor: Model and instruction sets of the processor, since the code is built for this one.
+        lanes: Doubles that one vector register holds: 8 with AVX-512, 4 with AVX, 2 otherwise.
+        vector_symbols: Routines of the vector maths library for so many lanes, by function name; empty where
+            it is missing.
     """
 
     command: tuple[str, ...]
@@ -89,9 +92,34 @@ class Toolchain:
         return self.command == ZIG
 
     @property
+    def identity(self) -> tuple[str, str, str]:
+        """Version, arguments and processor: with the source they decide what a library holds."""
+        return self.version, " ".join([*self.command, *self.flags, *self.libraries]), self.processor
+
+    @property
     def cold_flags(self) -> tuple[str, ...]:
         """Arguments for a source that runs seldom."""
         return tuple("-O1" if flag == "-O3" else flag for flag in self.flags)
+
+    @property
+    def portable(self) -> Toolchain:
+        """The same compiler for libraries that other programs load on other machines.
+
+        The code runs on every processor of this machine's kind, needs nothing of the C++ runtime and hides
+        the symbols that it does not export by name. Arguments of ``SPACEROBOT_COMPILER_FLAGS`` still hold.
+        """
+        baseline = "x86_64" if self.is_zig else "x86-64"
+        general = {"-march=native": f"-march={baseline}", "-mcpu=native": "-mcpu=generic"}
+        flags = [general.get(flag, flag) for flag in self.flags if flag not in BARE[0]]
+        libraries = tuple(library for library in self.libraries if "libmvec" not in library)
+        return replace(
+            self,
+            flags=(*flags, *BARE[0], "-fvisibility=hidden"),
+            libraries=(*libraries, "-s") if self.is_zig else ("-Wl,--as-needed", *libraries, "-s"),
+            processor=platform.machine(),
+            lanes=1,
+            vector_symbols=MappingProxyType({}),
+        )
 
     @property
     def summary(self) -> str:
@@ -112,15 +140,12 @@ def find_toolchain(*, plain: bool = False) -> Toolchain | None:
     source, which come last: with ``-O1`` libraries are made sooner and run slower, with ``-march=x86-64-v3``
     they run on every processor with AVX2, in four lanes.
 
-    Parameters
-    ----------
-    plain
-        Whether these further arguments are left out.
+    Args:
+        plain: Whether these further arguments are left out.
 
-    Raises
-    ------
-    CompileError
-        A compiler named by the environment cannot be run, or the variable cannot be split into words.
+    Raises:
+        CompileError: A compiler named by the environment cannot be run, or the variable cannot be split into
+            words.
     """
     wish = os.environ.get("SPACEROBOT_COMPILER", "").strip()
     if wish.lower() == "none":
@@ -202,12 +227,9 @@ def _targeted_sets(command: tuple[str, ...], more: tuple[str, ...]) -> set[str]:
 
     Lanes wider than the registers it may use would call vector maths with arguments in other registers.
     """
-    asked = [*command, "-march=native", *more, "-dM", "-E", "-x", "c++", os.devnull]
-    try:
-        done = subprocess.run(asked, capture_output=True, text=True, timeout=30, check=True)
-    except (OSError, subprocess.SubprocessError):
-        return set()  # an argument that the compiler refuses is reported when it compiles
-    return {name.lower() for name in re.findall(r"^#define __(\w+?)__ 1$", done.stdout, re.MULTILINE)}
+    macros = _answer([*command, "-march=native", *more, "-dM", "-E", "-x", "c++", os.devnull])
+    # none if an argument is refused, which is reported when the compiler compiles
+    return {name.lower() for name in re.findall(r"^#define __(\w+?)__ 1$", macros or "", re.MULTILINE)}
 
 
 @functools.cache
@@ -221,17 +243,55 @@ def processor_of_machine() -> str:
     first = text.split("\n\n", 1)[0]
     features = [value for _, value in fields.findall(first)]
     if not features and sys.platform == "darwin":
-        asked = ["sysctl", "-n", "machdep.cpu.brand_string", "machdep.cpu.features"]
-        done = subprocess.run(asked, capture_output=True, text=True, check=False)
-        features = done.stdout.lower().splitlines()
+        arguments = ["sysctl", "-n", "machdep.cpu.brand_string", "machdep.cpu.features"]
+        process = subprocess.run(arguments, capture_output=True, text=True, check=False)
+        features = process.stdout.lower().splitlines()
     return " | ".join(
         [platform.machine(), *features] if features else [platform.machine(), platform.processor()]
     )
 
 
 def _version(command: tuple[str, ...]) -> str | None:
+    text = (_answer([*command, "--version"]) or "").strip()
+    return text.splitlines()[0].strip() if text else None
+
+
+def _answer(arguments: Sequence[str]) -> str | None:
+    """Output of a compiler; None if it fails or hangs. It is ended with what it started."""
+    process = None
     try:
-        done = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=30, check=True)
+        with uninterrupted():  # else Ctrl-C while it starts would leave it running
+            process = subprocess.Popen(
+                arguments,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+                process_group=PROCESS_GROUP,
+            )
+        output, _ = process.communicate(timeout=ANSWER_S)
     except (OSError, subprocess.SubprocessError):
         return None
-    return done.stdout.splitlines()[0].strip() if done.stdout.strip() else None
+    finally:
+        if process is not None:
+            end_process(process)
+            if process.stdout is not None:
+                process.stdout.close()
+    return None if process.returncode else output
+
+
+def end_process(process: subprocess.Popen[Any]) -> None:
+    """End a process of a group of its own and what it started, unless it ended by itself.
+
+    The number of one that ended may be another's.
+
+    Args:
+        process: Started with ``process_group=PROCESS_GROUP``.
+    """
+    if process.poll() is not None:
+        return
+    if os.name == "posix":
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+    else:
+        process.kill()
+    process.wait()

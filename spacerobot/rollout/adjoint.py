@@ -32,38 +32,35 @@ SEGMENT_BYTES = 2**20
 def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
     """The kernel and the reverse of each of its functions, as ``loops/adjoint.hpp`` lists them.
 
-    Parameters
-    ----------
-    kernel
-        The forward functions.
-    wrt
-        Places in p of the parameters that gradients are asked for. Only the prepared constants that these
-        reach take part in the sweep back.
+    Args:
+        kernel: The forward functions.
+        wrt: Places in p of the parameters that gradients are asked for. Only the prepared constants that
+            these reach take part in the sweep back.
     """
     sizes = {name: kernel.size("dynamics", name) for name in ("x", "c", "m")}
     t, x, c = ca.SX.sym("t"), ca.SX.sym("x", sizes["x"]), ca.SX.sym("c", sizes["c"])
     # reverse of setup and objective, and the places of the prepared constants that parameters reach; those
     # that no other function sees, the rows of tables, come last
     p, r = ca.SX.sym("p", kernel.size("setup", "p")), ca.SX.sym("r", kernel.size("objective", "r"))
-    wanted = p[list(wrt)]
+    varied = p[list(wrt)]
     x0, c0 = kernel.functions["setup"](p)
-    own = sources(kernel.tables)
-    found = reached_with(kernel.tables, set(ca.jacobian_sparsity(c0, wanted).row()))
-    reached = sorted(found, key=lambda place: (place in own, place))
+    table_entries = sources(kernel.tables)
+    entries_reached = reached_with(kernel.tables, set(ca.jacobian_sparsity(c0, varied).row()))
+    reached = sorted(entries_reached, key=lambda place: (place in table_entries, place))
     xbar, cbar = ca.SX.sym("xbar", x0.numel()), ca.SX.sym("cbar", len(reached))
     cost = ca.SX(kernel.functions["objective"](r, p))
     jbar = ca.SX.sym("Jbar", cost.numel())
-    toward = _transposed(cost, ca.vertcat(r, wanted), jbar)
-    back = _transposed(ca.vertcat(x0, entries(c0, reached)), wanted, ca.vertcat(xbar, cbar))
+    toward = _transposed(cost, ca.vertcat(r, varied), jbar)
+    back = _transposed(ca.vertcat(x0, entries(c0, reached)), varied, ca.vertcat(xbar, cbar))
     ends = {"rbar": entries(toward, slice(r.numel())), "pbar": entries(toward, slice(r.numel(), None))}
     constants = entries(c, [place for place in reached if place not in sources(kernel.tables)])
     at = {"t": t, "x": x, "c": c}
     xdot, m = kernel.functions["dynamics"](t, x, c)
     final = ca.SX(kernel.functions["final"](t, x, c))
     normal, nbar = kernel.functions["normalise"](x), ca.SX.sym("nbar", sizes["x"])
-    bars = tuple(reached.index(jump) if jump in reached else -1 for jump in kernel.jumps)
+    jump_places = tuple(reached.index(jump) if jump in reached else -1 for jump in kernel.jumps)
     bar_places = places_in(reached, sizes["c"]) if kernel.tables else ()
-    moved = t if max(bars, default=-1) >= 0 or kernel.events else ca.SX(0, 1)
+    moved = t if max(jump_places, default=-1) >= 0 or kernel.events else ca.SX(0, 1)
 
     def reverse(name: str, value: ca.SX, bar: str, time: ca.SX, **given: ca.SX) -> ca.Function:
         seed = ca.SX.sym(bar, value.numel())
@@ -90,7 +87,7 @@ def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
         functions["guards_reverse"] = reverse("guards_reverse", guards, "gbar", t)
         functions["update_reverse"] = reverse("update_reverse", after, "after_bar", t, e=e)
     moving = moving_events(kernel, wrt, reached)
-    return replace(kernel, functions=functions, jump_bars=bars, c_bars=bar_places, moving=moving)
+    return replace(kernel, functions=functions, jump_bars=jump_places, c_bars=bar_places, moving=moving)
 
 
 def _transposed(value: ca.SX, variables: ca.SX, seed: ca.SX) -> ca.SX:
@@ -142,16 +139,21 @@ class AdjointEngine:
         """Fill ``raw`` and ``gradient`` (N, k) for rows p (N, np) and cost weights ``seed`` (N, nj)."""
         job, _keep = make_job(self.kernel, p, grid, raw, (), stop)
         per_step = self.bytes_per_step
-        whole = grid.steps * per_step <= self.whole_bytes // self.lanes
+        is_stored = grid.steps * per_step <= self.whole_bytes // self.lanes
         more = (int(FEWEST / grid.finer) + 2) * self.lanes * len(self.kernel.jumps)
         more += grid.steps // 2 if self.kernel.events else 0  # lengths tried, steps cut short
-        segment = grid.steps + more if whole else min(grid.steps, max(1, self.segment_bytes // per_step))
+        segment = grid.steps + more if is_stored else min(grid.steps, max(1, self.segment_bytes // per_step))
         seeds = np.ascontiguousarray(seed)
         instants = raw.instants
-        told: tuple[int, int | None, int | None, int] = (0, None, None, 0)
+        instants_job: tuple[int, int | None, int | None, int] = (0, None, None, 0)
         if instants is not None:
-            found = instants.found
-            told = (found.shape[1], instants.told.ctypes.data, found.ctypes.data, found.itemsize // 8)
-        adjoint = _AdjointJob(seeds.ctypes.data, gradient.ctypes.data, segment, *told)
+            records = instants.records
+            instants_job = (
+                records.shape[1],
+                instants.count.ctypes.data,
+                records.ctypes.data,
+                records.itemsize // 8,
+            )
+        adjoint = _AdjointJob(seeds.ctypes.data, gradient.ctypes.data, segment, *instants_job)
         if self.loops.run("gradients", job, adjoint) < 0:
             raise CompileError(f"no memory for a tape of {segment} steps")

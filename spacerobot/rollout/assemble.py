@@ -1,4 +1,4 @@
-"""From the arrays that engines fill to what rollouts return."""
+"""Assembly of trajectories, batches and gradients from the arrays that engines fill."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from spacerobot.rollout.trajectory import Batch, BatchEvents, FiredEvent, Gradie
 
 def trajectory_of(raw: RolloutArrays, kernel: Kernel, grid: TimeGrid, p: Array) -> Trajectory:
     """The only rollout of ``raw``, which holds every state and output; cut short where it ended."""
-    done, ended = int(raw.done[0]), raw.fate[0] == ENDED
-    (cause,) = kernel.closure.told(raw.gaps)
-    lost: Status = "chattering" if raw.fate[0] == CHATTERING else "diverged"
+    sample_count, ended = int(raw.done[0]), raw.status[0] == ENDED
+    (cause,) = kernel.closure.messages(raw.gaps)
+    lost: Status = "chattering" if raw.status[0] == CHATTERING else "diverged"
     status: Status = "unclosed" if cause else "completed" if raw.completed[0] else lost
     # the first sample is there also where an event ends the rollout at once
     samples = max(1, int(np.searchsorted(grid.time, raw.reached[0], side="left" if ended else "right")))
@@ -60,7 +60,7 @@ def trajectory_of(raw: RolloutArrays, kernel: Kernel, grid: TimeGrid, p: Array) 
         status=status,
         cause=cause,
         diverged_at_s=None if status == "completed" else float(raw.reached[0]),
-        steps=done,
+        steps=sample_count,
         step_s=grid.step_s,
         backend="",
         wall_s=0.0,
@@ -86,14 +86,14 @@ def batch_of(
             count=frozen(raw.log.fired),
             event=frozen(raw.log.event),
             time_s=frozen(raw.log.when),
-            ended_at_s=frozen(np.where(raw.fate == ENDED, raw.reached, np.nan)),
-            chattering=frozen(raw.fate == CHATTERING),
+            ended_at_s=frozen(np.where(raw.status == ENDED, raw.reached, np.nan)),
+            chattering=frozen(raw.status == CHATTERING),
         )
     return Batch(
         costs={name: frozen(raw.cost[:, i]) for i, name in enumerate(kernel.costs)},
         measures={name: frozen(raw.r[:, where]) for name, where in kernel.measures.items()},
         diverged_at_s=diverged_at(raw),
-        unclosed=kernel.closure.told(raw.gaps),
+        unclosed=kernel.closure.messages(raw.gaps),
         gaps=gaps_of(raw, kernel),
         done=raw.done >= 0,
         time=frozen(grid.time),
@@ -118,7 +118,7 @@ def gradient_of(
         gradients={name: frozen(gradient[i::every]) for i, name in enumerate(costs)},
         measures={name: frozen(raw.r[::every, where]) for name, where in kernel.measures.items()},
         diverged_at_s=diverged_at(raw)[::every],
-        unclosed=kernel.closure.told(raw.gaps[::every]),
+        unclosed=kernel.closure.messages(raw.gaps[::every]),
         gaps={name: frozen(gap[::every]) for name, gap in gaps_of(raw, kernel).items()},
         backend="",
         wall_s=0.0,
@@ -131,23 +131,24 @@ def statuses(raw: RolloutArrays, kernel: Kernel, every: int = 1) -> tuple[str, .
     steps = next((event.who for event in kernel.events if event.quantised), "")
     quantised = f"inaccurate: quantised: derivatives leave out the steps of '{steps}'" if steps else ""
 
-    def told(whole: bool, doubt: int, event: int) -> str:
+    def status_of(is_complete: bool, warning: int, event: int) -> str:
         """One rollout, and the event that its derivatives are doubted for."""
         name = kernel.events[event].name if kernel.events else ""
-        if not whole:
+        if not is_complete:
             return "lost"
-        if doubt == GRAZING:
+        if warning == GRAZING:
             return f"grazing: a small change may add or remove the event '{name}'"
-        if doubt == COINCIDENT:
+        if warning == COINCIDENT:
             what = f"the event '{name}' and another one" if event >= 0 else "two ends of references"
             return f"coincident: {what} may change places"
-        if doubt == AT_END:
+        if warning == AT_END:
             return f"at the end: a small change may move the event '{name}' past the end of the rollout"
         return quantised or "exact"
 
-    doubts = [max(rows) for rows in raw.log.doubt.reshape(-1, every, 2).tolist()]
+    warnings = [max(rows) for rows in raw.log.gradient_warning.reshape(-1, every, 2).tolist()]
     return tuple(
-        told(bool(whole), *doubt) for whole, doubt in zip(raw.completed[::every], doubts, strict=True)
+        status_of(bool(is_complete), *warning)
+        for is_complete, warning in zip(raw.completed[::every], warnings, strict=True)
     )
 
 

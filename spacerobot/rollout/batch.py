@@ -13,7 +13,7 @@ import numpy as np
 from spacerobot.compiled import usable_cores
 from spacerobot.rollout.adjoint import AdjointEngine
 from spacerobot.rollout.closed_loop_protocol import Array
-from spacerobot.rollout.coincident_events import judge_orders
+from spacerobot.rollout.coincident_events import check_orders
 from spacerobot.rollout.engines import Engine, StopFlag
 from spacerobot.rollout.rollout_arrays import MOST_EVENTS, CoincidentInstants, Integers, RolloutArrays
 from spacerobot.rollout.time_grid import TimeGrid
@@ -24,14 +24,11 @@ TASK_STEPS = 20_000
 
 @dataclass(frozen=True)
 class BatchProgress:
-    """How far a batch is.
+    """Progress of a batch.
 
-    Attributes
-    ----------
-    done, total
-        Rollouts.
-    wall_s
-        Time since it began.
+    Attributes:
+        done, total: Rollouts.
+        wall_s: Time since it began.
     """
 
     done: int
@@ -68,23 +65,17 @@ class Controls(TypedDict, total=False):
 class Control:
     """On how many threads something runs, who is told, and who may cancel it.
 
-    Attributes
-    ----------
-    threads
-        How many; one for each usable core if None. Results do not depend on it, not even by a bit.
-    progress
-        Called now and then with what is done; the rest is left out if it returns False.
-    stop
-        Event (``threading.Event``) that cancels when set.
-    orders
-        Whether both orders of what happens at one instant are tried, so that derivatives are called
-        coincident only where they differ; without, all through events at one instant are. It costs
-        gradients a fraction of a rollout; sensitivities are then taken twice.
-    accuracy
-        Whether derivatives are taken once more with half the step, so that their status says where the step
-        falsifies them; it then costs three times as much, else it is ``unchecked``. As ``orders`` if None.
-    backwards
-        Whether what is at one instant shall happen in the other order.
+    Attributes:
+        threads: How many; one for each usable core if None. Results do not depend on it, not even by a bit.
+        progress: Called now and then with what is done; the rest is left out if it returns False.
+        stop: Event (``threading.Event``) that cancels when set.
+        orders: Whether both orders of what happens at one instant are tried, so that derivatives are called
+            coincident only where they differ; without, all through events at one instant are. It costs
+            gradients a fraction of a rollout; sensitivities are then taken twice.
+        accuracy: Whether derivatives are taken once more with half the step, so that their status says where
+            the step falsifies them; it then costs three times as much, else it is ``unchecked``. As
+            ``orders`` if None.
+        backwards: Whether what is at one instant shall happen in the other order.
     """
 
     threads: int | None = None
@@ -101,7 +92,7 @@ class Control:
 
     @property
     def thread_count(self) -> int:
-        """How many threads there are."""
+        """Number of threads."""
         return max(1, self.threads or usable_cores())
 
 
@@ -134,7 +125,7 @@ def run_one(engine: Engine, grid: TimeGrid, p: Array, estimate: bool) -> Rollout
         if raw.log.fired[0] <= most:
             break
         most = int(raw.log.fired[0])
-    raw.judge_start(engine.kernel.closure, p[None, :])
+    raw.check_start(engine.kernel.closure, p[None, :])
     return raw
 
 
@@ -156,10 +147,10 @@ def run_batch(
     raw = replace(raw, backwards=control.backwards)
 
     def work(piece: slice) -> int:
-        given, part = p(piece), raw.part(piece)
-        engine.rollouts(given, grid, part, samples.rows, flag)
-        part.judge_start(engine.kernel.closure, given)
-        part.doubt_ties(engine.kernel, given)
+        parameters, part = p(piece), raw.part(piece)
+        engine.rollouts(parameters, grid, part, samples.rows, flag)
+        part.check_start(engine.kernel.closure, parameters)
+        part.mark_coincident(engine.kernel, parameters)
         return raw.count(piece)
 
     longest = max(1, TASK_STEPS // grid.steps)
@@ -167,9 +158,9 @@ def run_batch(
     seconds = run_tasks(work, pieces, total, flag, control)
     raw.cost[~raw.completed] = np.nan
     if engine.kernel.rate is not None and control.orders and len(rows := raw.coincident):
-        given = np.vstack([p(slice(row, row + 1)) for row in rows])
+        parameters = np.vstack([p(slice(row, row + 1)) for row in rows])
         other = replace(control, progress=None, orders=False, backwards=True)
-        again = run_batch(engine, grid, given.__getitem__, len(rows), samples, other).raw
+        again = run_batch(engine, grid, parameters.__getitem__, len(rows), samples, other).raw
         raw.trust_same(rows, again, _derivatives(raw, rows), _derivatives(again, slice(None)))
     return BatchArrays(raw, control.thread_count, seconds)
 
@@ -192,14 +183,14 @@ def run_gradients(
     def work(piece: slice) -> int:
         part = raw.part(piece)
         engine.gradients(p[piece], seed[piece], grid, part, gradient[piece], flag)
-        part.judge_start(kernel.closure, p[piece])
+        part.check_start(kernel.closure, p[piece])
         return raw.count(piece)
 
     pieces = fair_pieces(len(p), engine.lanes, 1, control.thread_count)
     run_tasks(work, pieces, len(p), flag, control)
     lost = ~raw.completed
     raw.cost[lost], gradient[lost] = np.nan, np.nan
-    judge_orders(kernel, p, seed, raw)
+    check_orders(kernel, p, seed, raw)
     return raw, gradient
 
 
@@ -209,14 +200,10 @@ def fair_pieces(total: int, lanes: int, longest: int, threads: int) -> Iterator[
     A piece is at most a thread's share of what is left then, so that in the end no thread waits for more
     than one group of another.
 
-    Parameters
-    ----------
-    total, lanes
-        Rows, and rows of a group.
-    longest
-        Most groups of a piece.
-    threads
-        How many take pieces.
+    Args:
+        total, lanes: Rows, and rows of a group.
+        longest: Most groups of a piece.
+        threads: How many take pieces.
     """
     begin = 0
     while begin < total:
@@ -235,16 +222,11 @@ def run_tasks(
 ) -> float:
     """Call ``work`` on pieces of ``range(total)`` from threads; the time taken in s.
 
-    Parameters
-    ----------
-    work
-        Does one piece, and returns how many rows of it it did.
-    pieces, total
-        The pieces in order, and rows in all.
-    flag
-        Set when the rest shall be left out; pieces that run then leave early.
-    control
-        How many threads, who is told, and who may cancel.
+    Args:
+        work: Does one piece, and returns how many rows of it it did.
+        pieces, total: The pieces in order, and rows in all.
+        flag: Set when the rest shall be left out; pieces that run then leave early.
+        control: How many threads, who is told, and who may cancel.
     """
     threads, progress, stop = control.thread_count, control.progress, control.stop
     begin_s = time.perf_counter()

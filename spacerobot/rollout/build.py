@@ -36,30 +36,21 @@ class Options(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class Settings:
-    """How rollouts are integrated and sampled, and by what.
+    """Settings of integration and sampling, and the backend.
 
-    Attributes
-    ----------
-    step_s
-        Longest step; it is taken a little shorter where it does not divide the output step. If None, it is
-        chosen by :func:`choose_step`, and ``rollout.choice`` tells its error.
-    output_step_s
-        Longest time between samples. If None, each step is a sample, or every hundredth of the duration if
-        the step is to be chosen.
-    tolerance
-        Error that a chosen step shall keep to.
-    method
-        Name of the numerical method, one of ``METHODS``.
-    backend
-        ``auto`` compiles where a compiler is found and works, unless the few rollouts that are asked for are
-        done sooner by the virtual machine, and interprets elsewhere.
-    many
-        Whether what batches need is compiled now, instead of what a single rollout needs.
-    rollouts
-        How many rollouts or gradients will be asked for, each of the whole duration; many if None.
-    in_background
-        Whether single rollouts are interpreted while they are being compiled: for what is shown at once and
-        not stored, since bits then depend on time.
+    Attributes:
+        step_s: Longest step; it is taken a little shorter where it does not divide the output step. If None,
+            it is chosen by :func:`choose_step`, and ``rollout.choice`` tells its error.
+        output_step_s: Longest time between samples. If None, each step is a sample, or every hundredth of the
+            duration if the step is to be chosen.
+        tolerance: Error that a chosen step shall keep to.
+        method: Name of the numerical method, one of ``METHODS``.
+        backend: ``auto`` compiles where a compiler is found and works, unless the few rollouts that are asked
+            for are done sooner by the virtual machine, and interprets elsewhere.
+        many: Whether what batches need is compiled now, instead of what a single rollout needs.
+        rollouts: How many rollouts or gradients will be asked for, each of the whole duration; many if None.
+        in_background: Whether single rollouts are interpreted while they are being compiled: for what is
+            shown at once and not stored, since bits then depend on time.
     """
 
     step_s: float | None = None
@@ -87,27 +78,18 @@ def build_rollout(
 ) -> Rollout:
     """Make a closed loop ready to run: slow the first time (it compiles), quick from the cache.
 
-    Parameters
-    ----------
-    loop, duration_s
-        The closed loop, and for how long it runs.
-    measures
-        What to reduce each rollout to.
-    progress
-        Called with a few words while something is compiled, also later, and before each pilot rollout.
-    **options
-        ``step_s``, ``output_step_s``, ``tolerance``, ``method``, ``backend``, ``many``, ``rollouts`` and
-        ``in_background``, as
-        :class:`Settings` has them.
+    Args:
+        loop, duration_s: The closed loop, and for how long it runs.
+        measures: What to reduce each rollout to.
+        progress: Called with a few words while something is compiled, also later, and before each pilot
+            rollout.
+        **options: ``step_s``, ``output_step_s``, ``tolerance``, ``method``, ``backend``, ``many``,
+            ``rollouts`` and ``in_background``, as :class:`Settings` has them.
 
-    Raises
-    ------
-    CompileError
-        ``backend`` is ``compiled`` and cannot be had.
-    DivergedError
-        No step keeps to the tolerance.
-    SpaceRobotError
-        A duration or a step is not positive, or there is no such method.
+    Raises:
+        CompileError: ``backend`` is ``compiled`` and cannot be had.
+        DivergedError: No step keeps to the tolerance.
+        SpaceRobotError: A duration or a step is not positive, or there is no such method.
     """
     settings = Settings(**options)
     sample_s, step_s = settings.sample_s(duration_s), settings.step_s
@@ -135,17 +117,12 @@ def choose_step(
 ) -> StepChoice:
     """Largest step whose error keeps to a tolerance, found by step doubling on pilot rollouts.
 
-    Parameters
-    ----------
-    loop, duration_s, **options
-        As for :func:`build_rollout`; ``step_s`` has no meaning here.
-    parameters
-        As for :meth:`Rollout.values`.
+    Args:
+        loop, duration_s, **options: As for :func:`build_rollout`; ``step_s`` has no meaning here.
+        parameters: As for :meth:`Rollout.values`.
 
-    Raises
-    ------
-    DivergedError
-        No step keeps to the tolerance.
+    Raises:
+        DivergedError: No step keeps to the tolerance.
     """
     sample_s = options.get("output_step_s") or duration_s / 100
     options["step_s"] = options["output_step_s"] = sample_s

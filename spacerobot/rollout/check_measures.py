@@ -20,19 +20,13 @@ from spacerobot.rollout.measures import Measures
 def check_measures(loop: ClosedLoopFunctions, measures: Measures, outputs: Sequence[ca.SX]) -> None:
     """Refuse integrals and costs that are no number whatever the rollout does.
 
-    Parameters
-    ----------
-    loop
-        The closed loop.
-    measures
-        What is gathered.
-    outputs
-        The loop's outputs as expressions, in their order, each (n,).
+    Args:
+        loop: The closed loop.
+        measures: What is gathered.
+        outputs: The loop's outputs as expressions, in their order, each (n,).
 
-    Raises
-    ------
-    SpaceRobotError
-        Names the measure or cost, the signal, and the labels for which that exists.
+    Raises:
+        SpaceRobotError: Names the measure or cost, the signal, and the labels for which that exists.
     """
     symbols = measures.signals.outputs
     absent = {
@@ -63,10 +57,12 @@ def check_measures(loop: ClosedLoopFunctions, measures: Measures, outputs: Seque
     lost: list[tuple[str, ca.SX]] = []
     for name, measure in measures.named.items():
         for k in range(measure.expression.numel()):
-            found = [signal for signal, symbol in entries if ca.depends_on(measure.expression[k], symbol)]
-            if found and measure.kind == "integral":
-                raise refuse(f"the integral {name!r}", found[0])
-            lost += [(found[0], r[name][k])] if found else []
+            lost_signals = [
+                signal for signal, symbol in entries if ca.depends_on(measure.expression[k], symbol)
+            ]
+            if lost_signals and measure.kind == "integral":
+                raise refuse(f"the integral {name!r}", lost_signals[0])
+            lost += [(lost_signals[0], r[name][k])] if lost_signals else []
     p = {path: ca.SX.sym(path) for path in loop.parameter_paths}
     for name, cost in measures.cost_expressions(r, p).items() if lost else ():
         for signal, entry in lost:

@@ -16,7 +16,7 @@ class EventRule(Protocol):
 
     @property
     def name(self) -> str:
-        """Its name, such as ``left.captured``."""
+        """Name of the event, such as ``left.captured``."""
 
     @property
     def kind(self) -> str:
@@ -64,11 +64,11 @@ class OutputRule(Protocol):
 
     @property
     def name(self) -> str:
-        """Its name."""
+        """Name of the output."""
 
     @property
     def dims(self) -> tuple[str, ...]:
-        """Its dimensions besides time."""
+        """Dimensions of the output besides time."""
 
     @property
     def labels(self) -> tuple[str, ...]:

@@ -79,25 +79,25 @@ class _Bars:
 class CoincidentInstant:
     """Things at one instant of a rollout.
 
-    Parameters
-    ----------
-    kernel, calls
-        With the reverse functions; the functions ready to be called.
-    given
-        Prepared constants of the rollout (nc,), and its random numbers (n,).
-    found
-        The instant, of :class:`~spacerobot.rollout.rollout_arrays.CoincidentInstants`.
+    Args:
+        kernel, calls: With the reverse functions; the functions ready to be called.
+        constants: Prepared constants of the rollout (nc,), and its random numbers (n,).
+        record: The instant, of :class:`~spacerobot.rollout.rollout_arrays.CoincidentInstants`.
     """
 
     def __init__(
-        self, kernel: Kernel, calls: Mapping[str, NumericFunction], given: tuple[Array, Array], found: Any
+        self,
+        kernel: Kernel,
+        calls: Mapping[str, NumericFunction],
+        constants: tuple[Array, Array],
+        record: Any,
     ) -> None:
-        (c, self._noise), self._kernel, self._f, self._found = given, kernel, calls, found
-        self._t, self._c = float(found["last"]), c.copy()
-        self._c[[*kernel.switches, *kernel.jumps]] = found["mode"][:-1]
-        number = min(int(found["number"]), THINGS)
-        told = zip(found["thing"][:number][::-1], found["root"][:number][::-1], strict=True)
-        self._things = [(int(thing), bool(root)) for thing, root in told]
+        (c, self._noise), self._kernel, self._f, self._record = constants, kernel, calls, record
+        self._t, self._c = float(record["last"]), c.copy()
+        self._c[[*kernel.switches, *kernel.jumps]] = record["mode"][:-1]
+        number = min(int(record["number"]), THINGS)
+        reversed_things = zip(record["thing"][:number][::-1], record["root"][:number][::-1], strict=True)
+        self._things = [(int(thing), bool(root)) for thing, root in reversed_things]
 
     @property
     def event(self) -> int:
@@ -106,35 +106,37 @@ class CoincidentInstant:
 
     def order_counts(self, peaks: Array, seed: Array) -> bool:
         """Whether the order counts for a cost that depends on ``peaks`` (n,) by a ``seed`` (n,)."""
-        kernel, found = self._kernel, self._found
-        if found["missed"] or found["number"] > THINGS:
+        kernel, record = self._kernel, self._record
+        if record["missed"] or record["number"] > THINGS:
             return True
-        ahead = self._guards(found["before"], self._c)
-        own = [thing for thing, root in self._things if root and (thing < 0 or np.isfinite(ahead[thing]))]
-        if len(own) < 2:
+        ahead = self._guards(record["before"], self._c)
+        at_roots = [
+            thing for thing, root in self._things if root and (thing < 0 or np.isfinite(ahead[thing]))
+        ]
+        if len(at_roots) < 2:
             return False
         way = self._begin()
         for thing, root in self._things:
             self._go(way, thing, root)
-        if not any(self._moves(step) for step in way.steps if step.thing in own):
+        if not any(self._moves(step) for step in way.steps if step.thing in at_roots):
             return False
         if any(thing >= 0 and kernel.events[thing].ends for thing, _ in self._things):
             return True
-        other = self._turned(own)
+        other = self._turned(at_roots)
         if other is None or not np.array_equal(way.c, other.c):
             return True
-        known = {i for i, event in enumerate(kernel.events) if event.kink} | {i for i, _ in self._things}
-        if other.above - way.above - known:
+        recorded = {i for i, event in enumerate(kernel.events) if event.kink} | {i for i, _ in self._things}
+        if other.above - way.above - recorded:
             return True
-        met = found["met"][:-1]
+        met = record["met"][:-1]
         if not all(self._seeded(one, peaks, seed, met) for one in (way, other)):
             return True
         # do the two orders lead to other states or adjoints? The peaks' seed is that of what is behind
         behind = seed * (met == BEHIND)
-        bar = np.array(self._found["bar"])
+        bar = np.array(self._record["bar"])
         if behind.any():
             bar -= self._reverse("peaks", way.row, way.x, way.c, behind)[0]
-        size = np.abs(bar) @ (np.abs(way.x) + np.abs(self._found["before"]))
+        size = np.abs(bar) @ (np.abs(way.x) + np.abs(self._record["before"]))
         if (np.abs(bar * (way.x - other.x)) > ROUNDING * size).any():
             return True
         a, b, scale = self._back(way, bar), self._back(other, bar), self._kernel.scale
@@ -151,7 +153,7 @@ class CoincidentInstant:
         return self._f["dynamics"](self._t, x, c)[0]
 
     def _begin(self) -> _Way:
-        x = np.array(self._found["before"])
+        x = np.array(self._record["before"])
         return _Way(x, *self._shown(x, self._c))
 
     def _shown(self, x: Array, c: Array) -> tuple[Array, Integers]:
@@ -176,18 +178,18 @@ class CoincidentInstant:
         way.c, way.row = self._shown(way.x, after)
         way.above |= set(np.flatnonzero(self._guards(way.x, way.c) > 0).tolist())
 
-    def _turned(self, own: list[int]) -> _Way | None:
+    def _turned(self, remaining: list[int]) -> _Way | None:
         """Sequence with the given events reversed, the rest as early as possible; None if that fails."""
-        own, way = own.copy(), self._begin()
-        rest = [(thing, root) for thing, root in self._things if thing not in own]
-        while own or rest:
+        remaining, way = remaining.copy(), self._begin()
+        rest = [(thing, root) for thing, root in self._things if thing not in remaining]
+        while remaining or rest:
             g = self._guards(way.x, way.c)
             ready = [one for one in rest if np.isfinite(g[one[0]]) and (one[1] or g[one[0]] > 0)]
             if ready:
                 rest.remove(ready[0])
                 self._go(way, *ready[0])
-            elif own and (own[-1] < 0 or np.isfinite(g[own[-1]])):
-                self._go(way, own.pop(), True)
+            elif remaining and (remaining[-1] < 0 or np.isfinite(g[remaining[-1]])):
+                self._go(way, remaining.pop(), True)
             else:
                 return None
         return way
@@ -207,9 +209,9 @@ class CoincidentInstant:
 
     def _reverse(self, name: str, row: Integers, *arguments: Any) -> tuple[Array, Array, float]:
         """Bars of state, constants and time by the reverse of a function, where tables showed these rows."""
-        x, seen, t = self._f[f"{name}_reverse"](self._t, *arguments)
+        x, entries, t = self._f[f"{name}_reverse"](self._t, *arguments)
         c = np.zeros(self._kernel.size("setup_reverse", "cbar"))
-        c[: len(seen)] = seen
+        c[: len(entries)] = entries
         gather(self._kernel.tables, row, self._kernel.c_bars, c)
         return x, c, float(t.sum())
 
@@ -232,30 +234,34 @@ class CoincidentInstant:
         """Bars before all, from that of the state behind. Each time ends a piece and begins the next."""
         c, rate = np.zeros(self._kernel.size("setup_reverse", "cbar")), self._rate(way.x, way.c)
         noise = ROUNDING * float(np.abs(bar) @ np.abs(rate))
-        found = _Bars(bar, c, -float(bar @ rate), np.zeros_like(bar), np.zeros_like(c), noise)
-        self._meet(found, way, len(way.steps), (way.row, way.x, way.c))
+        adjoints = _Bars(bar, c, -float(bar @ rate), np.zeros_like(bar), np.zeros_like(c), noise)
+        self._meet(adjoints, way, len(way.steps), (way.row, way.x, way.c))
         for k, step in reversed([*enumerate(way.steps)]):
             if step.thing >= 0:
-                x, c, t = self._reverse("update", step.row, step.x, step.after, step.thing, found.x)
-                found.x, found.c, found.t = x, found.c + c, found.t + t
+                x, c, t = self._reverse("update", step.row, step.x, step.after, step.thing, adjoints.x)
+                adjoints.x, adjoints.c, adjoints.t = x, adjoints.c + c, adjoints.t + t
             if step.root:
                 # from the bar of a thing's own time to what moves it
-                rise = float(found.x @ step.rate)
-                found.noise_t += ROUNDING * float(np.abs(found.x) @ np.abs(step.rate))
+                rise = float(adjoints.x @ step.rate)
+                adjoints.noise_t += ROUNDING * float(np.abs(adjoints.x) @ np.abs(step.rate))
                 if step.thing >= 0:
                     by_x, by_c, by_t, slope = self._root(step)
-                    mu, noise = -(found.t + rise) / slope, found.noise_t / abs(slope)
-                    found.x, found.c, found.t = found.x + mu * by_x, found.c + mu * by_c, found.t + mu * by_t
-                    found.noise_x = found.noise_x + noise * abs(by_x)
-                    found.noise_c = found.noise_c + noise * abs(by_c)
+                    mu, noise = -(adjoints.t + rise) / slope, adjoints.noise_t / abs(slope)
+                    adjoints.x, adjoints.c, adjoints.t = (
+                        adjoints.x + mu * by_x,
+                        adjoints.c + mu * by_c,
+                        adjoints.t + mu * by_t,
+                    )
+                    adjoints.noise_x = adjoints.noise_x + noise * abs(by_x)
+                    adjoints.noise_c = adjoints.noise_c + noise * abs(by_c)
                 else:
                     place = self._kernel.jump_bars[-1 - step.thing]
                     if place >= 0:
-                        found.c[place] += found.t + rise
-                        found.noise_c[place] += found.noise_t
-                    found.t = -rise
-                self._meet(found, way, k, (step.row, step.x, step.c))
-        return found
+                        adjoints.c[place] += adjoints.t + rise
+                        adjoints.noise_c[place] += adjoints.noise_t
+                    adjoints.t = -rise
+                self._meet(adjoints, way, k, (step.row, step.x, step.c))
+        return adjoints
 
     def _meet(self, bars: _Bars, way: _Way, k: int, at: tuple[Integers, Array, Array]) -> None:
         """Take in the seeds of peaks that are met before step k."""
@@ -273,34 +279,31 @@ def _apart(a: Array, b: Array, noise: Array | float) -> bool:
 CALLED = ("dynamics", "rows", "values", "update", "guards_reverse", "update_reverse", "peaks_reverse")
 
 
-def judge_orders(kernel: Kernel, p: Array, seed: Array, raw: RolloutArrays) -> None:
+def check_orders(kernel: Kernel, p: Array, seed: Array, raw: RolloutArrays) -> None:
     """Doubt gradients where the order of what happens at one instant counts, and nowhere else.
 
-    Parameters
-    ----------
-    kernel
-        With the reverse functions.
-    p, seed
-        Parameters (N, np) and weights of the costs (N, nj).
-    raw
-        The rollouts, with the instants that the sweep back told; their doubts are changed.
+    Args:
+        kernel: With the reverse functions.
+        p, seed: Parameters (N, np) and weights of the costs (N, nj).
+        raw: The rollouts, with the instants that the sweep back told; their doubts are changed.
     """
     instants = raw.instants
-    if instants is None or not instants.told.any():
+    if instants is None or not instants.count.any():
         return
     calls = {name: NumericFunction(kernel.functions[name]) for name in CALLED if name in kernel.functions}
     first, last = kernel.integrals, kernel.integrals + kernel.peaks
     for i in np.flatnonzero(
-        raw.completed & (instants.told > 0) & (np.isin(raw.log.doubt[:, 0], (0, COINCIDENT)))
+        raw.completed & (instants.count > 0) & (np.isin(raw.log.gradient_warning[:, 0], (0, COINCIDENT)))
     ):
         c = kernel.functions["setup"](p[i])[1].full().ravel()
         rbar = kernel.functions["objective_reverse"](raw.r[i], p[i], seed[i])[0].full().ravel()
         peaks = (raw.r[i, first:last], rbar[first:last])
-        given = (c, kernel.noise.drawn(p[i : i + 1])[0])
-        found = [
-            CoincidentInstant(kernel, calls, given, row) for row in instants.found[i, : instants.told[i]]
+        constants = (c, kernel.noise.drawn(p[i : i + 1])[0])
+        coincident = [
+            CoincidentInstant(kernel, calls, constants, row)
+            for row in instants.records[i, : instants.count[i]]
         ]
-        counts = (here.event for here in found if here.order_counts(*peaks))
-        left = -1 if instants.told[i] > len(found) else None
+        counts = (here.event for here in coincident if here.order_counts(*peaks))
+        left = -1 if instants.count[i] > len(coincident) else None
         event = next(counts, left)
-        raw.log.doubt[i] = (0, 0) if event is None else (COINCIDENT, event)
+        raw.log.gradient_warning[i] = (0, 0) if event is None else (COINCIDENT, event)

@@ -37,20 +37,13 @@ class Engines:
     it needs at most half as long as the compiler would, by a count of operations and steps, not by a clock:
     the same request gives the same bits, whatever is in the cache.
 
-    Parameters
-    ----------
-    kernel
-        The functions.
-    toolchain
-        Compiler, or None.
-    progress
-        Called with a few words while something is compiled.
-    steps
-        Steps that will be asked for, as far as known; infinite where everything shall be compiled.
-    is_strict
-        Whether a compiler that fails is an error; else the kernel is interpreted.
-    in_background
-        Whether single rollouts are interpreted while a thread has them compiled.
+    Args:
+        kernel: The functions.
+        toolchain: Compiler, or None.
+        progress: Called with a few words while something is compiled.
+        steps: Steps that will be asked for, as far as known; infinite where everything shall be compiled.
+        is_strict: Whether a compiler that fails is an error; else the kernel is interpreted.
+        in_background: Whether single rollouts are interpreted while a thread has them compiled.
     """
 
     def __init__(
@@ -159,8 +152,8 @@ class Engines:
     def _once(self, key: tuple[object, ...], make: Callable[[], Made]) -> Made:
         """Value of a key, made by the first caller; others wait only if they request the same key."""
         with self._lock:
-            own = self._locks.setdefault(key, threading.Lock())
-        with own:
+            lock = self._locks.setdefault(key, threading.Lock())
+        with lock:
             if key not in self._made:
                 self._made[key] = make()
             return self._made[key]  # type: ignore[return-value]

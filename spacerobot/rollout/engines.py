@@ -38,7 +38,7 @@ class StopFlag:
 
     @property
     def address(self) -> int:
-        """Where the number lies."""
+        """Address of the number."""
         return ctypes.addressof(self._value)
 
 
@@ -70,6 +70,7 @@ class _EngineCall(ctypes.Structure):
         ("jump", ctypes.c_void_p),
         ("doubt", ctypes.c_void_p),
         ("backwards", ctypes.c_int64),
+        ("located", ctypes.c_int64),
         ("stop", ctypes.c_void_p),
     )
 
@@ -88,29 +89,36 @@ def compile_kernel(
 ) -> Library:
     """Compile a kernel together with the rollout loops.
 
-    Parameters
-    ----------
-    kernel
-        What to compile; with the reverse functions if ``adjoint``.
-    lanes
-        Rollouts carried at once.
-    toolchain
-        What to compile with; found if None.
-    adjoint
-        Whether to build the adjoint as well.
-    progress
-        As for :func:`compile_functions`.
+    Args:
+        kernel: What to compile; with the reverse functions if ``adjoint``.
+        lanes: Rollouts carried at once.
+        toolchain: What to compile with; found if None.
+        adjoint: Whether to build the adjoint as well.
+        progress: As for :func:`compile_functions`.
     """
+    return compile_functions(
+        kernel.functions,
+        lanes=lanes,
+        cold=cold_functions(kernel),
+        tail=loops_source(kernel, adjoint=adjoint),
+        toolchain=toolchain,
+        progress=progress,
+    )
+
+
+def cold_functions(kernel: Kernel) -> set[str]:
+    """Names of the functions of a kernel that run seldom, and shall rather compile fast."""
+    often = {"update", "guards"} if any(event.clock for event in kernel.events) else set()
+    return set(kernel.functions) - HOT - often
+
+
+def loops_source(kernel: Kernel, *, adjoint: bool = False) -> str:
+    """C++ of the rollout loops of a kernel, which follows its functions; with the adjoint on request."""
     folder = resources.files("spacerobot.rollout").joinpath("loops")
     parts = {"steps": True, "tables": kernel.tables, "events": kernel.events, "forward": True}
     names = [name for name, needed in (parts | {"adjoint": adjoint}).items() if needed]
     loops = [folder.joinpath(f"{name}.hpp").read_text(encoding="utf-8") for name in names]
-    tail = "\n".join([constants_of(kernel), kernel.method.source(), *loops])
-    often = {"update", "guards"} if any(event.clock for event in kernel.events) else set()
-    cold = set(kernel.functions) - HOT - often
-    return compile_functions(
-        kernel.functions, lanes=lanes, cold=cold, tail=tail, toolchain=toolchain, progress=progress
-    )
+    return "\n".join([constants_of(kernel), kernel.method.source(), *loops])
 
 
 @dataclass(frozen=True)
@@ -141,7 +149,7 @@ class InterpretedLoops:
     lanes: int = field(default=1, init=False)
 
     def run(self, name: str, *structures: ctypes.Structure) -> int:
-        """As :meth:`CompiledLoops.run`."""
+        """Run a function as :meth:`CompiledLoops.run` does."""
         scene = ctypes.c_void_p(self.program.address)
         return call_loops(f"{name}_of", scene, *map(ctypes.byref, structures))
 
@@ -179,21 +187,21 @@ def make_job(
     kernel: Kernel, p: Array, grid: TimeGrid, raw: RolloutArrays, rows: Sequence[int], stop: StopFlag
 ) -> tuple[_EngineCall, list[Any]]:
     """The structure that the loops read, and the arrays that must outlive the call."""
-    given = np.ascontiguousarray(p, dtype=float)
+    parameters = np.ascontiguousarray(p, dtype=float)
     row = np.ascontiguousarray(rows, dtype=np.int64)
-    noise = np.ascontiguousarray(kernel.noise.drawn(given))
-    keep: list[Any] = [given, row, kernel.scale, raw, stop, noise]
+    noise = np.ascontiguousarray(kernel.noise.drawn(parameters))
+    keep: list[Any] = [parameters, row, kernel.scale, raw, stop, noise]
 
     def address(array: npt.NDArray[Any] | None) -> int | None:
         return None if array is None else array.ctypes.data
 
     job = _EngineCall(
-        len(given),
+        len(parameters),
         grid.intervals,
         grid.every,
         grid.step_s,
         grid.finer,
-        address(given),
+        address(parameters),
         address(noise),
         noise.shape[1],
         address(kernel.scale),
@@ -206,14 +214,15 @@ def make_job(
         address(raw.error),
         address(raw.reached),
         address(raw.done),
-        address(raw.fate),
+        address(raw.status),
         raw.log.event.shape[1],
         address(raw.log.fired),
         address(raw.log.event),
         address(raw.log.when),
         address(raw.log.jump),
-        address(raw.log.doubt),
+        address(raw.log.gradient_warning),
         raw.backwards,
+        grid.locates_peaks,
         stop.address,
     )
     return job, keep

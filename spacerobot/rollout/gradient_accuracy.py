@@ -1,9 +1,13 @@
-"""How far the step falsifies derivatives: they are taken once more with steps of half the length.
+"""Error of derivatives by the step: they are taken once more with steps of half the length.
 
 Derivatives of a discrete rollout are exact for that rollout, whatever its step. Where steps are too coarse
 for friction or another stiff law, its trajectory may be right to many digits while its derivatives are wrong
 by factors: a perturbation grows along the discrete rollout that the true motion damps out. No estimate of a
 single step's error shows that, so the derivatives themselves are compared.
+
+Peaks are the largest values at steps. Up to half a step from a signal's maximum, the derivative is wrong by
+as much times its rate, and half the step often leaves the peak where it is. Derivatives are therefore
+compared with those at the maximum between steps of half the length (``loops/forward.hpp``).
 """
 
 from __future__ import annotations
@@ -27,40 +31,37 @@ derivatives by parameters of little effect such as coefficients of friction.
 
 
 def inaccurate(
-    found: Mapping[str, Array],
+    gradient: Mapping[str, Array],
     finer: Mapping[str, Array],
     values: Mapping[str, Array],
     parameters: Array,
     paths: Sequence[str],
 ) -> str:
-    """Why derivatives are not accurate, of which half the step changes one by too much; empty if none.
+    """Reason why derivatives are inaccurate: half the step changes one by too much. Empty if none does.
 
-    Parameters
-    ----------
-    found, finer
-        Derivatives (..., k) with the step and with half of it, by the name of what is differentiated.
-    values
-        What is differentiated (...,), by name.
-    parameters, paths
-        Values of the k parameters (k,), and their paths.
+    Args:
+        gradient, finer: Derivatives (..., k) with the step and with half of it, by the name of what is
+            differentiated.
+        values: What is differentiated (...,), by name.
+        parameters, paths: Values of the k parameters (k,), and their paths.
     """
-    worst, said = 0.0, ""
-    for name, slopes in found.items():
+    worst, reason = 0.0, ""
+    for name, slopes in gradient.items():
         one, other = slopes.reshape(-1, len(paths)), finer[name].reshape(-1, len(paths))
         largest = np.abs(other).max(axis=0, initial=0.0)
         size = np.abs(values[name]).max(initial=0.0)
         # at an optimum derivatives vanish: what changes the value by less than this is nothing
-        own = np.divide(size, np.abs(parameters), out=np.zeros(len(paths)), where=parameters != 0)
-        least = np.where(parameters != 0, own, largest.max(initial=0.0))
+        relative_size = np.divide(size, np.abs(parameters), out=np.zeros(len(paths)), where=parameters != 0)
+        minimum_size = np.where(parameters != 0, relative_size, largest.max(initial=0.0))
         with np.errstate(invalid="ignore", divide="ignore"):
             change = np.abs(one - other).max(axis=0, initial=0.0)
-            off = np.where(change > 0, change / np.maximum(largest, SMALL * least), 0.0)
+            off = np.where(change > 0, change / np.maximum(largest, SMALL * minimum_size), 0.0)
         off = np.where(np.isnan(change), np.inf, off)
         if off.max(initial=0.0) > max(worst, INACCURATE):
             k = int(off.argmax())
             worst = float(off[k])
             part = f"{100 * worst:.0f} %" if worst < 10 else "more than 1000 %"
-            said = (
+            reason = (
                 f"inaccurate: step: half of it changes the derivative of '{name}' by '{paths[k]}' by {part}"
             )
-    return said
+    return reason

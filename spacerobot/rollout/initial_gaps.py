@@ -16,12 +16,9 @@ from spacerobot.rollout.closed_loop_protocol import Array
 class Closure:
     """Initial gaps, and how large they may be.
 
-    Attributes
-    ----------
-    gaps
-        ``(p) -> (gap)``, in m.
-    largest
-        Greatest gap allowed [m], by name of the grasp, in the same order.
+    Attributes:
+        gaps: ``(p) -> (gap)``, in m.
+        largest: Greatest gap allowed [m], by name of the grasp, in the same order.
     """
 
     gaps: ca.Function
@@ -31,14 +28,14 @@ class Closure:
         """Gaps (N, n) [m] of rows of parameters (N, np); further columns are not read."""
         if not self.largest:
             return np.empty((len(p), 0))
-        found: Array = self.gaps(p[:, : self.gaps.numel_in(0)].T).full().T
-        return found
+        gaps: Array = self.gaps(p[:, : self.gaps.numel_in(0)].T).full().T
+        return gaps
 
     def is_open(self, gaps: Array) -> npt.NDArray[np.bool_]:
         """Whether each row (N, n) has a gap that is too large (N,)."""
         return np.asarray((gaps > list(self.largest.values())).any(axis=1), dtype=np.bool_)
 
-    def told(self, gaps: Array) -> tuple[str, ...]:
+    def messages(self, gaps: Array) -> tuple[str, ...]:
         """Description of the open gaps in each row (N, n); empty where all are closed."""
         if not self.largest:
             return ("",) * len(gaps)
@@ -48,12 +45,9 @@ class Closure:
 def unclosed(gaps: Mapping[str, float], largest: Mapping[str, float]) -> str:
     """Description of the grasps that do not close; empty if all do.
 
-    Parameters
-    ----------
-    gaps
-        Initial gap of each grasp [m].
-    largest
-        Largest allowed gap of each grasp [m].
+    Args:
+        gaps: Initial gap of each grasp [m].
+        largest: Largest allowed gap of each grasp [m].
     """
     return "; ".join(
         f"{name} does not close: its gap is {gap:.4g} m, allowed max_gap {largest[name]:g} m"

@@ -24,48 +24,31 @@ CONTROLLER_LIMIT = 1e12
 class Kernel:
     """Functions of a rollout, all SX with dense arguments.
 
-    Attributes
-    ----------
-    functions
-        ``setup``, ``dynamics``, ``normalise``, ``outputs``, ``final`` and ``objective``, and ``guards``,
-        ``values`` and ``update`` where there are events, ``rows`` where there are tables, as
-        ``loops/steps.hpp`` lists them.
-    nx
-        Length of the closed loop's state; integrals follow it.
-    integrals, peaks
-        How many there are.
-    scale
-        One over how far each state may go from where it begins, shape (nx + integrals,).
-    outputs, measures
-        Where each named vector lies in y and in r.
-    costs
-        Names of the entries of J.
-    closure
-        What must be closed for a rollout to begin.
-    method
-        What integrates.
-    jumps
-        Places in c of the times at which the dynamics jump.
-    switches, events, fine
-        Places in c of the switches; the events; positions in ``switches`` with the longest step [s] while
-        each is on, and over how many of these steps grow from its beginning and shrink to its end.
-    jump_bars
-        Adjoint: their places in cbar, -1 for one that the wanted parameters do not move.
-    tables
-        Tables in c.
-    c_bars, c_slopes
-        Where there are tables: place of each constant's bar in cbar and of its derivative in c, or -1.
-    seen
-        Places in x of what changes between events and guards depend on.
-    moving
-        Derivatives: whether parameters may move the time of each event.
-    names
-        Of the entries of x, the integrals of measures behind those of the state.
-    noise
-        Random numbers into which tables have windows.
-    jump_slopes, rate
-        Forward sensitivities: places in c of the jumps' derivatives, -1 likewise, and of that of time, if
-        any jump moves.
+    Attributes:
+        functions: ``setup``, ``dynamics``, ``normalise``, ``outputs``, ``final`` and ``objective``, and
+            ``guards``, ``values`` and ``update`` where there are events, ``rows`` where there are tables, as
+            ``loops/steps.hpp`` lists them.
+        nx: Length of the closed loop's state; integrals follow it.
+        integrals, peaks: How many there are.
+        scale: One over how far each state may go from where it begins, shape (nx + integrals,).
+        outputs, measures: Where each named vector lies in y and in r.
+        costs: Names of the entries of J.
+        closure: What must be closed for a rollout to begin.
+        method: What integrates.
+        jumps: Places in c of the times at which the dynamics jump.
+        switches, events, fine: Places in c of the switches; the events; positions in ``switches`` with the
+            longest step [s] while each is on, and over how many of these steps grow from its beginning and
+            shrink to its end.
+        jump_bars: Adjoint: their places in cbar, -1 for one that the wanted parameters do not move.
+        tables: Tables in c.
+        c_bars, c_slopes: Where there are tables: place of each constant's bar in cbar and of its derivative
+            in c, or -1.
+        guard_states: Places in x of what changes between events and guards depend on.
+        moving: Derivatives: whether parameters may move the time of each event.
+        names: Of the entries of x, the integrals of measures behind those of the state.
+        noise: Random numbers into which tables have windows.
+        jump_slopes, rate: Forward sensitivities: places in c of the jumps' derivatives, -1 likewise, and of
+            that of time, if any jump moves.
     """
 
     functions: Mapping[str, ca.Function]
@@ -85,7 +68,7 @@ class Kernel:
     jump_bars: tuple[int, ...] = ()
     jump_slopes: tuple[int, ...] = ()
     rate: int | None = None
-    seen: tuple[int, ...] = ()
+    guard_states: tuple[int, ...] = ()
     tables: tuple[WindowTable, ...] = ()
     c_bars: tuple[int, ...] = ()
     c_slopes: tuple[int, ...] = ()
@@ -101,8 +84,8 @@ class Kernel:
     def size(self, function: str, argument: str) -> int:
         """Length of an argument of a function."""
         f = self.functions[function]
-        found = f.numel_out(argument) if argument in f.name_out() else f.numel_in(argument)
-        return int(found)
+        size = f.numel_out(argument) if argument in f.name_out() else f.numel_in(argument)
+        return int(size)
 
 
 def sx_function(name: str, inputs: Mapping[str, ca.SX], outputs: Mapping[str, ca.SX]) -> ca.Function:
@@ -116,19 +99,13 @@ def build_kernel(
 ) -> Kernel:
     """Functions of a rollout that also gathers measures.
 
-    Parameters
-    ----------
-    loop
-        The closed loop.
-    measures
-        What to gather; nothing if None.
-    method
-        What integrates.
+    Args:
+        loop: The closed loop.
+        measures: What to gather; nothing if None.
+        method: What integrates.
 
-    Raises
-    ------
-    SpaceRobotError
-        If a measure or a cost depends on an output where it does not exist.
+    Raises:
+        SpaceRobotError: If a measure or a cost depends on an output where it does not exist.
     """
     measures = measures or Measures(Signals.of(loop), {})
     nx = loop.dynamics.numel_in(1)
@@ -158,12 +135,12 @@ def build_kernel(
     # of the closed loop, with integrals that begin at zero and the parameters that the measures use
     x0, c0 = loop.setup(p)
     order = {path: i for i, path in enumerate(loop.parameter_paths)}
-    begun = {
+    initial = {
         "x0": ca.vertcat(x0, ca.SX.zeros(count)),
         "c": ca.vertcat(c0, *[p[order[path]] for path in used]),
     }
     functions = {
-        "setup": sx_function("setup", {"p": p}, begun),
+        "setup": sx_function("setup", {"p": p}, initial),
         "dynamics": sx_function("dynamics", at, {"xdot": xdot, "m": peaks}),
         "normalise": sx_function("normalise", {"x": x}, {"n": ca.vertcat(loop.normalise(state), sums)}),
         "outputs": sx_function("outputs", at, {"y": ca.vertcat(*y)}),
@@ -171,7 +148,7 @@ def build_kernel(
     }
     if loop.tables:
         functions["rows"] = sx_function("rows", at, {"row": ca.SX(loop.rows(t, state, prepared))})
-    seen: tuple[int, ...] = ()
+    guard_states: tuple[int, ...] = ()
     if loop.events:
         # guards, their values with the speeds of gaps, and updates, which leave the integrals alone
         slope, e = ca.SX.sym("xdot", nx), ca.SX.sym("e")
@@ -186,7 +163,7 @@ def build_kernel(
         # places in x of what changes between events and guards depend on
         places = functions["values"].jac_sparsity
         looked = {place for output in (0, 1) for place in places(output, 1).get_triplet()[1]}
-        seen = tuple(sorted(looked & set(ca.sparsify(ca.SX(xdot)).sparsity().row())))
+        guard_states = tuple(sorted(looked & set(ca.sparsify(ca.SX(xdot)).sparsity().row())))
     r = ca.SX.sym("r", sum(measures.sizes.values()))
     named = {name: entries(r, where) for name, where in slices(measures.sizes).items()}
     costs = measures.cost_expressions(named, dict(zip(loop.parameter_paths, ca.vertsplit(p), strict=True)))
@@ -209,7 +186,7 @@ def build_kernel(
         tuple(loop.switches),
         tuple(loop.events),
         tuple(loop.fine),
-        seen=seen,
+        guard_states=guard_states,
         tables=tuple(loop.tables),
         names=(*loop.state_names, *summed),
         noise=NoiseInput.of(getattr(loop, "noise", ()), list(loop.parameter_paths)),

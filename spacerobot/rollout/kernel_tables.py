@@ -54,9 +54,10 @@ SIZES: Mapping[str, Callable[[Kernel], int]] = {
     "JUMPS": lambda kernel: len(kernel.jumps),
     "EVENTS": lambda kernel: len(kernel.events),
     "CLOCKS": lambda kernel: sum(event.clock for event in kernel.events),
+    "KINKS": lambda kernel: sum(event.kink and not event.clock for event in kernel.events),
     "SWITCHES": lambda kernel: len(kernel.switches),
     "FINES": lambda kernel: len(kernel.fine),
-    "SEEING": lambda kernel: len(kernel.seen),
+    "SEEING": lambda kernel: len(kernel.guard_states),
     "TABLES": lambda kernel: len(kernel.tables),
     "RATE": lambda kernel: -1 if kernel.rate is None else kernel.rate,
     "C_SLOPES": lambda kernel: len(kernel.c_slopes),
@@ -76,7 +77,7 @@ INTEGERS: Mapping[str, Callable[[Kernel], Iterable[int]]] = {
     "SILENT": lambda kernel: [event.silent for event in kernel.events],
     "ROUTINE": lambda kernel: [event.routine for event in kernel.events],
     "FIXED": lambda kernel: [not moves for moves in kernel.moving] or [False] * len(kernel.events),
-    "SEEN": lambda kernel: kernel.seen,
+    "SEEN": lambda kernel: kernel.guard_states,
     "FINE": lambda kernel: [place for place, _, _ in kernel.fine],
     "TABLE_CURSOR": lambda kernel: [table.cursor for table in kernel.tables],
     "TABLE_FIRST": lambda kernel: [table.first for table in kernel.tables],
@@ -125,10 +126,8 @@ PROCESSORS = {"x86_64": ("x86-64-v3", "x86-64")}
 def generic_source(package: Path) -> str:
     """Source of the loops that are the same for every scene: its numbers and tables are data.
 
-    Parameters
-    ----------
-    package
-        Folder of the package ``spacerobot``.
+    Args:
+        package: Folder of the package ``spacerobot``.
     """
     names = [f"#define {name} int(scene->size[{k}])" for k, name in enumerate([*SIZES, *LENGTHS])]
     names += [f"#define {name} (scene->integers[{k}])" for k, name in enumerate(INTEGERS)]

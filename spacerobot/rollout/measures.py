@@ -22,8 +22,8 @@ from typing import Literal
 import casadi as ca
 
 from spacerobot.errors import SpaceRobotError, near_names
-from spacerobot.notebook import html_table
 from spacerobot.rollout.closed_loop_protocol import ClosedLoopFunctions
+from spacerobot.tables import Table, Tabular
 
 Kind = Literal["integral", "peak", "final"]
 Costs = Callable[[Mapping[str, ca.SX], Mapping[str, ca.SX]], Mapping[str, ca.SX]]
@@ -33,16 +33,11 @@ Costs = Callable[[Mapping[str, ca.SX], Mapping[str, ca.SX]], Mapping[str, ca.SX]
 class Signals:
     """Symbols that measures are written with.
 
-    Attributes
-    ----------
-    t
-        Time in s.
-    x
-        State, shape (nx,).
-    outputs
-        The closed loop's outputs by name, each of shape (n,).
-    parameters
-        Its parameters by dotted path, scalars.
+    Attributes:
+        t: Time in s.
+        x: State, shape (nx,).
+        outputs: The closed loop's outputs by name, each of shape (n,).
+        parameters: Its parameters by dotted path, scalars.
     """
 
     t: ca.SX
@@ -61,10 +56,8 @@ class Signals:
     def __getitem__(self, name: str) -> ca.SX:
         """Output of a name.
 
-        Raises
-        ------
-        SpaceRobotError
-            There is none.
+        Raises:
+            SpaceRobotError: There is none.
         """
         if name not in self.outputs:
             raise SpaceRobotError(f"no output '{name}', {near_names(name, self.outputs)}")
@@ -75,12 +68,9 @@ class Signals:
 class Measure:
     """A reduction of a signal over a rollout.
 
-    Attributes
-    ----------
-    kind
-        Integral over time, largest value of each component, or value at the end.
-    expression
-        Over :class:`Signals`, shape (n,).
+    Attributes:
+        kind: Integral over time, largest value of each component, or value at the end.
+        expression: Over :class:`Signals`, shape (n,).
     """
 
     kind: Kind
@@ -93,7 +83,10 @@ def integral(expression: ca.SX) -> Measure:
 
 
 def peak(expression: ca.SX) -> Measure:
-    """Largest value of each component over all step boundaries. Its derivative is that at the largest one."""
+    """Largest value of each component over all step boundaries. Its derivative is that at the largest one.
+
+    The status of derivatives reports where the one at the signal's maximum between steps differs.
+    """
     return Measure("peak", ca.vec(ca.densify(ca.SX(expression))))
 
 
@@ -103,18 +96,14 @@ def final(expression: ca.SX) -> Measure:
 
 
 @dataclass(frozen=True)
-class Measures:
+class Measures(Tabular):
     """Named measures of a rollout, and the costs made of them.
 
-    Attributes
-    ----------
-    signals
-        The symbols that the measures are written with.
-    named
-        The measures.
-    costs
-        Function of (measures by name, parameters by path), all symbols, that gives scalars by name. Every
-        scalar measure is its own cost if None.
+    Attributes:
+        signals: The symbols that the measures are written with.
+        named: The measures.
+        costs: Function of (measures by name, parameters by path), all symbols, that gives scalars by name.
+            Every scalar measure is its own cost if None.
     """
 
     signals: Signals
@@ -125,10 +114,10 @@ class Measures:
         """Names and kinds, in one line."""
         return f"<Measures {', '.join(f'{name} ({m.kind})' for name, m in self.named.items()) or 'none'}>"
 
-    def _repr_html_(self) -> str:
-        """Kind and length of each, for notebooks."""
+    def content(self) -> list[Table]:
+        """Kind and length of each."""
         rows = ((name, f"{m.kind} of {m.expression.numel()}") for name, m in self.named.items())
-        return html_table("Measures", rows)
+        return [Table.of_pairs("Measures", rows)]
 
     def of_kind(self, kind: Kind) -> dict[str, ca.SX]:
         """Expressions of one kind, by name."""
@@ -143,27 +132,20 @@ class Measures:
     def cost_expressions(self, r: Mapping[str, ca.SX], p: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
         """Costs by name, as expressions of measures and parameters.
 
-        Parameters
-        ----------
-        r
-            Measures by name.
-        p
-            Parameters by dotted path.
+        Args:
+            r: Measures by name.
+            p: Parameters by dotted path.
 
-        Returns
-        -------
-        dict
-            Scalar expressions (1x1); without a function of costs, the measures that are scalars.
+        Returns:
+            dict: Scalar expressions (1x1); without a function of costs, the measures that are scalars.
 
-        Raises
-        ------
-        SpaceRobotError
-            If a cost is not a scalar.
+        Raises:
+            SpaceRobotError: If a cost is not a scalar.
         """
         if self.costs is None:
             return {name: value for name, value in r.items() if value.numel() == 1}
-        found = {name: ca.SX(value) for name, value in self.costs(r, p).items()}
-        for name, value in found.items():
+        expressions = {name: ca.SX(value) for name, value in self.costs(r, p).items()}
+        for name, value in expressions.items():
             if value.numel() != 1:
                 raise SpaceRobotError(f"the cost '{name}' has {value.numel()} entries, allowed: one")
-        return found
+        return expressions

@@ -20,7 +20,7 @@ class NoiseInput:
 
     @classmethod
     def of(cls, rules: Sequence[NoiseTable], paths: Sequence[str]) -> NoiseInput:
-        """Of rules and the paths of p."""
+        """Noise table from rules and the paths of p."""
         places = tuple((paths.index(rule.keys[0]), paths.index(rule.keys[1])) for rule in rules)
         return cls(tuple(rules), places)
 

@@ -20,19 +20,13 @@ from spacerobot.rollout.kernel import Kernel
 def moving_events(kernel: Kernel, wrt: Sequence[int], reached: Collection[int]) -> tuple[bool, ...]:
     """Find the events whose times parameters may move.
 
-    Parameters
-    ----------
-    kernel
-        The forward functions.
-    wrt
-        Places in p of the parameters.
-    reached
-        Places in c of the prepared constants that depend on them.
+    Args:
+        kernel: The forward functions.
+        wrt: Places in p of the parameters.
+        reached: Places in c of the prepared constants that depend on them.
 
-    Returns
-    -------
-    tuple of bool
-        One for each event.
+    Returns:
+        tuple of bool: One for each event.
     """
     if not kernel.events:
         return ()
@@ -41,14 +35,14 @@ def moving_events(kernel: Kernel, wrt: Sequence[int], reached: Collection[int]) 
     p = ca.SX.sym("p", kernel.size("setup", "p"))
     x0, rates = f["setup"](p)[0], ca.sparsify(ca.SX(f["dynamics"](t, x, c)[0]))
     moved = {*rates.sparsity().row(), *ca.jacobian_sparsity(x0, p[list(wrt)]).row()}
-    seen = ca.vertcat(x, t, c)  # entries up to nx are states, then comes time
+    arguments = ca.vertcat(x, t, c)  # entries up to nx are states, then comes time
     nx = x.numel()
     constants = {nx + 1 + place for place in reached}
-    guards = _dependencies(f["values"](t, x, c)[0], seen)
+    guards = _dependencies(f["values"](t, x, c)[0], arguments)
     sets = []
     for event in range(len(kernel.events)):
         after = ca.SX(f["update"](t, x, c, event))
-        rows = _dependencies(after, seen)
+        rows = _dependencies(after, arguments)
         sets.append({i: rows[i] for i in range(nx) if not ca.is_equal(after[i], x[i], 2)})
     events: set[int] = set()
     while True:
@@ -57,8 +51,8 @@ def moving_events(kernel: Kernel, wrt: Sequence[int], reached: Collection[int]) 
         events |= late
         changed = {
             i
-            for event, own in enumerate(sets)
-            for i, row in own.items()
+            for event, rows_by_place in enumerate(sets)
+            for i, row in rows_by_place.items()
             if row & unknown or (event in events and nx in row)
         } - moved
         moved |= changed

@@ -10,10 +10,15 @@ import casadi as ca
 import numpy as np
 
 from spacerobot.rollout.closed_loop_protocol import Array
+from spacerobot.rollout.measures import Measures, final
 from spacerobot.rollout.trajectory import Trajectory
 
 SWITCHES = "switches"
 """Output of a resumed loop: its switches."""
+BEGIN = "start.0"
+"""Parameter of a resumed loop: the time at which it is taken up."""
+STATE = "end.state"
+"""Measure of the state and the switches at the end of a piece."""
 
 
 def resumed(loop: Any) -> Any:
@@ -22,59 +27,83 @@ def resumed(loop: Any) -> Any:
     Its rollouts count time from their start; what depends on time sees that of the whole. Its switches are an
     output in addition.
 
-    Parameters
-    ----------
-    loop
-        A closed loop, a data class with what
-        :class:`spacerobot.rollout.closed_loop_protocol.ClosedLoopFunctions` names.
+    Args:
+        loop: A closed loop, a data class with what
+            :class:`spacerobot.rollout.closed_loop_protocol.ClosedLoopFunctions` names.
     """
     nx, np_ = loop.nq + loop.nv + loop.nz, len(loop.parameter_paths)
     switches, jumps = list(loop.switches), list(loop.jumps)
-    p, own = ca.SX.sym("p", np_), ca.SX.sym("start", 1 + nx + len(switches))
-    begin, x0 = own[0], own[1 : 1 + nx]
+    p, start = ca.SX.sym("p", np_), ca.SX.sym("start", 1 + nx + len(switches))
+    begin, x0 = start[0], start[1 : 1 + nx]
     c = loop.setup(p)[1]
     for k, place in enumerate(switches):
-        c[place] = own[1 + nx + k]
+        c[place] = start[1 + nx + k]
     for place in jumps:
         c[place] -= begin
     t, x, xdot, e = ca.SX.sym("t"), ca.SX.sym("x", nx), ca.SX.sym("xdot", nx), ca.SX.sym("e")
     held = ca.SX.sym("c", c.numel() + 1)
     # Constants as the loop has them, with its jumps in the time of the whole.
-    whole = held[:-1]
+    constants = held[:-1]
     for place in jumps:
-        whole[place] += held[-1]
-    at = (t + held[-1], x, whole)
-    given, names = [t, x, held], ["t", "x", "c"]
+        constants[place] += held[-1]
+    at = (t + held[-1], x, constants)
+    arguments, names = [t, x, held], ["t", "x", "c"]
     return dataclasses.replace(
         loop,
-        parameter_paths=(*loop.parameter_paths, *(f"start.{i}" for i in range(own.numel()))),
+        parameter_paths=(*loop.parameter_paths, *(f"start.{i}" for i in range(start.numel()))),
         parameter_values=np.concatenate([loop.parameter_values, start_of(loop)]),
-        setup=ca.Function("setup", [ca.vertcat(p, own)], [x0, ca.vertcat(c, begin)], ["p"], ["x0", "c"]),
-        dynamics=ca.Function("dynamics", given, [loop.dynamics(*at)], names, ["xdot"]),
+        setup=ca.Function("setup", [ca.vertcat(p, start)], [x0, ca.vertcat(c, begin)], ["p"], ["x0", "c"]),
+        dynamics=ca.Function("dynamics", arguments, [loop.dynamics(*at)], names, ["xdot"]),
         outputs=ca.Function(
             "outputs",
-            given,
+            arguments,
             [*_all(loop.outputs, at), ca.vertcat(ca.SX(0, 1), *(held[place] for place in switches))],
             names,
             [*loop.outputs.name_out(), SWITCHES],
         ),
-        gaps=ca.Function("gaps", [ca.vertcat(p, own)], [ca.SX(loop.gaps(p))], ["p"], ["gap"]),
+        gaps=ca.Function("gaps", [ca.vertcat(p, start)], [ca.SX(loop.gaps(p))], ["p"], ["gap"]),
         guards=ca.Function(
-            "guards", [*given, xdot], _all(loop.guards, (*at, xdot)), [*names, "xdot"], loop.guards.name_out()
+            "guards",
+            [*arguments, xdot],
+            _all(loop.guards, (*at, xdot)),
+            [*names, "xdot"],
+            loop.guards.name_out(),
         ),
-        rows=ca.Function("rows", given, [loop.rows(*at)], names, ["row"]),
-        update=ca.Function("update", [*given, e], [loop.update(*at, e)], [*names, "e"], ["x_after"]),
+        rows=ca.Function("rows", arguments, [loop.rows(*at)], names, ["row"]),
+        update=ca.Function("update", [*arguments, e], [loop.update(*at, e)], [*names, "e"], ["x_after"]),
     )
 
 
+def resumed_measures(loop: Any, measures: Measures) -> Measures:
+    """Measures of a loop over one piece of its resumed rollout, and its state and switches at the end.
+
+    Args:
+        loop: The loop itself.
+        measures: Measures over its signals; their time is that of the whole.
+    """
+    signals, begin, switches = measures.signals, ca.SX.sym(BEGIN), ca.SX.sym(SWITCHES, len(loop.switches))
+    resumed_signals = dataclasses.replace(
+        signals,
+        outputs={**signals.outputs, SWITCHES: switches},
+        parameters={**signals.parameters, BEGIN: begin},
+    )
+    # a resumed loop counts time from where it is taken up
+    named = {
+        name: dataclasses.replace(one, expression=ca.substitute(one.expression, signals.t, signals.t + begin))
+        for name, one in measures.named.items()
+    }
+    named[STATE] = final(ca.vertcat(signals.x, switches))
+    return Measures(resumed_signals, named, costs=lambda _r, _p: {})
+
+
 def start_of(loop: Any) -> Array:
-    """Where a loop begins by itself: time 0, its initial state, its switches."""
+    """Start of a loop by itself: time 0, its initial state, its switches."""
     x0, c = (value.full().ravel() for value in loop.setup(loop.parameter_values))
     return np.concatenate([[0.0], x0, c[list(loop.switches)]])
 
 
 def end_of(trajectory: Trajectory, start: Array) -> Array:
-    """Where a rollout of a resumed loop ended, as the next one's start."""
+    """End of a rollout of a resumed loop, as the start of the next one."""
     switches = trajectory.outputs[SWITCHES][-1]
     return np.concatenate([[start[0] + trajectory.time[-1]], trajectory.state[-1], switches])
 
@@ -107,5 +136,5 @@ def joined(pieces: Sequence[tuple[float, Trajectory]]) -> Trajectory:
 
 
 def _all(function: ca.Function, arguments: Sequence[ca.SX]) -> list[ca.SX]:
-    found = function(*arguments)
-    return list(found) if isinstance(found, tuple) else [found]
+    results = function(*arguments)
+    return list(results) if isinstance(results, tuple) else [results]

@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from spacerobot.errors import SpaceRobotError, near_names
-from spacerobot.notebook import html_table
 from spacerobot.rollout.assemble import batch_of, gradient_of, split, statuses, trajectory_of
 from spacerobot.rollout.batch import Control, Controls, Samples, run_batch, run_gradients, run_one
 from spacerobot.rollout.closed_loop_protocol import Array, ClosedLoopFunctions
@@ -23,6 +22,7 @@ from spacerobot.rollout.sensitivity import DERIVATIVE
 from spacerobot.rollout.step_choice import StepChoice, search_step
 from spacerobot.rollout.time_grid import TimeGrid, time_grid
 from spacerobot.rollout.trajectory import Batch, Gradient, Jacobian, Slopes, Trajectory, frozen
+from spacerobot.tables import Table, Tabular
 
 TOLERANCE = 1e-6
 UNCHECKED = "unchecked"
@@ -31,23 +31,17 @@ Parameters = Mapping[str, float] | npt.ArrayLike | None
 
 
 @dataclass(frozen=True)
-class Rollout:
+class Rollout(Tabular):
     """A closed loop, its measures and a time grid, built and ready.
 
     What batches, gradients and Jacobians need is compiled when first called, then comes from the cache.
 
-    Attributes
-    ----------
-    loop
-        The closed loop.
-    kernel
-        The functions that are evaluated.
-    grid
-        Steps and samples.
-    engines
-        What evaluates them.
-    choice
-        How the step was chosen, if it was.
+    Attributes:
+        loop: The closed loop.
+        kernel: The functions that are evaluated.
+        grid: Steps and samples.
+        engines: What evaluates them.
+        choice: How the step was chosen, if it was.
     """
 
     loop: ClosedLoopFunctions
@@ -60,8 +54,14 @@ class Rollout:
         """One-line description of the rollout."""
         return f"<Rollout of {self.grid.duration_s:g} s: {self.summary}>"
 
-    def _repr_html_(self) -> str:
-        return html_table(f"Rollout of {self.grid.duration_s:g} s", [("runs", self.summary)])
+    def content(self) -> list[Table]:
+        """Table of the settings."""
+        return [Table.of_pairs(f"Rollout of {self.grid.duration_s:g} s", [("runs", self.summary)])]
+
+    @property
+    def continuous(self) -> Rollout:
+        """The rollout itself, which no update interrupts."""
+        return self
 
     @property
     def backend(self) -> str:
@@ -78,7 +78,7 @@ class Rollout:
 
     @property
     def fallback(self) -> str:
-        """Why it is interpreted although it should be compiled; empty otherwise."""
+        """Reason why the rollout is interpreted although it should be compiled; empty otherwise."""
         return self.engines.fallback
 
     def choose_step(
@@ -89,15 +89,12 @@ class Rollout:
     ) -> StepChoice:
         """Largest step whose error keeps to a tolerance at some parameter values; nothing is compiled again.
 
-        Parameters
-        ----------
-        tolerance, parameters, progress
-            As for :func:`choose_step`; progress is told before each pilot rollout.
+        Args:
+            tolerance, parameters, progress: As for :func:`choose_step`; progress is told before each pilot
+                rollout.
 
-        Raises
-        ------
-        DivergedError
-            No step does.
+        Raises:
+            DivergedError: No step does.
         """
         p, grid = self.values(parameters), self.grid
         sample_s = grid.every * grid.step_s
@@ -113,15 +110,11 @@ class Rollout:
     def values(self, parameters: Parameters = None) -> Array:
         """All parameter values p, shape (np,).
 
-        Parameters
-        ----------
-        parameters
-            Values by dotted path (the others stay nominal), or all of them in order, or None.
+        Args:
+            parameters: Values by dotted path (the others stay nominal), or all of them in order, or None.
 
-        Raises
-        ------
-        SpaceRobotError
-            A path does not exist, or the number of values is wrong.
+        Raises:
+            SpaceRobotError: A path does not exist, or the number of values is wrong.
         """
         if parameters is None:
             return np.array(self.loop.parameter_values, dtype=float)
@@ -139,10 +132,8 @@ class Rollout:
     def indices(self, paths: Sequence[str]) -> list[int]:
         """Places of parameters in p.
 
-        Raises
-        ------
-        SpaceRobotError
-            A path does not exist, or is named twice.
+        Raises:
+            SpaceRobotError: A path does not exist, or is named twice.
         """
         place = {path: i for i, path in enumerate(self.loop.parameter_paths)}
         for path in paths:
@@ -156,59 +147,47 @@ class Rollout:
     def rows(self, paths: Sequence[str], values: npt.ArrayLike) -> Array:
         """Full parameter rows; parameters that are not named stay nominal.
 
-        Parameters
-        ----------
-        paths
-            Dotted paths of k parameters.
-        values
-            Their values, (N, k).
+        Args:
+            paths: Dotted paths of k parameters.
+            values: Their values, (N, k).
 
-        Returns
-        -------
-        numpy.ndarray
-            (N, np).
+        Returns:
+            numpy.ndarray: (N, np).
 
-        Raises
-        ------
-        SpaceRobotError
-            If a path is unknown or named twice, or ``values`` has another shape.
+        Raises:
+            SpaceRobotError: If a path is unknown or named twice, or ``values`` has another shape.
         """
         return self._filled(self.indices(paths), self._changes(paths, values))
 
     def _changes(self, paths: Sequence[str], values: npt.ArrayLike) -> Array:
         """Values (N, k) of k parameters, their shape checked."""
-        given = np.atleast_2d(np.asarray(values, dtype=float))
-        if given.ndim != 2 or given.shape[1] != len(paths):
-            raise SpaceRobotError(f"values of shape {given.shape}, allowed: (N, {len(paths)})")
-        return given
+        rows = np.atleast_2d(np.asarray(values, dtype=float))
+        if rows.ndim != 2 or rows.shape[1] != len(paths):
+            raise SpaceRobotError(f"values of shape {rows.shape}, allowed: (N, {len(paths)})")
+        return rows
 
-    def _filled(self, places: Sequence[int], given: Array) -> Array:
+    def _filled(self, places: Sequence[int], columns: Array) -> Array:
         """Full rows (N, np) of parameters with values (N, k) in some places, nominal elsewhere."""
-        p = np.tile(self.values(), (len(given), 1))
-        p[:, places] = given
+        p = np.tile(self.values(), (len(columns), 1))
+        p[:, places] = columns
         return p
 
     def run(self, parameters: Parameters = None, *, estimate: bool = False) -> Trajectory:
         """One rollout.
 
-        Parameters
-        ----------
-        parameters
-            As for :meth:`values`.
-        estimate
-            Whether the error of each step is estimated.
+        Args:
+            parameters: As for :meth:`values`.
+            estimate: Whether the error of each step is estimated.
 
-        Returns
-        -------
-        Trajectory
-            Cut short, with status ``diverged``, where a state leaves its bounds or is no number; the initial
-            state alone, with status ``unclosed``, where a grasp does not close.
+        Returns:
+            Trajectory: Cut short, with status ``diverged``, where a state leaves its bounds or is no number;
+                the initial state alone, with status ``unclosed``, where a grasp does not close.
         """
         begin = time.perf_counter()
         p = self.values(parameters)
         raw = run_one(self.engines.single, self.grid, p, estimate)
-        found = trajectory_of(raw, self.kernel, self.grid, p)
-        return replace(found, backend=self.backend, wall_s=time.perf_counter() - begin)
+        trajectory = trajectory_of(raw, self.kernel, self.grid, p)
+        return replace(trajectory, backend=self.backend, wall_s=time.perf_counter() - begin)
 
     def batch(
         self,
@@ -221,32 +200,25 @@ class Rollout:
     ) -> Batch:
         """Many rollouts; costs and measures always, samples only where asked for.
 
-        Parameters
-        ----------
-        paths
-            Parameters that vary, k of them.
-        values
-            Their values, shape (N, k).
-        outputs
-            Names of outputs to sample.
-        states
-            Whether to sample the states.
-        **control
-            ``threads``, ``progress`` and ``stop``, as :class:`~spacerobot.rollout.batch.Control` has them.
+        Args:
+            paths: Parameters that vary, k of them.
+            values: Their values, shape (N, k).
+            outputs: Names of outputs to sample.
+            states: Whether to sample the states.
+            **control: ``threads``, ``progress`` and ``stop``, as :class:`~spacerobot.rollout.batch.Control`
+                has them.
 
-        Raises
-        ------
-        SpaceRobotError
-            A path or an output does not exist, or a shape is wrong.
+        Raises:
+            SpaceRobotError: A path or an output does not exist, or a shape is wrong.
         """
-        given, places = self._changes(paths, values), self.indices(paths)
+        changes, places = self._changes(paths, values), self.indices(paths)
         engine, rows = self.engines.batch, self._output_rows(outputs)
 
         def p(piece: slice) -> Array:
-            return self._filled(places, given[piece])
+            return self._filled(places, changes[piece])
 
-        done = run_batch(engine, self.grid, p, len(given), Samples(rows, states), Control(**control))
-        return batch_of(done.raw, engine, self.grid, outputs, done.threads, done.wall_s)
+        rollouts = run_batch(engine, self.grid, p, len(changes), Samples(rows, states), Control(**control))
+        return batch_of(rollouts.raw, engine, self.grid, outputs, rollouts.threads, rollouts.wall_s)
 
     def value_and_gradient(
         self,
@@ -262,31 +234,24 @@ class Rollout:
         The time taken hardly depends on the number of parameters. The first call for a set of parameters
         compiles.
 
-        Parameters
-        ----------
-        parameters
-            As for :meth:`values`.
-        wrt
-            Paths of the k parameters to differentiate with respect to.
-        costs
-            Which costs; all if None.
-        orders, accuracy
-            As of :class:`~spacerobot.rollout.batch.Control`.
+        Args:
+            parameters: As for :meth:`values`.
+            wrt: Paths of the k parameters to differentiate with respect to.
+            costs: Which costs; all if None.
+            orders, accuracy: As of :class:`~spacerobot.rollout.batch.Control`.
 
-        Raises
-        ------
-        SpaceRobotError
-            A path or a cost does not exist, or there is no cost.
+        Raises:
+            SpaceRobotError: A path or a cost does not exist, or there is no cost.
         """
         control = Control(orders=orders, accuracy=accuracy)
-        found = self._gradients(self.values(parameters)[None, :], tuple(wrt), costs, False, control)
+        row = self._gradients(self.values(parameters)[None, :], tuple(wrt), costs, False, control)
         return replace(
-            found,
-            costs={name: value[0] for name, value in found.costs.items()},
-            gradients={name: value[0] for name, value in found.gradients.items()},
-            measures={name: value[0] for name, value in found.measures.items()},
-            diverged_at_s=found.diverged_at_s[0],
-            gaps={name: value[0] for name, value in found.gaps.items()},
+            row,
+            costs={name: value[0] for name, value in row.costs.items()},
+            gradients={name: value[0] for name, value in row.gradients.items()},
+            measures={name: value[0] for name, value in row.measures.items()},
+            diverged_at_s=row.diverged_at_s[0],
+            gaps={name: value[0] for name, value in row.gaps.items()},
         )
 
     def gradient_batch(
@@ -300,15 +265,37 @@ class Rollout:
     ) -> Gradient:
         """Costs and gradients of many rollouts, in lanes and threads; for searches with several starts.
 
-        Parameters
-        ----------
-        paths, values, **control
-            As for :meth:`batch`.
-        wrt, costs
-            As for :meth:`value_and_gradient`; ``wrt`` is ``paths`` if None.
+        Args:
+            paths, values, **control: As for :meth:`batch`.
+            wrt, costs: As for :meth:`value_and_gradient`; ``wrt`` is ``paths`` if None.
         """
         p = self.rows(paths, values)
         return self._gradients(p, tuple(wrt or paths), costs, True, Control(**control))
+
+    def pullback(
+        self, paths: Sequence[str], values: npt.ArrayLike, weights: npt.ArrayLike, threads: int | None = None
+    ) -> Array:
+        """Gradients of weighted sums of the costs of many rollouts, one backward sweep for each rollout.
+
+        Args:
+            paths: Dotted paths of k parameters.
+            values: Their values (N, k).
+            weights: Weight of each cost in each rollout (N, number of costs).
+            threads: One for each usable core if None.
+
+        Returns:
+            numpy.ndarray: (N, k), NaN where a rollout diverged; not compared with those of half the step.
+
+        Raises:
+            SpaceRobotError: If a path does not exist, or a shape is wrong.
+        """
+        p, seed = self.rows(paths, values), np.atleast_2d(np.asarray(weights, dtype=float))
+        if seed.shape != (len(p), len(self.kernel.costs)):
+            raise SpaceRobotError(
+                f"weights of shape {seed.shape}, allowed: ({len(p)}, {len(self.kernel.costs)})"
+            )
+        engine = self.engines.adjoint(tuple(self.indices(paths)), many=True)
+        return run_gradients(engine, self.grid, p, seed, Control(threads=threads, orders=False))[1]
 
     def jacobian(
         self,
@@ -321,17 +308,12 @@ class Rollout:
     ) -> Jacobian:
         """One rollout, and exact derivatives of its measures and sampled outputs by forward sensitivities.
 
-        Parameters
-        ----------
-        parameters, wrt, orders, accuracy
-            As for :meth:`value_and_gradient`.
-        outputs
-            Names of outputs whose derivatives are sampled.
+        Args:
+            parameters, wrt, orders, accuracy: As for :meth:`value_and_gradient`.
+            outputs: Names of outputs whose derivatives are sampled.
 
-        Raises
-        ------
-        SpaceRobotError
-            A path or an output does not exist.
+        Raises:
+            SpaceRobotError: A path or an output does not exist.
         """
         begin = time.perf_counter()
         trajectory, p = self.run(parameters), self.values(parameters)
@@ -342,7 +324,7 @@ class Rollout:
         samples, control = Samples(rows), Control(orders=orders, accuracy=accuracy)
         raw = run_batch(engine, self.grid, directions.__getitem__, len(wrt), samples, control).raw
         blocks, named = split(raw, engine.kernel, self.grid, outputs), engine.kernel.measures
-        found = Jacobian(
+        result = Jacobian(
             paths=tuple(wrt),
             trajectory=trajectory,
             measures={name: frozen(raw.r[:, named[DERIVATIVE + name]].T) for name in self.kernel.measures},
@@ -350,15 +332,18 @@ class Rollout:
             wall_s=time.perf_counter() - begin,
             status=statuses(raw, engine.kernel, len(wrt))[0] if wrt else "exact",
         )
-        if not (wrt and found.status == "exact"):
-            return found
+        if not (wrt and result.status == "exact"):
+            return result
         if not control.halves:
-            return replace(found, status=UNCHECKED)
-        finer = self._halved.jacobian(parameters, wrt=wrt, outputs=outputs, orders=False)
+            return replace(result, status=UNCHECKED)
+        finer = self._reference.jacobian(parameters, wrt=wrt, outputs=outputs, orders=False)
         values = {**trajectory.measures, **{name: trajectory.outputs[name] for name in outputs}}
-        own, other = {**found.measures, **found.outputs}, {**finer.measures, **finer.outputs}
-        doubt = inaccurate(own, other, values, p[self.indices(wrt)], wrt)
-        return replace(found, status=doubt or "exact", wall_s=time.perf_counter() - begin)
+        derivatives, finer_derivatives = (
+            {**result.measures, **result.outputs},
+            {**finer.measures, **finer.outputs},
+        )
+        gradient_warning = inaccurate(derivatives, finer_derivatives, values, p[self.indices(wrt)], wrt)
+        return replace(result, status=gradient_warning or "exact", wall_s=time.perf_counter() - begin)
 
     def slope_batch(
         self,
@@ -370,17 +355,12 @@ class Rollout:
     ) -> Slopes:
         """Measures of many rollouts and their exact derivatives, by forward sensitivities, lanes kept full.
 
-        Parameters
-        ----------
-        paths, values, **control
-            As for :meth:`batch`.
-        wrt
-            Paths of the k parameters to differentiate with respect to; ``paths`` if None.
+        Args:
+            paths, values, **control: As for :meth:`batch`.
+            wrt: Paths of the k parameters to differentiate with respect to; ``paths`` if None.
 
-        Raises
-        ------
-        SpaceRobotError
-            A path does not exist, or a shape is wrong.
+        Raises:
+            SpaceRobotError: A path does not exist, or a shape is wrong.
         """
         begin, p, wrt = time.perf_counter(), self.rows(paths, values), tuple(wrt or paths)
         engine = self.engines.sensitivity(tuple(self.indices(wrt)), ())
@@ -390,59 +370,59 @@ class Rollout:
             row, direction = np.divmod(np.arange(piece.start, piece.stop), k)
             return np.hstack([p[row], np.eye(k)[direction]])
 
-        done = run_batch(engine, self.grid, directions, k * len(p), Samples(), Control(**control))
-        r = done.raw.r.reshape(len(p), k, -1)
+        batch = run_batch(engine, self.grid, directions, k * len(p), Samples(), Control(**control))
+        r = batch.raw.r.reshape(len(p), k, -1)
         names, named = tuple(self.kernel.measures), engine.kernel.measures
-        found = Slopes(
+        result = Slopes(
             paths=wrt,
             measures={n: frozen(r[:, 0, named[n]].copy()) for n in names},
             slopes={n: frozen(np.moveaxis(r[:, :, named[DERIVATIVE + n]], 1, 2).copy()) for n in names},
-            unclosed=self.kernel.closure.told(done.raw.gaps[::k]),
+            unclosed=self.kernel.closure.messages(batch.raw.gaps[::k]),
             wall_s=time.perf_counter() - begin,
-            status=statuses(done.raw, engine.kernel, k),
+            status=statuses(batch.raw, engine.kernel, k),
         )
 
         def again(rows: list[int], quiet: Controls) -> Mapping[str, Array]:
-            return self._halved.slope_batch(self.loop.parameter_paths, p[rows], wrt=wrt, **quiet).slopes
+            return self._reference.slope_batch(self.loop.parameter_paths, p[rows], wrt=wrt, **quiet).slopes
 
         status = self._checked(
-            found.status, p, wrt, (found.slopes, found.measures), again, Control(**control)
+            result.status, p, wrt, (result.slopes, result.measures), again, Control(**control)
         )
-        return replace(found, status=status, wall_s=time.perf_counter() - begin)
+        return replace(result, status=status, wall_s=time.perf_counter() - begin)
 
     @property
-    def _halved(self) -> Rollout:
-        """The same with steps of half the length."""
-        return replace(self, grid=self.grid.halved)
+    def _reference(self) -> Rollout:
+        """Rollout that derivatives are compared with: steps of half the length, peaks between steps."""
+        return replace(self, grid=replace(self.grid.halved, locates_peaks=True))
 
     def _checked(
         self,
         status: Sequence[str],
         p: Array,
         wrt: Sequence[str],
-        known: tuple[Mapping[str, Array], Mapping[str, Array]],
+        allowed: tuple[Mapping[str, Array], Mapping[str, Array]],
         again: Callable[[list[int], Controls], Mapping[str, Array]],
         control: Control,
     ) -> tuple[str, ...]:
         """Status of the rollouts of p (N, np), whose derivatives are taken ``again`` with half the step.
 
-        ``known`` are derivatives (N, ..., k) and what is differentiated (N, ...), by name.
+        ``allowed`` are derivatives (N, ..., k) and what is differentiated (N, ...), by name.
         """
-        found = list(status)
+        statuses_by_row = list(status)
         rows = [i for i, one in enumerate(status) if one == "exact"]
         if not control.halves or (control.stop is not None and control.stop.is_set()):
             return tuple(UNCHECKED if one == "exact" else one for one in status)
         finer = (
             again(rows, {"threads": control.threads, "stop": control.stop, "orders": False}) if rows else {}
         )
-        slopes, values = known
+        slopes, values = allowed
         for k, row in enumerate(rows):
             here, there = (
                 {name: part[i] for name, part in one.items()} for one, i in ((slopes, row), (finer, k))
             )
             sizes = {name: values[name][row] for name in slopes}
-            found[row] = inaccurate(here, there, sizes, p[row, self.indices(wrt)], wrt) or "exact"
-        return tuple(found)
+            statuses_by_row[row] = inaccurate(here, there, sizes, p[row, self.indices(wrt)], wrt) or "exact"
+        return tuple(statuses_by_row)
 
     def _gradients(
         self,
@@ -454,30 +434,30 @@ class Rollout:
     ) -> Gradient:
         """One row for each parameter set and cost."""
         begin = time.perf_counter()
-        wanted = tuple(self.kernel.costs if costs is None else costs)
-        for name in wanted:
+        names = tuple(self.kernel.costs if costs is None else costs)
+        for name in names:
             if name not in self.kernel.costs:
                 raise SpaceRobotError(f"no cost '{name}', {near_names(name, self.kernel.costs)}")
-        if not wanted:
+        if not names:
             raise SpaceRobotError("this rollout was built without a cost to differentiate")
         engine = self.engines.adjoint(tuple(self.indices(wrt)), many=many)
-        rows = np.repeat(p, len(wanted), axis=0)
-        weights = np.eye(len(self.kernel.costs))[[self.kernel.costs.index(name) for name in wanted]]
+        rows = np.repeat(p, len(names), axis=0)
+        weights = np.eye(len(self.kernel.costs))[[self.kernel.costs.index(name) for name in names]]
         seed = np.tile(weights, (len(p), 1))
         raw, gradient = run_gradients(engine, self.grid, rows, seed, control)
-        found = gradient_of(raw, gradient, self.kernel, wrt, wanted)
+        result = gradient_of(raw, gradient, self.kernel, wrt, names)
 
         def again(rows: list[int], quiet: Controls) -> Mapping[str, Array]:
-            return self._halved._gradients(p[rows], wrt, wanted, many, Control(**quiet)).gradients
+            return self._reference._gradients(p[rows], wrt, names, many, Control(**quiet)).gradients
 
-        status = self._checked(found.status, p, wrt, (found.gradients, found.costs), again, control)
-        found = replace(found, status=status)
-        return replace(found, backend=engine.backend, wall_s=time.perf_counter() - begin)
+        status = self._checked(result.status, p, wrt, (result.gradients, result.costs), again, control)
+        result = replace(result, status=status)
+        return replace(result, backend=engine.backend, wall_s=time.perf_counter() - begin)
 
     def _output_rows(self, outputs: Sequence[str]) -> list[int]:
         """Places in y of named outputs."""
-        known = self.kernel.outputs
+        places = self.kernel.outputs
         for name in outputs:
-            if name not in known:
-                raise SpaceRobotError(f"no output '{name}', {near_names(name, known)}")
-        return [i for name in outputs for i in range(known[name].start, known[name].stop)]
+            if name not in places:
+                raise SpaceRobotError(f"no output '{name}', {near_names(name, places)}")
+        return [i for name in outputs for i in range(places[name].start, places[name].stop)]

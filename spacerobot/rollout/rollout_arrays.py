@@ -39,52 +39,46 @@ MOST_INSTANTS, THINGS = 256, 16
 class EventLog:
     """Events of rollouts, the first ones of each.
 
-    Attributes
-    ----------
-    fired
-        How many there were, shape (N,).
-    event, when
-        Which, and their times [s]; shape (N, most), -1 and NaN beyond the last.
-    jump
-        States before and after each, shape (N, most, 2, nx), None if not asked for.
-    doubt
-        Why derivatives may not hold (0: they do), and at which event, shape (N, 2).
+    Attributes:
+        fired: How many there were, shape (N,).
+        event, when: Which, and their times [s]; shape (N, most), -1 and NaN beyond the last.
+        jump: States before and after each, shape (N, most, 2, nx), None if not asked for.
+        gradient_warning: Why derivatives may not hold (0: they do), and at which event, shape (N, 2).
     """
 
     fired: Integers
     event: Integers
     when: Array
     jump: Array | None
-    doubt: Integers
+    gradient_warning: Integers
 
     @classmethod
     def empty(cls, count: int, most: int, nx: int | None) -> EventLog:
         """Room for so many events of each rollout; states have ``nx`` entries if they are asked for."""
         event, when = np.full((count, most), -1, dtype=np.int64), np.full((count, most), np.nan)
         jump = None if nx is None else np.full((count, most, 2, nx), np.nan)
-        fired, doubt = np.zeros(count, dtype=np.int64), np.zeros((count, 2), dtype=np.int64)
-        return cls(fired, event, when, jump, doubt)
+        fired, gradient_warning = np.zeros(count, dtype=np.int64), np.zeros((count, 2), dtype=np.int64)
+        return cls(fired, event, when, jump, gradient_warning)
 
     def part(self, rows: slice) -> EventLog:
         """View of some rollouts."""
         jump = None if self.jump is None else self.jump[rows]
-        return EventLog(self.fired[rows], self.event[rows], self.when[rows], jump, self.doubt[rows])
+        return EventLog(
+            self.fired[rows], self.event[rows], self.when[rows], jump, self.gradient_warning[rows]
+        )
 
 
 @dataclass(frozen=True)
 class CoincidentInstants:
     """Instants at which several things happened, or an event with others close by, from the last one back.
 
-    Attributes
-    ----------
-    told
-        How many there were in each rollout, shape (N,).
-    found
-        The first of them, shape (N, most); fields as in ``loops/adjoint.hpp``.
+    Attributes:
+        count: How many there were in each rollout, shape (N,).
+        records: The first of them, shape (N, most); fields as in ``loops/adjoint.hpp``.
     """
 
-    told: Integers
-    found: npt.NDArray[np.void]
+    count: Integers
+    records: npt.NDArray[np.void]
 
     @classmethod
     def empty(cls, count: int, kernel: Kernel) -> CoincidentInstants:
@@ -104,36 +98,26 @@ class CoincidentInstants:
 
     def part(self, rows: slice) -> CoincidentInstants:
         """View of some rollouts."""
-        return CoincidentInstants(self.told[rows], self.found[rows])
+        return CoincidentInstants(self.count[rows], self.records[rows])
 
 
 @dataclass(frozen=True)
 class RolloutArrays:
     """Arrays that an engine fills, one row for each rollout.
 
-    Attributes
-    ----------
-    x, y
-        Samples of the state (N, nt, nx) and of outputs (N, nt, rows), None if not asked for; NaN after
-        divergence, and from an event on that ended the rollout.
-    r, cost
-        Measures (N, nr) and costs (N, nj).
-    done
-        Good steps, shape (N,); -1 for a rollout that did not run.
-    reached
-        Time of the last good state in s, shape (N,); that of the last sample if the rollout completed.
-    fate
-        How each ended, shape (N,).
-    gaps
-        Initial gaps of grasps that may begin open (N, n) [m].
-    log
-        Events.
-    error
-        Largest estimate of a step's error, shape (N,), None if not asked for.
-    backwards
-        Whether events at one instant shall fire in the other order.
-    instants
-        Where a gradient may depend on the order of things, None if not asked for.
+    Attributes:
+        x, y: Samples of the state (N, nt, nx) and of outputs (N, nt, rows), None if not asked for; NaN after
+            divergence, and from an event on that ended the rollout.
+        r, cost: Measures (N, nr) and costs (N, nj).
+        done: Good steps, shape (N,); -1 for a rollout that did not run.
+        reached: Time of the last good state in s, shape (N,); that of the last sample if the rollout
+            completed.
+        status: How each ended, shape (N,).
+        gaps: Initial gaps of grasps that may begin open (N, n) [m].
+        log: Events.
+        error: Largest estimate of a step's error, shape (N,), None if not asked for.
+        backwards: Whether events at one instant shall fire in the other order.
+        instants: Where a gradient may depend on the order of things, None if not asked for.
     """
 
     x: Array | None
@@ -142,7 +126,7 @@ class RolloutArrays:
     cost: Array
     done: Integers
     reached: Array
-    fate: Integers
+    status: Integers
     gaps: Array
     log: EventLog
     error: Array | None = None
@@ -173,10 +157,10 @@ class RolloutArrays:
         x = None if self.x is None else self.x[rows]
         y = None if self.y is None else self.y[rows]
         error = None if self.error is None else self.error[rows]
-        own = (self.r[rows], self.cost[rows], self.done[rows], self.reached[rows], self.fate[rows])
+        reductions = (self.r[rows], self.cost[rows], self.done[rows], self.reached[rows], self.status[rows])
         instants = None if self.instants is None else self.instants.part(rows)
         return RolloutArrays(
-            x, y, *own, self.gaps[rows], self.log.part(rows), error, self.backwards, instants
+            x, y, *reductions, self.gaps[rows], self.log.part(rows), error, self.backwards, instants
         )
 
     def with_events(self, most: int) -> RolloutArrays:
@@ -186,21 +170,21 @@ class RolloutArrays:
 
     @property
     def completed(self) -> npt.NDArray[np.bool_]:
-        """Which rollouts came to their end, shape (N,)."""
-        return np.asarray((self.fate == COMPLETED) | (self.fate == ENDED))
+        """Mask of the rollouts that reached their end, shape (N,)."""
+        return np.asarray((self.status == COMPLETED) | (self.status == ENDED))
 
-    def judge_start(self, closure: Closure, p: Array) -> None:
+    def check_start(self, closure: Closure, p: Array) -> None:
         """Note the gaps of rollouts of p (N, np); of one that begins open only its initial state is left."""
         self.gaps[:] = closure.measure(p)
         lost = closure.is_open(self.gaps) & (self.done >= 0)
         self.done[lost], self.reached[lost], self.r[lost], self.cost[lost] = 0, 0.0, np.nan, np.nan
-        self.fate[lost], self.log.fired[lost] = DIVERGED, 0
+        self.status[lost], self.log.fired[lost] = DIVERGED, 0
         self.log.event[lost], self.log.when[lost] = -1, np.nan
         for samples in (self.x, self.y):
             if samples is not None:
                 samples[lost, 1:] = np.nan
 
-    def doubt_ties(self, kernel: Kernel, p: Array) -> None:
+    def mark_coincident(self, kernel: Kernel, p: Array) -> None:
         """Doubt sensitivities of p (N, np) where jumps at one instant move apart."""
         jumps = [k for k, place in enumerate(kernel.jump_slopes) if place >= 0]
         if not jumps or len(kernel.jumps) < 2:
@@ -212,22 +196,24 @@ class RolloutArrays:
         times, slopes = (np.take_along_axis(part, order, axis=1) for part in (times, slopes))
         met = (times[:, 1:] > 0) & (times[:, 1:] < self.reached[:, None])
         tied = ((np.diff(times) == 0) & (np.diff(slopes) != 0) & met).any(axis=1)
-        self.log.doubt[tied & (self.log.doubt[:, 0] == 0)] = COINCIDENT, -1
+        self.log.gradient_warning[tied & (self.log.gradient_warning[:, 0] == 0)] = COINCIDENT, -1
 
     @property
     def coincident(self) -> Integers:
         """Rollouts of which two events may change places, by their rows."""
-        return np.flatnonzero(self.log.doubt[:, 0] == COINCIDENT)
+        return np.flatnonzero(self.log.gradient_warning[:, 0] == COINCIDENT)
 
-    def trust_same(self, rows: Integers, again: RolloutArrays, found: Array, other: Array) -> None:
+    def trust_same(self, rows: Integers, again: RolloutArrays, derivatives: Array, other: Array) -> None:
         """Doubt no more what is the same (n, ...) with what is at one instant in the other order."""
-        turned = (again.log.event != self.log.event[rows]).any(axis=1) | (self.log.doubt[rows, 1] < 0)
-        found, other = found.reshape(len(rows), -1), other.reshape(len(rows), -1)
+        turned = (again.log.event != self.log.event[rows]).any(axis=1) | (
+            self.log.gradient_warning[rows, 1] < 0
+        )
+        derivatives, other = derivatives.reshape(len(rows), -1), other.reshape(len(rows), -1)
         with np.errstate(invalid="ignore"):
-            largest = np.abs(found).max(axis=1, initial=0.0, keepdims=True)
-            same = np.abs(other - found) <= SAME * (np.abs(found) + FAINT * largest) + NOTHING
-        self.log.doubt[rows[turned & same.all(axis=1)]] = 0
+            largest = np.abs(derivatives).max(axis=1, initial=0.0, keepdims=True)
+            same = np.abs(other - derivatives) <= SAME * (np.abs(derivatives) + FAINT * largest) + NOTHING
+        self.log.gradient_warning[rows[turned & same.all(axis=1)]] = 0
 
     def count(self, rows: slice) -> int:
-        """How many of some rollouts ran."""
+        """Number of rollouts that ran."""
         return int((self.done[rows] >= 0).sum())

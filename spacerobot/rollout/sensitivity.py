@@ -24,22 +24,16 @@ DERIVATIVE = "d "  # prefix of the names of measures' derivatives
 def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str]) -> Kernel:
     """Kernel whose parameters are (p, direction) and whose every result is followed by its derivative.
 
-    Parameters
-    ----------
-    kernel
-        The forward functions.
-    wrt
-        Places in p of the k parameters that a direction has entries for.
-    outputs
-        Outputs whose derivatives are wanted.
+    Args:
+        kernel: The forward functions.
+        wrt: Places in p of the k parameters that a direction has entries for.
+        outputs: Outputs whose derivatives are wanted.
 
-    Returns
-    -------
-    Kernel
-        Its state is (x, x', integrals, integrals'), its outputs are the derivatives of those wanted, its
-        measures (integrals, integrals', peaks, peaks', final values, final values'), a dash being the
-        derivative along the direction. The slices of a measure's derivative carry its name after ``d``. It
-        has no costs.
+    Returns:
+        Kernel: Its state is (x, x', integrals, integrals'), its outputs are the derivatives of those wanted,
+            its measures (integrals, integrals', peaks, peaks', final values, final values'), a dash being the
+            derivative along the direction. The slices of a measure's derivative carry its name after ``d``.
+            It has no costs.
     """
     f, n, count, nc = kernel.functions, kernel.nx, kernel.integrals, kernel.size("setup", "c")
     # setup, and the places of the prepared constants that a direction reaches: only they have slopes
@@ -50,8 +44,8 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str
     slope, c_slope = _along(x0, chosen, w), _along(entries(c0, reached), chosen, w)
     # whether a direction may move a jump or an event, and with it the steps
     moves = bool(kernel.events) or any(jump in reached for jump in kernel.jumps)
-    begun = {"x0": _paired(x0, slope, n), "c": ca.vertcat(c0, c_slope, ca.SX.zeros(int(moves)))}
-    setup = sx_function("setup", {"p": ca.vertcat(p, w)}, begun)
+    initial = {"x0": _paired(x0, slope, n), "c": ca.vertcat(c0, c_slope, ca.SX.zeros(int(moves)))}
+    setup = sx_function("setup", {"p": ca.vertcat(p, w)}, initial)
     places = tuple(nc + reached.index(jump) if jump in reached else -1 for jump in kernel.jumps)
     # every function, followed by its derivative along the direction
     t, state = ca.SX.sym("t"), ca.SX.sym("x", 2 * (n + count))
@@ -68,22 +62,22 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str
 
     xdot, m = f["dynamics"](t, x, c)
     normal, e, y = f["normalise"](x), f["final"](t, x, c), f["outputs"](t, x, c)
-    wanted = ca.vertcat(ca.SX(0, 1), *[entries(y, kernel.outputs[name]) for name in outputs])
+    differentiated = ca.vertcat(ca.SX(0, 1), *[entries(y, kernel.outputs[name]) for name in outputs])
     moved = {"xdot": _paired(xdot, along(xdot), n), "m": ca.vertcat(m, along(m))}
     functions = {
         "setup": setup,
         "dynamics": sx_function("dynamics", at, moved),
         "normalise": sx_function("normalise", {"x": state}, {"n": _paired(normal, along(normal), n)}),
-        "outputs": sx_function("outputs", at, {"y": along(wanted)}),
+        "outputs": sx_function("outputs", at, {"y": along(differentiated)}),
         "final": sx_function("final", at, {"e": ca.vertcat(e, along(e))}),
     }
     if kernel.events:
         xdots, event = ca.SX.sym("xdot", state.numel()), ca.SX.sym("e")
         g, g_rate = f["guards"](t, x, c, _unpaired(xdots, n, count)[0])
         after = f["update"](t, x, c, event)
-        told = {"g": g, "rate": g_rate, "slope": along(g)}
+        guard_outputs = {"g": g, "rate": g_rate, "slope": along(g)}
         updated = {"x_after": _paired(after, along(after), n)}
-        functions["guards"] = sx_function("guards", {**at, "xdot": xdots}, told)
+        functions["guards"] = sx_function("guards", {**at, "xdot": xdots}, guard_outputs)
         functions["values"] = sx_function("values", at, {"g": g, "speed": f["values"](t, x, c)[1]})
         functions["update"] = sx_function("update", {**at, "e": event}, updated)
     if kernel.tables:
@@ -92,13 +86,13 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str
     none = {"r": r, "p": ca.SX.sym("p", setup.numel_in("p"))}
     functions["objective"] = sx_function("objective", none, {"J": ca.SX(0, 1)})
     # Where each measure and its derivative lie: each kind is followed by its derivatives.
-    found: dict[str, slice] = {}
+    measure_rows: dict[str, slice] = {}
     ends = (0, kernel.integrals, kernel.integrals + kernel.peaks, kernel.size("objective", "r"))
     for begin, end in pairwise(ends):
         for name, where in kernel.measures.items():
             if begin <= where.start and where.stop <= end:
-                found[name] = slice(where.start + begin, where.stop + begin)
-                found[DERIVATIVE + name] = slice(where.start + end, where.stop + end)
+                measure_rows[name] = slice(where.start + begin, where.stop + begin)
+                measure_rows[DERIVATIVE + name] = slice(where.start + end, where.stop + end)
     return Kernel(
         functions,
         2 * n,
@@ -106,7 +100,7 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str
         kernel.peaks,
         np.concatenate([kernel.scale[:n], np.zeros(n), kernel.scale[n:], np.zeros(count)]),
         slices({name: kernel.outputs[name].stop - kernel.outputs[name].start for name in outputs}),
-        found,
+        measure_rows,
         (),
         kernel.closure,
         kernel.method,
@@ -116,7 +110,7 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str
         kernel.fine,
         jump_slopes=places,
         rate=last if moves else None,
-        seen=kernel.seen,
+        guard_states=kernel.guard_states,
         tables=kernel.tables,
         noise=kernel.noise,
         c_slopes=places_in(reached, nc, nc) if kernel.tables else (),

@@ -27,20 +27,15 @@ Progress = Callable[[str], None]
 class StepChoice:
     """A step and how well it was found to do.
 
-    Attributes
-    ----------
-    step_s
-        The step.
-    error
-        Largest error of any state at any sample against half the step, by Richardson's estimate, relative to
-        the larger of one unit and that state's largest value.
-    step_error
-        Largest error of a single step, relative likewise, as the method's embedded estimate tells it; what
-        is fast and over between two samples shows there.
-    tolerance
-        What was asked for.
-    unstable_s
-        Shortest step at which a pilot rollout diverged; None if none did. The stability limit lies below it.
+    Attributes:
+        step_s: The step.
+        error: Largest error of any state at any sample against half the step, by Richardson's estimate,
+            relative to the larger of one unit and that state's largest value.
+        step_error: Largest error of a single step, relative likewise, as the method's embedded estimate tells
+            it; what is fast and over between two samples shows there.
+        tolerance: What was asked for.
+        unstable_s: Shortest step at which a pilot rollout diverged; None if none did. The stability limit
+            lies below it.
     """
 
     step_s: float
@@ -74,27 +69,18 @@ def search_step(
     accurate, then lengthened as far as the order of the method foretells, and that is checked by one more
     pilot rollout.
 
-    Parameters
-    ----------
-    run
-        Rollout with about a given step; the samples must not depend on it.
-    duration_s
-        Of a whole rollout.
-    longest_s
-        Where to begin.
-    tolerance
-        Largest error, see :class:`StepChoice`.
-    order
-        Of the method.
-    progress
-        Called with a few words before each pilot rollout.
+    Args:
+        run: Rollout with about a given step; the samples must not depend on it.
+        duration_s: Of a whole rollout.
+        longest_s: Where to begin.
+        tolerance: Largest error, see :class:`StepChoice`.
+        order: Of the method.
+        progress: Called with a few words before each pilot rollout.
 
-    Raises
-    ------
-    NoStepError
-        No step was good enough, of those that :data:`HALVINGS` and :data:`MOST_STEPS` leave to be tried.
-    DivergedError
-        A grasp does not close.
+    Raises:
+        NoStepError: No step was good enough, of those that :data:`HALVINGS` and :data:`MOST_STEPS` leave to
+            be tried.
+        DivergedError: A grasp does not close.
     """
     tell = progress or (lambda _: None)
 
@@ -105,12 +91,12 @@ def search_step(
     coarse, unstable, error = pilot(longest_s), None, np.inf
     if coarse.status == "unclosed":
         raise DivergedError(coarse.cause)
-    taken, most = coarse.steps, max(MOST_STEPS, 2 ** (FEWEST_HALVINGS + 1) * duration_s / longest_s)
+    steps, most = coarse.steps, max(MOST_STEPS, 2 ** (FEWEST_HALVINGS + 1) * duration_s / longest_s)
     for _ in range(HALVINGS):
-        if taken + 2 * duration_s / coarse.step_s > most:
+        if steps + 2 * duration_s / coarse.step_s > most:
             break
         fine = pilot(coarse.step_s / 2)
-        taken += fine.steps
+        steps += fine.steps
         if coarse.status == "diverged":
             unstable = coarse.step_s
         elif fine.status == "completed":
@@ -124,10 +110,10 @@ def search_step(
                 if longer_s > 1.05 * choice.step_s:
                     longer = pilot(longer_s)
                     if longer.status == "completed" and longer.step_s > choice.step_s:
-                        found = _error(longer, fine, order)
-                        if max(found, longer.step_error / GUARD) <= choice.tolerance:
+                        pilot_error = _error(longer, fine, order)
+                        if max(pilot_error, longer.step_error / GUARD) <= choice.tolerance:
                             return replace(
-                                choice, step_s=longer.step_s, error=found, step_error=longer.step_error
+                                choice, step_s=longer.step_s, error=pilot_error, step_error=longer.step_error
                             )
                 return choice
         coarse = fine
@@ -135,7 +121,7 @@ def search_step(
 
 
 def _reached(finest: Trajectory, error: float, tolerance: float) -> str:
-    """How far the pilot rollouts came, in words."""
+    """Times that the pilot rollouts reached, in words."""
     if finest.status == "diverged":
         return f"even with that one the rollout diverged, after {finest.diverged_at_s or 0:.3g} s"
     if finest.status == "chattering":

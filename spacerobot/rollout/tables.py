@@ -22,14 +22,10 @@ def fill(
 ) -> None:
     """Let the windows of constants (..., nc) show the rows of their cursors.
 
-    Parameters
-    ----------
-    tables, rows, c
-        The tables, the row of each cursor, and the constants.
-    slopes
-        Place in c of each constant's derivative, or -1; none without derivatives.
-    noise
-        Random numbers (n,).
+    Args:
+        tables, rows, c: The tables, the row of each cursor, and the constants.
+        slopes: Place in c of each constant's derivative, or -1; none without derivatives.
+        noise: Random numbers (n,).
     """
     for table in tables:
         if table.noise >= 0:
@@ -41,19 +37,16 @@ def fill(
         c[..., window : window + table.width] = c[..., begin : begin + table.width]
         for j in range(table.width if slopes else 0):
             if slopes[window + j] >= 0:
-                known = slopes[begin + j] >= 0
-                c[..., slopes[window + j]] = c[..., slopes[begin + j]] if known else 0.0
+                depends = slopes[begin + j] >= 0
+                c[..., slopes[window + j]] = c[..., slopes[begin + j]] if depends else 0.0
 
 
 def gather(tables: Sequence[WindowTable], rows: Integers, bars: Sequence[int], cbar: Array) -> None:
     """Let what flowed back to windows, in cbar, belong to the rows that they showed.
 
-    Parameters
-    ----------
-    tables, rows, cbar
-        The tables, the row of each cursor, and the bars.
-    bars
-        Place in cbar of each constant's bar, or -1.
+    Args:
+        tables, rows, cbar: The tables, the row of each cursor, and the bars.
+        bars: Place in cbar of each constant's bar, or -1.
     """
     for table in tables:
         if table.noise >= 0:

@@ -18,22 +18,20 @@ ROUNDING = 1e-9
 class TimeGrid:
     """A duration cut into equal sample intervals, each cut into equal steps.
 
-    Attributes
-    ----------
-    duration_s
-        The whole.
-    intervals
-        Number of sample intervals; there is one sample more.
-    every
-        Steps in each interval; one in which something jumps is cut there, and may have one more.
-    finer
-        Factor of the closed loop's own longest steps, those of contacts while they touch.
+    Attributes:
+        duration_s: The whole.
+        intervals: Number of sample intervals; there is one sample more.
+        every: Steps in each interval; one in which something jumps is cut there, and may have one more.
+        finer: Factor of the closed loop's own longest steps, those of contacts while they touch.
+        locates_peaks: Whether derivatives of peaks are those at the vertex between steps, not at the step of
+            the largest value.
     """
 
     duration_s: float
     intervals: int
     every: int
     finer: float = 1.0
+    locates_peaks: bool = False
 
     @property
     def steps(self) -> int:
@@ -62,17 +60,12 @@ def time_grid(duration_s: float, step_s: float, output_step_s: float | None = No
     Where a length does not divide the next one, it is taken a little shorter, so that everything fits
     exactly.
 
-    Parameters
-    ----------
-    duration_s, step_s
-        Duration and longest step.
-    output_step_s
-        Longest time between samples; each step is a sample if None.
+    Args:
+        duration_s, step_s: Duration and longest step.
+        output_step_s: Longest time between samples; each step is a sample if None.
 
-    Raises
-    ------
-    SpaceRobotError
-        A length is not positive and finite.
+    Raises:
+        SpaceRobotError: A length is not positive and finite.
     """
     sample_s = step_s if output_step_s is None else output_step_s
     for name, value in (("duration", duration_s), ("step", step_s), ("output step", sample_s)):

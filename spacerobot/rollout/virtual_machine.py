@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from spacerobot.arrays import Array
-from spacerobot.compiled import find_toolchain, statements_of
+from spacerobot.compiled import Toolchain, find_toolchain, statements_of
 from spacerobot.compiled.build import SourceUnit, build
 from spacerobot.compiled.library import cached_library
 from spacerobot.compiled.toolchain import processor_of_machine
@@ -87,10 +87,8 @@ class _SceneAddresses(ctypes.Structure):
 def load_loops() -> ctypes.CDLL:
     """The loops of every scene, which were built with the package, or are compiled when first asked for.
 
-    Raises
-    ------
-    CompileError
-        They were not built with the package, and cannot be compiled.
+    Raises:
+        CompileError: They were not built with the package, and cannot be compiled.
     """
     package = Path(str(resources.files("spacerobot")))
     source = generic_source(package)
@@ -103,23 +101,27 @@ def load_loops() -> ctypes.CDLL:
                 return ctypes.CDLL(str(file))
 
     def make(folder: Path) -> Path:
-        toolchain = find_toolchain(plain=True)
-        if toolchain is None:
-            raise CompileError(NO_LOOPS)
-        # GCC fuses products with sums, which sine and cosine rely on, only where it may be expensive
-        flags = (*toolchain.cold_flags, "-fexpensive-optimizations")
-        return build([SourceUnit(source)], replace(toolchain, flags=flags), folder)
+        return build([SourceUnit(source)], _toolchain(), folder)
 
-    return cached_library([source, processor_of_machine()], make)[1]
+    compiler: tuple[str, ...] = ("none",)
+    with contextlib.suppress(CompileError):  # raised by `make` where no compiler made them before
+        compiler = _toolchain().identity
+    return cached_library([source, processor_of_machine()], make, compiler=compiler)[1]
+
+
+def _toolchain() -> Toolchain:
+    toolchain = find_toolchain(plain=True)
+    if toolchain is None:
+        raise CompileError(NO_LOOPS)
+    # GCC fuses products with sums, which sine and cosine rely on, only where it may be expensive
+    return replace(toolchain, flags=(*toolchain.cold_flags, "-fexpensive-optimizations"))
 
 
 def call_loops(name: str, *arguments: Any) -> int:
     """Call a function of the loops; what it returns.
 
-    Raises
-    ------
-    CompileError
-        As :func:`load_loops`.
+    Raises:
+        CompileError: As :func:`load_loops`.
     """
     entry = load_loops()[name]
     entry.restype = ctypes.c_int64
@@ -134,15 +136,11 @@ def _has_fma() -> bool:
 class Program:
     """A function as the virtual machine evaluates it.
 
-    Parameters
-    ----------
-    name, function
-        Name for messages, and SX function with dense arguments.
+    Args:
+        name, function: Name for messages, and SX function with dense arguments.
 
-    Raises
-    ------
-    CompileError
-        There are no loops, or CasADi's code for the function has an unknown form.
+    Raises:
+        CompileError: There are no loops, or CasADi's code for the function has an unknown form.
     """
 
     def __init__(self, name: str, function: ca.Function) -> None:
@@ -152,8 +150,10 @@ class Program:
         constants = np.array([_NAMED[word] if word in _NAMED else float(word) for word in words])
         groups, sizes = np.zeros(len(lines) + 1, dtype=_GROUP), np.zeros(2, dtype=np.int64)
         indices = np.zeros((len(lines) + 1, 4), dtype=np.uint32)
-        made = (ctypes.c_void_p(array.ctypes.data) for array in (groups, indices, sizes))
-        count = call_loops("make_program", ctypes.c_char_p(text.encode()), ctypes.c_int64(len(lines)), *made)
+        pointers = (ctypes.c_void_p(array.ctypes.data) for array in (groups, indices, sizes))
+        count = call_loops(
+            "make_program", ctypes.c_char_p(text.encode()), ctypes.c_int64(len(lines)), *pointers
+        )
         if count == -1:
             raise CompileError(f"no memory for the program of '{name}'")
         if count < 0:
@@ -185,10 +185,8 @@ class Program:
     def __call__(self, *arguments: npt.ArrayLike) -> list[Array]:
         """Evaluate; arguments and results have shape (n,).
 
-        Raises
-        ------
-        CompileError
-            There is no memory.
+        Raises:
+            CompileError: There is no memory.
         """
         arrays = [np.array(argument, dtype=float).ravel() for argument in arguments]
         results = [np.zeros(length) for length in self._lengths]
@@ -201,15 +199,11 @@ class Program:
 class SceneProgram:
     """A kernel as data of the loops, at :attr:`address`.
 
-    Parameters
-    ----------
-    kernel
-        The functions, with their reverse where gradients are asked for.
+    Args:
+        kernel: The functions, with their reverse where gradients are asked for.
 
-    Raises
-    ------
-    CompileError
-        There are no loops, or a function is not understood.
+    Raises:
+        CompileError: There are no loops, or a function is not understood.
     """
 
     def __init__(self, kernel: Kernel) -> None:

@@ -88,6 +88,7 @@ def test_an_entry_that_is_no_library_under_the_right_digest_is_rebuilt(folder):
 @pytest.mark.parametrize("variable", ["SPACEROBOT_COMPILER", "CXX", "SPACEROBOT_COMPILER_FLAGS"])
 @pytest.mark.parametrize("text", ["'", "\\", 'g++ "-O1'])
 def test_a_variable_without_words_is_one_line(variable, text, monkeypatch):
+    monkeypatch.delenv("SPACEROBOT_COMPILER", raising=False)  # which has precedence over CXX
     monkeypatch.setenv(variable, text)
     with pytest.raises(CompileError, match=f"{variable} is .*, which has no words: No ") as caught:
         find_toolchain()
@@ -287,7 +288,30 @@ def test_ctrl_c_ends_the_compilers_and_leaves_nothing(folder, tmp_path):
     _, errors = process.communicate(timeout=60)
     assert "KeyboardInterrupt" in errors
     assert ends(int((tmp_path / "pid").read_text()))
-    assert list(folder.iterdir()) == []
+    assert list(folder.glob("*")) == []
+
+
+@pytest.mark.parametrize("flags", ["", "-march=x86-64"], ids=["compiles", "is asked for its macros"])
+def test_ctrl_c_while_a_compiler_starts_ends_it(folder, tmp_path, monkeypatch, flags):
+    monkeypatch.setenv("SPACEROBOT_COMPILER_FLAGS", flags)
+    script = f"sleep 600 & echo $! > {tmp_path}/part; mv {tmp_path}/part {tmp_path}/pid; wait"
+    monkeypatch.setenv("SPACEROBOT_COMPILER", str(compiler(tmp_path, script)))
+    start = subprocess.Popen
+
+    def interrupted(command, **options):
+        """Start a process; Ctrl-C comes before its caller has it."""
+        process = start(command, **options)
+        if "--version" not in command:
+            while not (tmp_path / "pid").exists():
+                time.sleep(0.01)
+            signal.raise_signal(signal.SIGINT)
+        return process
+
+    monkeypatch.setattr(subprocess, "Popen", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        compile_functions(square())
+    assert ends(int((tmp_path / "pid").read_text()))
+    assert list(folder.glob("*")) == []
 
 
 def test_progress_is_told(folder):

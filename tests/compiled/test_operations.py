@@ -110,7 +110,9 @@ def test_sine_and_cosine_to_one_unit_in_the_last_place(lanes):
     for size in (1e-8, 1.0, 1e3, 1e6, 1e12):
         angles = random.uniform(-size, size, (64, lanes))
         angles[:32] = np.round(angles[:32] / (np.pi / 2)) * (np.pi / 2)  # where the reduction cancels most
-        for found, wanted in zip(library("turn", angles), (np.sin(angles), np.cos(angles)), strict=True):
+        # the C library's, to 0.55 units: NumPy's own vectors are less exact on some processors
+        exact = (np.vectorize(turn)(angles) for turn in (math.sin, math.cos))
+        for found, wanted in zip(library("turn", angles), exact, strict=True):
             assert (np.abs(found - wanted) <= 1.01 * np.spacing(np.abs(wanted))).all()
 
 

@@ -15,7 +15,7 @@ STEP, NEAREST = 0.1, 5e-4
 """Of the rollouts; least distance of two roots [s]."""
 
 
-def crossing(parameters, start, guard):
+def crossing(parameters, start, guard, kink=False):
     """A clock and a guard over it and constants, whose rises and falls are events in turn."""
     return Hybrid(
         parameters,
@@ -23,12 +23,12 @@ def crossing(parameters, start, guard):
         lambda t, x, c: [1],
         lambda t, x, c: [(1 - c[0], guard(x, c)), (c[0], -guard(x, c))],
         lambda t, x, c: [(x[0],), (x[0],)],
-        [Rule("rises", ((0, True),)), Rule("falls", ((0, False),))],
+        [Rule("rises", ((0, True),), kink=kink), Rule("falls", ((0, False),), kink=kink)],
         switches=(0,),
     ).loop()
 
 
-def cubic():
+def cubic(kink=False):
     """A guard with three given roots."""
 
     def guard(x, c):
@@ -38,6 +38,7 @@ def cubic():
         {"sign": 1.0, "first": 0.02, "second": 0.05, "third": 0.08},
         lambda *p: ([0.0], [p[0] * p[1] * p[2] * p[3] < 0, *p]),
         guard,
+        kink,
     )
 
 
@@ -60,8 +61,10 @@ def expected(row):
 PATHS = ("sign", "first", "second", "third")
 
 
-def test_every_root_of_a_guard_is_an_event_however_many_lie_in_a_step():
-    rollout = build_rollout(cubic(), duration_s=3 * STEP, step_s=STEP, many=True)
+@pytest.mark.parametrize("kink", [False, True], ids=["jump", "kink"])
+def test_every_root_of_a_guard_is_an_event_however_many_lie_in_a_step(kink):
+    """Where all events are kinks, places inside a step are left out far from them."""
+    rollout = build_rollout(cubic(kink), duration_s=3 * STEP, step_s=STEP, many=True)
     rows = drawn(400)
     found = rollout.batch(PATHS, rows).events
     several = 0
@@ -73,7 +76,7 @@ def test_every_root_of_a_guard_is_an_event_however_many_lie_in_a_step():
     assert several > 200
 
 
-def waves_and_tents():
+def waves_and_tents(kink=False):
     """A guard that turns many times within a step, or one with a kink, the least of two lines."""
 
     def guard(x, c):
@@ -85,6 +88,7 @@ def waves_and_tents():
         {"wave": 1.0, "rate": 60.0, "place": 0.5, "size": 0.5},
         lambda wave, rate, place, size: ([0.0], [wave * ca.sin(place) > size, wave, rate, place, size]),
         guard,
+        kink,
     )
 
 
@@ -100,8 +104,9 @@ def turning(count):
         yield (0.0, rate, place, size), place + np.array([-0.5, 0.5]) * size
 
 
-def test_a_guard_that_turns_more_than_twice_in_a_step_or_has_a_kink_is_followed():
-    loop, rows = waves_and_tents(), list(turning(200))
+@pytest.mark.parametrize("kink", [False, True], ids=["jump", "kink"])
+def test_a_guard_that_turns_more_than_twice_in_a_step_or_has_a_kink_is_followed(kink):
+    loop, rows = waves_and_tents(kink), list(turning(200))
     rollout = build_rollout(loop, duration_s=3 * STEP, step_s=STEP, many=True)
     found = rollout.batch(loop.parameter_paths, np.array([row for row, _ in rows])).events
     for i, (row, roots) in enumerate(rows):
@@ -111,6 +116,31 @@ def test_a_guard_that_turns_more_than_twice_in_a_step_or_has_a_kink_is_followed(
     for row, roots in rows[:8]:
         events = slow.run(dict(zip(loop.parameter_paths, row, strict=True))).events
         np.testing.assert_allclose([here.time_s for here in events], roots, atol=1e-9)
+
+
+def grazing(count):
+    """Waves of 4 to 40 steps that rise above their level by 1e-6 to 0.3; and when they cross in 20 steps."""
+    rng, until = np.random.default_rng(7), 20 * STEP
+    for _ in range(count):
+        rate, place = 2 * np.pi / (STEP * rng.uniform(4, 40)), rng.uniform(0, 2 * np.pi)
+        size = 1 - 10 ** rng.uniform(-6, -0.5)
+        around = 2 * np.pi * np.arange(-1, 9) - place
+        roots = np.sort(np.concatenate([around + np.arcsin(size), around + np.pi - np.arcsin(size)])) / rate
+        yield (1.0, rate, place, size), roots[(roots > 0) & (roots < until)]
+
+
+def test_a_kink_that_is_grazed_between_steps_is_found():
+    """After steps at which nothing came near it, that were judged by their ends alone."""
+    loop, rows = waves_and_tents(kink=True), list(grazing(300))
+    rollout = build_rollout(loop, duration_s=20 * STEP, step_s=STEP, many=True)
+    found = rollout.batch(loop.parameter_paths, np.array([row for row, _ in rows])).events
+    inside = 0
+    for i, (row, roots) in enumerate(rows):
+        steps = (roots / STEP).astype(int)
+        inside += (np.diff(steps) == 0).any()
+        assert found.count[i] == len(roots), row
+        np.testing.assert_allclose(found.time_s[i, : len(roots)], roots, atol=1e-9)
+    assert inside > 100
 
 
 def test_the_interpreted_engine_finds_them_too():

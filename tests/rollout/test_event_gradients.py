@@ -132,8 +132,10 @@ def test_adjoint_equals_differences_and_forward_in_both_engines(case):
     expected = differences(fast, wrt)
     for rollout in (fast, slow):
         adjoint, forward = rollout.value_and_gradient(wrt=wrt), rollout.jacobian(wrt=wrt)
-        assert adjoint.status == ("exact",)
-        assert forward.status == "exact"
+        smooth = [name for name in adjoint.gradients if name != "worst"]  # whose peak is between steps
+        assert rollout.value_and_gradient(wrt=wrt, costs=smooth).status == ("exact",)
+        assert forward.status == "exact" or "the derivative of 'worst'" in forward.status
+        assert adjoint.status == (forward.status,)
         assert len(forward.trajectory.events) > 1
         for name, gradient in adjoint.gradients.items():
             np.testing.assert_allclose(gradient, expected[name], rtol=1e-6, atol=1e-7)

@@ -164,7 +164,8 @@ def test_balls_that_bounce_at_once_both_bounce(backend):
     loop = two_balls()
     found = run(loop, 1.9, backend=backend)
     assert [here.event for here in found.events] == [0, 1] * 3
-    np.testing.assert_array_equal(found.state[:, :2], found.state[:, 2:])
+    # a compiler may fuse other products of the second ball: 100 steps round speeds below 5 m/s, an ulp each
+    np.testing.assert_allclose(found.state[:, :2], found.state[:, 2:], rtol=0, atol=100 * np.spacing(5.0))
     apart = run(two_balls(second=1.0 + 1e-6), 1.9, backend=backend)
     assert [here.event for here in apart.events] == [0, 1] * 3
     times, _ = bounces(3, 1.0 + 1e-6, 0.8)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import shlex
+
 import casadi as ca
 import numpy as np
 import pytest
 
 import spacerobot as sr
 from spacerobot.closedloop import build_closed_loop
+from spacerobot.compiled import find_toolchain
+from spacerobot.compiled.toolchain import SUFFIX
 from spacerobot.errors import CompileError
-from spacerobot.rollout import Measures, Signals, build_rollout, integral
+from spacerobot.rollout import Measures, Signals, build_rollout, integral, virtual_machine
 from spacerobot.rollout.virtual_machine import Program
 from tests.contacts.test_passing_through import flight
 from tests.rollout.hybrid_loops import Hybrid, Rule
@@ -27,7 +31,7 @@ def test_a_long_function_with_many_slots_is_what_casadi_evaluates():
     function = ca.Function("f", [x], [values, ca.sumsqr(x)], ["x"], ["y", "z"])
     at = np.random.default_rng(0).uniform(0.5, 1.5, 40_000)
     for ours, casadis in zip(Program("f", function)(at), function(at), strict=True):
-        np.testing.assert_allclose(ours, np.ravel(casadis), rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(ours, casadis.full().ravel(), rtol=1e-12, atol=1e-12)
 
 
 def test_a_function_of_an_unknown_form_is_refused():
@@ -125,12 +129,42 @@ def test_what_is_compiled_in_the_background_serves_later_rollouts(loop):
     np.testing.assert_allclose(first.state, later.state, rtol=1e-10, atol=1e-12)
 
 
-def test_a_compiler_that_fails_in_the_background_leaves_it_interpreted(loop, monkeypatch, tmp_path):
-    broken = tmp_path / "broken"
+def write_broken_compiler(folder):
+    """Path of a compiler that has a version and compiles nothing."""
+    broken = folder / "broken"
     broken.write_text('#!/bin/sh\n[ "$1" = --version ] && echo broken 1.0 && exit 0\nexit 3\n')
     broken.chmod(0o755)
-    monkeypatch.setenv("SPACEROBOT_COMPILER", str(broken))
+    return broken
+
+
+def test_a_compiler_that_fails_in_the_background_leaves_it_interpreted(loop, monkeypatch, tmp_path):
+    monkeypatch.setenv("SPACEROBOT_COMPILER", str(write_broken_compiler(tmp_path)))
     rollout = build_rollout(loop, **GRID, in_background=True)
     rollout.engines._background.join()
     assert rollout.run().backend == "interpreted"
     assert "broken failed with 3" in rollout.summary
+
+
+def test_each_compiler_has_loops_of_its_own_and_without_one_the_earlier_ones_serve(monkeypatch, tmp_path):
+    """The cache's files, one for each version and command line; no test of what they compute."""
+    compiler, folder = find_toolchain(), tmp_path / "compiled"
+    if compiler is None:
+        pytest.skip("no C++ compiler")
+    monkeypatch.setenv("SPACEROBOT_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(virtual_machine, "built_file", lambda *_: tmp_path / "none")
+    load = virtual_machine.load_loops.__wrapped__
+    command = shlex.join(compiler.command)
+    monkeypatch.setenv("SPACEROBOT_COMPILER", command)
+    first, again = load()._name, load()._name
+    monkeypatch.setenv("SPACEROBOT_COMPILER", f"{command} -DANOTHER_COMPILER")
+    other = load()._name
+    assert first == again != other
+    assert len(list(folder.glob(f"*{SUFFIX}"))) == 2
+    for named in ("none", "no-such-compiler", write_broken_compiler(tmp_path)):
+        monkeypatch.setenv("SPACEROBOT_COMPILER", str(named))
+        assert load()._name in (first, other)
+    monkeypatch.setenv("SPACEROBOT_CACHE_DIR", str(tmp_path / "empty"))
+    for named, told in (("none", "no compiled loops"), (tmp_path / "broken", "broken failed with 3")):
+        monkeypatch.setenv("SPACEROBOT_COMPILER", str(named))
+        with pytest.raises(CompileError, match=told):
+            load()

@@ -118,12 +118,17 @@ static void step_reverse(const Record& past, const real* c, Bars& bar) {
   for (int i = 0; i < NX; ++i) bar.x[i] = select(past.step.busy, bar.x[i], kept[i]);
 }
 
-// Seeds of the peaks that were met at step k.
-static void peaks_reverse(int64_t k, real t, const Trajectory& at, const real* x, const real* rbar, Bars& bar) {
+// Seeds of the peaks that were met at step k, or next to it where derivatives are those between steps.
+static void peaks_reverse(const Job& job, int64_t k, real t, const Trajectory& at, const real* x, const real* rbar, Bars& bar) {
   real seed[PEAKS + 1], xpart[NX], cpart[NW + 1], tpart[2], here = 0.;
   for (int i = 0; i < PEAKS; ++i) {
-    const real met = at.when[i] == real(double(k));
+    real met = at.when[i] == real(double(k));
     seed[i] = select(met, rbar[INTEGRALS + i], 0.);
+    for (int n = BEFORE; job.located && n <= AFTER; ++n) {
+      const int place = n * PEAKS + i;
+      const real counts = at.vicinity.step[place] == real(double(k)) && !(at.share[place] == real(0.));
+      seed[i] = select(counts, at.share[place] * rbar[INTEGRALS + i], seed[i]), met = met || counts;
+    }
     here = here || met;
   }
   if (!any(here)) return;
@@ -324,7 +329,7 @@ extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
     for (int i = NW; i < NB; ++i) bar.c[i] = 0.;
     G::final_reverse(t, at.now.x, at.c, rbar + INTEGRALS + PEAKS, bar.x, bar.c, &bar.t);
     for (int i = 0; i < INTEGRALS; ++i) bar.x[NX - INTEGRALS + i] = rbar[i];
-    peaks_reverse(steps, t[0], at, at.now.x, rbar, bar);
+    peaks_reverse(job, steps, t[0], at, at.now.x, rbar, bar);
     for (int l = 0; EVENTS && l < LANES; ++l)
       if (at.fate[l] == ENDED) end_reverse(int(lane(at.now.step.from, l)), l, lane(bar.t, l), bar);
     bar.t = bar.h = 0.;
@@ -345,7 +350,7 @@ extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
         else
 #endif
           step_reverse(past, at.c, bar);
-        if (PEAKS) peaks_reverse(begin + k, past.step.t, at, past.x, rbar, bar);
+        if (PEAKS) peaks_reverse(job, begin + k, past.step.t, at, past.x, rbar, bar);
         ends_reverse(past.step, at, bar);
       }
     }

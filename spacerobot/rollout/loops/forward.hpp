@@ -7,6 +7,60 @@ INLINE void compete(const real* m, real alive, int64_t k, real* best, real* when
   }
 }
 
+// Where job.located: note a step that begins at t, and that competed already, in the lanes that `took` it.
+static void surround(Trajectory& at, const real* m, real t, real took, int64_t k) {
+  Vicinity& v = at.vicinity;
+  const real step = double(k);
+  for (int i = 0; i < PEAKS; ++i) {
+    const real wins = took && at.when[i] == step;
+    v.since[i] = select(wins, 0., v.since[i] + took);
+    for (int n = 0; n < AROUND; ++n) {
+      const bool earlier = n < OWN;
+      const real here = earlier ? wins : took && v.since[i] == real(double(n - OWN));
+      for (int j = i; j < NM; j += PEAKS)
+        v.m[n * NM + j] = select(here, earlier ? v.last_m[n * NM + j] : m[j], select(wins, NAN, v.m[n * NM + j]));
+      const int place = n * PEAKS + i;
+      v.t[place] = select(here, earlier ? v.last_t[n] : t, v.t[place]);
+      v.step[place] = select(here, earlier ? v.last_step[n] : step, v.step[place]);
+    }
+  }
+  for (int j = 0; j < NM; ++j) {
+    v.last_m[j] = select(took, v.last_m[NM + j], v.last_m[j]);
+    v.last_m[NM + j] = select(took, m[j], v.last_m[NM + j]);
+  }
+  v.last_t[0] = select(took, v.last_t[1], v.last_t[0]), v.last_t[1] = select(took, t, v.last_t[1]);
+  v.last_step[0] = select(took, v.last_step[1], v.last_step[0]), v.last_step[1] = select(took, step, v.last_step[1]);
+}
+
+// Steps see a peak up to half a step from where the signal is largest, and its derivative there is wrong by as much times
+// its rate. Between steps it is that of the polynomial through three steps, where the signal's has its vertex; a step
+// that moves with parameters does no harm, since the signal's rate is zero there. The second difference by the steps
+// next to the peak and that by the ones after these are the same for a smooth signal, and in the ratio of two at a kink,
+// where the peak is at the step itself.
+static void locate_peaks(Trajectory& at) {
+  const Vicinity& v = at.vicinity;
+  for (int i = 0; i < PEAKS; ++i) {
+    real dt[AROUND], rise[AROUND];
+    for (int n = 0; n < AROUND; ++n) {
+      dt[n] = v.t[n * PEAKS + i] - v.t[OWN * PEAKS + i];
+      rise[n] = (v.m[n * NM + i] - v.m[OWN * NM + i]) / dt[n];
+    }
+    const real a = dt[BEFORE], b = dt[AFTER], bend = (rise[AFTER] - rise[BEFORE]) / (b - a);
+    const real wider = (rise[AROUND - 1] - rise[0]) / (dt[AROUND - 1] - dt[0]);
+    const real smooth = wider < 0.75 * bend && wider > 1.5 * bend && a < -TOGETHER && b > TOGETHER;
+    const real vertex = (a - rise[BEFORE] / bend) / 2.;
+    const real before = vertex * (vertex - b) / (a * (a - b)), after = vertex * (vertex - a) / (b * (b - a));
+    at.share[BEFORE * PEAKS + i] = select(smooth, before, 0.);
+    at.share[AFTER * PEAKS + i] = select(smooth, after, 0.);
+    at.share[OWN * PEAKS + i] = select(smooth, 1. - before - after, 1.);
+    for (int j = i + PEAKS; j < NM; j += PEAKS) {
+      real sum = 0.;
+      for (int n = BEFORE; n <= AFTER; ++n) sum = sum + at.share[n * PEAKS + i] * v.m[n * NM + j];
+      at.r[INTEGRALS + j] = select(smooth, sum, at.r[INTEGRALS + j]);
+    }
+  }
+}
+
 static void sample(const Job& job, int64_t first, const Trajectory& at) {
   const int64_t samples = job.intervals + 1, s = at.now.interval;
   real y[NY + 1];
@@ -130,6 +184,14 @@ static void set_out(const Job& job, int64_t first, const real* p, Trajectory& at
   for (int i = 0; i < NX; ++i) at.error[i] = 0., at.size[i] = fabs(now.x[i]);
   for (int i = 0; i < NM; ++i) at.r[INTEGRALS + i] = -INFINITY;
   for (int i = 0; i < PEAKS; ++i) at.when[i] = 0.;
+  if (job.located) {
+    Vicinity& v = at.vicinity;
+    for (int j = 0; j < AROUND * NM; ++j) v.m[j] = NAN;
+    for (int j = 0; j < 2 * NM; ++j) v.last_m[j] = NAN;
+    for (int i = 0; i < AROUND * PEAKS; ++i) v.t[i] = v.step[i] = NAN;
+    for (int i = 0; i < PEAKS; ++i) v.since[i] = 0.;
+    for (int n = 0; n < 2; ++n) v.last_t[n] = v.last_step[n] = NAN;
+  }
 }
 
 // When each lane ends.
@@ -154,6 +216,7 @@ static void reduce(const Job& job, Trajectory& at, int64_t k) {
   if (PEAKS) {
     G::dynamics(t, at.now.x, at.c, ignored, m);
     compete(m, at.whole, k, best, at.when);
+    if (job.located) surround(at, m, t[0], at.whole, k), locate_peaks(at);
   }
   for (int i = 0; i < INTEGRALS; ++i) at.r[i] = at.now.x[NX - INTEGRALS + i];
   G::final(t, at.now.x, at.c, best + NM);
@@ -178,7 +241,7 @@ static int64_t integrate(const Job& job, int64_t first, const real* p, Trajector
 #ifdef WITH_EVENTS
     if (EVENTS) aim(job, at);
 #endif
-    const real h = now.step.h;
+    const real h = now.step.h, t = now.step.t;
     real took;
     if (record) {
       if (k % segment == 0 && !checkpoints->keep(k / segment, now)) return NO_MEMORY;
@@ -192,6 +255,7 @@ static int64_t integrate(const Job& job, int64_t first, const real* p, Trajector
       took = settle<true>(job, at, slopes, next, nullptr, false);
     }
     if (PEAKS) compete(m, took, k, at.r + INTEGRALS, at.when);
+    if (PEAKS && job.located) surround(at, m, t, took, k);
     if (estimates) note_error(at, h, slopes, next, took);
   }
   reduce(job, at, k);

@@ -79,8 +79,15 @@ struct Job {
   double* jump;                     // (count, most, 2, NX) or null: states before and after each
   int64_t* doubt;                   // (count, 2): why a gradient may not hold, and at which event
   int64_t backwards;                // truth where events at one instant fire in the other order
+  int64_t located;                  // truth where derivatives of peaks are those between steps
   const volatile int32_t* stop;     // leave early when this becomes non-zero
+#ifdef COMMUNICATION
+  int64_t cut;                      // sample that a communication point within its interval replaces, or -1
+  double point;                     // and when that is, s
+  double time(int64_t sample) const { return sample == cut ? point : double(sample * every) * h; }
+#else
   double time(int64_t sample) const { return double(sample * every) * h; }
+#endif
 };
 
 INLINE bool any(real condition) {
@@ -119,6 +126,8 @@ struct Watch {
   ROW(real, mode, SWITCHES + 1);       // the switches
   ROW(real, level, EVENTS);            // what each guard must rise above
   ROW(real, first, EVENTS);            // the guards where the step begins, from zero; not there yet while `fresh`
+  ROW(real, prior, EVENTS);            // the guards where the step before it began, from zero
+  real prior_h;                        // length of that step; 0 where there is none
   ROW(real, speed, GAPS + 1);          // bounds of the rates of gaps where the step begins
   real clear;                          // length of the step within which no gap closes
   ROW(real, crossed, EVENTS);          // truth where a guard rose above its level in the last step, with an event
@@ -152,6 +161,17 @@ struct Position {
 #endif
 };
 
+// Steps around each peak: two before it, its own, two after it. Their number and time, and what competes at each.
+enum { BEFORE = 1, OWN, AFTER, AROUND = 5 };
+struct Vicinity {
+  ROW(real, m, AROUND * NM + 1);
+  ROW(real, t, AROUND * PEAKS + 1);
+  ROW(real, step, AROUND * PEAKS + 1);
+  ROW(real, since, PEAKS + 1);    // steps after the peak's
+  ROW(real, last_m, 2 * NM + 1);  // the last two steps
+  real last_t[2], last_step[2];
+};
+
 // What it has come to. `jump` holds the jumps' times, `order` those that each lane meets, in turn.
 struct Trajectory {
   Position now;
@@ -159,6 +179,8 @@ struct Trajectory {
   ROW(real, begin, NX);
   ROW(real, r, NR + 1);
   ROW(real, when, PEAKS + 1);
+  ROW(real, share, AROUND * PEAKS + 1);  // weights of the steps around a peak in its derivative
+  Vicinity vicinity;                     // where derivatives are `located`
   ROW(real, jump, JUMPS + 1);
   ROW(int, order, (JUMPS + 1) * LANES);  // jump k of lane l is at k * LANES + l
   int jumps[LANES];

@@ -26,25 +26,17 @@ INNER = (1 / 3, 2 / 3, 0.45)
 class Tableau:
     """Coefficients of a method.
 
-    Attributes
-    ----------
-    name
-        What a scenario calls it.
-    about
-        Who published it.
-    order
-        Of the solution: halving the step divides its error by two to this power.
-    rows
-        The strictly lower triangle of a, row by row, the first stage left out; every stage, those that
-        only the error estimate needs last.
-    b
-        Weights of the solution, one for each of the S stages that it needs.
-    nodes
-        c, one for each row and the first stage.
-    error
-        Weights of the error estimate, one for each stage.
-    error_order
-        Of the solution that the estimate belongs to: its error per step shrinks by one power more.
+    Attributes:
+        name: What a scenario calls it.
+        about: Who published it.
+        order: Of the solution: halving the step divides its error by two to this power.
+        rows: The strictly lower triangle of a, row by row, the first stage left out; every stage, those that
+            only the error estimate needs last.
+        b: Weights of the solution, one for each of the S stages that it needs.
+        nodes: c, one for each row and the first stage.
+        error: Weights of the error estimate, one for each stage.
+        error_order: Of the solution that the estimate belongs to: its error per step shrinks by one power
+            more.
     """
 
     name: str
@@ -71,15 +63,15 @@ class Tableau:
 
     @property
     def places(self) -> tuple[int, ...]:
-        """Where the slope of each stage may be kept: a place is free once no later stage reads it."""
+        """Storage place of each stage's slope: a place is free once no later stage reads it."""
         last = [max(np.flatnonzero(self.a[: self.stages, j]), default=j) for j in range(self.stages)]
         busy: dict[int, int] = {}  # place to the stage from whose evaluation on it is free
-        found = []
+        chosen = []
         for s in range(self.stages):
             place = next((p for p in range(s) if p in busy and busy[p] <= s), len(busy))
             busy[place] = self.stages + 1 if self.b[s] != 0 else int(last[s])
-            found.append(place)
-        return tuple(found)
+            chosen.append(place)
+        return tuple(chosen)
 
     @property
     def dense(self) -> Array:
@@ -94,16 +86,19 @@ class Tableau:
         trees = [(1, 1, c**0), (2, 2, c), (3, 3, c**2), (3, 6, once)]
         trees += [(4, 4, c**3), (4, 8, c * once), (4, 12, twice), (4, 24, a @ once)]
         met = [tree for tree in trees if tree[0] <= min(4, self.order - 1)]
-        found, inverse = np.zeros((self.stages, 4)), np.linalg.pinv([tree[read] for _, _, tree in met], 1e-10)
+        weights, inverse = (
+            np.zeros((self.stages, 4)),
+            np.linalg.pinv([tree[read] for _, _, tree in met], 1e-10),
+        )
         for (order, density, _), column in zip(met, inverse.T, strict=True):
-            found[read, order - 1] += column / density
-        return found
+            weights[read, order - 1] += column / density
+        return weights
 
     @property
     def inner(self) -> Array:
         """Weights (3, S) of states inside a step, at the parts :data:`INNER`."""
-        found: Array = np.power.outer(np.array(INNER), np.arange(1, 5)) @ self.dense.T
-        return found
+        weights: Array = np.power.outer(np.array(INNER), np.arange(1, 5)) @ self.dense.T
+        return weights
 
     def source(self) -> str:
         """The same numbers in C++, as ``struct Method``."""

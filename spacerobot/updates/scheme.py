@@ -1,0 +1,178 @@
+"""Schemes by which controllers are updated in Python, and the loop that runs them.
+
+A controller names its scheme by ``update_scheme``. A scheme prepares the scene, so that the closed loop has
+places for the held values, and starts the updates of N simulations. :func:`run_updates` rolls out each
+simulation from one update to the next. A single simulation is a batch of one.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol, Self
+
+import numpy as np
+
+from spacerobot.arrays import Array
+from spacerobot.errors import SpaceRobotError
+from spacerobot.scene import Scene
+from spacerobot.updates.plant import ROUNDING, Rows, UpdatedPlant
+
+Notify = Callable[[str], None]
+
+
+class Updates(Protocol):
+    """Held values of N simulations, updated in Python.
+
+    Attributes:
+        next: Time of the next update of each simulation (N,) [s]; infinite for none.
+        faults: Reason why a simulation cannot be controlled, None for the others.
+    """
+
+    next: Array
+    faults: list[SpaceRobotError | None]
+
+    def update(self, rows: Rows) -> None:
+        """Update the held values of some simulations, and the times of their next updates."""
+
+    def finish(self) -> None:
+        """Collect statistics when all simulations are over."""
+
+    def summary(self) -> Mapping[str, Any]:
+        """Entries of the first simulation's summary."""
+
+    def measures(self) -> Mapping[str, Array]:
+        """Statistics of all simulations by name (N, 1), as the scheme's ``measures`` lists them."""
+
+
+class UpdateScheme(Protocol):
+    """Scheme by which some controllers of a scene are updated.
+
+    Attributes:
+        scene: Scene with places for the held values.
+        duration_s, period_s: Duration of the simulation, and time between two updates [s].
+        intervals: Times [s] that samples of outputs must divide, each with the words that name it in
+            messages.
+        measures: Units of the statistics of each simulation, by name.
+    """
+
+    scene: Scene
+    duration_s: float
+    period_s: float
+    intervals: Mapping[str, float]
+    measures: ClassVar[Mapping[str, str]]
+
+    @classmethod
+    def of(cls, scene: Scene, vary: Collection[str] = ()) -> Self:
+        """Prepare a scene; ``vary`` are dotted paths of numbers that will be changed."""
+
+    @property
+    def summary(self) -> str:
+        """Short description for logs."""
+
+    def check_batch(self) -> None:
+        """Refuse scenes that can be simulated one at a time only.
+
+        Raises:
+            ScenarioError: If the scene is such a one.
+        """
+
+    def start(self, plant: UpdatedPlant, workers: int, backend: str, notify: Notify) -> Updates:
+        """Start updating the controllers of simulations.
+
+        Args:
+            plant: The simulations.
+            workers: Number of processes that may be used.
+            backend: ``auto``, ``compiled`` or ``interpreted``.
+            notify: Callback for progress.
+        """
+
+
+def update_schemes(scene: Scene) -> list[str]:
+    """Return the schemes that the controllers of a scene name, each once."""
+    controllers = [one for robot in scene.scenario.robots.values() for one in robot.controllers.values()]
+    return list(dict.fromkeys(one.update_scheme for one in controllers if one.update_scheme))
+
+
+@dataclass(frozen=True)
+class UpdatedScene:
+    """A scene with controllers that are updated in Python.
+
+    Attributes:
+        original: The scene itself.
+        schemes: Schemes of its controllers; the scene of each has the held values of those before it as well.
+    """
+
+    original: Scene
+    schemes: tuple[UpdateScheme, ...]
+
+    @classmethod
+    def of(cls, scene: Scene, vary: Collection[str] = ()) -> UpdatedScene | None:
+        """Prepare a scene; None if all its controllers are expressions.
+
+        Args:
+            scene: The scene.
+            vary: Dotted paths of numbers that will be changed.
+
+        Raises:
+            ScenarioError: If a scheme cannot control the scene.
+        """
+        schemes, prepared = list[UpdateScheme](), scene
+        for name in update_schemes(scene):
+            module, _, kind = name.partition(":")
+            schemes.append(getattr(importlib.import_module(module), kind).of(prepared, vary))
+            prepared = schemes[-1].scene
+        return cls(scene, tuple(schemes)) if schemes else None
+
+    @property
+    def scene(self) -> Scene:
+        """Scene with places for all held values."""
+        return self.schemes[-1].scene
+
+    @property
+    def duration_s(self) -> float:
+        """Duration of the simulation [s]."""
+        return min(scheme.duration_s for scheme in self.schemes)
+
+    @property
+    def period_s(self) -> float:
+        """Shortest time between two updates [s]."""
+        return min(scheme.period_s for scheme in self.schemes)
+
+    @property
+    def pieces(self) -> int:
+        """Estimated number of rollouts of one period in one simulation."""
+        return 2 * math.ceil(self.duration_s / self.period_s)
+
+    @property
+    def measures(self) -> dict[str, str]:
+        """Units of the statistics of each simulation, by name."""
+        return {name: unit for scheme in self.schemes for name, unit in scheme.measures.items()}
+
+
+def run_updates(plant: UpdatedPlant, updates: Sequence[Updates], duration_s: float) -> None:
+    """Simulate to the end, with controllers updated on the way.
+
+    Args:
+        plant: The simulations.
+        updates: Updates of their controllers.
+        duration_s: Duration of the simulations [s].
+    """
+    while True:
+        rows = np.flatnonzero(~plant.ended & (plant.start[:, 0] < duration_s * (1 - ROUNDING)))
+        if not len(rows):
+            break
+        for each in updates:
+            due = rows[plant.start[rows, 0] >= each.next[rows] * (1 - ROUNDING)]
+            if len(due):
+                each.update(due)
+        rows = rows[~plant.ended[rows]]
+        now = plant.start[rows, 0]
+        until = np.min([each.next[rows] for each in updates], axis=0)
+        until[until > duration_s * (1 + ROUNDING)] = duration_s
+        for begin, end in sorted(set(zip(now.tolist(), until.tolist(), strict=True))):
+            plant.advance(rows[(now == begin) & (until == end)], end)
+    for each in updates:
+        each.finish()
