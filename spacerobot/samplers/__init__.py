@@ -1,5 +1,5 @@
 """Samplers: how a campaign draws its uncertain parameters; one file each in ``spacerobot/samplers/kinds``."""
 
-from spacerobot.samplers.sampler import Sampler, SamplingPlan, optional_module
+from spacerobot.samplers.sampler import Sampler, SamplingPlan
 
-__all__ = ["Sampler", "SamplingPlan", "optional_module"]
+__all__ = ["Sampler", "SamplingPlan"]

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping
-from typing import Any, ClassVar, Protocol
+from typing import ClassVar, Protocol
 
 from spacerobot.arrays import Array
-from spacerobot.errors import SpaceRobotError
 from spacerobot.registry import SAMPLERS, Registry, required
 
 
@@ -32,7 +30,7 @@ class SamplingPlan(Protocol):
 
     @property
     def samples(self) -> int:
-        """How many samples are requested."""
+        """Number of samples that are requested."""
 
     @property
     def levels(self) -> int:
@@ -48,24 +46,17 @@ class Sampler:
 
     A sampler derives from this class, states its name, and is decorated with ``spacerobot.register``.
 
-    Attributes
-    ----------
-    name, place
-        In scenarios, and its place in lists.
-    summary
-        A few words for the documentation.
-    takes_correlation
-        Whether its points may be correlated afterwards.
-    has_intervals
-        Whether its samples are drawn from the distributions, so that confidence intervals hold.
-    reaches_bounds
-        Whether coordinates may be 0 and 1.
-    is_factorial
-        Whether every combination of levels is there, so that two parameters span a table.
-    gives_sobol_indices
-        Whether Sobol' indices follow from its order.
-    has_any_size
-        Whether it draws any number of samples; what needs another number draws Sobol points instead.
+    Attributes:
+        name, place: In scenarios, and its place in lists.
+        summary: A few words for the documentation.
+        takes_correlation: Whether its points may be correlated afterwards.
+        has_intervals: Whether its samples are drawn from the distributions, so that confidence intervals
+            hold.
+        reaches_bounds: Whether coordinates may be 0 and 1.
+        is_factorial: Whether every combination of levels is there, so that two parameters span a table.
+        gives_sobol_indices: Whether Sobol' indices follow from its order.
+        has_any_size: Whether it draws any number of samples; what needs another number draws Sobol points
+            instead.
     """
 
     registry: ClassVar[Registry] = SAMPLERS
@@ -86,42 +77,15 @@ class Sampler:
     def check(self, plan: SamplingPlan) -> None:
         """Refuse what it cannot draw.
 
-        Raises
-        ------
-        ValueError
-            Its text begins with the key.
+        Raises:
+            ValueError: Its text begins with the key.
         """
 
     @required()
     def points(self, plan: SamplingPlan) -> Array:
         """Points of the unit cube (N, k), independent coordinates, in the order of the parameters.
 
-        Raises
-        ------
-        SpaceRobotError
-            If it needs a package that is not installed.
+        Raises:
+            SpaceRobotError: If it needs a package that is not installed.
         """
         raise NotImplementedError
-
-
-def optional_module(package: str, module: str, sampler: str) -> Any:
-    """A module of an optional package.
-
-    Parameters
-    ----------
-    package, module
-        The package as it is installed, and the module in it.
-    sampler
-        Which sampler needs it.
-
-    Raises
-    ------
-    SpaceRobotError
-        If it is not installed.
-    """
-    try:
-        return importlib.import_module(f"{package}.{module}")
-    except ImportError:
-        raise SpaceRobotError(
-            f"the design {sampler} needs {package}: pip install {package}", where="campaign"
-        ) from None

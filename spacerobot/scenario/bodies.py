@@ -202,7 +202,7 @@ class Tip(Section):
         return {key: value for key, value in self if isinstance(value, Section)}
 
     def elements(self) -> Iterator[tuple[str, TipController]]:
-        """Its controllers with their places in the section."""
+        """Controllers of the tip with their places in the section."""
         for key, pid in (("pid", self.pid), ("orientation_pid", self.orientation_pid)):
             if pid is not None:
                 yield key, pid
@@ -270,21 +270,21 @@ class Robot(Body):
         return self
 
     def elements(self) -> Iterator[tuple[str, RobotController]]:
-        """Its controllers with their places in the section, those of tips left out."""
+        """Controllers of the robot with their places in the section, without those of tips."""
         if self.joint_pd is not None:
             yield "joint_pd", self.joint_pd
         for name, controller in self.controllers.items():
             yield f"controllers.{name}", controller
 
     def driven_by(self) -> Iterator[tuple[str, Actuator]]:
-        """Its actuators with their places in the section, in the order in which they act."""
+        """Actuators of the robot with their places in the section, in the order in which they act."""
         if self.torque_limits:
             yield "torque_limits", create("actuator", "torque_limit")
         for name, actuator in self.actuators.items():
             yield f"actuators.{name}", actuator
 
     def parts(self) -> Iterator[tuple[str, RobotElement]]:
-        """Its controllers, actuators and estimators with their places in the section."""
+        """Controllers, actuators and estimators of the robot with their places in the section."""
         yield from self.elements()
         yield from self.driven_by()
         for name, estimator in self.estimators.items():

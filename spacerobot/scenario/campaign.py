@@ -65,17 +65,17 @@ class UncertainParameter(Section):
     def _check(self) -> UncertainParameter:
         needed = NEEDS[self.kind]
         for name in ("lower", "upper", "mean", "std", "median", "sigma"):
-            given = getattr(self, name) is not None
-            if given != (name in needed):
-                found = f"{name} is {'given' if given else 'missing'}"
-                raise ValueError(f"a {self.kind} distribution takes {', '.join(needed)}; {found}")
+            is_set = getattr(self, name) is not None
+            if is_set != (name in needed):
+                problem = f"{name} is {'given' if is_set else 'missing'}"
+                raise ValueError(f"a {self.kind} distribution takes {', '.join(needed)}; {problem}")
         if self.lower is not None and self.upper is not None and not self.lower < self.upper:
             raise ValueError(f"lower must be below upper, found {self.lower:g} and {self.upper:g}")
         if self.kind == "truncated_normal":
             # refuse a truncated normal of which hardly anything is left
             a, b = ((limit - self.mean) / self.std for limit in (self.lower, self.upper))  # type: ignore[operator]
-            kept = 0.5 * (math.erf(b / math.sqrt(2)) - math.erf(a / math.sqrt(2)))
-            if kept < 1e-6:
+            probability = 0.5 * (math.erf(b / math.sqrt(2)) - math.erf(a / math.sqrt(2)))
+            if probability < 1e-6:
                 raise ValueError("lower and upper cut away all but a millionth of the normal distribution")
         return self
 
@@ -202,8 +202,8 @@ class Campaign(Section):
     @property
     def sampler(self) -> Sampler:
         """The sampler that `design` names."""
-        found: Sampler = SAMPLERS.find(self.design)
-        return found
+        kind: Sampler = SAMPLERS.find(self.design)
+        return kind
 
 
 def _check_word(word: Any, key: str, allowed: Iterable[str], hint: str = "") -> None:

@@ -17,10 +17,8 @@ def shipped() -> dict[str, Path]:
 def find_scenario(name: str) -> Path:
     """File of a scenario: a path that exists, or the name of a shipped one.
 
-    Raises
-    ------
-    ScenarioError
-        If it is neither.
+    Raises:
+        ScenarioError: If it is neither.
     """
     path = Path(name).expanduser()
     try:

@@ -24,10 +24,8 @@ MAX_DEPTH = 100
 def read_document(path: Path) -> Document:
     """Plain content of a YAML file, not validated yet.
 
-    Raises
-    ------
-    ScenarioError
-        If the file cannot be read, is not YAML or is not a mapping.
+    Raises:
+        ScenarioError: If the file cannot be read, is not YAML or is not a mapping.
     """
     try:
         if path.stat().st_size > MAX_BYTES:
@@ -50,10 +48,8 @@ def read_document(path: Path) -> Document:
 def parse_yaml(text: str, *, source: Path | str | None = None) -> Any:
     """Value of a YAML text.
 
-    Raises
-    ------
-    ScenarioError
-        If it is not YAML, or unfolds to more than is sane.
+    Raises:
+        ScenarioError: If it is not YAML, or unfolds to more than is sane.
     """
     loader = None
     try:
@@ -85,12 +81,9 @@ def _measure(node: yaml.Node, measured: dict[int, tuple[float, int]]) -> tuple[f
 
     A node that holds itself counts infinitely many.
 
-    Parameters
-    ----------
-    node
-        Root of the composed graph, in which an alias is the node of its anchor.
-    measured
-        Results of the nodes that were visited, by their identity.
+    Args:
+        node: Root of the composed graph, in which an alias is the node of its anchor.
+        measured: Results of the nodes that were visited, by their identity.
     """
     if isinstance(node, yaml.ScalarNode):
         return 1, 0

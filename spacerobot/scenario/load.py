@@ -20,10 +20,8 @@ from spacerobot.scenario.yaml_text import Dumper
 def validate(document: Document, *, source: Path | str | None = None) -> Scenario:
     """Scenario of a document.
 
-    Raises
-    ------
-    ScenarioError
-        For the first fault found: its dotted path, what was found and what is allowed.
+    Raises:
+        ScenarioError: For the first fault found: its dotted path, what was found and what is allowed.
     """
     try:
         return Scenario.model_validate(document)

@@ -25,12 +25,10 @@ NAMED = ("robots.", "tips.", "controllers.", "grasps.")
 def expand_names(changes: Document, base: Document, path: str = "") -> Document:
     """Changes with ``*`` in names replaced by the base's names, a full name winning over a pattern.
 
-    Raises
-    ------
-    ValueError
-        Where a name is not in the base; its text begins with the dotted path.
+    Raises:
+        ValueError: Where a name is not in the base; its text begins with the dotted path.
     """
-    found: Document = {}
+    expanded: Document = {}
     for pattern in sorted(changes, key=lambda name: "*" not in name):  # stable: full names last
         names = matching(base, pattern) if "*" in pattern else [pattern]
         if not names or (path.endswith(NAMED) and names[0] not in base):
@@ -39,9 +37,11 @@ def expand_names(changes: Document, base: Document, path: str = "") -> Document:
             value, inside = changes[pattern], base.get(name)
             if isinstance(value, dict) and isinstance(inside, dict) and not _replaces(value, inside):
                 value = expand_names(value, inside, f"{path}{name}.")
-            old = found.get(name)
-            found[name] = overlay(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
-    return found
+            old = expanded.get(name)
+            expanded[name] = (
+                overlay(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
+            )
+    return expanded
 
 
 def _replaces(value: Mapping[str, Any], old: Mapping[str, Any]) -> bool:
@@ -51,12 +51,12 @@ def _replaces(value: Mapping[str, Any], old: Mapping[str, Any]) -> bool:
 
 def overlay(base: Document, changes: Document) -> Document:
     """Base with changes: sections key by key, unless of another kind; everything else replaced."""
-    found = dict(base)
+    merged = dict(base)
     for key, value in changes.items():
         old = base.get(key)
         merges = isinstance(value, dict) and isinstance(old, dict) and not _replaces(value, old)
-        found[key] = overlay(old, value) if merges else value  # type: ignore[arg-type]
-    return found
+        merged[key] = overlay(old, value) if merges else value  # type: ignore[arg-type]
+    return merged
 
 
 def without_resting(document: Document) -> Document:
@@ -91,10 +91,8 @@ def pick(merged: Document, changes: Document) -> Document:
 def check_changes(base: Document, changes: Document) -> None:
     """Refuse what cannot differ by phase.
 
-    Raises
-    ------
-    ValueError
-        Its text begins with the dotted path.
+    Raises:
+        ValueError: Its text begins with the dotted path.
     """
     for path, value in _parts(changes, ()):
         where, old = ".".join(path), base
@@ -114,11 +112,11 @@ def check_changes(base: Document, changes: Document) -> None:
             continue
         same = [place for place, _ in leaves(value)] == [place for place, _ in leaves(old)]
         if old is None or not same or not all(is_number(x) for both in (value, old) for _, x in leaves(both)):
-            told = (
+            message = (
                 "the scenario has none: give it there" if old is None else "only a number may differ by phase"
             )
             hint = "; write `ge: 0`" if value is None and "amnesia" in path[-1] else ""
-            raise ValueError(f"{where}: {told}{hint}")
+            raise ValueError(f"{where}: {message}{hint}")
 
 
 def _parts(node: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any]]:

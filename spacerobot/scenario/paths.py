@@ -19,10 +19,8 @@ Document = dict[str, Any]
 def expand(document: Any, pattern: str) -> list[str]:
     """Dotted paths that a pattern stands for.
 
-    Raises
-    ------
-    ScenarioError
-        Where a segment is not in the document; the near names are listed.
+    Raises:
+        ScenarioError: Where a segment is not in the document; the near names are listed.
     """
     return [".".join(path) for path in _expand(document, pattern.split("."), pattern)]
 
@@ -30,10 +28,8 @@ def expand(document: Any, pattern: str) -> list[str]:
 def get(document: Any, path: str) -> Any:
     """Value at one dotted path without ``*``.
 
-    Raises
-    ------
-    ScenarioError
-        Where a segment is not in the document, or the path stands for several values.
+    Raises:
+        ScenarioError: Where a segment is not in the document, or the path stands for several values.
     """
     found = _expand(document, path.split("."), path)
     if len(found) != 1:
@@ -49,10 +45,8 @@ def assign(document: Document, pattern: str, value: Any) -> Document:
     A section that is null is opened with its defaults, and a new key may be added to a section that
     exists; validation judges it afterwards.
 
-    Raises
-    ------
-    ScenarioError
-        Where ``*`` or a section on the way finds nothing.
+    Raises:
+        ScenarioError: Where ``*`` or a section on the way finds nothing.
     """
     changed = copy.deepcopy(document)
     segments = pattern.split(".")

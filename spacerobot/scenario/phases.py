@@ -169,7 +169,7 @@ def reached_from(name: str, phases: Phases) -> set[str]:
 
 
 def ways(name: str, phases: Phases) -> str:
-    """How a phase ends and what follows, in words."""
+    """Conditions that end a phase and what follows, in words."""
     phase, (following, on_timeout) = phases[name], successors(phases)[name]
     found = [] if phase.until is None else [f"{phase.until.words()} -> {following}"]
     if phase.timeout is not None:
@@ -208,10 +208,8 @@ def _differing(changes: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[s
 def check_phases(phases: Phases, grasps: Mapping[str, Any], bodies: list[str]) -> None:
     """Refuse names that do not exist, phases that are never reached, and cycles without time passing.
 
-    Raises
-    ------
-    ValueError
-        Its text begins with the dotted path.
+    Raises:
+        ValueError: Its text begins with the dotted path.
     """
     for name, phase in phases.items():
         if name == END:
@@ -288,10 +286,8 @@ def check_phases(phases: Phases, grasps: Mapping[str, Any], bodies: list[str]) -
 def check_planned(names: list[str], phases: Phases) -> None:
     """Refuse a plan of other phases than the first ones, in turn.
 
-    Raises
-    ------
-    ValueError
-        Its text begins with the dotted path.
+    Raises:
+        ValueError: Its text begins with the dotted path.
     """
     if not names:
         return

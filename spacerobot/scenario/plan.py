@@ -32,6 +32,14 @@ class TimeRange(Section):
     lower: float = quantity("s", "least", gt=0)
     upper: float = quantity("s", "greatest", gt=0, le=1e5)
     guess: float | None = quantity("s", "initial guess; the middle if not given", default=None, gt=0)
+    arrivals: int = Field(
+        default=0,
+        ge=0,
+        le=100,
+        description="number of fixed durations that are tried in turn instead of a free one, until a plan "
+        "is verified: where a base flies to the tumbling target, those at which its goal there comes round "
+        "to the side of the start, the shortest first, otherwise equally spaced ones; 0 for a free duration",
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -223,7 +231,7 @@ class PlanSection(Section):
 
     @field_serializer("costs", "limits")
     def _short(self, value: dict[str, PlanCost | PlanLimit], info: FieldSerializationInfo) -> dict[str, Any]:
-        """As a user writes it: a number or list alone where nothing else is said."""
+        """Form in which a user writes the value: a number or list alone where no other key is set."""
         found = dict[str, Any]()
         for name, one in value.items():
             document = one.model_dump(mode=info.mode, exclude_none=info.exclude_none)

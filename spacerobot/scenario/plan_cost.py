@@ -38,10 +38,9 @@ class PlanCost(Section):
     def columns(self, instant: PlanInstant) -> Columns:
         """Columns of the quantity, entries times their factors or the factors' roots.
 
-        Raises
-        ------
-        ScenarioError
-            If a factor is of no component, or the scene has nothing that the quantity describes.
+        Raises:
+            ScenarioError: If a factor is of no component, or the scene has nothing that the quantity
+                describes.
         """
         columns, factors = self.weighs.columns(instant), dict[str, float]()
         if not self.factors:

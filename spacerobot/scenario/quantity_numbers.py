@@ -76,7 +76,7 @@ class QuantityLimits(QuantityNumbers):
 
     @classmethod
     def quantities(cls) -> Mapping[str, Quantity]:
-        """Those that can be bounded."""
+        """Quantities that can be bounded."""
         return limited()
 
 
@@ -88,7 +88,7 @@ class QuantityWeights(QuantityNumbers):
 
     @classmethod
     def quantities(cls) -> Mapping[str, Quantity]:
-        """Those that an objective can weigh."""
+        """Quantities that an objective can weigh."""
         return weighted()
 
     @classmethod

@@ -15,17 +15,12 @@ from spacerobot.section import RECURS, Section
 def check_recurrences(scenario: Section, duration_s: float) -> None:
     """Refuse periods and steps that are too short for the simulated time.
 
-    Parameters
-    ----------
-    scenario
-        Section that is searched with everything in it.
-    duration_s
-        Simulated time [s].
+    Args:
+        scenario: Section that is searched with everything in it.
+        duration_s: Simulated time [s].
 
-    Raises
-    ------
-    ValueError
-        Its text begins with the dotted path.
+    Raises:
+        ValueError: Its text begins with the dotted path.
     """
     for path, time, most in recurring(scenario, ""):
         if duration_s / time > most:

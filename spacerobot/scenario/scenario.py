@@ -168,6 +168,21 @@ class Scenario(Section):
         """Plain form of what phases are laid over."""
         return self.model_dump(mode="json", exclude={"phases", "tuning", "campaign", "plan"})
 
+    def body_label(self, body: str) -> str:
+        """Name under which figures, pages and tables show a body: a robot's own, a target's URDF.
+
+        Args:
+            body: Name of a robot, or ``target``.
+
+        Returns:
+            str: The robot's name. For ``target`` the name of its URDF file without its suffixes; ``object``
+                if a robot has that name.
+        """
+        if body != "target" or self.target is None:
+            return body
+        name = self.target.urdf.replace("\\", "/").rpartition("/")[2].partition(".")[0]
+        return "object" if not name or name in self.robots else name
+
     def during(self, phase: str) -> Scenario:
         """Scenario as it is in a phase, which has no phases itself."""
         return self._laid_over(self._base(), self.phases[phase].changes)

@@ -7,6 +7,7 @@ from typing import Annotated
 from pydantic import model_validator
 
 from spacerobot.elements import Family, Sensor, create
+from spacerobot.elements.sensors.signals import WRENCHES
 from spacerobot.section import Section, quantity
 
 AnySensor = Annotated[Sensor, Family("sensor", default="linear")]
@@ -37,11 +38,21 @@ class Sensors(Section):
     tip_angular_velocity: AnySensor = quantity(
         "rad/s", "angular velocities of tips, world axes, used by `feedback: inertial`", default=IDEAL
     )
+    tip_force: AnySensor = quantity(
+        "N",
+        "force from outside on tips, world axes, used by force control (`impedance` with a desired inertia, "
+        "`admittance`, `hybrid_force`)",
+        default=IDEAL,
+    )
+    tip_torque: AnySensor = quantity(
+        "N m",
+        "torque from outside on tips about their origins, world axes, used by force control",
+        default=IDEAL,
+    )
     target_position: AnySensor = quantity(
         "m",
         "mating frames relative to tips, world axes, used by `rendezvous`, `mpc` and `target_filter`; a "
-        "sample is held as the position of the mating frame from the world's origin, to which `resolution` "
-        "and `range` apply",
+        "sample is held as the position of the mating frame from the world's origin",
         default=IDEAL,
     )
     target_velocity: AnySensor = quantity(
@@ -63,8 +74,8 @@ class Sensors(Section):
     )
     base_orientation: AnySensor = quantity(
         "rad",
-        "rotation vector of the root link, world axes, used by `base_attitude` (from the attitude that it "
-        "holds), `mpc` (from that of the start) and `attitude_filter` (as an attitude)",
+        "rotation vector of the root link since the start, world axes, used by `base_attitude`, `mpc` and "
+        "`attitude_filter`; the filter holds a sample as an attitude",
         default=IDEAL,
     )
     base_velocity: AnySensor = quantity(
@@ -84,6 +95,10 @@ class Sensors(Section):
                 raise ValueError(f"{signal}.errors.misalignment_deg: found one, allowed for joints: none")
             if sensor.reads_motors and not signal.startswith("joint_"):
                 raise ValueError(f"{signal}.side: found motor, allowed for what is no joint: link")
+            if sensor.measures_wrench and signal not in WRENCHES:
+                raise ValueError(
+                    f"{signal}.kind: found {sensor.kind}, allowed for {', '.join(WRENCHES)} only"
+                )
         return self
 
     def __getitem__(self, signal: str) -> Sensor:

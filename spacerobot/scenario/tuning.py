@@ -53,7 +53,7 @@ class Constraints(QuantityLimits):
 
     @classmethod
     def quantities(cls) -> Mapping[str, Quantity]:
-        """Those that can be bounded, by ``max_`` and the key of their limit."""
+        """Quantities that can be bounded, by ``max_`` and the key of their limit."""
         return {f"max_{key}": each for key, each in limited().items()}
 
 

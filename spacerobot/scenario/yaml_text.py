@@ -64,10 +64,8 @@ class Loader(yaml.SafeLoader):
     def refuse(self, node: yaml.Node) -> Any:
         """Refuse what is no plain value.
 
-        Raises
-        ------
-        yaml.constructor.ConstructorError
-            Always.
+        Raises:
+            yaml.constructor.ConstructorError: Always.
         """
         kind = node.tag.rpartition(":")[2]
         message = f"a {kind}, where plain values are allowed; a text may be quoted"

@@ -37,7 +37,7 @@ def inverse(quaternion: Quaternion) -> Quaternion:
 
 
 def rpy(cosines: Sequence[Any], sines: Sequence[Any]) -> Quaternion:
-    """Of roll, pitch, yaw, by the cosines and sines of their halves."""
+    """Rotation by roll, pitch, yaw, from the cosines and sines of their halves."""
     roll, pitch, yaw = (
         [sine * (i == axis) for i in range(3)] + [cosine]
         for axis, (cosine, sine) in enumerate(zip(cosines, sines, strict=True))
@@ -46,7 +46,7 @@ def rpy(cosines: Sequence[Any], sines: Sequence[Any]) -> Quaternion:
 
 
 def joint(model: Any, index: int, cosine: Any, sine: Any) -> Quaternion:
-    """Of a joint of one freedom, by the cosine and sine of half its position; none of a prismatic one."""
+    """Placement by a joint of one degree of freedom, from the cosine and sine of half its position."""
     model_joint = model.joints[index]
     data = model_joint.createData()
     model_joint.calc(data, pin.neutral(model))
@@ -59,16 +59,11 @@ def aligned(
 ) -> Quaternion:
     """Turn of a closing's base by which its tip begins turned by ``offset`` in the mating frame.
 
-    Parameters
-    ----------
-    model
-        The scene's model.
-    closing
-        Whose base it is.
-    turns
-        Of every other joint that the grasp depends on, by its id.
-    offset
-        Tip axes to the mating frame's.
+    Args:
+        model: The scene's model.
+        closing: Whose base it is.
+        turns: Of every other joint that the grasp depends on, by its id.
+        offset: Tip axes to the mating frame's.
     """
     root = closing.body.root_joint
     present, other = (_frame(model, frame, turns, root) for frame in (closing.own, closing.other))
@@ -82,7 +77,7 @@ def upright(turn: Quaternion, length: Any) -> Quaternion:
 
 
 def _frame(model: Any, frame: int, turns: Mapping[int, Quaternion], root: int) -> Quaternion:
-    """Of a frame, relative to the world, or to the body behind the joint ``root`` where it hangs on it."""
+    """Placement of a frame in the world, or in the body of the joint ``root`` if the frame is fixed to it."""
     supports = list(model.supports[model.frames[frame].parentJoint])
     orientation: Quaternion = (0.0, 0.0, 0.0, 1.0)
     for index in supports[supports.index(root) + 1 if root in supports else 1 :]:
@@ -91,6 +86,6 @@ def _frame(model: Any, frame: int, turns: Mapping[int, Quaternion], root: int) -
 
 
 def _constant(placement: Any) -> Quaternion:
-    """Of a constant placement, without rounding noise."""
+    """Constant placement, without rounding noise."""
     values = pin.Quaternion(placement.rotation).coeffs()
     return tuple(float(value) if abs(value) > NOISE else 0.0 for value in values)

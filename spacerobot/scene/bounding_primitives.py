@@ -19,12 +19,9 @@ AROUND = 8
 def shape_of(geometry: Geometry, link: str) -> CollisionShape:
     """The collision shape that a URDF's primitive is.
 
-    Parameters
-    ----------
-    geometry
-        No mesh.
-    link
-        What carries it, as robot/link.
+    Args:
+        geometry: No mesh.
+        link: What carries it, as robot/link.
     """
     every: Any = kinds("shape").values()
     kind = next(kind for kind in every if kind.urdf_geometry == geometry.kind)
@@ -41,14 +38,10 @@ def wrapped(geometry: Geometry, wrap: Wrap, link: str) -> tuple[CollisionShape, 
 
     No point of the geometry lies outside it.
 
-    Parameters
-    ----------
-    geometry
-        A mesh or a cylinder.
-    wrap
-        Kind of the shape.
-    link
-        What carries it, as robot/link.
+    Args:
+        geometry: A mesh or a cylinder.
+        wrap: Kind of the shape.
+        link: What carries it, as robot/link.
     """
     kind: Any = kinds("shape")[wrap]
     # points whose hull is the shape (n, 3) [m], own axes, and the axes along which a capsule may lie. Of a

@@ -1,8 +1,7 @@
-"""From a scenario file to a scene."""
+"""Scenes from scenarios."""
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -54,21 +53,17 @@ def build_scene(
 ) -> Scene:
     """Build the scene of a scenario; see :func:`.load_scene`.
 
-    Parameters
-    ----------
-    scenario
-        The scenario.
-    changes
-        Values by dotted path that replace those of the scenario, as pairs or a mapping.
-    source
-        File that the scenario was read from: relative URDF paths start at its folder, and errors name it.
-    expand_xacro
-        Whether ``.xacro`` files are expanded that the scenario does not hold expanded, as results do.
+    Args:
+        scenario: The scenario.
+        changes: Values by dotted path that replace those of the scenario, as pairs or a mapping.
+        source: File that the scenario was read from: relative URDF paths start at its folder, and errors name
+            it.
+        expand_xacro: Whether ``.xacro`` files are expanded that the scenario does not hold expanded, as
+            results do.
 
-    Raises
-    ------
-    ScenarioError, DescriptionError
-        If a change names no value, or the scenario or a URDF cannot be simulated.
+    Raises:
+        ScenarioError, DescriptionError: If a change names no value, or the scenario or a URDF cannot be
+            simulated.
     """
     source = None if source is None else Path(source)
     resolved, descriptions = resolve(scenario, changes, source=source, expand_xacro=expand_xacro)
@@ -140,35 +135,38 @@ def resolve(
 ) -> tuple[Scenario, Mapping[str, Any]]:
     """Scenario with URDF values filled in and changes made, and the URDFs, joints locked, by body path.
 
-    Raises
-    ------
-    ScenarioError, DescriptionError
-        If a change leads nowhere or the result is not valid.
+    Raises:
+        ScenarioError, DescriptionError: If a change leads nowhere or the result is not valid.
     """
     pairs = list(changes.items()) if isinstance(changes, Mapping) else list(changes)
-    document = to_document(scenario)
+    document, is_valid = to_document(scenario), True
     for pattern, value in pairs:
         if _names_files(pattern, value):
-            document = forget_files(_change(document, pattern, value, source), document)
-    validate(document, source=source)
+            changed, is_valid = _change(document, pattern, value, source)
+            document = forget_files(changed, document)
+    if not is_valid:
+        validate(document, source=source)
     locate(document, source=source)
     read_files(document, source=source)
     expand_files(document, source=source, allowed=expand_xacro)
     descriptions = read_descriptions(document, source=source)
     document = fill(document, descriptions, source=source)
-    for pattern, value in pairs:
-        if not _names_files(pattern, value):
-            document = _change(document, pattern, value, source)
-            # the inertia of links that a change sets is not scaled by their mass
-            link, separator, tail = pattern.rpartition(".inertia")
-            if separator and ".links." in link and (not tail or tail[1:] == "*" or tail[1:].isdecimal()):
-                document = _change(document, f"{link}.inertia_at_mass", None, source)
-    changed = to_document(validate(document, source=source))
-    read_files(changed, source=source)
-    if any("placements" in pattern.split(".")[1:3] for pattern, _ in pairs):
-        descriptions = read_descriptions(changed, source=source)
-    # once more, for sections that a change replaced, and names that it brought in
-    resolved = validate(fill(changed, descriptions, source=source), source=source)
+    others = [(pattern, value) for pattern, value in pairs if not _names_files(pattern, value)]
+    for pattern, value in others:
+        document, is_valid = _change(document, pattern, value, source)
+        # the inertia of links that a change sets is not scaled by their mass
+        link, separator, tail = pattern.rpartition(".inertia")
+        if separator and ".links." in link and (not tail or tail[1:] == "*" or tail[1:].isdecimal()):
+            document, is_valid = _change(document, f"{link}.inertia_at_mass", None, source)
+    if others:
+        if not is_valid:
+            validate(document, source=source)
+        read_files(document, source=source)
+        if any("placements" in pattern.split(".")[1:3] for pattern, _ in others):
+            descriptions = read_descriptions(document, source=source)
+        # once more, for sections that a change replaced, and names that it brought in
+        document = fill(document, descriptions, source=source)
+    resolved = validate(document, source=source)
     return resolved, settle(resolved, descriptions, source=source)
 
 
@@ -180,12 +178,16 @@ def _names_files(pattern: str, value: Any) -> bool:
     return is_body or added or segments[-1] in ("urdf", "file")
 
 
-def _change(document: Document, pattern: str, value: Any, source: Path | None) -> Document:
-    """Document with one change, the defaults of a section that it opens filled in for the changes to come."""
+def _change(document: Document, pattern: str, value: Any, source: Path | None) -> tuple[Document, bool]:
+    """Document with one change, and whether it is valid; several changes may be valid together only.
+
+    Defaults of a section that the change opens are filled in for the changes to come.
+    """
     try:
         changed = assign(document, pattern, value)
     except ScenarioError as fault:
         raise ScenarioError(fault.message, source=source, where=f"--set {fault.where}") from None
-    with contextlib.suppress(ScenarioError):  # several changes may be valid together only
-        changed = to_document(validate(changed))
-    return changed
+    try:
+        return to_document(validate(changed)), True
+    except ScenarioError:
+        return changed, False

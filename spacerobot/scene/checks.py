@@ -36,10 +36,8 @@ PIVOT_TOLERANCE = 1e-10  # of a joint's inertia, left when everything behind it 
 def check_masses(scenario: Scenario, descriptions: Mapping[str, Description], *, source: Path | None) -> None:
     """Refuse mass properties that would make a body singular.
 
-    Raises
-    ------
-    ScenarioError
-        Naming the link.
+    Raises:
+        ScenarioError: Naming the link.
     """
     for path, description in descriptions.items():
         config = scenario.target if path == "target" else scenario.robots[path.removeprefix("robots.")]
@@ -100,10 +98,8 @@ def _with_masses(link: UrdfLink, given: Any) -> UrdfLink:
 def check_motion(model: Any, *, source: Path | None) -> None:
     """Refuse a scene in which nothing can move, or too much.
 
-    Raises
-    ------
-    ScenarioError
-        If there is no joint at all, or more than Pinocchio has memory for.
+    Raises:
+        ScenarioError: If there is no joint at all, or more than Pinocchio has memory for.
     """
     if model.nv == 0:
         raise ScenarioError(
@@ -123,10 +119,8 @@ def check_inertia(scene: Scene) -> None:
     Links without mass may stand between the joints of a chain, but not between any: two joints about the same
     line leave what is between them free.
 
-    Raises
-    ------
-    ScenarioError
-        Naming the joints.
+    Raises:
+        ScenarioError: Naming the joints.
     """
     model, spread = scene.model, scene.spread
     upper = np.triu(pin.crba(model, model.createData(), scene.q))
@@ -179,10 +173,8 @@ def gap(model: Any, grasp: SceneGrasp, q: Array) -> Array:
 def check_gaps(scene: Scene) -> None:
     """Refuse a grasp whose tip is not at its mating frame.
 
-    Raises
-    ------
-    ScenarioError
-        With the gap found, the gap allowed and how to close it.
+    Raises:
+        ScenarioError: With the gap found, the gap allowed and how to close it.
     """
     following = {closing.body.name for closing in find_closings(scene.bodies, scene.grasps)}
     for grasp in begun(scene.grasps):
@@ -203,10 +195,8 @@ def check_gaps(scene: Scene) -> None:
 def check_alignment(scene: Scene) -> None:
     """Refuse an alignment for which a base would have to tilt that cannot.
 
-    Raises
-    ------
-    ScenarioError
-        With the angle that is left.
+    Raises:
+        ScenarioError: With the angle that is left.
     """
     data = scene.model.createData()
     pin.framesForwardKinematics(scene.model, data, scene.q)
@@ -230,10 +220,8 @@ def check_alignment(scene: Scene) -> None:
 def check_rank(scene: Scene) -> None:
     """Refuse rigid grasps that fix a freedom twice.
 
-    Raises
-    ------
-    ScenarioError
-        Naming the grasps.
+    Raises:
+        ScenarioError: Naming the grasps.
     """
     rigid = [grasp for grasp in begun(scene.grasps) if is_rigid(grasp)]
     if not rigid:
@@ -253,10 +241,8 @@ def check_rank(scene: Scene) -> None:
 def check_elements(scene: Scene) -> None:
     """Refuse what a robot's controllers and actuators say cannot act on it.
 
-    Raises
-    ------
-    ScenarioError
-        With the place and the sentence of the element.
+    Raises:
+        ScenarioError: With the place and the sentence of the element.
     """
     for body, path, element in robot_elements(scene):
         for key, message in element.faults(robot_facts(scene, body)):
@@ -290,7 +276,7 @@ def check_elements(scene: Scene) -> None:
                 )
                 raise ScenarioError(message, source=scene.source, where=path)
         for _, path, element in elements:
-            if element.base_wrench and not body.root_joint:
+            if element.own_wrench and not body.root_joint:
                 message = (
                     "acts on the base, which is fixed; leave it out, or give `base: {joint: free_flyer}`"
                 )
@@ -355,10 +341,8 @@ def check_elements(scene: Scene) -> None:
 def check_environment(scene: Scene) -> None:
     """Refuse planar bases in a scene that is not planar, where an environment pulls out of their plane.
 
-    Raises
-    ------
-    ScenarioError
-        Naming the base.
+    Raises:
+        ScenarioError: Naming the base.
     """
     for body in scene.bodies if scene.scenario.environment and not scene.planar else ():
         if body.base.joint == "planar":
@@ -397,6 +381,8 @@ def robot_facts(scene: Scene, body: SceneBody) -> RobotProperties:
         },
         tuple(free[joint] for joint in body.owned),
         dict(body.config.sensors or ()) if isinstance(body.config, Robot) else {},
+        tuple(tip.label.rpartition("/")[2] for tip in scene.tips if tip.body is body),
+        () if scene.target is None else tuple(link.name for link in scene.target.description.links),
     )
 
 

@@ -20,10 +20,8 @@ def initial_state(
 ) -> tuple[Array, Array]:
     """Configuration (nq,) and velocity (nv,) that the scenario describes, bases closing their grasps.
 
-    Raises
-    ------
-    ScenarioError
-        If bases wait for each other to be placed.
+    Raises:
+        ScenarioError: If bases wait for each other to be placed.
     """
     q, v = pin.neutral(model), np.zeros(model.nv)
     closings = find_closings(bodies, grasps, source=source)

@@ -29,10 +29,8 @@ def find_contacts(
 ) -> tuple[SceneContact, ...]:
     """Contacts of a scenario with every pair of shapes that may touch.
 
-    Raises
-    ------
-    ScenarioError
-        If a contact names an unknown pad or link, or shapes that have no distance.
+    Raises:
+        ScenarioError: If a contact names an unknown pad or link, or shapes that have no distance.
     """
     finder = _Finder(model, {body.name: body for body in bodies}, scenario, source)
     return tuple(
@@ -46,21 +44,14 @@ def find_pairs(
 ) -> tuple[tuple[SceneShape, SceneShape], ...]:
     """Every shape of one side with every one of the other.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    between
-        The two sides, as a contact names them.
-    wrap
-        Shape that stands in for meshes and cylinders.
-    where
-        Dotted path of the section that names them.
+    Args:
+        scene: The scene.
+        between: The two sides, as a contact names them.
+        wrap: Shape that stands in for meshes and cylinders.
+        where: Dotted path of the section that names them.
 
-    Raises
-    ------
-    ScenarioError
-        As :func:`find_contacts`.
+    Raises:
+        ScenarioError: As :func:`find_contacts`.
     """
     bodies = {body.name: body for body in scene.bodies}
     return _Finder(scene.model, bodies, scene.scenario, scene.source).pairs(between, wrap, where)
@@ -178,10 +169,8 @@ def gaps(scene: Scene, contact: SceneContact) -> list[float]:
 def check_overlap(scene: Scene) -> None:
     """Refuse contacts whose shapes overlap at the start, unless asked for.
 
-    Raises
-    ------
-    ScenarioError
-        Naming the contact, the shapes and how deep they are in each other.
+    Raises:
+        ScenarioError: Naming the contact, the shapes and how deep they are in each other.
     """
     for contact in scene.contacts:
         for gap, (first, second) in zip(gaps(scene, contact), contact.pairs, strict=True):
@@ -195,7 +184,7 @@ def check_overlap(scene: Scene) -> None:
 
 
 def dome_warnings(scene: Scene) -> list[str]:
-    """One for each pair of shapes that is apart at the start but for the domes of crowned faces and edges."""
+    """Warnings of pairs that overlap at the start only by the domes of their crowned faces and edges."""
     warnings = []
     for contact in scene.contacts:
         if contact.config.may_overlap:
@@ -216,7 +205,7 @@ def dome_warnings(scene: Scene) -> list[str]:
 
 
 def _within_domes(scene: Scene, pair: tuple[SceneShape, SceneShape], crown: float) -> float:
-    """How deep two crowned shapes are in each other at the start [m], negative where they are apart."""
+    """Penetration [m] of two crowned shapes at the start, negative where they are apart."""
     data = scene.model.createData()
     pin.framesForwardKinematics(scene.model, data, scene.q)
 

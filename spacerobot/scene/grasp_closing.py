@@ -20,12 +20,9 @@ from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp
 class ClosingBase:
     """A base that gives way so that a grasp begins closed.
 
-    Attributes
-    ----------
-    body
-        Whose base it is.
-    grasp
-        What it closes.
+    Attributes:
+        body: Whose base it is.
+        grasp: What it closes.
     """
 
     body: SceneBody
@@ -58,7 +55,7 @@ class ClosingBase:
 
     @property
     def axes(self) -> int:
-        """How many coordinates of the base's position give way."""
+        """Number of coordinates of the base's position that are solved for."""
         return 2 if self.body.base.joint == "planar" else 3
 
 
@@ -77,10 +74,8 @@ def find_closings(
 ) -> tuple[ClosingBase, ...]:
     """Bases that give way, each behind the body that it follows.
 
-    Raises
-    ------
-    ScenarioError
-        If bases wait for each other, or a grasp does not involve the body it shall place.
+    Raises:
+        ScenarioError: If bases wait for each other, or a grasp does not involve the body it shall place.
     """
     # Grasp that each base with ``close_grasp`` gives way to, by name of the body.
     by_name = {grasp.name: grasp for grasp in grasps}

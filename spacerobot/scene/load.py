@@ -1,4 +1,4 @@
-"""From a scenario file to a scene.
+"""Scenes from scenario files.
 
 What reads, validates and builds is imported when the step before has succeeded, so that a wrong name or file
 is reported at once.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from spacerobot.files import StrPath
@@ -27,20 +28,14 @@ def load_scene(
 ) -> Scene:
     """Scene of a scenario file or of a shipped scenario.
 
-    Parameters
-    ----------
-    name
-        Path of a YAML file, or the name of a shipped scenario.
-    changes
-        New values by dotted path (``*`` stands for every key), applied in order after the URDFs have
-        filled in what the file leaves open.
-    expand_xacro
-        Whether ``.xacro`` files are expanded; False for a file that somebody else made.
+    Args:
+        name: Path of a YAML file, or the name of a shipped scenario.
+        changes: New values by dotted path (``*`` stands for every key), applied in order after the URDFs have
+            filled in what the file leaves open.
+        expand_xacro: Whether ``.xacro`` files are expanded; False for a file that somebody else made.
 
-    Raises
-    ------
-    ScenarioError, DescriptionError
-        If anything in the scenario or its URDFs cannot be simulated.
+    Raises:
+        ScenarioError, DescriptionError: If anything in the scenario or its URDFs cannot be simulated.
     """
     source = find_scenario(os.fspath(name))
     named = re.sub(r"[^\w-]", "_", source.stem, flags=re.ASCII).lstrip("0123456789-")[:64]
@@ -50,20 +45,17 @@ def load_scene(
     scenario = validate(document, source=source)
     from spacerobot.scene.build import build_scene
 
-    return build_scene(scenario, changes, source=source, expand_xacro=expand_xacro)
+    scene = build_scene(scenario, changes, source=source, expand_xacro=expand_xacro)
+    return replace(scene, changes=tuple(changes.items() if isinstance(changes, Mapping) else changes))
 
 
 def to_scene(scene: Scene | StrPath) -> Scene:
     """Scene itself, or that of a scenario's name or file.
 
-    Parameters
-    ----------
-    scene
-        A scene, the path of a YAML file, or the name of a shipped scenario.
+    Args:
+        scene: A scene, the path of a YAML file, or the name of a shipped scenario.
 
-    Raises
-    ------
-    ScenarioError, DescriptionError
-        As :func:`load_scene`.
+    Raises:
+        ScenarioError, DescriptionError: As :func:`load_scene`.
     """
     return load_scene(scene) if isinstance(scene, str | os.PathLike) else scene

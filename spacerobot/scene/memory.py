@@ -1,4 +1,4 @@
-"""How much memory a result takes, and whether there is as much."""
+"""Memory that a result takes, compared with what is free."""
 
 from __future__ import annotations
 
@@ -18,10 +18,8 @@ PART = 0.5
 def check_size(scene: Scene) -> None:
     """Refuse, before anything is built or runs, a scene whose result the memory does not hold.
 
-    Raises
-    ------
-    ScenarioError
-        Saying what it would take, what is allowed, and which number to change.
+    Raises:
+        ScenarioError: Saying what it would take, what is allowed, and which number to change.
     """
     simulation = scene.scenario.simulation
     samples = int(simulation.duration / simulation.output_step) + 1

@@ -21,12 +21,9 @@ def build_model(
 ) -> tuple[Any, tuple[SceneBody, ...]]:
     """Model with every body as a subtree of the universe, and those bodies.
 
-    Parameters
-    ----------
-    scenario
-        Resolved: mass properties and damping are taken from it, not from the URDF.
-    descriptions
-        URDF of each body, by the body's dotted path.
+    Args:
+        scenario: Resolved: mass properties and damping are taken from it, not from the URDF.
+        descriptions: URDF of each body, by the body's dotted path.
     """
     configs: dict[str, Robot | Target] = {f"robots.{name}": robot for name, robot in scenario.robots.items()}
     if scenario.target is not None:
@@ -119,12 +116,9 @@ def _body(model: Any, path: str, config: Robot | Target, description: Descriptio
 def lent(model: Any, body: SceneBody) -> Iterator[tuple[str, Any, Any]]:
     """Links whose mass properties another link includes: name, frame of that one, and resting pose in it.
 
-    Parameters
-    ----------
-    model
-        Pinocchio model of the scene.
-    body
-        Whose links.
+    Args:
+        model: Pinocchio model of the scene.
+        body: Whose links.
     """
     for link in body.description.links:
         if link.borrowed is not None and link.name in body.config.links:

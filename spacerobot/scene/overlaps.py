@@ -16,7 +16,6 @@ from spacerobot.scene.scene import Scene, SceneBody
 
 DEPTH = 1e-3
 """[m] that primitives may reach into one another: shapes that touch are no overlap."""
-NAMED = 3  # pairs of links in a warning
 CONTACTS = 100
 """Of two meshes, at most, whose depths are compared."""
 
@@ -25,16 +24,11 @@ CONTACTS = 100
 class Solid:
     """A collision shape.
 
-    Attributes
-    ----------
-    link, joint
-        Its link, and the joint that moves it.
-    geometry, placement
-        Coal's form of it, and where it is in the joint's frame (``pin.SE3``).
-    primitive
-        Whether it is no mesh.
-    centre, radius
-        Of a sphere around it, the joint's frame (3,) [m], [m].
+    Attributes:
+        link, joint: Its link, and the joint that moves it.
+        geometry, placement: Coal's form of it, and where it is in the joint's frame (``pin.SE3``).
+        primitive: Whether it is no mesh.
+        centre, radius: Of a sphere around it, the joint's frame (3,) [m], [m].
     """
 
     link: str
@@ -67,9 +61,8 @@ def overlaps(scene: Scene) -> list[str]:
         ]
         pairs = list(dict.fromkeys(pairs))
         if pairs:
-            more = f" and {len(pairs) - NAMED} more" if len(pairs) > NAMED else ""
             warnings.append(
-                f"{one.name} and {other.name} overlap at the start: {', '.join(pairs[:NAMED])}{more}; "
+                f"{one.name} and {other.name} overlap at the start: {', '.join(pairs)}; "
                 "they pass through each other, move a base or change the posture"
             )
     return warnings
@@ -99,12 +92,9 @@ def solids(scene: Scene, body: SceneBody) -> Iterator[Solid]:
 def overlap_depth(one: Solid, other: Solid, *joints: Any) -> float:
     """Depth [m] by which two shapes overlap, negative where they are apart.
 
-    Parameters
-    ----------
-    one, other
-        The shapes; of meshes that are apart the distance is not known, but -1.
-    joints
-        Placements of their joints (``pin.SE3``), world axes.
+    Args:
+        one, other: The shapes; of meshes that are apart the distance is not known, but -1.
+        joints: Placements of their joints (``pin.SE3``), world axes.
     """
     at = [joint * solid.placement for joint, solid in zip(joints, (one, other), strict=True)]
     placed = [coal.Transform3s(place.rotation, place.translation) for place in at]

@@ -13,10 +13,8 @@ from spacerobot.scene.scene import Scene, SceneBody
 def check_in_plane(scene: Scene) -> None:
     """Refuse a reference that leaves the plane in which a planar scene stays.
 
-    Raises
-    ------
-    ScenarioError
-        Naming the number that leads out of it.
+    Raises:
+        ScenarioError: Naming the number that leads out of it.
     """
     if not scene.planar:
         return
@@ -33,10 +31,8 @@ def check_in_plane(scene: Scene) -> None:
 def check_followed(scene: Scene) -> None:
     """Refuse a reference that follows a frame which the target does not have.
 
-    Raises
-    ------
-    ScenarioError
-        With the near names.
+    Raises:
+        ScenarioError: With the near names.
     """
     links = [] if scene.target is None else [link.name for link in scene.target.description.links]
     for reference in (reference for tip in scene.tips for reference in tip.references):
@@ -91,14 +87,11 @@ def out_of_reach(scene: Scene) -> list[str]:
 def lengths_to_root(
     scene: Scene, body: SceneBody, joint: int, point: Array
 ) -> dict[int, tuple[float, Array]]:
-    """Of each joint towards the root: greatest length [m] up to a point fixed in it, and that point (3,).
+    """For each joint towards the root: largest length [m] up to a point fixed in it, and that point (3,).
 
-    Parameters
-    ----------
-    scene, body
-        The scene, and whose chain it is.
-    joint, point
-        Where the chain ends: a joint, and a point in its frame (3,) [m].
+    Args:
+        scene, body: The scene, and whose chain it is.
+        joint, point: Where the chain ends: a joint, and a point in its frame (3,) [m].
     """
     model, by_name = scene.model, {described.name: described for described in body.description.joints}
     lengths, length = {joint: (0.0, point)}, 0.0

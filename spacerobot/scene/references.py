@@ -1,4 +1,4 @@
-"""Which references lead a tip: its own, the target's, or none, in each phase."""
+"""References of each tip in each phase: its own, the target's, or none."""
 
 from __future__ import annotations
 
@@ -15,14 +15,10 @@ def references_of(
 ) -> tuple[SceneReference, ...]:
     """References that lead a tip, in the order of the phases in which they begin.
 
-    Parameters
-    ----------
-    label
-        The tip's, ``robot/tip``.
-    scenario
-        The resolved scenario.
-    during
-        The scenario as it is in each phase; empty where there are no phases.
+    Args:
+        label: The tip's, ``robot/tip``.
+        scenario: The resolved scenario.
+        during: The scenario as it is in each phase; empty where there are no phases.
     """
     if not during:
         return (_reference(label, scenario, {}, ""),)

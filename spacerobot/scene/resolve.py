@@ -38,10 +38,8 @@ def body_documents(document: Document) -> dict[str, Document]:
 def locate(document: Document, *, source: Path | None) -> None:
     """Name every URDF by its absolute path, in place; a shipped one by its file's name.
 
-    Raises
-    ------
-    ScenarioError
-        If one is not found.
+    Raises:
+        ScenarioError: If one is not found.
     """
     folder = source.parent if source is not None else None
     for path, section in _with_urdfs(document).items():
@@ -70,10 +68,9 @@ def _with_urdfs(document: Document) -> dict[str, Document]:
 def read_files(document: Document, *, source: Path | None) -> None:
     """Fill in, in place, what the files of elements say, such as a plan's; what is there already stays.
 
-    Raises
-    ------
-    ScenarioError
-        If a file lies outside the scenario's folder, is not there, or is not what the element reads.
+    Raises:
+        ScenarioError: If a file lies outside the scenario's folder, is not there, or is not what the element
+            reads.
     """
     for where, section, kind in _reading(document):
         if section.get("file") is None or section.get(str(kind.fills)) is not None:
@@ -139,12 +136,9 @@ def _sections(node: Any, path: str = "") -> Iterator[tuple[str, Document]]:
 def expand_files(document: Document, *, source: Path | None, allowed: bool) -> None:
     """Fill in, in place, the URDF text of xacro files; what is there already stays.
 
-    Raises
-    ------
-    DescriptionError
-        If a file cannot be expanded.
-    ScenarioError
-        If a file would have to be expanded and that is not allowed: in a result, for example.
+    Raises:
+        DescriptionError: If a file cannot be expanded.
+        ScenarioError: If a file would have to be expanded and that is not allowed: in a result, for example.
     """
     for path, section in _with_urdfs(document).items():
         if Path(section["urdf"]).suffix != SUFFIX:
@@ -163,12 +157,9 @@ def expand_files(document: Document, *, source: Path | None, allowed: bool) -> N
 def read_descriptions(document: Document, *, source: Path | None) -> dict[str, Description]:
     """URDF of each body, with what is mounted on it, links placed and flexible ones expanded, by dotted path.
 
-    Raises
-    ------
-    DescriptionError
-        If a URDF is not readable or cannot be simulated.
-    ScenarioError
-        If a file is not found, or something cannot be mounted.
+    Raises:
+        DescriptionError: If a URDF is not readable or cannot be simulated.
+        ScenarioError: If a file is not found, or something cannot be mounted.
     """
     files = {
         path: (_found(path, section, source), section.get("expanded_urdf"))
@@ -223,11 +214,9 @@ def fill(document: Document, descriptions: Mapping[str, Description], *, source:
 
     What the document already says wins over the URDF.
 
-    Raises
-    ------
-    ScenarioError
-        If the document names a link or joint that the URDF does not have, or gives an angle to a
-        prismatic joint (or an offset to a revolute one), or either to a joint that mimics another.
+    Raises:
+        ScenarioError: If the document names a link or joint that the URDF does not have, or gives an angle to
+            a prismatic joint (or an offset to a revolute one), or either to a joint that mimics another.
     """
     filled = dict(document)
     filled["robots"] = dict(document["robots"])
@@ -307,10 +296,8 @@ def settle(
 ) -> dict[str, Description]:
     """URDF of each body with the scenario's joints locked, and what its other joints mimic found.
 
-    Raises
-    ------
-    ScenarioError
-        If a joint that is not locked mimics what cannot be mimicked.
+    Raises:
+        ScenarioError: If a joint that is not locked mimics what cannot be mimicked.
     """
     settled = {}
     for path, description in descriptions.items():
@@ -325,7 +312,7 @@ def settle(
 
 
 def position(joint: Joint) -> float | None:
-    """Where a joint begins [rad or m]; None if the scenario does not say."""
+    """Initial position of a joint [rad or m]; None if the scenario does not give it."""
     if joint.angle_deg is not None:
         return float(np.radians(joint.angle_deg))
     return joint.offset

@@ -16,8 +16,8 @@ from spacerobot.description.read import Description
 from spacerobot.elements import CollisionShape, Contact, Grasp, Reference
 from spacerobot.elements.flexible.flexible_link import Number
 from spacerobot.errors import ScenarioError, near_names
-from spacerobot.notebook import html_table
 from spacerobot.scenario import Base, Robot, Scenario, Target, Tip
+from spacerobot.tables import Table, Tabular
 
 
 @dataclass(frozen=True)
@@ -37,28 +37,18 @@ class MimicJoint:
 class SceneBody:
     """A robot or the target: a subtree of the scene's model.
 
-    Attributes
-    ----------
-    name
-        Prefix of its links and joints in the model, ``rpr1`` of ``rpr1/joint_1``.
-    path
-        Its place in the scenario, ``robots.rpr1`` or ``target``.
-    config
-        Its part of the scenario, mass properties and joints filled in from the URDF, locked joints left out.
-    description
-        The URDF, locked joints fixed.
-    root_frame
-        Frame of the root link.
-    root_joint
-        Joint that floats the base; 0 (the universe) for a fixed base.
-    joints
-        Ids of its other joints, parents first.
-    ties
-        Those of them that mimic another one.
-    owned
-        Those of them that belong to an actuator, as a wheel's: the arm's controllers do not see them.
-    passive
-        Those of flexible links, which nothing drives and no controller sees.
+    Attributes:
+        name: Prefix of its links and joints in the model, ``rpr1`` of ``rpr1/joint_1``.
+        path: Its place in the scenario, ``robots.rpr1`` or ``target``.
+        config: Its part of the scenario, mass properties and joints filled in from the URDF, locked joints
+            left out.
+        description: The URDF, locked joints fixed.
+        root_frame: Frame of the root link.
+        root_joint: Joint that floats the base; 0 (the universe) for a fixed base.
+        joints: Ids of its other joints, parents first.
+        ties: Those of them that mimic another one.
+        owned: Those of them that belong to an actuator, as a wheel's: the arm's controllers do not see them.
+        passive: Those of flexible links, which nothing drives and no controller sees.
     """
 
     name: str
@@ -95,10 +85,8 @@ class SceneBody:
     def positions(self, driven: ca.SX) -> dict[int, ca.SX]:
         """Positions of its joints by id, those that mimic others included.
 
-        Parameters
-        ----------
-        driven
-            Positions of :attr:`driven_joints` (n x 1) [rad or m].
+        Args:
+            driven: Positions of :attr:`driven_joints` (n x 1) [rad or m].
         """
         positions = dict(zip(self.driven_joints, ca.vertsplit(driven), strict=True))
         ties = [tie for tie in self.ties if tie.leader in positions]
@@ -107,12 +95,9 @@ class SceneBody:
     def joint_name(self, model: Any, joint: int) -> str:
         """Name of one of its joints in the URDF.
 
-        Parameters
-        ----------
-        model
-            Pinocchio model of the scene.
-        joint
-            Id of the joint.
+        Args:
+            model: Pinocchio model of the scene.
+            joint: Id of the joint.
         """
         return str(model.names[joint]).removeprefix(f"{self.name}/")
 
@@ -130,15 +115,11 @@ class SceneBody:
     def springs(self, number: Callable[[str, str], Number]) -> dict[str, tuple[Number, Number]]:
         """Stiffness and damping of each joint of flexible links that is not locked, by its name in the URDF.
 
-        Parameters
-        ----------
-        number
-            From the name of a flexible link and a key of its section to the number.
+        Args:
+            number: From the name of a flexible link and a key of its section to the number.
 
-        Returns
-        -------
-        dict
-            Stiffness [N m/rad or N/m] and damping [N m s/rad or N s/m].
+        Returns:
+            dict: Stiffness [N m/rad or N/m] and damping [N m s/rad or N s/m].
         """
         springs_by_joint = dict[str, tuple[Number, Number]]()
         for name, flexible in self.config.flexible.items():
@@ -150,7 +131,7 @@ class SceneBody:
 
     @property
     def base(self) -> Base:
-        """How the base is connected and where it begins."""
+        """Connection and initial state of the base."""
         return self.config.base
 
     @property
@@ -163,16 +144,11 @@ class SceneBody:
 class SceneReference:
     """A reference that leads a tip, in some phases or always.
 
-    Attributes
-    ----------
-    path
-        Dotted path of its section.
-    config
-        The section.
-    from_target
-        Whether it is the target's, from which the tip's is derived.
-    phases
-        Names of the phases in which it leads; none where there are no phases.
+    Attributes:
+        path: Dotted path of its section.
+        config: The section.
+        from_target: Whether it is the target's, from which the tip's is derived.
+        phases: Names of the phases in which it leads; none where there are no phases.
     """
 
     path: str
@@ -233,18 +209,12 @@ class SceneGrasp:
 class SceneShape:
     """A shape for contact, fixed to a link.
 
-    Attributes
-    ----------
-    label
-        The pad's name, or body/link.
-    path
-        The pad's place in the scenario; none for a collision shape of a URDF, whose numbers are fixed.
-    config
-        What it is and its measures [m]; of a shape of a URDF without its place.
-    frame, joint
-        Of the link in the model.
-    placement
-        Shape in the link's frame (4, 4) [m].
+    Attributes:
+        label: The pad's name, or body/link.
+        path: The pad's place in the scenario; none for a collision shape of a URDF, whose numbers are fixed.
+        config: What it is and its measures [m]; of a shape of a URDF without its place.
+        frame, joint: Of the link in the model.
+        placement: Shape in the link's frame (4, 4) [m].
     """
 
     label: str
@@ -266,27 +236,20 @@ class SceneContact:
 
 
 @dataclass(frozen=True)
-class Scene:
+class Scene(Tabular):
     """Everything that exists, and its initial state.
 
-    Attributes
-    ----------
-    scenario
-        The resolved scenario: mass properties and joints filled in from the URDFs.
-    source
-        The file it came from, if any.
-    model
-        ``pinocchio.Model`` of the whole scene; links and joints are named ``body/name``.
-    bodies
-        Robots in the scenario's order, then the target.
-    planar
-        Whether nothing can leave the x-y plane; tips and grasps then have two translations and one rotation.
-    q, v
-        Initial configuration and velocity in Pinocchio's coordinates (nq,), (nv,).
-    assumptions, warnings
-        What was assumed where the scenario is silent, and what a user should look at.
-    contacts
-        What may touch.
+    Attributes:
+        scenario: The resolved scenario: mass properties and joints filled in from the URDFs.
+        source: The file it came from, if any.
+        model: ``pinocchio.Model`` of the whole scene; links and joints are named ``body/name``.
+        bodies: Robots in the scenario's order, then the target.
+        planar: Whether nothing can leave the x-y plane; tips and grasps then have two translations and one
+            rotation.
+        q, v: Initial configuration and velocity in Pinocchio's coordinates (nq,), (nv,).
+        assumptions, warnings: What was assumed where the scenario is silent, and what a user should look at.
+        contacts: What may touch.
+        changes: Changes with which the scenario's file was loaded, by dotted path.
     """
 
     scenario: Scenario
@@ -301,6 +264,7 @@ class Scene:
     assumptions: tuple[str, ...]
     warnings: tuple[str, ...]
     contacts: tuple[SceneContact, ...] = ()
+    changes: tuple[tuple[str, Any], ...] = ()
 
     def __repr__(self) -> str:
         """Name, size and names of what there is, in one line."""
@@ -312,22 +276,20 @@ class Scene:
             f"tips {tips or 'none'}; grasps {grasps or 'none'}>"
         )
 
-    def _repr_html_(self) -> str:
-        """The same as a table, with the joints of each body, for notebooks."""
+    def content(self) -> list[Table]:
+        """The same as a table, with the joints of each body."""
         rows = [(b.name, f"{b.config.base.joint} base, {len(b.joints)} joints") for b in self.bodies]
         rows += [("tips", ", ".join(tip.label for tip in self.tips))]
         rows += [("grasps", ", ".join(f"{g.name} ({g.tip.label})" for g in self.grasps))]
-        return html_table(f"Scene {self.scenario.name}", [*rows, *(("warning", w) for w in self.warnings)])
+        rows += [("warning", warning) for warning in self.warnings]
+        return [Table.of_pairs(f"Scene {self.scenario.name}", rows)]
 
     def error(self, message: str, where: str | None = None) -> ScenarioError:
         """Error of the scenario's file, to be raised.
 
-        Parameters
-        ----------
-        message
-            What was found, what is allowed, and how to mend it.
-        where
-            Dotted path in the scenario; None for the scenario as a whole.
+        Args:
+            message: What was found, what is allowed, and how to mend it.
+            where: Dotted path in the scenario; None for the scenario as a whole.
         """
         return ScenarioError(message, source=self.source, where=where)
 
@@ -381,17 +343,12 @@ class Scene:
     def joint_positions(self, joints: Sequence[int], q: Array) -> Array:
         """Positions of joints over time, unbounded ones unwound.
 
-        Parameters
-        ----------
-        joints
-            Ids of n joints of one degree of freedom.
-        q
-            Configurations (nt, nq).
+        Args:
+            joints: Ids of n joints of one degree of freedom.
+            q: Configurations (nt, nq).
 
-        Returns
-        -------
-        numpy.ndarray
-            (nt, n) [rad or m].
+        Returns:
+            numpy.ndarray: (nt, n) [rad or m].
         """
         positions = np.empty((len(q), len(joints)))
         for k, joint in enumerate(joints):
@@ -402,10 +359,8 @@ class Scene:
     def body(self, name: str) -> SceneBody:
         """Body by name.
 
-        Raises
-        ------
-        ScenarioError
-            If there is none; the near names are listed.
+        Raises:
+            ScenarioError: If there is none; the near names are listed.
         """
         by_name: Mapping[str, SceneBody] = {body.name: body for body in self.bodies}
         if name not in by_name:

@@ -25,13 +25,10 @@ def stated(page):
 def check(page, measured):
     """Compare measured numbers with those of a page, to half a unit of the last digit that it states.
 
-    Parameters
-    ----------
-    page
-        Name of the mission.
-    measured
-        Numbers by the first cell of their row, every row that has a number; a row that says "less than"
-        states a bound.
+    Args:
+        page: Name of the mission.
+        measured: Numbers by the first cell of their row, every row that has a number; a row that says "less
+            than" states a bound.
     """
     rows = {name: text for name, text in stated(page).items() if NUMBER.search(text)}
     assert rows.keys() == measured.keys()

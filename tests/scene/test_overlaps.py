@@ -19,6 +19,9 @@ def test_robots_in_one_place_are_named_with_their_links():
     }
     (warning,) = overlaps(load_scene("paper", changes))
     assert warning.startswith("rpr1 and rpr2 overlap at the start: base and base")
+    inside = {"robots.rpr2.base": {"joint": "planar", "position": [0.0, 0, 0]}}
+    (warning,) = overlaps(load_scene("paper", {**changes, **inside}))
+    assert "base and base, base and link_1, link_1 and base, link_1 and link_1;" in warning
     apart = load_scene("paper", {**changes, "robots.rpr2.base.position.0": 30.0})
     assert overlaps(apart) == []
 

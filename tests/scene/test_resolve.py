@@ -126,3 +126,14 @@ def test_a_change_adds_a_whole_robot():
     assert [body.name for body in scene.robots] == ["rpr1", "rpr2", "third"]
     with pytest.raises(ScenarioError, match=r"robots\.third\.urdf: missing"):
         load_scene("docking", {"robots.third": {"base": {"joint": "planar"}}})
+
+
+def test_a_document_is_validated_once_and_once_for_each_change(monkeypatch):
+    from spacerobot.scene import build
+
+    scenario, calls = load_scene("paper").scenario, []
+    monkeypatch.setattr(build, "validate", lambda *a, **k: calls.append(1) or validate(*a, **k))
+    build_scene(scenario)
+    assert len(calls) == 1
+    build_scene(scenario, {"simulation.duration": 3, "robots.*.tips.tip.pid": {"kp": 3}})
+    assert len(calls) == 1 + 3

@@ -20,7 +20,7 @@ class LatinHypercube(Sampler):
     summary: ClassVar[str] = "stratified in each parameter"
 
     def points(self, plan: SamplingPlan) -> Array:
-        """Of SciPy."""
+        """Points of SciPy's Latin hypercube."""
         from scipy.stats import qmc
 
         rng = np.random.default_rng(plan.seed)

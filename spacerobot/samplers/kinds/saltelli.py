@@ -7,8 +7,9 @@ from typing import ClassVar
 import numpy as np
 
 from spacerobot.arrays import Array
+from spacerobot.optional import optional_module
 from spacerobot.registry import registered
-from spacerobot.samplers.sampler import Sampler, SamplingPlan, optional_module
+from spacerobot.samplers.sampler import Sampler, SamplingPlan
 
 
 @registered
@@ -33,8 +34,8 @@ class Saltelli(Sampler):
             raise ValueError(f"samples: a power of two for the design saltelli, found {plan.samples}")
 
     def points(self, plan: SamplingPlan) -> Array:
-        """Of SALib."""
+        """Points of SALib's Saltelli design."""
         names = list(plan.parameters)
         problem = {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names)}
-        sample = optional_module("SALib", "sample.sobol", self.name).sample
+        sample = optional_module("SALib.sample.sobol", "sobol", f"the design {self.name}").sample
         return np.asarray(sample(problem, plan.samples, calc_second_order=False, seed=plan.seed))

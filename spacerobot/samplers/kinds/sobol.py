@@ -21,7 +21,7 @@ class Sobol(Sampler):
     summary: ClassVar[str] = "scrambled"
 
     def points(self, plan: SamplingPlan) -> Array:
-        """Of SciPy."""
+        """Points of SciPy's Sobol sequence."""
         from scipy.stats import qmc
 
         rng = np.random.default_rng(plan.seed)

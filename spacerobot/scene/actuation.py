@@ -1,0 +1,31 @@
+"""Limits of the actuators of a robot: torques of joints, wrench on the base."""
+
+from __future__ import annotations
+
+from spacerobot.arrays import Array
+from spacerobot.elements.actuators.actuator import Actuator
+from spacerobot.elements.core.robot_element import Part
+from spacerobot.scenario import Robot
+from spacerobot.scene.scene import Scene, SceneBody
+
+
+def torque_limit(body: SceneBody, joint: str) -> float | None:
+    """Greatest torque [N m] or force [N] of a joint, of the scenario or of the URDF; None if there is none.
+
+    Args:
+        body, joint: The body, and the name of a joint in its URDF.
+    """
+    limit = body.config.joints[joint].torque_limit
+    efforts = {one.name: one.effort for one in body.description.joints}
+    return efforts.get(joint) if limit is None else limit
+
+
+def wrench_limits(scene: Scene, body: SceneBody) -> dict[Part, Array]:
+    """Greatest force [N] and torque [N m] of the actuators of a base, along each axis (3,)."""
+    limits: dict[Part, Array] = {}
+    actuators = body.config.actuators.values() if isinstance(body.config, Robot) else ()
+    for actuator in actuators:
+        if isinstance(actuator, Actuator) and body.root_joint:
+            for part, limit in actuator.wrench_limits(planar=scene.planar).items():
+                limits[part] = limit if part not in limits else actuator.joined_limits(limit, limits[part])
+    return limits
