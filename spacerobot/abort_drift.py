@@ -34,6 +34,7 @@ from spacerobot.errors import ScenarioError, SpaceRobotError
 from spacerobot.result import Result
 from spacerobot.scene import Scene, SceneBody
 from spacerobot.scene.overlaps import Solid, solids
+from spacerobot.tables import Table, Tabular
 
 TURN = 0.05
 """Greatest rotation [rad] in a step of the integration of attitudes."""
@@ -46,21 +47,15 @@ MAX_DRIFT_S = 1e8
 
 
 @dataclass(frozen=True)
-class PassiveSafety:
+class PassiveSafety(Tabular):
     """Least distances after aborts.
 
-    Attributes
-    ----------
-    time_s
-        Instants of abort (n,) [s].
-    distance_m
-        Least distance during the drift after each (n,) [m], at most 0 where bodies collide.
-    drift_s
-        Time since the abort at which it is reached (n,) [s].
-    pairs
-        Links that are nearest then (n,).
-    duration_s
-        Length of the drifts [s].
+    Attributes:
+        time_s: Instants of abort (n,) [s].
+        distance_m: Least distance during the drift after each (n,) [m], at most 0 where bodies collide.
+        drift_s: Time since the abort at which it is reached (n,) [s].
+        pairs: Links that are nearest then (n,).
+        duration_s: Length of the drifts [s].
     """
 
     time_s: Array
@@ -68,6 +63,24 @@ class PassiveSafety:
     drift_s: Array
     pairs: tuple[tuple[str, str], ...]
     duration_s: float
+
+    def content(self) -> list[Table]:
+        """Least distance of all aborts."""
+        return [Table.of_pairs("passive safety", self.rows())]
+
+    def rows(self, clearance_m: float | None = None) -> list[tuple[str, str]]:
+        """Least distance of all aborts as text, and the aborts after which a clearance [m] is not kept."""
+        k, time = self.worst, self.time_s
+        rows = [
+            ("aborts", f"{len(time)}, {time[0]:g} s to {time[-1]:g} s"),
+            ("least distance", f"{self.distance_m[k]:.4g} m: {' and '.join(self.pairs[k])}"),
+            ("abort at", f"{time[k]:g} s, least {self.drift_s[k]:.4g} s later"),
+        ]
+        if clearance_m is not None:
+            unsafe = self.unsafe(clearance_m)
+            words = f"{len(unsafe)} aborts, the first at {unsafe[0]:g} s" if len(unsafe) else "none"
+            rows.append((f"nearer than {clearance_m:g} m", words))
+        return rows
 
     @property
     def worst(self) -> int:
@@ -77,10 +90,8 @@ class PassiveSafety:
     def unsafe(self, clearance_m: float) -> Array:
         """Instants of abort (m,) [s] after which bodies come nearer than a clearance [m].
 
-        Raises
-        ------
-        SpaceRobotError
-            If the clearance is negative or not finite.
+        Raises:
+            SpaceRobotError: If the clearance is negative or not finite.
         """
         if not 0 <= clearance_m < np.inf:
             raise SpaceRobotError(f"clearance: found {clearance_m:g} m, allowed: 0 or more, finite")
@@ -97,26 +108,17 @@ def passive_safety(
 ) -> PassiveSafety:
     """Least distance of each robot to the target in free drift after an abort at each sample of a result.
 
-    Parameters
-    ----------
-    result
-        A simulated approach.
-    duration_s
-        Length of the drift [s].
-    until_s
-        Last instant of abort [s]; that of the first capture, else the end, if None.
-    tolerance_m
-        Tolerance of the distances [m]; 1 % of each, at least 1 mm, if None.
-    progress
-        Called with a few words now and then.
+    Args:
+        result: A simulated approach.
+        duration_s: Length of the drift [s].
+        until_s: Last instant of abort [s]; that of the first capture, else the end, if None.
+        tolerance_m: Tolerance of the distances [m]; 1 % of each, at least 1 mm, if None.
+        progress: Called with a few words now and then.
 
-    Raises
-    ------
-    ScenarioError
-        If there is no target, a body has no collision shape, an environment no known drift, or a drift takes
-        too many steps.
-    SpaceRobotError
-        If a duration or tolerance is not positive, or no sample is at ``until_s`` or before.
+    Raises:
+        ScenarioError: If there is no target, a body has no collision shape, an environment no known drift, or
+            a drift takes too many steps.
+        SpaceRobotError: If a duration or tolerance is not positive, or no sample is at ``until_s`` or before.
     """
     tell = progress or (lambda _: None)
     if not 0 < duration_s <= MAX_DRIFT_S:
@@ -165,23 +167,16 @@ def passive_safety(
 class _RigidDrift:
     """A body that drifts as one rigid body after each of n aborts.
 
-    Attributes
-    ----------
-    solids
-        Its collision shapes.
-    placements
-        Of their joints at each abort, about the centre of mass, world axes.
-    radius, spin
-        Greatest distance of its shapes from the centre of mass (n,) [m], bound of its spin (n,) [rad/s].
-    centre
-        From abort and drift time [s] to the centre of mass (3,) [m].
-    terms
-        Components of its inertia about the centre of mass, their inverse and the momentum of its wheels, each
-        (n,), axes of the abort.
-    step, attitudes
-        Time between steps [s]; quaternion and spin since the abort at each (m, 7, n).
-    duration
-        Length of the drift [s].
+    Attributes:
+        solids: Its collision shapes.
+        placements: Of their joints at each abort, about the centre of mass, world axes.
+        radius, spin: Greatest distance of its shapes from the centre of mass (n,) [m], bound of its spin (n,)
+            [rad/s].
+        centre: From abort and drift time [s] to the centre of mass (3,) [m].
+        terms: Components of its inertia about the centre of mass, their inverse and the momentum of its
+            wheels, each (n,), axes of the abort.
+        step, attitudes: Time between steps [s]; quaternion and spin since the abort at each (m, 7, n).
+        duration: Length of the drift [s].
     """
 
     solids: tuple[Solid, ...]
@@ -203,7 +198,7 @@ class _RigidDrift:
         chosen: npt.NDArray[np.intp],
         drift: tuple[float, float],
     ) -> _RigidDrift:
-        """Of a body at samples of a result; ``drift`` has the mean motion [rad/s] and the duration [s]."""
+        """Drift of a body from samples of a result; ``drift``: mean motion [rad/s] and duration [s]."""
         shapes = tuple(solids(scene, body))
         if not shapes:
             message = "has no collision shape, so its distance is not known"
@@ -213,26 +208,30 @@ class _RigidDrift:
         joints = [joint for joint in body.subtree if joint]
         wheels = np.zeros((len(chosen), 3))
         if "wheel_momentum" in result.data:
-            own = result.data.wheel_momentum.sel(body=body.name).values[chosen]
-            wheels = np.nan_to_num(own)
+            stored_momentum = result.data.wheel_momentum.sel(body=body.name).values[chosen]
+            wheels = np.nan_to_num(stored_momentum)
         rows, placements, radius = [], [], []
         for k, (q, v) in enumerate(zip(result.array("q")[chosen], result.array("v")[chosen], strict=True)):
             pin.forwardKinematics(model, data, q, v)
             inertias = [data.oMi[joint].act(model.inertias[joint]) for joint in joints]
             momenta = [data.oMi[j].act(model.inertias[j] * data.v[j]) for j in joints]
-            whole = sum(inertias[1:], inertias[0]) if joints else pin.Inertia.Identity()
+            composite_inertia = sum(inertias[1:], inertias[0]) if joints else pin.Inertia.Identity()
             linear = sum((one.linear for one in momenta), np.zeros(3))
-            about = sum((one.angular for one in momenta), np.zeros(3)) - np.cross(whole.lever, linear)
-            spin = np.linalg.solve(whole.inertia, about)
-            rows.append((whole.lever, linear / whole.mass, spin, whole.inertia))
+            about = sum((one.angular for one in momenta), np.zeros(3)) - np.cross(
+                composite_inertia.lever, linear
+            )
+            spin = np.linalg.solve(composite_inertia.inertia, about)
+            rows.append(
+                (composite_inertia.lever, linear / composite_inertia.mass, spin, composite_inertia.inertia)
+            )
             used = {solid.joint for solid in shapes}
-            shift = pin.SE3(np.eye(3), -whole.lever)
+            shift = pin.SE3(np.eye(3), -composite_inertia.lever)
             placements.append({joint: shift * data.oMi[joint] for joint in used})
             places = placements[k]
             radius.append(max(np.linalg.norm(places[s.joint].act(s.centre)) + s.radius for s in shapes))
         place, velocity, spin, inertia = (np.array(part) for part in zip(*rows, strict=True))
-        kept = np.einsum("ni,nij,nj->n", spin, inertia, spin)
-        bound = np.sqrt(kept / np.linalg.eigvalsh(inertia)[:, 0])
+        kinetic_energy_twice = np.einsum("ni,nij,nj->n", spin, inertia, spin)
+        bound = np.sqrt(kinetic_energy_twice / np.linalg.eigvalsh(inertia)[:, 0])
         steps = duration * bound.max() / TURN
         if steps * len(chosen) > MAX_STATES:
             longest = 0.9 * duration * MAX_STATES / (steps * len(chosen))
@@ -277,14 +276,11 @@ class _RigidDrift:
 def advance_attitudes(state: Array, inertia: Array, wheels: Array, step: float) -> Array:
     """Attitudes of free bodies a step later, by Runge and Kutta's method of fourth order.
 
-    Parameters
-    ----------
-    state
-        Quaternions (x, y, z, w) and spins in the bodies' axes (n, 7) [1, rad/s].
-    inertia, wheels
-        About the centres of mass (n, 3, 3) [kg m^2], momenta of wheels (n, 3) [N m s], bodies' axes.
-    step
-        Step [s].
+    Args:
+        state: Quaternions (x, y, z, w) and spins in the bodies' axes (n, 7) [1, rad/s].
+        inertia, wheels: About the centres of mass (n, 3, 3) [kg m^2], momenta of wheels (n, 3) [N m s],
+            bodies' axes.
+        step: Step [s].
     """
     return np.stack(_advanced(list(state.T), _rotation_terms(inertia, wheels), step), axis=-1)
 
@@ -336,14 +332,11 @@ def _advanced(state: Numbers, terms: tuple[Numbers, Numbers, Numbers], step: flo
 def drifted_centre(place: Array, velocity: Array, begin: float, t: float, rate: float) -> Array:
     """Centre of mass (3,) [m] that drifts straight, or by the equations of Clohessy and Wiltshire.
 
-    Parameters
-    ----------
-    place, velocity
-        At the beginning (3,) [m, m/s], world axes, of which x is radial and y along-track at time 0.
-    begin, t
-        Time at the beginning, and time since then [s].
-    rate
-        Mean motion [rad/s]; 0 without an orbit.
+    Args:
+        place, velocity: At the beginning (3,) [m, m/s], world axes, of which x is radial and y along-track at
+            time 0.
+        begin, t: Time at the beginning, and time since then [s].
+        rate: Mean motion [rad/s]; 0 without an orbit.
     """
     if not rate:
         return place + t * velocity
@@ -394,7 +387,9 @@ def _least(
                 break
             apart = coal.DistanceResult()
             placed = [solid.placement for solid, _ in (ones[i], others[j])]
-            at = [joint * own for (_, joint), own in zip((ones[i], others[j]), placed, strict=True)]
+            at = [
+                joint * placement for (_, joint), placement in zip((ones[i], others[j]), placed, strict=True)
+            ]
             forms = [coal.Transform3s(place.rotation, place.translation) for place in at]
             shapes = ones[i][0].geometry, others[j][0].geometry
             coal.distance(shapes[0], forms[0], shapes[1], forms[1], coal.DistanceRequest(), apart)

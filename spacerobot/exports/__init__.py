@@ -1,0 +1,5 @@
+"""Export to formats of other tools; one file a format in ``spacerobot/exports/formats``."""
+
+from spacerobot.exports.export_format import ExportFormat, NoOptions
+
+__all__ = ["ExportFormat", "NoOptions"]

@@ -1,0 +1,34 @@
+"""Comma-separated values."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import ClassVar
+
+from spacerobot.api.results import PlanResult
+from spacerobot.exports.export_format import ExportFormat, NoOptions, Source
+from spacerobot.exports.signals import signals
+from spacerobot.registry import registered
+from spacerobot.result import Result
+
+
+@registered
+class Csv(ExportFormat):
+    """Every signal as a column."""
+
+    name: ClassVar[str] = "csv"
+    place: ClassVar[float] = 10
+    summary: ClassVar[str] = "every signal as a column, units in the heading"
+    suffixes: ClassVar[tuple[str, ...]] = (".csv",)
+    takes: ClassVar[tuple[Source, ...]] = ("result", "plan")
+
+    def write(self, source: Result | PlanResult, path: Path, options: NoOptions) -> None:
+        """Write one row a sample (RFC 4180), numbers with the digits that give the same number back."""
+        del options
+        columns = list(signals(source.data))
+        with path.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(["time [s]", *(f"{signal.name} [{signal.unit}]" for signal in columns)])
+            times = source.data.time.values.tolist()
+            writer.writerows(zip(times, *(signal.values.tolist() for signal in columns), strict=True))

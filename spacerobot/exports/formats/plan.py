@@ -1,0 +1,30 @@
+"""Plans as tables: CSV, and C arrays with the follower."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import ClassVar
+
+from spacerobot.api.results import PlanResult
+from spacerobot.exports.export_format import ExportFormat, NoOptions, Source
+from spacerobot.exports.formats.csv import Csv
+from spacerobot.registry import registered
+
+
+@registered
+class PlanTable(ExportFormat):
+    """Times, positions, rates, torques and wrenches of a plan."""
+
+    name: ClassVar[str] = "plan"
+    place: ClassVar[float] = 61
+    summary: ClassVar[str] = "a plan's points as CSV, and as C arrays with their follower; a folder"
+    takes: ClassVar[tuple[Source, ...]] = ("plan",)
+
+    def write(self, source: PlanResult, path: Path, options: NoOptions) -> None:
+        """Write ``plan.csv``, ``plan.h`` and ``plan.c``."""
+        from spacerobot.flightcode.plan_table import plan_sources
+
+        path.mkdir()
+        Csv().write(source, path / "plan.csv", options)
+        for name, text in plan_sources(source.data).items():
+            (path / name).write_text(text, encoding="utf-8")

@@ -1,0 +1,72 @@
+"""Signals of a result or a plan: scalar time series with names and units."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from spacerobot.arrays import Array
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+@dataclass(frozen=True)
+class ScalarSignal:
+    """One scalar over time.
+
+    Attributes:
+        variable: Name of the variable in the data, ``tip_error``.
+        labels: Label in each further dimension, ``("rpr1/tip", "x")``.
+        unit: Unit, ``m``; ``1`` for a pure number.
+        text: Description.
+        values: (nt,)
+    """
+
+    variable: str
+    labels: tuple[str, ...]
+    unit: str
+    text: str
+    values: Array
+
+    @property
+    def name(self) -> str:
+        """Variable and labels: ``tip_error[rpr1/tip,x]``."""
+        return f"{self.variable}[{','.join(self.labels)}]" if self.labels else self.variable
+
+
+def time_variables(data: xr.Dataset) -> Iterator[tuple[str, xr.DataArray]]:
+    """Numeric variables over time by name, time as the first dimension."""
+    for name, variable in data.data_vars.items():
+        if "time" in variable.dims and variable.dtype.kind in "fiub":
+            yield str(name), variable.transpose("time", ...)
+
+
+def signals(data: xr.Dataset) -> Iterator[ScalarSignal]:
+    """Every scalar of data over time, in the order of the data.
+
+    The unit of a joint's signal is that of its kind: ``rad`` or ``m`` where the variable has both.
+    """
+    kinds = dict(zip(data.joint.values, data.joint_kind.values, strict=True)) if "joint_kind" in data else {}
+    for name, variable in time_variables(data):
+        dims, units = variable.dims[1:], str(variable.attrs.get("units", "1"))
+        labels = [[str(label) for label in data[dim].values] for dim in dims]
+        columns = variable.values.reshape(len(variable), -1)
+        text = str(variable.attrs.get("long_name", name))
+        for column, label in enumerate(itertools.product(*labels)):
+            kind = next(
+                (kinds[one] for dim, one in zip(dims, label, strict=True) if dim == "joint" and one in kinds),
+                None,
+            )
+            yield ScalarSignal(name, label, _unit(units, kind), text, np.asarray(columns[:, column]))
+
+
+def _unit(units: str, joint_kind: str | None) -> str:
+    rotation, either, translation = units.partition(" or ")
+    if joint_kind is None or not either:
+        return units
+    return translation if joint_kind == "prismatic" else rotation

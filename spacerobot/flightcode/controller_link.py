@@ -1,0 +1,177 @@
+"""Processor in the loop: a controller that answers over a socket or a serial line."""
+
+from __future__ import annotations
+
+import binascii
+import os
+import select
+import socket
+import struct
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from spacerobot.arrays import Array
+from spacerobot.errors import SpaceRobotError
+from spacerobot.flightcode.c_source import interface_signature
+from spacerobot.flightcode.onboard import OnboardSoftware, Task
+
+TIMEOUT_S = 10.0
+"""Time within which a processor must answer [s]."""
+
+PREFIXES = ("tcp:", "serial:")
+"""Beginnings of addresses of processors."""
+
+
+class ByteStream(Protocol):
+    """Two-way stream of bytes."""
+
+    def send(self, data: bytes) -> None:
+        """Send all bytes."""
+
+    def receive(self, size: int) -> bytes:
+        """Receive at most so many bytes, at least one; none at the end or after :data:`TIMEOUT_S`."""
+
+
+class SocketStream:
+    """Stream over a connected socket."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._socket = connection
+        connection.settimeout(TIMEOUT_S)
+
+    def send(self, data: bytes) -> None:
+        """See :class:`ByteStream`."""
+        self._socket.sendall(data)
+
+    def receive(self, size: int) -> bytes:
+        """See :class:`ByteStream`."""
+        try:
+            return self._socket.recv(size)
+        except TimeoutError:
+            return b""
+
+
+class SerialStream:
+    """Stream over a serial line or a pseudo-terminal.
+
+    Args:
+        device: Path of the device.
+        baud: Rate of the line [1/s]; as it is if None.
+    """
+
+    def __init__(self, device: Path, baud: int | None = None) -> None:
+        import termios
+        import tty
+
+        self._file = os.open(device, os.O_RDWR | os.O_NOCTTY)
+        tty.setraw(self._file)
+        if baud is not None:
+            speed = getattr(termios, f"B{baud}", None)
+            if speed is None:
+                raise SpaceRobotError(
+                    f"found {baud} baud, allowed: a standard rate such as 115200", source=device
+                )
+            settings = termios.tcgetattr(self._file)
+            settings[4] = settings[5] = speed
+            termios.tcsetattr(self._file, termios.TCSANOW, settings)
+
+    def send(self, data: bytes) -> None:
+        """See :class:`ByteStream`."""
+        while data:
+            data = data[os.write(self._file, data) :]
+
+    def receive(self, size: int) -> bytes:
+        """See :class:`ByteStream`."""
+        ready, _, _ = select.select([self._file], [], [], TIMEOUT_S)
+        return os.read(self._file, size) if ready else b""
+
+
+def open_stream(address: str) -> ByteStream:
+    """Open the stream of an address, ``tcp:HOST:PORT``, ``serial:DEVICE`` or ``serial:DEVICE@BAUD``.
+
+    Raises:
+        SpaceRobotError: If the address is no such one, or nothing answers there.
+    """
+    kind, _, place = address.partition(":")
+    try:
+        if kind == "tcp":
+            host, _, port = place.rpartition(":")
+            return SocketStream(socket.create_connection((host or "localhost", int(port)), TIMEOUT_S))
+        device, _, baud = place.partition("@")
+        return SerialStream(Path(device), int(baud) if baud else None)
+    except (OSError, ValueError) as error:
+        raise SpaceRobotError(
+            f"{error}; allowed: tcp:HOST:PORT, serial:DEVICE, serial:DEVICE@BAUD", where=address
+        ) from None
+
+
+class ControllerLink:
+    """Controller on a processor behind a stream; see :class:`ControllerLibrary`.
+
+    Args:
+        stream: The stream.
+        software: Software of the scenario that it shall control.
+
+    Raises:
+        SpaceRobotError: If the processor does not answer, or runs other software.
+    """
+
+    def __init__(self, stream: ByteStream, software: OnboardSoftware) -> None:
+        self.software, self._stream = software, stream
+        self.tick = 0
+        self.longest_step_s = 0.0
+        signature = self._request(b"H")[:64].decode("ascii", "replace")
+        if signature != interface_signature(software):
+            raise SpaceRobotError(
+                f"the processor has other fields or rates than those of the scenario {software.title!r}; "
+                "export it again"
+            )
+        self._request(b"I")
+        self._states = sum(one.size for one in software.states)
+        self._transitions = [task.name for task in software.entries]
+
+    def step(self, inputs: Array) -> tuple[Array, Array]:
+        """Run one step on the processor; see :class:`ControllerLibrary`."""
+        numbers = np.frombuffer(self._request(b"S", np.asarray(inputs, "<f8").tobytes()), "<f8")
+        self.tick += 1
+        self.longest_step_s = max(self.longest_step_s, float(numbers[-1]))
+        return numbers[: self._states].copy(), numbers[self._states : -1].copy()
+
+    def enter(self, transition: Task, inputs: Array, time: float) -> Array:
+        """Begin a phase on the processor; see :class:`ControllerLibrary`."""
+        content = np.concatenate([[time], inputs]).astype("<f8").tobytes()
+        index = self._transitions.index(transition.name)
+        return np.frombuffer(self._request(b"E", content, index), "<f8").copy()
+
+    def _request(self, kind: bytes, content: bytes = b"", transition: int = 0) -> bytes:
+        """Send a frame and return the payload of the answer."""
+        body = kind + struct.pack("<BH", transition, len(content)) + content
+        self._stream.send(b"SR" + body + struct.pack("<H", checksum(body)))
+        head = self._receive(6)
+        answer, size = head[2:3], struct.unpack("<H", head[4:])[0]
+        content = self._receive(size)
+        check = struct.unpack("<H", self._receive(2))[0]
+        if head[:2] != b"SR" or check != checksum(head[2:] + content):
+            raise SpaceRobotError("found a damaged answer of the processor; check the line")
+        if answer != kind:
+            raise SpaceRobotError(
+                f"the processor refused request {kind.decode()}: it runs software of another interface"
+            )
+        return content
+
+    def _receive(self, size: int) -> bytes:
+        """Receive so many bytes."""
+        received = b""
+        while len(received) < size:
+            part = self._stream.receive(size - len(received))
+            if not part:
+                raise SpaceRobotError(f"the processor gave no answer for {TIMEOUT_S:g} s; is it running?")
+            received += part
+        return received
+
+
+def checksum(content: bytes) -> int:
+    """CRC-16/CCITT-FALSE of some bytes: polynomial 0x1021, beginning with 0xFFFF."""
+    return binascii.crc_hqx(content, 0xFFFF)

@@ -1,0 +1,119 @@
+"""Fields of samples and of true motion: names, units, frames and descriptions."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import pinocchio as pin
+
+from spacerobot.arrays import Array
+from spacerobot.closedloop.loop_builder import LoopBuilder
+from spacerobot.elements.sensors.signals import BODY_AXES, SIGNALS
+from spacerobot.flightcode.onboard import Field
+from spacerobot.scene import Scene
+
+
+def identifier(path: str) -> str:
+    """C identifier of a path."""
+    name = re.sub(r"[^0-9A-Za-z]+", "_", path).strip("_").lower()
+    return f"n{name}" if name[:1].isdigit() else name
+
+
+@dataclass(frozen=True)
+class SampleNames:
+    """Samples of sensors among the states, and their descriptions."""
+
+    measured: Mapping[str, str]
+    counted: Mapping[str, str]
+    periods: Mapping[str, float]
+    signals: set[str]
+    stamped: set[str]
+
+    def __call__(self, made: Field) -> Field:
+        """The field as a sample, if it is one."""
+        name = self.measured.get(made.path, self.counted.get(made.path))
+        if name is None:
+            return made
+        signal = next((signal for signal in SIGNALS if signal in name.split(".")), name)
+        unit, text = SIGNALS.get(signal, ("1", signal))
+        period = self.periods.get(made.path, 0.0)
+        if made.path in self.counted:
+            text = f"number of samples that were taken of: {signal}"
+            return replace(made, role="count", text=text, period_s=period)
+        frame = "world axes" if "world axes" in text else "joint axes"
+        head, _, tail = name.rpartition(".")
+        name = head if tail.isdigit() else name
+        if f"{signal}{BODY_AXES}" in self.signals:
+            frame, text = "axes of the link that carries the sensor", text.replace(", world axes", "")
+        if made.path in self.stamped:
+            what = "vector"
+            if "orientation" in signal:
+                what = "attitude as quaternion (x, y, z, w)" if made.size == 5 else "cosine and sine"
+                unit = "1"
+            text = f"{text}: {what}, last the time of the sample [s], below zero for none"
+        return replace(
+            made, name=identifier(name), role="sample", text=text, unit=unit, frame=frame, period_s=period
+        )
+
+
+def column_names(model: pin.Model) -> list[str]:
+    """Name of each component of v."""
+    names = [""] * model.nv
+    for joint in range(1, model.njoints):
+        first, size = int(model.idx_vs[joint]), int(model.nvs[joint])
+        for i in range(size):
+            names[first + i] = str(model.names[joint]) + (f"[{i}]" if size > 1 else "")
+    return names
+
+
+def true_motion(scene: Scene, builder: LoopBuilder, x0: Array) -> Iterator[Field]:
+    """Poses and joint positions of each body with their rates."""
+    model, plant = scene.model, builder.plant
+    groups: dict[tuple[str, bool], list[int]] = {}
+    for joint in range(1, model.njoints):
+        body = str(model.names[joint]).partition("/")[0]
+        root = str(model.names[joint]) == f"{body}/root"
+        groups.setdefault((body, root), []).append(joint)
+    for (body, root), joints in groups.items():
+        q = [int(model.idx_qs[j]) + i for j in joints for i in range(int(model.nqs[j]))]
+        v = [int(model.idx_vs[j]) + i for j in joints for i in range(int(model.nvs[j]))]
+        names = ", ".join(str(model.names[j]).partition("/")[2] for j in joints)
+        if root:
+            text = "true pose of the root link: position, quaternion (x, y, z, w)"
+            if len(q) == 4:
+                text = "true pose of the root link: x, y, cosine and sine of its angle"
+            rates, units = "true velocity and spin of the root link", ("m and 1", "m/s and rad/s")
+            frames, kinds = ("world axes", "axes of the root link"), ("pose", "twist")
+        else:
+            text, rates = f"true positions of joints {names}", f"true rates of joints {names}"
+            units, frames, kinds = (
+                ("rad or m", "rad/s or m/s"),
+                ("joint axes", "joint axes"),
+                ("angles", "rates"),
+            )
+        at = [model.nq + i for i in v]
+        path = f"true.{body}"
+        yield Field(
+            f"true_{identifier(body)}_{kinds[0]}",
+            f"{path}.{kinds[0]}",
+            "truth",
+            plant.q[q],
+            x0[q],
+            text,
+            units[0],
+            frames[0],
+            places=tuple(q),
+        )
+        yield Field(
+            f"true_{identifier(body)}_{kinds[1]}",
+            f"{path}.{kinds[1]}",
+            "truth",
+            plant.v[v],
+            x0[at],
+            rates,
+            units[1],
+            frames[1],
+            places=tuple(at),
+        )

@@ -1,0 +1,58 @@
+"""Scenes that flight code can fly: refusals, and plans from outside."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from spacerobot.elements import RobotController, TipController
+from spacerobot.elements.controllers.joint_plan import JointPlanController
+from spacerobot.scenario import Robot
+from spacerobot.scene import Scene
+from spacerobot.updates import UpdatedScene
+
+
+def flyable(scene: Scene) -> Scene:
+    """Return the scene if flight code can fly it.
+
+    Raises:
+        ScenarioError: If a controller is a Python function, or the engine is not ``casadi``.
+    """
+    if scene.scenario.simulation.engine != "casadi":
+        raise scene.error("found pinocchio, allowed with a controller: casadi", "simulation.engine")
+    for path, controller in controllers(scene):
+        if isinstance(controller, RobotController) and controller.update_scheme and not controller.replanning:
+            raise scene.error(
+                f"found kind {controller.kind}, a Python function; allowed for flight code: laws that are "
+                "expressions",
+                path,
+            )
+    return scene
+
+
+def prepared_scene(scene: Scene) -> Scene:
+    """Scene with places for plans that are made in flight, if there are any; errors as of :func:`flyable`."""
+    updated = UpdatedScene.of(flyable(scene))
+    return scene if updated is None else updated.scene
+
+
+def plans(scene: Scene) -> dict[str, Sequence[str]]:
+    """Parameters that plans from outside replace, dotted paths by a name."""
+    plans = dict[str, Sequence[str]]()
+    for path, controller in controllers(scene):
+        if isinstance(controller, JointPlanController) and controller.replanning is not None:
+            motion = controller.planned
+            points, joints = range(len(motion.times)), range(len(motion.joints))
+            plans[f"{path}.begin"] = [f"{path}.begin"]
+            for key in ("position", "rate", "effort"):
+                plans[f"{path}.{key}"] = [f"{path}.knots.{key}.{k}.{j}" for k in points for j in joints]
+    return plans
+
+
+def controllers(scene: Scene) -> Iterator[tuple[str, TipController | RobotController]]:
+    """Controllers by dotted path."""
+    for tip in scene.tips:
+        yield from ((f"{tip.path}.{key}", controller) for key, controller in tip.config.elements())
+    for body in scene.robots:
+        if isinstance(body.config, Robot):
+            for key, controller in body.config.elements():
+                yield f"{body.path}.{key}", controller

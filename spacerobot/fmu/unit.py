@@ -1,0 +1,146 @@
+"""A scene's plant as the bytes of a functional mock-up unit."""
+
+from __future__ import annotations
+
+import io
+import platform
+import re
+import sys
+import tempfile
+import zipfile
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+
+from spacerobot.closedloop import build_closed_loop, build_commanded_loop
+from spacerobot.compiled import NO_COMPILER, Toolchain, find_toolchain
+from spacerobot.compiled.build import SourceUnit, build
+from spacerobot.errors import CompileError, ScenarioError
+from spacerobot.fmu.model_description import Fmi, UnitDescription, build_description, model_description
+from spacerobot.fmu.ports import find_ports
+from spacerobot.fmu.sources import plant_sources
+from spacerobot.progress import tell
+from spacerobot.rollout import time_grid
+from spacerobot.rollout.kernel import build_kernel
+from spacerobot.rollout.methods import METHODS
+from spacerobot.scenario import Robot
+from spacerobot.scene import Scene
+from spacerobot.simulation import prepare_simulation, sampled_steps
+from spacerobot.updates.scheme import UpdatedScene
+
+PLATFORMS: Mapping[tuple[str, str], Mapping[int, str]] = {
+    ("linux", "x86_64"): {2: "linux64", 3: "x86_64-linux"},
+    ("linux", "aarch64"): {2: "linux-aarch64", 3: "aarch64-linux"},
+}
+"""Folder of a binary by operating system, processor and version of FMI."""
+
+NO_DATE = (1980, 1, 1, 0, 0, 0)
+"""Date of all files in the archive, so that the same scene gives the same bytes."""
+
+
+def build_fmu(
+    scene: Scene,
+    *,
+    fmi: Fmi = 3,
+    is_open: bool = False,
+    vary: Collection[str] = (),
+) -> bytes:
+    """Functional mock-up unit for co-simulation of a scene, with binary and sources.
+
+    Args:
+        scene: The scene.
+        fmi: Version of the standard: 2 or 3.
+        is_open: Whether commands of the actuators take the place of all controllers. Robots without
+            controllers take commands in any case.
+        vary: Numbers that are parameters although they are exactly zero, by dotted path.
+
+    Raises:
+        ScenarioError: If Python updates a controller, as model predictive control does.
+        CompileError: If there is no compiler, or it fails, or the machine is none for which FMI names
+            binaries.
+    """
+    folders = PLATFORMS.get((sys.platform, platform.machine().lower()))
+    if folders is None:
+        raise CompileError(
+            f"found {sys.platform} on {platform.machine()}, allowed for an FMU: Linux on x86_64 or aarch64"
+        )
+    toolchain = find_toolchain()
+    if toolchain is None:
+        raise CompileError(f"an FMU is compiled: {NO_COMPILER}")
+    scene = _with_held_values(scene) if is_open else _without_updates(scene)
+    robots = [body.name for body in scene.robots if is_open or not _is_controlled(scene, body.name)]
+    loop, commands = (
+        build_commanded_loop(scene, robots, vary) if robots else (build_closed_loop(scene, vary), ())
+    )
+    simulation = scene.scenario.simulation
+    if simulation.step is None:
+        grid = prepare_simulation(scene, loop, rollouts=1).rollout.grid
+    else:
+        grid = time_grid(simulation.duration, simulation.step, simulation.output_step)
+    kernel = build_kernel(loop, method=METHODS[simulation.method])
+    ports = find_ports(scene, loop, commands)
+    token, sources = plant_sources(loop, kernel, sampled_steps(grid), ports, fmi)
+    name = scene.scenario.name
+    unit = UnitDescription(
+        name,
+        re.sub(r"\W|^(?=\d)", "_", name, flags=re.ASCII),
+        " ".join((scene.scenario.description or "").split()),
+        token,
+        simulation.duration,
+        grid.duration_s / grid.intervals,
+        list(sources),
+    )
+    files = {"modelDescription.xml": model_description(unit, ports, fmi).encode()}
+    files |= {f"sources/{file}": source.text.encode() for file, source in sources.items()}
+    if fmi == 3:
+        files["sources/buildDescription.xml"] = build_description(unit).encode()
+    binary = _compile([*sources.values()], toolchain)
+    return _archive(files | {f"binaries/{folders[fmi]}/{unit.identifier}.so": binary})
+
+
+def _is_controlled(scene: Scene, robot: str) -> bool:
+    """Whether a robot, or a tip of it, has a controller."""
+    body = scene.body(robot)
+    tips = [key for tip in scene.tips if tip.body.name == robot for key, _ in tip.config.elements()]
+    return bool(tips) or (isinstance(body.config, Robot) and any(body.config.elements()))
+
+
+def _with_held_values(scene: Scene) -> Scene:
+    """Scene from which the controllers that Python updates can be built, so that their sensors measure."""
+    updated = UpdatedScene.of(scene)
+    return scene if updated is None else updated.scene
+
+
+def _without_updates(scene: Scene) -> Scene:
+    """The scene, if all its controllers are expressions; otherwise raise an error."""
+    for body in scene.robots:
+        assert isinstance(body.config, Robot)
+        for key, controller in body.config.elements():
+            if controller.update_scheme is not None:
+                raise ScenarioError(
+                    f"the controller ({controller.kind}) is updated by Python, which an FMU cannot contain; "
+                    "with --open the FMU has the plant alone, and commands are its inputs",
+                    source=scene.source,
+                    where=f"{body.path}.{key}",
+                )
+    return scene
+
+
+def _compile(units: Sequence[SourceUnit], toolchain: Toolchain) -> bytes:
+    """Bytes of the shared library of some sources."""
+    with tempfile.TemporaryDirectory(prefix="spacerobot-fmu-") as folder:
+        return build(units, toolchain.portable, Path(folder), tell).read_bytes()
+
+
+def _archive(files: Mapping[str, bytes]) -> bytes:
+    """Zip file whose bytes depend on its contents alone."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for name in sorted(files, key=lambda name: (name != "modelDescription.xml", name)):
+            entry = zipfile.ZipInfo(name, NO_DATE)
+            entry.compress_type, entry.create_system, entry.external_attr = (
+                zipfile.ZIP_DEFLATED,
+                3,
+                0o644 << 16,
+            )
+            archive.writestr(entry, files[name], compresslevel=6)
+    return buffer.getvalue()
