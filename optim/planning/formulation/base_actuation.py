@@ -27,12 +27,9 @@ PARTS: dict[WrenchPart, int] = {"force": 0, "torque": 3}
 class BaseWrenchLimits:
     """Largest wrench that a base's actuators deliver.
 
-    Attributes
-    ----------
-    largest
-        Greatest force along [N] and torque about [N m] each axis of the root link (6,).
-    source
-        Actuators that set the limits, in words, for the parts that the section does not limit.
+    Attributes:
+        largest: Greatest force along [N] and torque about [N m] each axis of the root link (6,).
+        source: Actuators that set the limits, in words, for the parts that the section does not limit.
     """
 
     largest: Array
@@ -41,7 +38,7 @@ class BaseWrenchLimits:
 
 def base_wrench_limits(limits: Mapping[str, PlanLimit], body: SceneBody, planar: bool) -> BaseWrenchLimits:
     """Limits of a floating base."""
-    asked = section_base_limits(limits)
+    wrench_limits = section_base_limits(limits)
     most, sources = np.zeros(6), dict[str, None]()
     # Greatest force and torque by axis, each with the actuators that they are of. Actuators act one after the
     # other, so that limits are joined from the last one on. Wheels count where nothing else gives a part.
@@ -57,11 +54,11 @@ def base_wrench_limits(limits: Mapping[str, PlanLimit], body: SceneBody, planar:
         if one.momentum_storage() is not None:
             for part, values in one.wrench_limits(planar=planar).items():
                 actuator_limits.setdefault(part, (values, name))
-    if only_wheels(body) is not None and asked.get("force"):
+    if only_wheels(body) is not None and wrench_limits.get("force"):
         actuator_limits = {"torque": actuator_limits["torque"]}
     for part, first in PARTS.items():
-        if part in asked:
-            most[first : first + 3] = asked[part]
+        if part in wrench_limits:
+            most[first : first + 3] = wrench_limits[part]
         elif part in actuator_limits:
             values, name = actuator_limits[part]
             most[first : first + 3] = values

@@ -21,12 +21,9 @@ def cost_terms(
 
     Those without a weight are left out, and those about nothing that there is at this instant.
 
-    Parameters
-    ----------
-    stage, plan
-        An instant with the parts of the forces, and the section.
-    forces
-        Forces whose magnitudes are integrands, by name, as :func:`magnitudes` finds them.
+    Args:
+        stage, plan: An instant with the parts of the forces, and the section.
+        forces: Forces whose magnitudes are integrands, by name, as :func:`magnitudes` finds them.
     """
     terms, ends = dict[str, ca.SX](), dict[str, ca.SX]()
     parts = dict(zip(forces, split_parts(stage, forces), strict=True))

@@ -21,7 +21,7 @@ from optim.planning.formulation.path_constraints import (
     path_rows,
 )
 from optim.planning.formulation.stage import PlanningProblem, Stage
-from spacerobot.elements.goals.goal import Goal, TipGoal
+from spacerobot.elements.goals.goal import Goal
 from spacerobot.elements.grasps.grasp import Grasp
 from spacerobot.errors import ScenarioError
 from spacerobot.scenario.plan import PlanSection
@@ -34,10 +34,8 @@ from spacerobot.scene.scene import SceneGrasp
 def plan_section(scene: Scene) -> PlanSection:
     """The plan section of a scene.
 
-    Raises
-    ------
-    ScenarioError
-        If there is none.
+    Raises:
+        ScenarioError: If there is none.
     """
     if scene.scenario.plan is None:
         raise scene.error(
@@ -49,10 +47,8 @@ def plan_section(scene: Scene) -> PlanSection:
 def scene_with_plan_model(scene: Scene) -> Scene:
     """The scene that plans are made with: the plant, with what `plan.model` says otherwise.
 
-    Raises
-    ------
-    ScenarioError
-        If a change names an unknown path, or changes the moving joints or the initial state.
+    Raises:
+        ScenarioError: If a change names an unknown path, or changes the moving joints or the initial state.
     """
     changes = plan_section(scene).model
     if not changes:
@@ -81,16 +77,11 @@ def scene_with_plan_model(scene: Scene) -> Scene:
 class PhaseProblem:
     """Planning problem of one phase.
 
-    Attributes
-    ----------
-    name
-        Name of the scenario's phase; empty where the plan names no phases.
-    plan
-        Plan section of the phase.
-    problem
-        Planning problem of the phase.
-    impact
-        Whether rigid grasps close at its beginning, so that velocities jump by an impulse.
+    Attributes:
+        name: Name of the scenario's phase; empty where the plan names no phases.
+        plan: Plan section of the phase.
+        problem: Planning problem of the phase.
+        impact: Whether rigid grasps close at its beginning, so that velocities jump by an impulse.
     """
 
     name: str
@@ -102,10 +93,8 @@ class PhaseProblem:
 def formulate(scene: Scene) -> PlanningProblem:
     """Planning problem of a scene, of the first phase where there are several.
 
-    Raises
-    ------
-    ScenarioError
-        If the section names something that the scene lacks.
+    Raises:
+        ScenarioError: If the section names something that the scene lacks.
     """
     return formulate_phases(scene)[0].problem
 
@@ -113,21 +102,14 @@ def formulate(scene: Scene) -> PlanningProblem:
 def formulate_phases(scene: Scene) -> tuple[PhaseProblem, ...]:
     """Planning problems of the phases in turn.
 
-    Raises
-    ------
-    ScenarioError
-        If the section names something that the scene lacks.
+    Raises:
+        ScenarioError: If the section names something that the scene lacks.
     """
     section, scene = plan_section(scene), scene_with_plan_model(scene)
     if section.choices:
         raise scene.error(
             f"{next(iter(section.choices))!r} is chosen where one plan is made; decide here, and give `{{}}`",
             "plan.choices",
-        )
-    if scene.scenario.environment:
-        raise scene.error(
-            f"found {next(iter(scene.scenario.environment))!r}; plans know gravity alone, and no environment",
-            "environment",
         )
     problems, before = list[PhaseProblem](), tuple[SceneGrasp, ...]()
     for (name, plan), closed in zip(
@@ -184,15 +166,11 @@ def formulate_phases(scene: Scene) -> tuple[PhaseProblem, ...]:
 def check_weights(section: PlanSection, phases: Sequence[PhaseProblem]) -> None:
     """Refuse a weight on what there is in no phase.
 
-    Parameters
-    ----------
-    section, phases
-        The plan section, and the problems of its phases.
+    Args:
+        section, phases: The plan section, and the problems of its phases.
 
-    Raises
-    ------
-    ScenarioError
-        Naming the term.
+    Raises:
+        ScenarioError: Naming the term.
     """
     term_names = {name for phase in phases for name in (*phase.problem.terms, *phase.problem.ends)}
     for phase in phases:
@@ -207,21 +185,19 @@ def check_weights(section: PlanSection, phases: Sequence[PhaseProblem]) -> None:
 
 
 @contextlib.contextmanager
-def located_in_phase(whole: PlanSection, name: str) -> Iterator[None]:
+def located_in_phase(section: PlanSection, name: str) -> Iterator[None]:
     """Faults of a phase's section told with its place, where the phase says what is at fault.
 
-    Raises
-    ------
-    ScenarioError
-        The error itself, located in the phase where it belongs to one.
+    Raises:
+        ScenarioError: The error itself, located in the phase where it belongs to one.
     """
     try:
         yield
     except ScenarioError as fault:
-        keys, said = str(fault.where or "").split("."), whole.phases.get(name)
+        keys, value = str(fault.where or "").split("."), section.phases.get(name)
         for key in keys[1:3]:
-            said = said.get(key) if isinstance(said, dict) else None
-        if keys[0] != "plan" or not said:
+            value = value.get(key) if isinstance(value, dict) else None
+        if keys[0] != "plan" or not value:
             raise
         where = ".".join(["plan", "phases", name, *keys[1:]])
         raise ScenarioError(fault.message, source=fault.source, where=where) from None
@@ -230,11 +206,9 @@ def located_in_phase(whole: PlanSection, name: str) -> Iterator[None]:
 def closed_grasps_by_phase(scene: Scene, section: PlanSection) -> Iterator[tuple[SceneGrasp, ...]]:
     """Grasps that hold in each phase of a plan: those that phases before it captured and did not release.
 
-    Raises
-    ------
-    ScenarioError
-        If a phase ends with a grasp captured whose tip no goal brings to its mating frame, or with strained
-        springs.
+    Raises:
+        ScenarioError: If a phase ends with a grasp captured whose tip no goal brings to its mating frame, or
+            with strained springs.
     """
     closed, open_ = {grasp.name: grasp for grasp in closed_grasps(scene)}, {g.name: g for g in scene.grasps}
     for name, plan in section.by_phase.items():
@@ -256,13 +230,13 @@ def closed_grasps_by_phase(scene: Scene, section: PlanSection) -> Iterator[tuple
                     where,
                 )
             goal = plan.goals[mating[0]]
-            if isinstance(goal, TipGoal) and not goal.is_exact:
+            if not goal.is_exact:
                 raise scene.error(
                     f"found a tolerance of the pose, where {grasp.name!r} closes on the mating frame; "
                     "leave it out",
                     f"{where}.{mating[0]}",
                 )
-            if not is_rigid(grasp) and isinstance(goal, TipGoal) and goal.end_distance:
+            if not is_rigid(grasp) and goal.end_distance:
                 raise scene.error(
                     f"found a standoff, where {grasp.name!r} closes and its springs are at rest; "
                     "leave it out",
@@ -273,8 +247,4 @@ def closed_grasps_by_phase(scene: Scene, section: PlanSection) -> Iterator[tuple
 
 def mated(grasp: Grasp, goals: Mapping[str, Goal]) -> list[str]:
     """Names of the goals that bring a grasp's tip to its mating frame."""
-    return [
-        name
-        for name, goal in goals.items()
-        if isinstance(goal, TipGoal) and (goal.tip, goal.follows) == (grasp.tip, grasp.frame)
-    ]
+    return [name for name, goal in goals.items() if goal.mating == (grasp.tip, grasp.frame)]

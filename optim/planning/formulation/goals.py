@@ -30,10 +30,8 @@ DEPENDENT = 1e-6
 def goal_rows(stage: Stage, goals: Mapping[str, Goal]) -> Iterator[BoundedRow]:
     """Rows of goals, and of robots that they require to be settled.
 
-    Raises
-    ------
-    ScenarioError
-        If one names an unknown body, link or joint.
+    Raises:
+        ScenarioError: If one names an unknown body, link or joint.
     """
     model, bodies = stage.scene.model, {body.name: body for body in stage.scene.bodies}
     twists = dict[str, list[ca.SX]]()
@@ -52,14 +50,14 @@ def goal_rows(stage: Stage, goals: Mapping[str, Goal]) -> Iterator[BoundedRow]:
         for name, acceleration in zip(names, ca.vertsplit(stage.a[columns]), strict=True):
             yield zero(f"settled: acceleration of {name}", "rad/s2 or m/s2", acceleration)
         slopes = ca.densify(ca.jacobian(ca.vertcat(*components), stage.v)[:, columns])
-        taken, count = slopes.shape
-        if taken >= count:
+        rank, count = slopes.shape
+        if rank >= count:
             continue
         least = ca.mtimes(
             slopes.T, SymmetricFactors(ca.mtimes(slopes, slopes.T)).solve(ca.mtimes(slopes, rates))
         )
         first = ca.Function("slopes", [stage.q], [slopes])(stage.scene.q).full()
-        for k in sorted(qr(first, pivoting=True, mode="r")[1][taken:].tolist()):
+        for k in sorted(qr(first, pivoting=True, mode="r")[1][rank:].tolist()):
             yield zero(f"settled: spare rate of {names[k]}", "rad/s or m/s", rates[k] - least[k])
 
 

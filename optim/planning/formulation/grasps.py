@@ -27,10 +27,8 @@ AXES = "xyz"
 def closed_grasps(scene: Scene) -> tuple[SceneGrasp, ...]:
     """Grasps that hold at the start.
 
-    Raises
-    ------
-    ScenarioError
-        If one of them is neither rigid nor springs and dampers.
+    Raises:
+        ScenarioError: If one of them is neither rigid nor springs and dampers.
     """
     initial_grasps = begun(scene.grasps)
     for grasp in initial_grasps:

@@ -21,19 +21,13 @@ def initial_conditions(
 ) -> tuple[Sides | None, list[BoundedRow]]:
     """Limits of the start, none where nothing is free, and what must hold there beside.
 
-    Parameters
-    ----------
-    stage, plan
-        Instant of the motion, and the plan section.
-    fixed
-        Initial state of the scenario (nq + nv,).
-    limits
-        Limits of an instant (nz,), with the ranges of joints.
+    Args:
+        stage, plan: Instant of the motion, and the plan section.
+        fixed: Initial state of the scenario (nq + nv,).
+        limits: Limits of an instant (nz,), with the ranges of joints.
 
-    Raises
-    ------
-    ScenarioError
-        If the section frees something that the scene lacks, or a quantity that fixes others.
+    Raises:
+        ScenarioError: If the section frees something that the scene lacks, or a quantity that fixes others.
     """
     if not plan.start:
         return None, []

@@ -42,14 +42,10 @@ AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 class InstantView:
     """View of an instant for one section: a :class:`spacerobot.elements.goals.plan_instant.PlanInstant`.
 
-    Attributes
-    ----------
-    stage
-        The instant.
-    where
-        Dotted path of the section, for messages.
-    goals
-        Goals of the plan, by name.
+    Attributes:
+        stage: The instant.
+        where: Dotted path of the section, for messages.
+        goals: Goals of the plan, by name.
     """
 
     stage: Stage
@@ -180,6 +176,8 @@ class InstantView:
         are.
         """
         stage, scene, model = self.stage, self.stage.scene, self.stage.scene.model
+        if scene.scenario.environment:
+            raise self.fault("reactions of arms are not available with an environment; leave it out", "kind")
         moving = stage.kinematics
         inertias, reactions = Inertias.from_model(model), {}
         state, rate = ca.vertcat(stage.q, stage.v), ca.vertcat(stage.rate, stage.a)
@@ -269,10 +267,8 @@ class InstantView:
 def find_robot(scene: Scene, name: str, where: str) -> SceneBody:
     """Robot by its name.
 
-    Raises
-    ------
-    ScenarioError
-        If there is none; the near names are listed.
+    Raises:
+        ScenarioError: If there is none; the near names are listed.
     """
     robots = {body.name: body for body in scene.robots}
     if name not in robots:
@@ -285,10 +281,8 @@ def joints_named(
 ) -> Iterator[tuple[str, int, T]]:
     """Name and number of each joint of a body that a pattern names, and what is given for it.
 
-    Raises
-    ------
-    ScenarioError
-        If a pattern names none.
+    Raises:
+        ScenarioError: If a pattern names none.
     """
     ids = {body.joint_name(scene.model, j): j for j in body.driven_joints}
     for pattern, each in given.items():

@@ -27,7 +27,6 @@ from optim.planning.formulation.formulate import plan_section
 from optim.planning.formulation.path_constraints import PREFIX
 from spacerobot.arrays import Array
 from spacerobot.elements import create
-from spacerobot.elements.goals.goal import TipGoal
 from spacerobot.elements.shapes.collision_shape import wrapping_shapes
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import Scene
@@ -43,12 +42,9 @@ ALLOWED = 1e-4
 class LinkPair:
     """Two links that must not collide.
 
-    Attributes
-    ----------
-    first, second
-        body/link.
-    shapes
-        Collision shapes of each.
+    Attributes:
+        first, second: body/link.
+        shapes: Collision shapes of each.
     """
 
     first: str
@@ -60,16 +56,11 @@ class LinkPair:
 class Collision:
     """Two links that overlap along a motion.
 
-    Attributes
-    ----------
-    first, second
-        body/link.
-    depth_m
-        Greatest depth [m].
-    time_s
-        Instant of the greatest depth [s].
-    only
-        Pairs of their shapes that overlap, by index as in a keep-out zone.
+    Attributes:
+        first, second: body/link.
+        depth_m: Greatest depth [m].
+        time_s: Instant of the greatest depth [s].
+        only: Pairs of their shapes that overlap, by index as in a keep-out zone.
     """
 
     first: str
@@ -86,10 +77,8 @@ class Collision:
 def link_pairs(scene: Scene) -> list[LinkPair]:
     """Pairs of links that the plan of a scene keeps apart; none with `collision_avoidance: false`.
 
-    Parameters
-    ----------
-    scene
-        Scene with a ``plan`` section.
+    Args:
+        scene: Scene with a ``plan`` section.
     """
     plans = plan_section(scene)
     if not plans.collision_avoidance:
@@ -104,14 +93,15 @@ def link_pairs(scene: Scene) -> list[LinkPair]:
                 by_link[body.name][f"{body.name}/{link.name}"] = link_solids
     # joints whose links may collide: of tips and the mating frames that they come to, and of contacts
     tips = {tip.label: tip.joint for tip in scene.tips}
-    meant = {frozenset((grasp.tip.joint, grasp.joint)) for grasp in scene.grasps}
-    meant |= {frozenset(shape.joint for shape in pair) for one in scene.contacts for pair in one.pairs}
+    touching = {frozenset((grasp.tip.joint, grasp.joint)) for grasp in scene.grasps}
+    touching |= {frozenset(shape.joint for shape in pair) for one in scene.contacts for pair in one.pairs}
     for plan in plans.by_phase.values():
         for goal in plan.goals.values():
-            if isinstance(goal, TipGoal) and goal.follows and goal.tip in tips:
-                frame = model.getFrameId(f"target/{goal.follows}", pin.FrameType.BODY)
+            if goal.mating and goal.mating[0] in tips:
+                tip, mating_frame = goal.mating
+                frame = model.getFrameId(f"target/{mating_frame}", pin.FrameType.BODY)
                 if frame < model.nframes:  # what there is not is refused where the plan is formulated
-                    meant.add(frozenset((tips[goal.tip], int(model.frames[frame].parentJoint))))
+                    touching.add(frozenset((tips[tip], int(model.frames[frame].parentJoint))))
     data = model.createData()
     pin.centerOfMass(model, data, scene.q, scene.v)
     # Centre of mass of each body at the start (3,) [m] and its velocity (3,) [m/s], and the greatest distance
@@ -144,7 +134,7 @@ def link_pairs(scene: Scene) -> list[LinkPair]:
             links = list(itertools.product(by_link[one.name].items(), by_link[other.name].items()))
         for (first, solids_of_first), (second, solids_of_second) in links:
             joints = solids_of_first[0].joint, solids_of_second[0].joint
-            if joints[0] == joints[1] or frozenset(joints) in meant:
+            if joints[0] == joints[1] or frozenset(joints) in touching:
                 continue
             if joints[0] == model.parents[joints[1]] or joints[1] == model.parents[joints[0]]:
                 continue
@@ -177,12 +167,9 @@ def collisions(pairs: Sequence[LinkPair], model: Any, q: Array, time: Array) -> 
 
     Bounding spheres leave few instants for exact distances.
 
-    Parameters
-    ----------
-    pairs, model
-        The pairs, and the ``pinocchio.Model`` of their scene.
-    q, time
-        Configurations (n, nq) and their times (n,) [s].
+    Args:
+        pairs, model: The pairs, and the ``pinocchio.Model`` of their scene.
+        q, time: Configurations (n, nq) and their times (n,) [s].
     """
     data, places = model.createData(), list[list[Any]]()
     for row in q:
@@ -217,10 +204,8 @@ def collisions(pairs: Sequence[LinkPair], model: Any, q: Array, time: Array) -> 
 def keep_apart(scene: Scene, entered: Sequence[Collision]) -> Scene:
     """The scene whose plan has a keep-out zone for the shapes that overlap of each of some pairs of links.
 
-    Raises
-    ------
-    ScenarioError
-        If a pair's shapes have no distance that is positive where the motion begins.
+    Raises:
+        ScenarioError: If a pair's shapes have no distance that is positive where the motion begins.
     """
     plan = plan_section(scene)
     zones, data = dict(plan.keep_out), scene.model.createData()

@@ -30,10 +30,8 @@ Limits = Mapping[str, PlanLimit]
 def driven_coordinates(scene: Scene, section_limits: Limits) -> DrivenCoordinates:
     """Joints that are planned, and bases that actuators drive.
 
-    Raises
-    ------
-    ScenarioError
-        If a limit that is required is missing in a URDF, or a joint mimics another one.
+    Raises:
+        ScenarioError: If a limit that is required is missing in a URDF, or a joint mimics another one.
     """
     if scene.ties:
         raise scene.error(
@@ -66,7 +64,7 @@ def driven_coordinates(scene: Scene, section_limits: Limits) -> DrivenCoordinate
     return DrivenCoordinates(tuple(names), tuple(columns), np.array(limits, dtype=float), tuple(joints))
 
 
-def instant_limits(stage: Stage, given: Limits) -> tuple[Array, Array]:
+def instant_limits(stage: Stage, limits: Limits) -> tuple[Array, Array]:
     """Least and greatest z (nz,)."""
     scene, model = stage.scene, stage.scene.model
     upper = np.full(stage.z.numel(), np.inf)
@@ -77,7 +75,7 @@ def instant_limits(stage: Stage, given: Limits) -> tuple[Array, Array]:
             if pin_joint.nq == 1:
                 lower[pin_joint.idx_q], upper[pin_joint.idx_q] = urdf.lower, urdf.upper
             place = model.nq + pin_joint.idx_v
-            upper[place] = min(urdf.velocity, _least(given, planned_joint(scene, body, joint), "rate"))
+            upper[place] = min(urdf.velocity, _least(limits, planned_joint(scene, body, joint), "rate"))
             lower[place] = -upper[place]
     first = model.nq + 2 * model.nv
     last = first + stage.u.numel()
@@ -104,12 +102,9 @@ def path_rows(stage: Stage, plan: PlanSection) -> list[BoundedRow]:
 def avoidance_rows(stage: Stage, plan: PlanSection, excluded: Collection[str] = ()) -> list[BoundedRow]:
     """Rows of the keep-out zones that a search added; they are the last ones of a path.
 
-    Parameters
-    ----------
-    stage, plan
-        An instant, and the section.
-    excluded
-        Names of zones that are left out.
+    Args:
+        stage, plan: An instant, and the section.
+        excluded: Names of zones that are left out.
     """
     return [
         row
@@ -146,6 +141,6 @@ def planned_joint(scene: Scene, body: SceneBody, joint: int) -> PlannedJoint:
     return PlannedJoint(f"{body.name}/{urdf.name}", urdf.kind, limited, body.description.path.name)
 
 
-def _least(given: Limits, joint: PlannedJoint, key: JointQuantity) -> float:
+def _least(limits: Limits, joint: PlannedJoint, key: JointQuantity) -> float:
     """The lowest of all limits of a joint's rate or torque; infinite where there is none."""
-    return min((limit.joint_limits(joint).get(key, np.inf) for limit in given.values()), default=np.inf)
+    return min((limit.joint_limits(joint).get(key, np.inf) for limit in limits.values()), default=np.inf)

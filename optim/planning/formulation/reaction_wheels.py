@@ -45,16 +45,11 @@ def only_wheels(body: SceneBody) -> MomentumStorage | None:
 class WheelDrivenBase:
     """A robot that its wheels turn, at one instant.
 
-    Attributes
-    ----------
-    wheels
-        The set.
-    momenta
-        Angular momentum of each about its axis (n x 1) [N m s].
-    speeds
-        Speed of each wheel relative to the base (n x 1) [rad/s].
-    commanded
-        Torque that the base is to ask for, gyroscopic torque of the wheels included (3x1) [N m].
+    Attributes:
+        wheels: The set.
+        momenta: Angular momentum of each about its axis (n x 1) [N m s].
+        speeds: Speed of each wheel relative to the base (n x 1) [rad/s].
+        commanded: Torque that the base is to ask for, gyroscopic torque of the wheels included (3x1) [N m].
     """
 
     wheels: MomentumStorage
@@ -100,10 +95,8 @@ def wheel_driven_bases(stage: Stage) -> dict[str, WheelDrivenBase]:
 def wheel_rows(stage: Stage, plan: PlanSection) -> Iterator[BoundedRow]:
     """Limits of the wheels' torques and speeds.
 
-    Raises
-    ------
-    ScenarioError
-        If momentum counts from a start that is free.
+    Raises:
+        ScenarioError: If momentum counts from a start that is free.
     """
     for name, turned in wheel_driven_bases(stage).items():
         if name in plan.start:
@@ -138,12 +131,12 @@ def wheel_rows(stage: Stage, plan: PlanSection) -> Iterator[BoundedRow]:
 def commanded_base_wrench(stage: Stage) -> ca.SX:
     """Wrench commanded by controllers that follow a plan, along the axes of driven bases (n x 1) [N, N m]."""
     joints, driven_bases = len(stage.driven.joints), wheel_driven_bases(stage)
-    asked = list[ca.SX]()
+    wrenches = list[ca.SX]()
     for k, name in enumerate(stage.driven.names[joints:], start=joints):
         robot, _, axis = name.rpartition("/base.")
         wheel_base = driven_bases.get(robot)
-        asked.append(stage.u[k] if wheel_base is None else wheel_base.commanded["xyz".index(axis[1])])
-    return ca.vertcat(ca.SX(0, 1), *asked)
+        wrenches.append(stage.u[k] if wheel_base is None else wheel_base.commanded["xyz".index(axis[1])])
+    return ca.vertcat(ca.SX(0, 1), *wrenches)
 
 
 def _angular(scene: Scene, body: SceneBody, kinematics: Kinematics) -> ca.SX:

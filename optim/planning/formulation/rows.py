@@ -20,22 +20,18 @@ def implicit_in(rows: Sequence[BoundedRow]) -> list[Implicit]:
     return [row.about for row in rows if row.about is not None and row.about.function is not None]
 
 
-def symbols_of(found: Sequence[Implicit]) -> ca.SX:
+def symbols_of(implicits: Sequence[Implicit]) -> ca.SX:
     """Symbols of what iterations find (n x 1)."""
-    return ca.vertcat(ca.SX(0, 1), *(one.symbol for one in found))
+    return ca.vertcat(ca.SX(0, 1), *(one.symbol for one in implicits))
 
 
 def implicit_values(implicit: Sequence[Implicit], inputs: Array, call: Call) -> Array:
     """Values that iterations find (n, N), all columns of one function at once.
 
-    Parameters
-    ----------
-    implicit
-        Unknowns of iterations.
-    inputs
-        Values of their ``given``, one below the other (m, N).
-    call
-        Evaluates one of their functions, by its name, for columns.
+    Args:
+        implicit: Unknowns of iterations.
+        inputs: Values of their ``given``, one below the other (m, N).
+        call: Evaluates one of their functions, by its name, for columns.
     """
     count = inputs.shape[1]
     parts = np.split(inputs, np.cumsum([one.given.numel() for one in implicit])[:-1]) if implicit else []

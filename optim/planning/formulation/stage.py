@@ -5,8 +5,9 @@ what drives it, the wrenches of rigid grasps that hold, and the parts of forces 
 Accelerations are unknowns, so that the mechanics enter by inverse dynamics, whose derivatives are much
 shorter than those of forward dynamics:
 
-    M(q) a + h(q, v) + R v = B u + A(q)' w,    d/dt (A v) = 0.
+    M(q) a + h(q, v) + R v = B u + E(q, v) + A(q)' w,    d/dt (A v) = 0,
 
+with the generalized forces E of environments.
 Rows in which B is zero are a floating base on which nothing acts, and the free target.
 """
 
@@ -22,6 +23,7 @@ import pinocchio as pin
 
 from optim.planning.formulation.grasps import closed_grasps, spring_wrench, tip_slip, wrench_axes
 from spacerobot.arrays import Array
+from spacerobot.closedloop import environment_forces
 from spacerobot.dynamics import (
     Inertias,
     Kinematics,
@@ -44,16 +46,11 @@ from spacerobot.scene.scene import SceneGrasp
 class DrivenCoordinates:
     """Driven coordinates of a scene: velocities on which generalized forces act.
 
-    Attributes
-    ----------
-    names
-        Labels of joints (robot/joint) and of axes of driven bases, one for each entry of u.
-    columns
-        Index of each one's velocity in v.
-    limits
-        Greatest magnitude of each [N m or N]; infinite where there is none.
-    joints
-        Ids in the model of the joints among them, which come first.
+    Attributes:
+        names: Labels of joints (robot/joint) and of axes of driven bases, one for each entry of u.
+        columns: Index of each one's velocity in v.
+        limits: Greatest magnitude of each [N m or N]; infinite where there is none.
+        joints: Ids in the model of the joints among them, which come first.
     """
 
     names: tuple[str, ...]
@@ -80,12 +77,9 @@ class DrivenCoordinates:
 def spring_forces(scene: Scene, q: ca.SX) -> ca.SX:
     """Generalized forces (nv x 1) that the springs of flexible links take.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    q
-        Configuration (nq x 1).
+    Args:
+        scene: The scene.
+        q: Configuration (nq x 1).
     """
     forces, stiffness = ca.SX(scene.model.nv, 1), scene.stiffness
     for joint in scene.model.joints[1:]:
@@ -98,23 +92,15 @@ def spring_forces(scene: Scene, q: ca.SX) -> ca.SX:
 class Stage:
     """A scene at one instant.
 
-    Attributes
-    ----------
-    scene, driven
-        The scene, and what drives it.
-    grips
-        Rigid grasps that hold.
-    springs
-        Grasps that hold by springs and dampers.
-    q, v, a, u, w
-        Symbols (nq, nv, nv, nu, nw).
-    kinematics
-        Kinematics at (q, v).
-    s
-        Symbols of positive and negative parts of forces whose magnitudes are a cost (ns).
-    inertia
-        Symbols of the target's inertial parameters (10), Pinocchio's order, where a plan made in flight is
-        handed an estimate of them; none otherwise.
+    Attributes:
+        scene, driven: The scene, and what drives it.
+        grips: Rigid grasps that hold.
+        springs: Grasps that hold by springs and dampers.
+        q, v, a, u, w: Symbols (nq, nv, nv, nu, nw).
+        kinematics: Kinematics at (q, v).
+        s: Symbols of positive and negative parts of forces whose magnitudes are a cost (ns).
+        inertia: Symbols of the target's inertial parameters (10), Pinocchio's order, where a plan made in
+            flight is handed an estimate of them; none otherwise.
     """
 
     scene: Scene
@@ -134,12 +120,9 @@ class Stage:
     def of(cls, scene: Scene, driven: DrivenCoordinates, closed: Sequence[SceneGrasp] | None = None) -> Stage:
         """Symbols of a scene.
 
-        Parameters
-        ----------
-        scene, driven
-            The scene, and what drives it.
-        closed
-            Grasps that hold; those that begin closed if not given.
+        Args:
+            scene, driven: The scene, and what drives it.
+            closed: Grasps that hold; those that begin closed if not given.
         """
         model, closed = scene.model, closed_grasps(scene) if closed is None else closed
         grips, springs = (tuple(g for g in closed if is_rigid(g) is rigid) for rigid in (True, False))
@@ -177,6 +160,21 @@ class Stage:
         return ca.Function("rate", [self.z], [ca.densify(self.rate)])
 
     @functools.cached_property
+    def environment(self) -> ca.Function | None:
+        """Generalized forces of environments (nv x 1) as a function of q and v; None where there is none.
+
+        Raises:
+            ScenarioError: If they depend on time.
+        """
+        return environment_forces(self.scene)
+
+    def environment_effort(self, q: Array, v: Array) -> Array:
+        """Generalized forces of environments (nv,) [N, N m] at a configuration and velocity."""
+        if self.environment is None:
+            return np.zeros(self.scene.model.nv)
+        return np.array(self.environment(q, v).full()).ravel()
+
+    @functools.cached_property
     def balance(self) -> ca.SX:
         """Residual of the equations of motion (nv x 1) [N, N m]."""
         model = self.scene.model
@@ -187,6 +185,8 @@ class Stage:
         force = force + sparse(np.asarray(model.damping)) * self.v + spring_forces(self.scene, self.q)
         for k, column in enumerate(self.driven.columns):
             force[column] -= self.u[k]
+        if self.environment is not None:
+            force = force - self.environment(self.q, self.v)
         for spring in self.springs:
             apart = tip_slip(self.scene, self.kinematics, [spring])
             force = force - ca.jtimes(apart, self.v, ca.vertcat(*self.wrench(spring)), True)
@@ -218,14 +218,10 @@ class Stage:
 def state_after_impact(stage: Stage, state: Array, *, locked: bool = False) -> Array:
     """State (nq + nv,) behind the plastic impact that joins what a phase's rigid grasps hold.
 
-    Parameters
-    ----------
-    stage
-        An instant of the phase.
-    state
-        State before the impact (nq + nv,).
-    locked
-        Whether the joints stop too.
+    Args:
+        stage: An instant of the phase.
+        state: State before the impact (nq + nv,).
+        locked: Whether the joints stop too.
     """
     model = stage.scene.model
     q, v = np.split(state, [model.nq])
@@ -247,38 +243,23 @@ def state_after_impact(stage: Stage, state: Array, *, locked: bool = False) -> A
 class PlanningProblem:
     """A planning problem over a scene, before it is cut into intervals.
 
-    Attributes
-    ----------
-    stage
-        Symbols and expressions of one instant.
-    path
-        Rows bounded at all instants, besides the limits of z.
-    goal
-        Rows bounded at the last instant.
-    terms
-        Integrands of the cost (1x1 each), by name.
-    ends
-        Costs of the last instant (1x1 each), by name.
-    weights
-        Weights of the terms, of the costs of the last instant, and of ``time``, the duration.
-    lower, upper
-        Limits of z (nz,).
-    duration
-        Least, greatest and first guess of the duration [s].
-    fixed
-        Initial q and v (nq + nv,), or the first guess of them where the start is free.
-    tolerance
-        Greatest replay error of a tip [m].
-    begin
-        Least and greatest q and v at the start, where that is free (nq + nv,) each.
-    magnitudes
-        Forces (n x 1) [N] whose magnitudes are integrands, by name.
-    open_loop
-        Whether the tolerance holds for the replay without feedback too.
-    linear_drives
-        Whether drives are linear in time in each interval, so that their limits hold by those at its ends.
-    inertia
-        Numbers of the stage's ``inertia``.
+    Attributes:
+        stage: Symbols and expressions of one instant.
+        path: Rows bounded at all instants, besides the limits of z.
+        goal: Rows bounded at the last instant.
+        terms: Integrands of the cost (1x1 each), by name.
+        ends: Costs of the last instant (1x1 each), by name.
+        weights: Weights of the terms, of the costs of the last instant, and of ``time``, the duration.
+        lower, upper: Limits of z (nz,).
+        duration: Least, greatest and first guess of the duration [s].
+        fixed: Initial q and v (nq + nv,), or the first guess of them where the start is free.
+        tolerance: Greatest replay error of a tip [m].
+        begin: Least and greatest q and v at the start, where that is free (nq + nv,) each.
+        magnitudes: Forces (n x 1) [N] whose magnitudes are integrands, by name.
+        open_loop: Whether the tolerance holds for the replay without feedback too.
+        linear_drives: Whether drives are linear in time in each interval, so that their limits hold by those
+            at its ends.
+        inertia: Numbers of the stage's ``inertia``.
     """
 
     stage: Stage

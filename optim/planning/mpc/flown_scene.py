@@ -17,7 +17,6 @@ from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.verification.replay import joint_angle
 from spacerobot.arrays import Array
 from spacerobot.elements.controllers.controller import Replanning
-from spacerobot.elements.goals.goal import TipGoal
 from spacerobot.scenario.bodies import Robot
 from spacerobot.scenario.phases import reached_from, successors
 from spacerobot.scenario.plan import PlanSection
@@ -46,18 +45,12 @@ def first_plan(scene: Scene) -> PlanSection:
 class FlownScene:
     """A scene under model predictive control.
 
-    Attributes
-    ----------
-    scene
-        Scene whose controllers hold the points of one period, numbers that plans replace.
-    settings
-        Settings that all mpc controllers share.
-    joints
-        Names of each robot's joints in the order of these points, by robot.
-    duration_s
-        Duration of the simulation [s]: that of the plan where there are no phases.
-    phase
-        Phase in which plans are made, if another one comes before it.
+    Attributes:
+        scene: Scene whose controllers hold the points of one period, numbers that plans replace.
+        settings: Settings that all mpc controllers share.
+        joints: Names of each robot's joints in the order of these points, by robot.
+        duration_s: Duration of the simulation [s]: that of the plan where there are no phases.
+        phase: Phase in which plans are made, if another one comes before it.
     """
 
     scene: Scene
@@ -70,24 +63,19 @@ class FlownScene:
     def of(cls, scene: Scene, vary: Collection[str] = ()) -> FlownScene:
         """Build the scene with parameters for a plan's points.
 
-        Parameters
-        ----------
-        scene
-            Scene with a ``plan`` section, and a controller of kind ``mpc`` for each robot.
-        vary
-            Numbers by dotted path that are changed; sensors among them are read though they are ideal.
+        Args:
+            scene: Scene with a ``plan`` section, and a controller of kind ``mpc`` for each robot.
+            vary: Numbers by dotted path that are changed; sensors among them are read though they are ideal.
 
-        Raises
-        ------
-        ScenarioError
-            If the scene has no such controllers, or the plan does not fit them.
+        Raises:
+            ScenarioError: If the scene has no such controllers, or the plan does not fit them.
         """
         settings, plan, changes = mpc_settings(scene), first_plan(scene), dict[str, Any]()
         duration, joints = scene.scenario.simulation.duration, dict[str, tuple[str, ...]]()
         if not scene.scenario.phases:
             changes["simulation.duration"] = duration = plan.duration.upper
         lobatto = Lobatto.of_order(plan.order)
-        goals = [goal for goal in plan.goals.values() if isinstance(goal, TipGoal) and goal.follows]
+        mating = dict(goal.mating for goal in plan.goals.values() if goal.mating)
         for body in scene.robots:
             name, (key, _) = body.name, mpc_controllers(scene)[body.name]
             joints[name] = tuple(body.joint_name(scene.model, joint) for joint in body.driven_joints)
@@ -106,7 +94,7 @@ class FlownScene:
                 or any(f"robots.{name}.sensors.{signal}." in each for each in vary)
             ]
             changes[f"{path}.frames"] = {
-                goal.tip: goal.follows for goal in goals if goal.tip.startswith(f"{name}/")
+                tip: link for tip, link in mating.items() if tip.startswith(f"{name}/")
             }
         phase = mpc_phase(scene)
         if phase == next(iter(scene.scenario.phases), None):
@@ -127,10 +115,8 @@ class FlownScene:
     def resting(self, state: Array) -> Array:
         """Return the same numbers for robots that rest where they are.
 
-        Parameters
-        ----------
-        state
-            Configuration and velocity (nq + nv, or more).
+        Args:
+            state: Configuration and velocity (nq + nv, or more).
         """
         model, points = self.scene.model, first_plan(self.scene).order // 2 + 1
         values: list[Array] = []
@@ -155,14 +141,10 @@ class FlownScene:
     ) -> Array:
         """Begin and points of a plan in the period that begins now, of all robots in turn.
 
-        Parameters
-        ----------
-        horizon, now
-            The plans, and the time since the first one began [s].
-        begin
-            Time at which the first one began [s].
-        locked
-            Positions of joints that plans do not move [rad or m], by ``robot/joint``.
+        Args:
+            horizon, now: The plans, and the time since the first one began [s].
+            begin: Time at which the first one began [s].
+            locked: Positions of joints that plans do not move [rad or m], by ``robot/joint``.
         """
         values: list[Array] = []
         for robot, names in self.joints.items():
@@ -179,16 +161,12 @@ class FlownScene:
 def mpc_settings(scene: Scene) -> Replanning:
     """Settings that all mpc controllers share: period, delay, and when the last plan is made.
 
-    Parameters
-    ----------
-    scene
-        Scene with a controller of kind ``mpc`` for each robot.
+    Args:
+        scene: Scene with a controller of kind ``mpc`` for each robot.
 
-    Raises
-    ------
-    ScenarioError
-        If robots differ in them, one has none, they do not rest after the first phase, or the plan's
-        duration is not so many periods.
+    Raises:
+        ScenarioError: If robots differ in them, one has none, they do not rest after the first phase, or the
+            plan's duration is not so many periods.
     """
     controllers, plan = mpc_controllers(scene), first_plan(scene)
     for body in scene.robots:
@@ -224,10 +202,8 @@ def mpc_settings(scene: Scene) -> Replanning:
 def mpc_phase(scene: Scene) -> str | None:
     """Name of the phase in which plans are made; None without phases.
 
-    Raises
-    ------
-    ScenarioError
-        If there are several or none, or it comes again.
+    Raises:
+        ScenarioError: If there are several or none, or it comes again.
     """
     phases, mpc_phases = scene.scenario.phases, dict[str, None]()
     for name, (robot, (key, _)) in itertools.product(phases, mpc_controllers(scene).items()):

@@ -29,16 +29,12 @@ Places = NDArray[np.int64]
 class Handover:
     """The scene that plans are made of, and where it begins.
 
-    Attributes
-    ----------
-    whole, scene
-        The simulated scene, and the planned one: without phases, held grasps closed, locked joints fixed.
-    begin_s
-        Time of the simulation at which plans begin [s].
-    q, v
-        Places of the planned configuration and velocity in the simulated ones.
-    locked
-        Positions of locked joints [rad or m], by ``robot/joint``.
+    Attributes:
+        whole, scene: The simulated scene, and the planned one: without phases, held grasps closed, locked
+            joints fixed.
+        begin_s: Time of the simulation at which plans begin [s].
+        q, v: Places of the planned configuration and velocity in the simulated ones.
+        locked: Positions of locked joints [rad or m], by ``robot/joint``.
     """
 
     whole: Scene
@@ -57,17 +53,13 @@ class Handover:
     def at(cls, scene: Scene, loop: ClosedLoop, start: Array) -> Handover:
         """Hand over at a later instant.
 
-        Parameters
-        ----------
-        scene, loop
-            The simulated scene, and its closed loop.
-        start
-            Time, state and switches at that instant (1 + nx + ns,).
+        Args:
+            scene, loop: The simulated scene, and its closed loop.
+            start: Time, state and switches at that instant (1 + nx + ns,).
 
-        Raises
-        ------
-        ScenarioError
-            If a grasp that is closed then is not rigid, or the scene cannot be built with what is locked.
+        Raises:
+            ScenarioError: If a grasp that is closed then is not rigid, or the scene cannot be built with what
+                is locked.
         """
         model, switched = scene.model, dict(zip(loop.switch_names, start[1 + loop.nx :] > 0.5, strict=True))
         state = start[1 : 1 + model.nq + model.nv]
@@ -128,12 +120,9 @@ class Handover:
         None where no filter estimates them, the tip holds nothing, or no body can have them: a plan then
         keeps what it knew.
 
-        Parameters
-        ----------
-        readings
-            Sensor readings; estimates are in axes of the tip.
-        state
-            Configuration and velocity as they seem to be (nq + nv,).
+        Args:
+            readings: Sensor readings; estimates are in axes of the tip.
+            state: Configuration and velocity as they seem to be (nq + nv,).
         """
         for grasp in self.held:
             label = grasp.tip.label

@@ -47,22 +47,15 @@ ROOM = 1e-6
 class Horizon:
     """The present plan, and the solver's record of all plans.
 
-    Attributes
-    ----------
-    solver
-        The problem.
-    motion, solution, program
-        The plan, its solution, and what that solves.
-    first_duration_s
-        Duration of the first plan [s].
-    begin_s
-        Time at which the present plan began [s].
-    min_horizon
-        Shortest time that a plan looks ahead [s].
-    iterations, seconds
-        Number of iterations, and time [s], of each solve.
-    missed, unfinished
-        Number of solves without a plan, and of plans that were flown before the solver converged.
+    Attributes:
+        solver: The problem.
+        motion, solution, program: The plan, its solution, and what that solves.
+        first_duration_s: Duration of the first plan [s].
+        begin_s: Time at which the present plan began [s].
+        min_horizon: Shortest time that a plan looks ahead [s].
+        iterations, seconds: Number of iterations, and time [s], of each solve.
+        missed, unfinished: Number of solves without a plan, and of plans that were flown before the solver
+            converged.
     """
 
     solver: PlanSolver
@@ -83,21 +76,15 @@ class Horizon:
     ) -> Horizon:
         """Make the first plan, from a first guess.
 
-        Parameters
-        ----------
-        solver
-            The problem.
-        measured
-            Configuration and velocity at its beginning (nq + nv,), as they seem to be.
-        min_horizon
-            Shortest time that a plan looks ahead [s].
-        inertia
-            Inertial parameters of the target as they are estimated (10,); those of the model if None.
+        Args:
+            solver: The problem.
+            measured: Configuration and velocity at its beginning (nq + nv,), as they seem to be.
+            min_horizon: Shortest time that a plan looks ahead [s].
+            inertia: Inertial parameters of the target as they are estimated (10,); those of the model if
+                None.
 
-        Raises
-        ------
-        NoPlanError
-            If none is found.
+        Raises:
+            NoPlanError: If none is found.
         """
         problem = with_inertia(dataclasses.replace(solver.problem, fixed=measured), inertia)
         phase_solver = solver.with_first(problem=problem)
@@ -123,16 +110,11 @@ class Horizon:
 
         Where none is found the last one stays.
 
-        Parameters
-        ----------
-        begin
-            Time at which the plan begins [s].
-        measured
-            Configuration and velocity then (nq + nv,), as they seem to be.
-        iterations
-            Maximum number of iterations.
-        inertia
-            Inertial parameters of the target as they are estimated (10,); as before if None.
+        Args:
+            begin: Time at which the plan begins [s].
+            measured: Configuration and velocity then (nq + nv,), as they seem to be.
+            iterations: Maximum number of iterations.
+            inertia: Inertial parameters of the target as they are estimated (10,); as before if None.
         """
         clock, scale = time.perf_counter(), self.solution.scale
         solver = self.solver.with_first(problem=with_inertia(self.solver.problem, inertia))

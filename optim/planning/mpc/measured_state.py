@@ -11,7 +11,6 @@ import pinocchio as pin
 from spacerobot.arrays import Array
 from spacerobot.closedloop import OutputVariable
 from spacerobot.elements.controllers.controller import MPC_INPUT
-from spacerobot.elements.goals.goal import TipGoal
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scenario.sensors import Sensors
 from spacerobot.scene import Scene
@@ -33,12 +32,10 @@ def sensors_of(scene: Scene) -> dict[str, Sensors]:
 def readings_of(variables: Iterable[OutputVariable], outputs: Mapping[str, Array]) -> Readings:
     """Readings among the outputs of a closed loop at one instant.
 
-    Parameters
-    ----------
-    variables
-        Outputs of the closed loop, whose controllers of kind ``mpc`` name the signals that they read.
-    outputs
-        Values by the output's name, each (n,).
+    Args:
+        variables: Outputs of the closed loop, whose controllers of kind ``mpc`` name the signals that they
+            read.
+        outputs: Values by the output's name, each (n,).
     """
     readings: dict[tuple[str, str], Array] = {}
     for one in variables:
@@ -63,23 +60,15 @@ def measured_state(
     are seen from where the tips seem to be; where several see it, it is taken to be in the middle. A target
     that is held moves with the tip that holds it.
 
-    Parameters
-    ----------
-    scene, plan
-        The scene, and its section.
-    readings
-        Sensor readings; the true value stands in for a signal that is missing.
-    state
-        Begins with the true configuration and velocity (nq + nv, or more).
-    first
-        Configuration at the start (nq,), from whose attitudes the measured ones are counted.
-    held
-        Grasps that hold the target rigidly.
+    Args:
+        scene, plan: The scene, and its section.
+        readings: Sensor readings; the true value stands in for a signal that is missing.
+        state: Begins with the true configuration and velocity (nq + nv, or more).
+        first: Configuration at the start (nq,), from whose attitudes the measured ones are counted.
+        held: Grasps that hold the target rigidly.
 
-    Returns
-    -------
-    numpy.ndarray
-        Configuration and velocity (nq + nv,).
+    Returns:
+        numpy.ndarray: Configuration and velocity (nq + nv,).
     """
     model, nq = scene.model, scene.model.nq
     q, v = np.array(state[:nq]), np.array(state[nq : nq + model.nv])
@@ -120,9 +109,9 @@ def measured_state(
         _place(scene, scene.target, q, v, (pose.translation, pose.rotation, twist.linear, twist.angular))
         return np.concatenate([q, v])
     sightings = [
-        _seen(scene, (tips[goal.tip], goal.follows), readings, (start, truth, estimate))
+        _seen(scene, (tips[goal.mating[0]], goal.mating[1]), readings, (start, truth, estimate))
         for goal in plan.goals.values()
-        if isinstance(goal, TipGoal) and goal.follows
+        if goal.mating
     ]
     if sightings and scene.target is not None:
         shift, turn, velocity, spin = np.mean(sightings, axis=0)

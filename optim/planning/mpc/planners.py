@@ -37,21 +37,14 @@ Notify = Callable[[str], None]
 class Planners:
     """Horizons of simulations by their number, in this process.
 
-    Parameters
-    ----------
-    scene
-        Scene whose motion is planned.
-    backend
-        ``auto``, ``compiled`` or ``interpreted``.
-    notify
-        Callback that receives a short message at each step.
-    begun
-        Places of plans and where they begin, if not at the start of the simulation.
+    Args:
+        scene: Scene whose motion is planned.
+        backend: ``auto``, ``compiled`` or ``interpreted``.
+        notify: Callback that receives a short message at each step.
+        begun: Places of plans and where they begin, if not at the start of the simulation.
 
-    Raises
-    ------
-    ScenarioError
-        If the plan does not suit model predictive control.
+    Raises:
+        ScenarioError: If the plan does not suit model predictive control.
     """
 
     def __init__(
@@ -76,19 +69,13 @@ class Planners:
     def first(self, numbers: Sequence[int], measured: Array, inertia: Sequence[Array | None]) -> list[str]:
         """Plan simulations from their start, each from a first guess.
 
-        Parameters
-        ----------
-        numbers
-            Numbers of the simulations.
-        measured
-            Configuration and velocity of each at its start (n, nq + nv), as they seem to be.
-        inertia
-            Estimated inertial parameters of the target (10,) of each, None for those of the model.
+        Args:
+            numbers: Numbers of the simulations.
+            measured: Configuration and velocity of each at its start (n, nq + nv), as they seem to be.
+            inertia: Estimated inertial parameters of the target (10,) of each, None for those of the model.
 
-        Returns
-        -------
-        list
-            Why there is no plan, in words; empty where there is one.
+        Returns:
+            list: Why there is no plan, in words; empty where there is one.
         """
         failures = []
         for number, state, target_inertia in zip(numbers, measured, inertia, strict=True):
@@ -106,16 +93,12 @@ class Planners:
     ) -> None:
         """Plan simulations again, each from its last plan.
 
-        Parameters
-        ----------
-        numbers
-            Numbers of the simulations.
-        begin
-            Time at which the plans begin [s].
-        measured
-            Configuration and velocity of each then (n, nq + nv), as they seem to be.
-        inertia
-            Estimated inertial parameters of the target (10,) of each, None for what was known before.
+        Args:
+            numbers: Numbers of the simulations.
+            begin: Time at which the plans begin [s].
+            measured: Configuration and velocity of each then (n, nq + nv), as they seem to be.
+            inertia: Estimated inertial parameters of the target (10,) of each, None for what was known
+                before.
         """
         for number, state, target_inertia in zip(numbers, measured, inertia, strict=True):
             self._horizons[number].replan(begin, state, self._flown.settings.iterations, target_inertia)
@@ -133,12 +116,9 @@ class Planners:
 class ParallelPlanners:
     """Planners in several processes; see :class:`Planners`.
 
-    Parameters
-    ----------
-    scene
-        Scene whose motion is planned.
-    count
-        Number of processes.
+    Args:
+        scene: Scene whose motion is planned.
+        count: Number of processes.
     """
 
     def __init__(self, scene: Scene, count: int) -> None:

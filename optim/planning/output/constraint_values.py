@@ -106,20 +106,14 @@ def _told(row: BoundedRow, values: Array) -> tuple[Array, Array]:
 def with_flown(plan: xr.Dataset, scene: Scene, flown: xr.Dataset) -> xr.Dataset:
     """A plan's dataset with the values that its constraints had when it was flown.
 
-    Parameters
-    ----------
-    plan
-        Dataset of ``plan.nc``.
-    scene
-        Scene with its plan section.
-    flown
-        A result's data, of the same bodies.
+    Args:
+        plan: Dataset of ``plan.nc``.
+        scene: Scene with its plan section.
+        flown: A result's data, of the same bodies.
 
-    Returns
-    -------
-    xarray.Dataset
-        With ``constraint_flown`` (flown_time, constraint_name); no numbers where a constraint is of what
-        drives the motion, or of another phase.
+    Returns:
+        xarray.Dataset: With ``constraint_flown`` (flown_time, constraint_name); no numbers where a constraint
+            is of what drives the motion, or of another phase.
     """
     phases = formulate_phases(scene)
     names, times = [str(name) for name in plan.constraint_name.values], flown.time.values
@@ -147,10 +141,8 @@ def multiplier_norms(planned: PlanSolution) -> Array:
     depend on the mesh: what the cost, in its own units, would save for a unit of each and a second. Those of
     the collocation and of the goals are left out.
 
-    Parameters
-    ----------
-    planned
-        The plan.
+    Args:
+        planned: The plan.
     """
     solution = planned.solution
     norms, row, unknown = [], 0, 0

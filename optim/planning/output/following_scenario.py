@@ -17,7 +17,6 @@ from optim.planning.formulation.formulate import mated, plan_section
 from optim.planning.search.make_plan import PlanSolution
 from optim.planning.verification.replay import joint_angle
 from optim.planning.verification.tracking_gains import base_gains, tracking_gains
-from spacerobot.elements.goals.goal import TipGoal
 from spacerobot.scenario import Scenario
 from spacerobot.scenario.load import to_document, validate
 from spacerobot.scenario.merge import CONTROLLERS, overlay
@@ -126,8 +125,8 @@ def _in_phases(planned: PlanSolution, document: Document) -> Document:
         # after the plan tips stay where it brought them
         during = scenario.during(last) if scenario.phases else scenario
         for goal in next(reversed(plan_section(planned.scene).by_phase.values())).goals.values():
-            if isinstance(goal, TipGoal):
-                name, _, tip = goal.tip.partition("/")
+            if goal.tip_label is not None:
+                name, _, tip = goal.tip_label.partition("/")
                 held = {"reference": goal.kept(during.robots[name].tips[tip].reference)}
                 rest["robots"] = overlay(rest["robots"], {name: {"tips": {tip: held}}})
         if scenario.simulation.duration > phased_motion.duration_s:

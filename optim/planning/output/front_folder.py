@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from optim.planning.output.plan_folder import write as write_plan
 from optim.planning.studies.pareto_front import ParetoFront
 from spacerobot.files import StrPath, write_text
 from spacerobot.scene import build_scene
+from spacerobot.tables import Table, unit_scale
 
 FRONT = "front.json"
 
@@ -40,13 +42,33 @@ def to_data(front: ParetoFront) -> dict[str, Any]:
     }
 
 
+def front_table(data: Mapping[str, Any]) -> Table:
+    """Table of a front: values and cost of each point, and the reason for a refused one.
+
+    Args:
+        data: Data of :func:`to_data`.
+    """
+    terms = data["terms"]
+    scales = {name: unit_scale(data["units"][name]) for name in terms}
+    headings = (f"{data['headings'][name]} [{scales[name][1]}]" for name in terms)
+    rows = []
+    for point in data["points"]:
+        plan, values = point.get("plan"), point["values"]
+        cells = [f"{values[name] * scales[name][0]:.5g}" if name in values else "" for name in terms]
+        cells += [f"{plan['cost']:.6g}", f"{plan['intervals']}"] if plan else ["", ""]
+        status = "" if point["status"] == "efficient" else point["status"]
+        if status == "refused":
+            changes = ", ".join(f"{path} {value:.4g}" for path, value in point["changes"].items())
+            status = f"refused ({changes}): {point['failure']}"
+        rows.append([point["name"], *cells, status])
+    return Table(f"Pareto front of {data['scenario']}", ("point", *headings, "cost", "intervals", ""), rows)
+
+
 def write(front: ParetoFront, folder: StrPath) -> dict[str, Any]:
     """Write a front, and each plan into a folder of its own; gives what stands in ``front.json``.
 
-    Raises
-    ------
-    ResultError
-        If the folder cannot be written.
+    Raises:
+        ResultError: If the folder cannot be written.
     """
     folder = Path(folder)
     data = plain(to_data(front))

@@ -174,8 +174,8 @@ def _over_time(scene: Scene, motion: Motion, drives: Mapping[str, int], grips: l
         variables[name] = (("time", "tip", "axis"), tips[name], _told(unit, text))
     if drives:
         attributes = _told("N or N m", "forces and torques commanded of bases, in their own axes")
-        asked = ca.Function("asked", [stage.z], [ca.densify(commanded_base_wrench(stage))])
-        wrench = _spread(list(drives), driven.names[count:], np.array(asked(motion.z.T).full()).T)
+        wrench_function = ca.Function("asked", [stage.z], [ca.densify(commanded_base_wrench(stage))])
+        wrench = _spread(list(drives), driven.names[count:], np.array(wrench_function(motion.z.T).full()).T)
         variables["base_wrench"] = (("time", "drive"), wrench, attributes)
         attributes = _told("m/s or rad/s", "velocities and spins of bases along and about these axes")
         variables["base_rate"] = (("time", "drive"), v[:, list(drives.values())], attributes)
@@ -227,6 +227,7 @@ def summary(planned: PlanSolution) -> dict[str, Any]:
             "replay_error_m": dict(verification.replay_errors_m),
             "followed_error_m": dict(verification.followed_errors_m),
             "tolerance_m": verification.tolerance_m,
+            "open_loop": verification.open_loop,
             "violations": [vars(violation) for violation in verification.violations],
         },
         "base_limits": limiting_actuators(planned.scene, plan_section(planned.scene).by_phase.values()),
@@ -235,29 +236,30 @@ def summary(planned: PlanSolution) -> dict[str, Any]:
             "kept_apart": [list(names) for names in planned.kept_apart],
         },
         "choices": [vars(one) for one in planned.candidates],
+        "warnings": plan_warnings(planned),
         "evaluation": planned.backend,
         "solver_runs": [dict(vars(one)) for one in planned.runs],
         **({"plugins": plugins} if (plugins := plugin_records()) else {}),
     }
 
 
+def plan_warnings(planned: PlanSolution) -> list[str]:
+    """Warn of a saddle point, and of goals after which controllers take over moving joints."""
+    saddle = "the plan is a saddle point: nearby motions cost less; raise `plan.starts`"
+    return [*([saddle] if planned.verification.saddle else []), *handover_warnings(planned)]
+
+
 def write(planned: PlanSolution, folder: StrPath, sensitivities: Mapping[str, float] | None = None) -> None:
     """Write a plan; one that is there already is replaced.
 
-    Parameters
-    ----------
-    planned
-        The plan.
-    folder
-        Folder of the plan.
-    sensitivities
-        Derivatives of its optimal cost by numbers of its scenario, by dotted path; kept in its summary as
-        ``cost_sensitivities``.
+    Args:
+        planned: The plan.
+        folder: Folder of the plan.
+        sensitivities: Derivatives of its optimal cost by numbers of its scenario, by dotted path; kept in its
+            summary as ``cost_sensitivities``.
 
-    Raises
-    ------
-    ResultError
-        If the folder cannot be written; what was there before is then still there.
+    Raises:
+        ResultError: If the folder cannot be written; what was there before is then still there.
     """
     folder = Path(folder)
     try:
@@ -282,10 +284,8 @@ def write(planned: PlanSolution, folder: StrPath, sensitivities: Mapping[str, fl
 def read(folder: StrPath) -> tuple[xr.Dataset, dict[str, Any]]:
     """Data and summary of a stored plan, from ``plan.nc`` and ``plan.json``.
 
-    Raises
-    ------
-    ResultError
-        If they cannot be read.
+    Raises:
+        ResultError: If they cannot be read.
     """
     folder = Path(folder)
     try:
@@ -305,15 +305,20 @@ def _summary_fault(summary: Any) -> str | None:
     number, items = (int, float), (list, dict)
     expected: dict[str, Any] = {
         "scenario": str,
-        "duration_s": number,
-        "cost": number,
+        **dict.fromkeys(("duration_s", "cost", "intervals", "order", "unknowns"), number),
+        "phases": list,
         "terms": dict,
         "verification": dict,
         "choices": list,
         "solver_runs": list,
         "collision_avoidance": dict,
     }
-    inner: dict[str, Any] = {"residual": number, "second_order": str, "violations": items}
+    inner: dict[str, Any] = {
+        **dict.fromkeys(("residual", "tolerance_m"), number),
+        **dict.fromkeys(("replay_error_m", "followed_error_m"), dict),
+        "second_order": str,
+        "violations": items,
+    }
     for place, mapping, kinds in (
         ("", summary, expected),
         ("verification.", isinstance(summary, dict) and summary.get("verification"), inner),

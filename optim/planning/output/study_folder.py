@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from optim.planning.studies.design_study import DesignStudy
 from optim.problem.variables import at_bound
 from spacerobot.files import StrPath, write_text
 from spacerobot.scenario.units import unit_at
+from spacerobot.tables import Table
 
 DESIGN = "design.json"
 
@@ -47,13 +49,50 @@ def to_data(study: DesignStudy) -> dict[str, Any]:
     return dict(plain(data))
 
 
+def study_tables(data: Mapping[str, Any]) -> list[Table]:
+    """Tables of a study: the optimum, its variables, and the optimal cost over each variable.
+
+    Args:
+        data: Data of :func:`to_data`.
+    """
+    cost, trials, variables = data["cost"], data["trials"], data["variables"]
+    rows = [
+        ("optimal cost", f"{cost['start']:.6g} in the scenario, {cost['found']:.6g} at the optimum"),
+        ("designs", f"{len(trials)}, {sum(trial['iterations'] for trial in trials)} iterations"),
+        ("status", data["ended"]),
+    ]
+    heads = ("variable", "unit", "from", "to", "scenario", "optimum", "sensitivity", "")
+    cells = [
+        [
+            name,
+            one["unit"],
+            *(f"{one[key]:.6g}" for key in ("lower", "upper", "start", "found")),
+            f"{one['slope']:+.4g}",
+            one["where"],
+        ]
+        for name, one in variables.items()
+    ]
+    tables = [Table.of_pairs(f"design of {data['scenario']}", rows), Table("variables", heads, cells)]
+    for k, (name, sweep) in enumerate(data["sweeps"].items()):
+        points = [
+            [f"{trial['values'][k]:.6g}"]
+            + (
+                [trial["failure"], ""]
+                if trial["failure"]
+                else [f"{trial['cost']:.6g}", f"{trial['slopes'][k]:+.5g}"]
+            )
+            for trial in sweep
+        ]
+        title = f"optimal cost over {name}, the other variables at their optimum"
+        tables.append(Table(title, (f"{name} [{variables[name]['unit']}]", "cost", "sensitivity"), points))
+    return tables
+
+
 def write(study: DesignStudy, folder: StrPath) -> dict[str, Any]:
     """Write a study, and the plan of the design that it found; gives what stands in ``design.json``.
 
-    Raises
-    ------
-    ResultError
-        If the folder cannot be written.
+    Raises:
+        ResultError: If the folder cannot be written.
     """
     folder = Path(folder)
     data = to_data(study)

@@ -19,14 +19,10 @@ Value = str | float
 class Candidate:
     """Outcome of one candidate.
 
-    Attributes
-    ----------
-    chosen
-        Value of each choice, by name.
-    cost
-        Cost of its plan; None where there is none.
-    failure
-        Why there is none.
+    Attributes:
+        chosen: Value of each choice, by name.
+        cost: Cost of its plan; None where there is none.
+        failure: Why there is none.
     """
 
     chosen: dict[str, Value]
@@ -39,18 +35,13 @@ def best_candidate(
 ) -> tuple[T, tuple[Candidate, ...]]:
     """The plan with the lowest cost of all candidates, and the outcome of each.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    plan
-        Gives the cost of a scene's plan, and the plan; it is told in words which candidate it is of.
+    Args:
+        scene: The scene.
+        plan: Gives the cost of a scene's plan, and the plan; it is told in words which candidate it is of.
 
-    Raises
-    ------
-    ScenarioError
-        If there are no choices and no plan, or a choice names a path that is not there, or a value that
-        it does not take; NoPlanError where none of them leads to a plan.
+    Raises:
+        ScenarioError: If there are no choices and no plan, or a choice names a path that is not there, or a
+            value that it does not take; NoPlanError where none of them leads to a plan.
     """
     best: tuple[float, T] | None = None
     candidates, choices = list[Candidate](), plan_section(scene).choices

@@ -1,4 +1,4 @@
-"""Why a search found no plan, and what to try: infeasible, iterations or time exhausted, a bad start."""
+"""Messages of a search without a plan: infeasible, budget exhausted, a bad start, and remedies."""
 
 from __future__ import annotations
 
@@ -25,12 +25,9 @@ SHARE = 0.05
 def limit_message(program: PhaseChain, solution: Solution, plan: PlanSection) -> str:
     """Message where a search was stopped by a limit of its own, or by numbers; none where it ended itself.
 
-    Parameters
-    ----------
-    program, solution
-        Program, and the solver's last iterate.
-    plan
-        The section, whose limits are named.
+    Args:
+        program, solution: Program, and the solver's last iterate.
+        plan: The section, whose limits are named.
     """
     left = f"where it stopped, violated most: {largest_violations(program, solution.w)}"
     if solution.status == TIME_LIMIT:
@@ -54,10 +51,8 @@ def limit_message(program: PhaseChain, solution: Solution, plan: PlanSection) ->
 def bad_guess_message(program: PhaseChain, first: Array) -> str | None:
     """Message where a first guess cannot be evaluated, naming what; None where it can.
 
-    Parameters
-    ----------
-    program, first
-        Program, and its initial unknowns.
+    Args:
+        program, first: Program, and its initial unknowns.
     """
     g, cost = program.constraints(first), program.objective(first)
     wrong = [name for name, rows in _rows(program) if not np.isfinite(g[rows]).all()]
@@ -77,14 +72,10 @@ def infeasibility_message(
 ) -> str:
     """Message where no motion was found that meets all constraints, from the elastic program's solution.
 
-    Parameters
-    ----------
-    program
-        Program that has no solution.
-    elastic, solution
-        Elastic form of the program, and its solution.
-    status
-        IPOPT's word for where the program itself ended.
+    Args:
+        program: Program that has no solution.
+        elastic, solution: Elastic form of the program, and its solution.
+        status: IPOPT's word for where the program itself ended.
     """
     w, (low, high) = solution.w[: program.size], program.bounds()
     hints = "relax them, or try further first guesses (`starts: 5`)"
@@ -131,10 +122,8 @@ def infeasibility_message(
 def largest_violations(program: PhaseChain, w: Array) -> str:
     """Constraints that are violated most, by name with their violations.
 
-    Parameters
-    ----------
-    program, w
-        Program, and its unknowns.
+    Args:
+        program, w: Program, and its unknowns.
     """
     g, (least, greatest) = program.constraints(w), program.limits()
     over, violations = np.maximum(np.maximum(least - g, g - greatest), 0.0), dict[str, tuple[float, str]]()

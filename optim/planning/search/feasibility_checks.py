@@ -14,7 +14,6 @@ from optim.planning.formulation.stage import PlanningProblem
 from optim.planning.transcription.initial_guess import drift
 from optim.planning.transcription.lobatto import Lobatto
 from spacerobot.arrays import Array
-from spacerobot.elements.goals.goal import TipGoal
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scene import Scene
 from spacerobot.scene.reference_checks import com_from_base, reach
@@ -31,10 +30,8 @@ INSTANTS = 100
 def check_start(problem: PlanningProblem) -> None:
     """Refuse a start that is given and violates its own limits.
 
-    Raises
-    ------
-    ScenarioError
-        Naming the limit.
+    Raises:
+        ScenarioError: Naming the limit.
     """
     if problem.begin is not None:
         return
@@ -73,10 +70,8 @@ def check_start(problem: PlanningProblem) -> None:
 def check_momentum(problem: PlanningProblem, plan: PlanSection) -> None:
     """Refuse goals of rest for bodies whose momentum nothing absorbs, and two such goals for one body.
 
-    Raises
-    ------
-    ScenarioError
-        If such a goal is given; the message states the momentum.
+    Raises:
+        ScenarioError: If such a goal is given; the message states the momentum.
     """
     scene, resting = problem.stage.scene, dict[str, str]()
     for name, goal in plan.goals.items():
@@ -137,26 +132,24 @@ def check_joined(problem: PlanningProblem, plan: PlanSection) -> None:
     What floats freely keeps its momenta. With its joints at rest and its tip moving as the mating frame it
     would move as one with the target: momentum m v and, about its centre of mass, I w with some inertia I.
 
-    Raises
-    ------
-    ScenarioError
-        If such a goal is given; the message states the velocity or spin that nothing changes.
+    Raises:
+        ScenarioError: If such a goal is given; the message states the velocity or spin that nothing changes.
     """
     scene, tips = problem.stage.scene, {tip.label: tip for tip in problem.stage.scene.tips}
     model, data = scene.model, scene.model.createData()
     if problem.stage.driven.drives_bases or problem.stage.grips or problem.begin is not None:
         return
     for name, goal in plan.goals.items():
-        if not isinstance(goal, TipGoal) or goal.follows is None or goal.end_speed is None:
+        if goal.mating is None or goal.end_speed is None:
             continue
-        tip = tips[goal.tip]
+        tip = tips[goal.mating[0]]
         if not tip.body.root_joint:
             continue
         linear, angular = _momenta(scene, [tip.body])
         mass = sum(float(model.inertias[joint].mass) for joint in tip.body.subtree)
         velocity, near = linear / mass, _greatest_distance(problem, tip)
         # velocity and spin of the mating frame, world axes, when the plan may end (n, 3) each [m/s, rad/s]
-        frame, mate = model.getFrameId(f"target/{goal.follows}", pin.FrameType.BODY), []
+        frame, mate = model.getFrameId(f"target/{goal.mating[1]}", pin.FrameType.BODY), []
         for q, v in zip(*_free_motion(problem), strict=True):
             pin.forwardKinematics(model, data, q, v)
             motion = pin.getFrameVelocity(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
@@ -204,10 +197,8 @@ def check_changeable(problem: PlanningProblem) -> None:
 
     Nothing changes what is neither driven nor held together with what is.
 
-    Raises
-    ------
-    ScenarioError
-        If a goal is missed; the message states the least distance.
+    Raises:
+        ScenarioError: If a goal is missed; the message states the least distance.
     """
     stage, scene = problem.stage, problem.stage.scene
     if problem.begin is not None or stage.grips or stage.springs or not problem.goal:
@@ -248,10 +239,8 @@ def check_reach(problem: PlanningProblem, plan: PlanSection, tips: dict[str, Sce
     The centre of mass of a floating robot that nothing drives moves uniformly, and its base is never far from
     it, so that the bound needs no solver.
 
-    Raises
-    ------
-    ScenarioError
-        If a goal cannot be reached; the message states both distances.
+    Raises:
+        ScenarioError: If a goal cannot be reached; the message states both distances.
     """
     scene, driven = problem.stage.scene, problem.stage.driven
     pushed = any(driven.strength(body.name, "f") for body in scene.robots)
@@ -259,9 +248,9 @@ def check_reach(problem: PlanningProblem, plan: PlanSection, tips: dict[str, Sce
         return
     data, (qs, _) = scene.model.createData(), _free_motion(problem)
     for name, goal in plan.goals.items():
-        if not isinstance(goal, TipGoal):
+        if goal.tip_label is None:
             continue
-        tip, nearest, stage = tips[goal.tip], np.inf, problem.stage
+        tip, nearest, stage = tips[goal.tip_label], np.inf, problem.stage
         allowed = _greatest_distance(problem, tip)
         place = ca.Function(
             "place", [stage.q], [ca.densify(goal.place(InstantView(stage, f"plan.goals.{name}")))]

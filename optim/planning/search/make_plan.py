@@ -16,6 +16,7 @@ from optim.planning.search.plan_solver import PlanSolver, SolveRequest, SolveRes
 from optim.planning.search.solve_tasks import SolveTask, run_tasks
 from optim.planning.search.warm_start import stored_motion
 from optim.planning.solver.ipopt import Solution
+from optim.planning.transcription.initial_guess import arrival_durations
 from optim.planning.transcription.motion import Motion, PhasedMotion
 from optim.planning.verification.verify import VerificationResult
 from spacerobot.errors import NoPlanError
@@ -31,27 +32,18 @@ PLAN = "plan"
 class PlanSolution:
     """A planned trajectory with its cost, the solver's runs and its verification.
 
-    Attributes
-    ----------
-    scene, phased_motion
-        The scene and its motion, in one phase or several.
-    names
-        Names of the scenario's phases; one empty name where the plan names no phases.
-    cost, terms
-        Cost, and its parts by name.
-    runs
-        Every run of the solver, in turn.
-    solution
-        Last iterate of the solver, with its multipliers.
-    verification
-        Verification of the motion.
-    backend
-        ``compiled`` or ``interpreted``: what evaluated the problem's functions.
-    candidates
-        Candidates among which the plan chose, where it had a choice; its scene has what was chosen.
-    pairs, kept_apart
-        Number of pairs of links checked for collisions, and the names of those for which the plan was
-        made again with a keep-out zone, which its scene has.
+    Attributes:
+        scene, phased_motion: The scene and its motion, in one phase or several.
+        names: Names of the scenario's phases; one empty name where the plan names no phases.
+        cost, terms: Cost, and its parts by name.
+        runs: Every run of the solver, in turn.
+        solution: Last iterate of the solver, with its multipliers.
+        verification: Verification of the motion.
+        backend: ``compiled`` or ``interpreted``: what evaluated the problem's functions.
+        candidates: Candidates among which the plan chose, where it had a choice; its scene has what was
+            chosen.
+        pairs, kept_apart: Number of pairs of links checked for collisions, and the names of those for which
+            the plan was made again with a keep-out zone, which its scene has.
     """
 
     scene: Scene
@@ -89,29 +81,20 @@ def make_plan(
 ) -> PlanSolution:
     """Solve the trajectory optimisation problem of a scene's ``plan`` section.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    backend
-        ``auto``, ``compiled`` or ``interpreted``.
-    progress
-        Called with a few words whenever something that may take a while begins.
-    folder
-        Folder in which finished searches are stored, so that a killed plan resumes; not stored if None.
-    dask
-        Address of a cluster, as for :func:`optim.workers.cluster.connect`, whose workers search from several
-        starts at once; this process alone if None. No number but times depends on it.
-    warm_start
-        A plan's folder, or its ``plan.nc``, whose motion is the first guess of the first start, with its
-        multipliers where they fit; see :func:`optim.planning.search.warm_start.stored_motion`.
+    Args:
+        scene: The scene.
+        backend: ``auto``, ``compiled`` or ``interpreted``.
+        progress: Called with a few words whenever something that may take a while begins.
+        folder: Folder in which finished searches are stored, so that a killed plan resumes; not stored if
+            None.
+        dask: Address of a cluster, as for :func:`optim.workers.cluster.connect`, whose workers search from
+            several starts at once; this process alone if None. No number but times depends on it.
+        warm_start: A plan's folder, or its ``plan.nc``, whose motion is the first guess of the first start,
+            with its multipliers where they fit; see :func:`optim.planning.search.warm_start.stored_motion`.
 
-    Raises
-    ------
-    ScenarioError
-        If the section is contradictory, or ``warm_start`` is no plan of such a scene.
-    NoPlanError
-        If no motion was found, with the reason, or the motion fails the verification.
+    Raises:
+        ScenarioError: If the section is contradictory, or ``warm_start`` is no plan of such a scene.
+        NoPlanError: If no motion was found, with the reason, or the motion fails the verification.
     """
     folder = None if folder is None else Path(folder)
 
@@ -120,16 +103,38 @@ def make_plan(
         notify = progress or (lambda _: None)
         solver = PlanSolver.of(each, backend, (lambda text: notify(f"{words}: {text}")) if words else notify)
         near = None if warm_start is None else stored_motion(solver, Path(warm_start))
-        tasks = plan_tasks(solver, solver.request(near=near))
-        results = run_tasks(solver, tasks, folder, dask)
-        fault = failure_message(results[PLAN], solver.plan.starts)
-        if fault is not None:
-            raise NoPlanError(fault, source=scene.source, where="plan")
-        plan = plan_result(solver, solver.request(), results)
-        return plan.cost, plan
+        requests, faults = arrival_requests(solver, solver.request(near=near)), list[str]()
+        for name, request in requests.items():
+            results = run_tasks(solver, plan_tasks(solver, request, name), folder, dask)
+            fault = failure_message(results[name], solver.plan.starts)
+            if fault is None:
+                plan = plan_result(solver, request, results, name)
+                return plan.cost, plan
+            faults.append(fault if len(requests) == 1 else f"{request.duration[0]:.4g} s: {fault}")
+        raise NoPlanError("; ".join(faults), source=scene.source, where="plan")
 
     best, candidates = best_candidate(scene, of)
     return dataclasses.replace(best, candidates=candidates)
+
+
+def arrival_requests(solver: PlanSolver, request: SolveRequest) -> dict[str, SolveRequest]:
+    """Requests that are tried in turn, by the names of their tasks: one for each fixed duration.
+
+    Args:
+        solver: The problem.
+        request: Request with the range of the duration; the only one where that is free or fixed.
+    """
+    span = solver.plan.duration
+    if span is None or not span.arrivals or span.lower == span.upper:
+        return {PLAN: request}
+    problem = solver.problem_of(request)
+    durations = arrival_durations(problem, solver.lobatto, span.arrivals)
+    return {
+        f"{PLAN}, arrival {k + 1}": dataclasses.replace(
+            request, duration=(time, time, time), explain=k + 1 == len(durations)
+        )
+        for k, time in enumerate(durations)
+    }
 
 
 def plan_tasks(solver: PlanSolver, request: SolveRequest, name: str = PLAN) -> dict[str, SolveTask]:
@@ -156,7 +161,7 @@ def plan_tasks(solver: PlanSolver, request: SolveRequest, name: str = PLAN) -> d
 
 
 def failure_message(result: SolveResult, starts: int = 1) -> str | None:
-    """Why there is no plan; None if there is one."""
+    """Reason why there is no plan; None if there is one."""
     names = ", ".join(dict.fromkeys(f"{one.first} and {one.second}" for one in result.apart))
     avoidance = f"; `collision_avoidance` keeps apart {names}" if names else ""
     if result.solution is None:

@@ -53,16 +53,13 @@ COMPILED = 30_000
 class SolverRun:
     """Record of one run of the solver.
 
-    Attributes
-    ----------
-    start, intervals
-        Number of the first guess, and of the intervals.
-    cost, status, converged
-        Final cost, the solver's status message, and whether it converged to a solution.
-    iterations, evaluations_s, seconds
-        Number of iterations, time in the problem's functions [s] and in total [s].
-    costs, violations
-        Cost, and greatest violation of a constraint, at each iteration.
+    Attributes:
+        start, intervals: Number of the first guess, and of the intervals.
+        cost, status, converged: Final cost, the solver's status message, and whether it converged to a
+            solution.
+        iterations, evaluations_s, seconds: Number of iterations, time in the problem's functions [s] and in
+            total [s].
+        costs, violations: Cost, and greatest violation of a constraint, at each iteration.
     """
 
     start: int
@@ -81,18 +78,13 @@ class SolverRun:
 class SolveResult:
     """Result of a solve request.
 
-    Attributes
-    ----------
-    runs
-        Every run of the solver, in turn.
-    solution, meshes, cost
-        The best solution, the mesh of each phase and its cost; None where there is none.
-    verification
-        Verification of the solution, where the mesh was refined.
-    cause
-        Reason for the lack of a solution; empty where there is one.
-    apart
-        Pairs of links that collided where nothing kept them apart, each with a keep-out zone since.
+    Attributes:
+        runs: Every run of the solver, in turn.
+        solution, meshes, cost: The best solution, the mesh of each phase and its cost; None where there is
+            none.
+        verification: Verification of the solution, where the mesh was refined.
+        cause: Reason for the lack of a solution; empty where there is one.
+        apart: Pairs of links that collided where nothing kept them apart, each with a keep-out zone since.
     """
 
     runs: tuple[SolverRun, ...]
@@ -108,20 +100,14 @@ class SolveResult:
 class SolveRequest:
     """Request to a plan solver.
 
-    Attributes
-    ----------
-    duration
-        Least, greatest and first guess of the duration [s].
-    weights
-        Weights of the terms of the cost, and of ``time``.
-    start
-        Number of the first guess, used where there is no motion to begin with.
-    near
-        Result of the same solver whose motion is the first guess.
-    is_solved
-        Whether ``near`` solves this request already, so that only refinement remains.
-    refine
-        Whether the mesh is refined until the verification passes.
+    Attributes:
+        duration: Least, greatest and first guess of the duration [s].
+        weights: Weights of the terms of the cost, and of ``time``.
+        start: Number of the first guess, used where there is no motion to begin with.
+        near: Result of the same solver whose motion is the first guess.
+        is_solved: Whether ``near`` solves this request already, so that only refinement remains.
+        refine: Whether the mesh is refined until the verification passes.
+        explain: Whether the least violation is looked for where there is no solution.
     """
 
     duration: tuple[float, float, float]
@@ -130,11 +116,13 @@ class SolveRequest:
     near: SolveResult | None = None
     is_solved: bool = False
     refine: bool = True
+    explain: bool = True
 
     @property
     def key(self) -> str:
         """Hash of it."""
         plain = [self.duration, dict(self.weights), self.start, self.is_solved, self.refine]
+        plain += [] if self.explain else [self.explain]
         digest = hashlib.sha256(json.dumps(plain, sort_keys=True).encode())
         if self.near is not None and self.near.solution is not None:
             digest.update(self.near.solution.w.tobytes() + str((self.near.meshes, self.near.apart)).encode())
@@ -145,12 +133,10 @@ class SolveRequest:
 class SolverPhase:
     """A phase of a plan, ready to be solved.
 
-    Attributes
-    ----------
-    name, plan, problem, instants
-        Name (empty where the plan names no phases), plan section, problem and functions of the phase.
-    link
-        Link from the phase before; None for the first one.
+    Attributes:
+        name, plan, problem, instants: Name (empty where the plan names no phases), plan section, problem and
+            functions of the phase.
+        link: Link from the phase before; None for the first one.
     """
 
     name: str
@@ -164,15 +150,12 @@ class SolverPhase:
 class PlanSolver:
     """A planning problem ready to be solved, for any limits of its duration and any weights.
 
-    Attributes
-    ----------
-    scene, phases, lobatto, backend
-        The scene, the phases of its plan, the collocation, and what evaluates them.
-    notify
-        Callback that receives a short message at each step.
-    pairs, apart
-        Pairs of links that a plan keeps apart, and those of them that have a keep-out zone because they
-        collided in its search.
+    Attributes:
+        scene, phases, lobatto, backend: The scene, the phases of its plan, the collocation, and what
+            evaluates them.
+        notify: Callback that receives a short message at each step.
+        pairs, apart: Pairs of links that a plan keeps apart, and those of them that have a keep-out zone
+            because they collided in its search.
     """
 
     scene: Scene
@@ -197,21 +180,15 @@ class PlanSolver:
     ) -> PlanSolver:
         """The plan solver of a scene.
 
-        Parameters
-        ----------
-        scene
-            Scene with a ``plan`` section.
-        backend
-            ``auto``, ``compiled`` or ``interpreted``; ``auto`` compiles where so much is solved that it pays.
-        notify
-            Callback that receives a short message at each step.
-        motions
-            Number of motions to plan, each from all starts.
+        Args:
+            scene: Scene with a ``plan`` section.
+            backend: ``auto``, ``compiled`` or ``interpreted``; ``auto`` compiles where so much is solved that
+                it pays.
+            notify: Callback that receives a short message at each step.
+            motions: Number of motions to plan, each from all starts.
 
-        Raises
-        ------
-        ScenarioError
-            If the plan section is contradictory.
+        Raises:
+            ScenarioError: If the plan section is contradictory.
         """
         formulated, section = formulate_phases(scene), plan_section(scene)
         first = formulated[0]
@@ -280,15 +257,11 @@ class PlanSolver:
 
         Only their rows are differentiated. What is known of a pair of shapes already is left out.
 
-        Parameters
-        ----------
-        apart
-            The pairs, with the shapes that collided.
+        Args:
+            apart: The pairs, with the shapes that collided.
 
-        Raises
-        ------
-        ScenarioError
-            If shapes have no distance that is positive where the motion begins.
+        Raises:
+            ScenarioError: If shapes have no distance that is positive where the motion begins.
         """
         shapes = {(one.first, one.second, k) for one in self.apart for k in one.only}
         new = [

@@ -22,7 +22,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from optim.planning.formulation.stage import PlanningProblem
-from optim.planning.transcription.initial_guess import drift
+from optim.planning.transcription.initial_guess import base_shifts, drift
 from optim.planning.transcription.lobatto import Lobatto
 from spacerobot.arrays import Array
 from spacerobot.elements.goals.plan_instant import BoundedRow
@@ -44,15 +44,11 @@ NAMED = 3
 def check_posture(problem: PlanningProblem) -> None:
     """Refuse goals that no posture of the robots reaches.
 
-    Parameters
-    ----------
-    problem
-        Problem of the first phase; nothing is refused where its start is free or grasps hold.
+    Args:
+        problem: Problem of the first phase; nothing is refused where its start is free or grasps hold.
 
-    Raises
-    ------
-    ScenarioError
-        If a goal is out of reach; the message states the least distance.
+    Raises:
+        ScenarioError: If a goal is out of reach; the message states the least distance.
     """
     if problem.begin is not None or problem.stage.grips or problem.stage.springs:
         return
@@ -134,7 +130,7 @@ class _Postures:
         """Least norm of what is violated, from a posture on, and the posture that has it."""
         model, (least, greatest, _) = self.problem.stage.scene.model, self.problem.duration
         (q, part), (lower, upper), damping = posture, self._sides, 1e-2
-        drifting = np.ones(model.nv, dtype=bool)
+        drifting, shifts = np.ones(model.nv, dtype=bool), base_shifts(self.problem)
         drifting[self.columns] = False
         off, slopes = self._residual(q, part)
         for _ in range(STEPS):
@@ -155,7 +151,8 @@ class _Postures:
             step[free] = np.linalg.solve(
                 jacobian.T @ jacobian + damping * np.eye(jacobian.shape[1]), pull[free]
             )
-            step /= max(1.0, np.abs(step).max())
+            limited = [column not in shifts for column in (*self.columns, -1)]
+            step /= max(1.0, np.abs(step[limited]).max())
             along = np.zeros(model.nv)
             along[self.columns] = step[:-1]
             later = float(np.clip(part + step[-1], least / greatest, 1.0))

@@ -32,12 +32,9 @@ ARRAYS = ("w", "multipliers", "bound_multipliers")
 class ResultStore:
     """A folder of solve results; nothing is stored if it is None.
 
-    Attributes
-    ----------
-    folder
-        Folder of the stored results.
-    fingerprint
-        Fingerprint of everything that the results depend on.
+    Attributes:
+        folder: Folder of the stored results.
+        fingerprint: Fingerprint of everything that the results depend on.
     """
 
     folder: Path | None = None
@@ -74,10 +71,8 @@ class ResultStore:
     def add(self, request: SolveRequest, result: SolveResult) -> None:
         """Store a result.
 
-        Raises
-        ------
-        ResultError
-            If it cannot be written.
+        Raises:
+            ResultError: If it cannot be written.
         """
         late = any(solve.status == TIME_LIMIT for solve in result.runs)
         if self.folder is None or late or not (result.runs or result.solution):

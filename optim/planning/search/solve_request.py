@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from optim.planning.search.plan_solver import PlanSolver, SolveRequest, SolveRes
 from optim.planning.solver.elastic import ElasticProgram
 from optim.planning.solver.ipopt import TIME_LIMIT, Solution, solve
 from optim.planning.transcription.drive_jumps import split_at_jumps
-from optim.planning.transcription.initial_guess import initial_guess, rescaled_motion
+from optim.planning.transcription.initial_guess import initial_guess, is_guided, rescaled_motion
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.mesh_transfer import transfer, transfer_constrained
 from optim.planning.transcription.motion import Motion, PhasedMotion
@@ -63,12 +64,9 @@ for one on a coarser mesh; searches that converge soon have reduced it further b
 def solve_request(solver: PlanSolver, request: SolveRequest) -> SolveResult:
     """Search for a motion.
 
-    Parameters
-    ----------
-    solver
-        The problem.
-    request
-        Request that is answered.
+    Args:
+        solver: The problem.
+        request: Request that is answered.
     """
     near = request.near
     run = _SolverRuns(solver if near is None else solver.keeping_apart(near.apart), request)
@@ -85,6 +83,25 @@ def solve_request(solver: PlanSolver, request: SolveRequest) -> SolveResult:
 
 NOTHING = 1e-12
 """Cost that counts as none."""
+WORSE = 1e-5
+"""Relative difference in cost from which one mesh's plan is worse than another's; discretisation errors of
+plans that pass the verification are smaller."""
+
+
+@dataclass(frozen=True)
+class VerifiedPlan:
+    """Solution that passed the verification.
+
+    Attributes:
+        solver: The problem, with the keep-out zones that it was solved with.
+        kept, cost: The solution with the mesh of each phase, and its cost.
+        verification: Its verification.
+    """
+
+    solver: PlanSolver
+    kept: tuple[Solution, Meshes]
+    cost: float
+    verification: VerificationResult
 
 
 def _size(cost: float) -> float:
@@ -104,6 +121,7 @@ class _SolverRuns:
         self.deadline = time.thread_time() + solver.plan.time_limit
         self.ended: tuple[PhaseChain, Solution, Meshes] | None = None
         self.stalled = False
+        self.best: VerifiedPlan | None = None
 
     @property
     def problem(self) -> PlanningProblem:
@@ -116,7 +134,7 @@ class _SolverRuns:
             self.warm(near)
         if self.kept is None:
             self.cold()
-        if self.kept is None:
+        if self.kept is None and self.request.explain:
             self.relaxed()
 
     def clear(self, *, only_warm: bool = False) -> None:
@@ -150,7 +168,9 @@ class _SolverRuns:
         """Solve from a first guess, on the first mesh, and before on a coarser one where that is fine."""
         many = self.solver.plan.intervals
         meshes = self.solver.meshes(many)
-        if many < MANY:
+        if is_guided(self.problem):  # by an approach, which a coarse mesh of a tumbling target would lose
+            self._guessed(meshes)
+        elif many < MANY:
             coarser = many // COARSER
             solved = self._guessed(meshes, give_up=coarser > 1)
             if self.stalled and not solved:
@@ -194,6 +214,17 @@ class _SolverRuns:
         self._solve(phased_motion, near.meshes, solution)
 
     def refined(self) -> VerificationResult | None:
+        """Verification of what is kept after refinement: the best plan that passes, where one does."""
+        verification, best = self._refine(), self.best
+        if best is None:
+            return verification
+        is_worse = self.cost - best.cost > WORSE * _size(best.cost)
+        if self.kept is None or verification is None or verification.failures() or is_worse:
+            self.solver, self.kept, self.cost, self.cause = best.solver, best.kept, best.cost, ""
+            return best.verification
+        return verification
+
+    def _refine(self) -> VerificationResult | None:
         """Verification of the motion, its mesh refined until it passes or the finest mesh is reached."""
         # A motion can be cut where nothing holds for a part of its duration, and its start is given. Where
         # magnitudes are a cost, drives are linear and meshes are sharpened instead.
@@ -212,6 +243,8 @@ class _SolverRuns:
             solver.notify("replaying the plan")
             program = solver.interpreted.program(self.request, meshes)
             verification = verify(phased_motion, program, solution, _size(self.cost), solver.backend)
+            if not verification.failures() and (self.best is None or self.cost < self.best.cost):
+                self.best = VerifiedPlan(solver, self.kept, self.cost, verification)
             if verification.fine_enough:
                 sharper = sharper_meshes(phased_motion, solver.plan.max_intervals)
                 gained, before = before - self.cost, self.cost
@@ -239,7 +272,7 @@ class _SolverRuns:
     def relaxed(self) -> None:
         """Solve the elastic program where the search ended by itself without a solution.
 
-        What it finds feasible is gone on from; else its multipliers tell which limits keep it from being so.
+        A feasible point is the next first guess; otherwise the multipliers state which limits prevent one.
         """
         if self.ended is None:
             return
@@ -251,7 +284,7 @@ class _SolverRuns:
             elastic,
             elastic.started(w),
             iterations=min(self.solver.plan.iterations, RELAXED),
-            told=lambda k, cost, _: self._late(f"least violation: iteration {k}, {cost:.3g}"),
+            on_iteration=lambda k, cost, _: self._late(f"least violation: iteration {k}, {cost:.3g}"),
         )
         unknowns = relaxation.w[: program.size]
         if elastic.violation(relaxation.w) < FEASIBLE and relaxation.converged:
@@ -324,8 +357,8 @@ class _SolverRuns:
         many = f"start {self.request.start + 1} of {solver.plan.starts}, " if solver.plan.starts > 1 else ""
         words = f"solving: {many}{intervals} intervals{self.why}"
 
-        def told(iteration: int, cost: float, violation: float) -> bool:
-            """Note an iteration, and tell of it."""
+        def on_iteration(iteration: int, cost: float, violation: float) -> bool:
+            """Record an iteration, and report it."""
             costs.append(cost)
             violations.append(violation)
             late = self._late(f"{words}, iteration {iteration}, cost {cost:.4g}, violation {violation:.1e}")
@@ -339,7 +372,9 @@ class _SolverRuns:
             return False
         guessed = program.objective(first)
         scale = _size(self.cost if np.isfinite(self.cost) else guessed)
-        solution = solve(program, first, warm, scale=scale, iterations=solver.plan.iterations, told=told)
+        solution = solve(
+            program, first, warm, scale=scale, iterations=solver.plan.iterations, on_iteration=on_iteration
+        )
         cost, converged = program.objective(solution.w), solution.converged
         self.runs.append(
             SolverRun(

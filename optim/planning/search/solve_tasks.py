@@ -22,12 +22,9 @@ ResultsByTask = dict[str, SolveResult]
 class SolveTask:
     """One solve that may depend on others.
 
-    Attributes
-    ----------
-    request
-        Function from the results so far to the request.
-    after
-        Names of the tasks that it builds on; they stand before it.
+    Attributes:
+        request: Function from the results so far to the request.
+        after: Names of the tasks that it builds on; they stand before it.
     """
 
     request: Callable[[Mapping[str, SolveResult]], SolveRequest]
@@ -39,21 +36,14 @@ def run_tasks(
 ) -> ResultsByTask:
     """Run tasks, except those whose results are stored already.
 
-    Parameters
-    ----------
-    solver
-        The problem.
-    tasks
-        Tasks by name, each after those that it depends on.
-    folder
-        Folder in which finished attempts are stored; not stored if None.
-    dask
-        Address of a cluster as for :func:`optim.workers.cluster.connect`; this process if None.
+    Args:
+        solver: The problem.
+        tasks: Tasks by name, each after those that it depends on.
+        folder: Folder in which finished attempts are stored; not stored if None.
+        dask: Address of a cluster as for :func:`optim.workers.cluster.connect`; this process if None.
 
-    Raises
-    ------
-    SpaceRobotError
-        If the cluster cannot be reached, or loses an attempt on one worker after the other.
+    Raises:
+        SpaceRobotError: If the cluster cannot be reached, or loses an attempt on one worker after the other.
     """
     left, results, store = dict(tasks), ResultsByTask(), ResultStore(folder, solver.recipe.key)
 
@@ -81,19 +71,19 @@ def run_tasks(
     with connect(dask) as client:
         # give every task to a worker as soon as those that it builds on are done
         flight = distributed_module().as_completed([], loop=client.loop, with_results=False)
-        asked: dict[str, tuple[str, SolveRequest]] = {}
+        pending: dict[str, tuple[str, SolveRequest]] = {}
 
         def send(requests: Iterable[tuple[str, SolveRequest]]) -> None:
             """Hand tasks to the workers."""
             for name, request in requests:
                 future = submit(client, solve_request, solver.recipe, request)
-                asked[future.key] = (name, request)
+                pending[future.key] = (name, request)
                 flight.add(future)
 
         threads_of(client)
         send(requests)
         for future in flight:
-            name, request = asked.pop(future.key)
+            name, request = pending.pop(future.key)
             with faults_of(f"the search {name!r}"):
                 results[name] = future.result()
             store.add(request, results[name])

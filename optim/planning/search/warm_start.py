@@ -30,22 +30,15 @@ def stored_motion(solver: PlanSolver, path: Path) -> SolveResult:
     motion is interpolated on the section's first mesh. Multipliers are taken where constraints and mesh are
     as many as in the file.
 
-    Parameters
-    ----------
-    solver
-        The problem.
-    path
-        A plan's folder, or its ``plan.nc``.
+    Args:
+        solver: The problem.
+        path: A plan's folder, or its ``plan.nc``.
 
-    Returns
-    -------
-    SolveResult
-        Without multipliers where none fit.
+    Returns:
+        SolveResult: Without multipliers where none fit.
 
-    Raises
-    ------
-    ScenarioError
-        If the file is no plan, or one of another scene: naming what differs.
+    Raises:
+        ScenarioError: If the file is no plan, or one of another scene: naming what differs.
     """
     file = path / FILE if path.is_dir() else path
     plan = open_plan(file, ("q", "v", "acceleration", "configuration", "velocity"))

@@ -15,10 +15,8 @@ INTERRUPT = "KeyboardInterrupt"
 class CasadiMessages:
     """Standard error that collects what one thread writes, and writes what others do.
 
-    Parameters
-    ----------
-    stream
-        Standard error.
+    Args:
+        stream: Standard error.
     """
 
     def __init__(self, stream: Any) -> None:

@@ -24,19 +24,13 @@ COST = 1e-4
 class ElasticProgram:
     """An elastic program; :class:`NonlinearProgram` itself.
 
-    Parameters
-    ----------
-    program
-        Program with hard constraints only.
-    soft
-        Mask of the constraints that may be violated (m,).
-    scale
-        Size of its cost.
+    Args:
+        program: Program with hard constraints only.
+        soft: Mask of the constraints that may be violated (m,).
+        scale: Size of its cost.
 
-    Attributes
-    ----------
-    size, rows
-        Unknowns of the program, then p (m,) and n (m,); its constraints.
+    Attributes:
+        size, rows: Unknowns of the program, then p (m,) and n (m,); its constraints.
     """
 
     def __init__(self, program: NonlinearProgram, soft: npt.NDArray[np.int64], scale: float) -> None:

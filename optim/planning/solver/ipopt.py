@@ -38,7 +38,7 @@ THROWN = "NonIpopt_Exception_Thrown"
 TIME_LIMIT = "Time_Limit"
 """Status of a search that its iteration callback stopped."""
 
-Told = Callable[[int, float, float], bool]
+OnIteration = Callable[[int, float, float], bool]
 """Called at each iteration with its number, the cost and the greatest violation; whether to stop there."""
 
 
@@ -46,20 +46,15 @@ Told = Callable[[int, float, float], bool]
 class Solution:
     """Last iterate of IPOPT, with its multipliers.
 
-    Attributes
-    ----------
-    w
-        Unknowns.
-    multipliers, bound_multipliers
-        Multipliers of the constraints, and of the limits of unknowns; positive at an upper limit.
-    status
-        Status message of IPOPT.
-    converged
-        Whether IPOPT converged to a solution.
-    iterations, evaluations_s, seconds
-        Number of iterations, time in the problem's functions [s] and in total [s].
-    scale, barrier
-        Size of the cost that was taken, and the barrier parameter at the end in units of it.
+    Attributes:
+        w: Unknowns.
+        multipliers, bound_multipliers: Multipliers of the constraints, and of the limits of unknowns;
+            positive at an upper limit.
+        status: Status message of IPOPT.
+        converged: Whether IPOPT converged to a solution.
+        iterations, evaluations_s, seconds: Number of iterations, time in the problem's functions [s] and in
+            total [s].
+        scale, barrier: Size of the cost that was taken, and the barrier parameter at the end in units of it.
     """
 
     w: Array
@@ -81,31 +76,22 @@ def solve(
     *,
     scale: float | None = None,
     iterations: int = 500,
-    told: Told | None = None,
+    on_iteration: OnIteration | None = None,
 ) -> Solution:
     """Solve a program.
 
-    Parameters
-    ----------
-    program
-        Program to be solved.
-    first
-        Unknowns to begin with.
-    warm
-        A solution of a program of the same shape that is near: its multipliers, barrier parameter and scale
-        are gone on with. Where that leads nowhere, the search begins anew without them. Without multipliers
-        (of no length) those of least squares are begun with.
-    scale
-        Size of the cost: residuals are taken relative to it. That of ``warm``, or one, if not given.
-    iterations
-        Maximum number of iterations of each of the two searches.
-    told
-        Called at each iteration.
+    Args:
+        program: Program to be solved.
+        first: Unknowns to begin with.
+        warm: Solution of a similar program of the same shape, for a warm start: its multipliers, barrier
+            parameter and scale. If that fails, the search restarts cold. Without multipliers (of length zero)
+            it starts with those of least squares.
+        scale: Size of the cost: residuals are taken relative to it. That of ``warm``, or one, if not given.
+        iterations: Maximum number of iterations of each of the two searches.
+        on_iteration: Called at each iteration.
 
-    Raises
-    ------
-    KeyboardInterrupt
-        If the user interrupts with Ctrl-C.
+    Raises:
+        KeyboardInterrupt: If the user interrupts with Ctrl-C.
     """
     # where constraints follow from others, their multipliers are kept small at every iteration
     always = {"perturb_always_cd": "yes"} if getattr(program, "is_redundant", False) else {}
@@ -113,18 +99,18 @@ def solve(
         scale = 1.0 if warm is None else warm.scale
     presolved = PresolvedProgram(program, first)
     if warm is None:
-        return _solve(presolved, first, None, ipopt_options(iterations, scale) | always, told)
+        return _solve(presolved, first, None, ipopt_options(iterations, scale) | always, on_iteration)
     has_multipliers = warm.multipliers.size > 0
     options = ipopt_options(min(iterations, PATIENCE), scale, warm.barrier, known=has_multipliers)
-    first_run = _solve(presolved, first, warm if has_multipliers else None, options | always, told)
+    first_run = _solve(presolved, first, warm if has_multipliers else None, options | always, on_iteration)
     if first_run.converged or iterations <= PATIENCE or first_run.status == TIME_LIMIT:
         return first_run
-    anew = _solve(presolved, first, None, ipopt_options(iterations, scale) | always, told)
+    restart = _solve(presolved, first, None, ipopt_options(iterations, scale) | always, on_iteration)
     return dataclasses.replace(
-        anew,
-        iterations=first_run.iterations + anew.iterations,
-        evaluations_s=first_run.evaluations_s + anew.evaluations_s,
-        seconds=first_run.seconds + anew.seconds,
+        restart,
+        iterations=first_run.iterations + restart.iterations,
+        evaluations_s=first_run.evaluations_s + restart.evaluations_s,
+        seconds=first_run.seconds + restart.seconds,
     )
 
 
@@ -133,11 +119,11 @@ def _solve(
     first: Array,
     warm: Solution | None,
     ipopt: dict[str, Any],
-    told: Told | None,
+    on_iteration: OnIteration | None,
 ) -> Solution:
     begin = time.perf_counter()
     bridge = _CasadiFunctions(program)
-    watch = _IterationCallback(program, bridge, told)
+    watch = _IterationCallback(program, bridge, on_iteration)
     solver = ca.nlpsol("plan", "ipopt", bridge.problem, bridge.options(watch) | {"ipopt": ipopt})
     (low, high), (least, greatest) = program.bounds(), program.limits()
     arguments: dict[str, Any] = {
@@ -334,28 +320,32 @@ class _ProgramCallback(ca.Callback):
 
 
 class _IterationCallback(_ProgramCallback):
-    """Tells of each iteration, and ends the solver where it was interrupted or is late."""
+    """Reports each iteration, and stops the solver when it is interrupted or late."""
 
-    def __init__(self, program: NonlinearProgram, bridge: _CasadiFunctions, told: Told | None) -> None:
+    def __init__(
+        self, program: NonlinearProgram, bridge: _CasadiFunctions, on_iteration: OnIteration | None
+    ) -> None:
         sizes = {"x": program.size, "f": 1, "g": program.rows, "lam_x": program.size}
         sizes |= {"lam_g": program.rows, "lam_p": 0}
         names = [str(ca.nlpsol_out(i)) for i in range(ca.nlpsol_n_out())]
         sparsities = {n: ca.Sparsity.dense(sizes[n]) if sizes[n] else ca.Sparsity(0, 0) for n in names}
         super().__init__(bridge, "watch", sparsities, {"stop": (ca.Sparsity.dense(1), bool)})
-        self._told, self._count, self._limits = told, -1, program.limits()
+        self._on_iteration, self._count, self._limits = on_iteration, -1, program.limits()
 
     def has_eval_buffer(self) -> bool:
         """True: :meth:`eval_buffer` is called."""
         return False
 
     def eval(self, given: Sequence[ca.DM]) -> list[Any]:
-        """Tell."""
+        """Report an iteration."""
         try:
             self._count += 1
-            if self._told is not None:
+            if self._on_iteration is not None:
                 g = np.array(given[2].nonzeros())
                 over = np.maximum(self._limits[0] - g, g - self._limits[1])
-                late = self._told(self._count, float(given[1]), max(float(over.max(initial=0.0)), 0.0))
+                late = self._on_iteration(
+                    self._count, float(given[1]), max(float(over.max(initial=0.0)), 0.0)
+                )
                 self._bridge.late = bool(late)
         except KeyboardInterrupt:
             self._bridge.interrupted = True

@@ -31,19 +31,13 @@ SINGULAR = 1e-12
 class PresolvedProgram:
     """A program without its determined unknowns; :class:`NonlinearProgram` itself.
 
-    Parameters
-    ----------
-    program
-        Program with all unknowns.
-    first
-        Initial values of all unknowns (size,).
+    Args:
+        program: Program with all unknowns.
+        first: Initial values of all unknowns (size,).
 
-    Attributes
-    ----------
-    free, held
-        Indices of the remaining unknowns and constraints of the program.
-    size, rows
-        Number of remaining unknowns and of remaining constraints.
+    Attributes:
+        free, held: Indices of the remaining unknowns and constraints of the program.
+        size, rows: Number of remaining unknowns and of remaining constraints.
     """
 
     def __init__(self, program: NonlinearProgram, first: Array) -> None:
@@ -98,9 +92,9 @@ class PresolvedProgram:
         out[self.free] = w
         return out
 
-    def multipliers(self, w: Array, found: Array) -> Array:
+    def multipliers(self, w: Array, reduced: Array) -> Array:
         """Multipliers of all constraints: the Lagrangian is stationary by what is known, too."""
-        program, every = self.program, _spread(found, self.held, self.program.rows)
+        program, every = self.program, _spread(reduced, self.held, self.program.rows)
         if len(self._known):
             x = self.unknowns(w)
             pull = program.gradient(x) + _matrix(program.jacobian_pattern, program.jacobian(x)).T @ every
@@ -111,10 +105,10 @@ class PresolvedProgram:
         """Values of the remaining unknowns, spread among zeros for all of the program's."""
         return _spread(values, self.free, self.program.size)
 
-    def _found(self, wanted: Array) -> bool:
+    def _found(self, right_side: Array) -> bool:
         """Newton's method for what is known; whether it was found."""
         for _ in range(STEPS if len(self._known) else 0):
-            off = (self.program.constraints(self._w) - wanted)[self._equations]
+            off = (self.program.constraints(self._w) - right_side)[self._equations]
             if not np.isfinite(off).all():
                 return False
             try:
@@ -144,17 +138,12 @@ def determined(pattern: sparse.csc_matrix, equal: Mask, free: Mask) -> tuple[Pla
     what neither an unknown without equation nor an equation without unknown leads to. What depends on
     unknowns with too many equations is left out, too.
 
-    Parameters
-    ----------
-    pattern
-        Sparsity of the constraints' first derivatives (constraints, unknowns).
-    equal, free
-        Masks of the constraints that are equations, and of the unknowns that are not fixed.
+    Args:
+        pattern: Sparsity of the constraints' first derivatives (constraints, unknowns).
+        equal, free: Masks of the constraints that are equations, and of the unknowns that are not fixed.
 
-    Returns
-    -------
-    tuple
-        Constraints, and the unknown that each is matched with.
+    Returns:
+        tuple: Constraints, and the unknown that each is matched with.
     """
     rows, columns = np.flatnonzero(equal), np.flatnonzero(free)
     part = _matrix(pattern, np.ones(pattern.nnz))[:, columns][rows].tocsc()

@@ -38,22 +38,15 @@ SIDES = ((1, 8.0), (2, -1.0))
 def cost_sensitivities(planned: PlanSolution, paths: Sequence[str]) -> dict[str, float]:
     """Derivative of a plan's optimal cost by numbers of its scenario, in the scenario's own units.
 
-    Parameters
-    ----------
-    planned
-        The plan.
-    paths
-        Dotted paths, such as ``robots.arm.links.link_2.mass`` or ``plan.limits.torque``.
+    Args:
+        planned: The plan.
+        paths: Dotted paths, such as ``robots.arm.links.link_2.mass`` or ``plan.limits.torque``.
 
-    Returns
-    -------
-    dict
-        Derivative by path, to first order; where a limit becomes active or is no longer so, it jumps.
+    Returns:
+        dict: Derivative by path, to first order; where a limit becomes active or is no longer so, it jumps.
 
-    Raises
-    ------
-    ScenarioError
-        If there is no such number.
+    Raises:
+        ScenarioError: If there is no such number.
     """
     document, numbers = to_document(planned.scene.scenario), dict[str, float]()
     for path in paths:
@@ -71,10 +64,9 @@ def cost_sensitivities(planned: PlanSolution, paths: Sequence[str]) -> dict[str,
 class OptimalPoint:
     """A solution of a planning problem, and what evaluates it.
 
-    Attributes
-    ----------
-    scene, program, solution
-        The scene, its program on the meshes of the solution, and where the solver ended.
+    Attributes:
+        scene, program, solution: The scene, its program on the meshes of the solution, and where the solver
+            ended.
     """
 
     scene: Scene
@@ -84,17 +76,12 @@ class OptimalPoint:
     def slope(self, numbers: Mapping[str, float], rates: Mapping[str, float] | None = None) -> float:
         """Derivative of the optimal cost by numbers of the scenario that change together.
 
-        Parameters
-        ----------
-        numbers
-            Their values by dotted path.
-        rates
-            Change of each number per unit of the parameter; one if not given.
+        Args:
+            numbers: Their values by dotted path.
+            rates: Change of each number per unit of the parameter; one if not given.
 
-        Raises
-        ------
-        ScenarioError
-            If the scene cannot be built at values nearby.
+        Raises:
+            ScenarioError: If the scene cannot be built at values nearby.
         """
         step = STEP * max(SMALL, *(abs(value) for value in numbers.values()))
         derivative = 0.0

@@ -48,16 +48,12 @@ LOST = 10.0
 class DesignTrial:
     """A design that was planned for.
 
-    Attributes
-    ----------
-    values
-        Values of the variables (k,), in the scenario's units.
-    cost, slopes
-        Least cost, and its derivatives by the variables (k,); not finite where no plan was found.
-    failure
-        Reason for the lack of a plan; empty where there is one.
-    iterations
-        Number of the solver's iterations.
+    Attributes:
+        values: Values of the variables (k,), in the scenario's units.
+        cost, slopes: Least cost, and its derivatives by the variables (k,); not finite where no plan was
+            found.
+        failure: Reason for the lack of a plan; empty where there is one.
+        iterations: Number of the solver's iterations.
     """
 
     values: Array
@@ -71,22 +67,14 @@ class DesignTrial:
 class DesignStudy:
     """Result of a design study.
 
-    Attributes
-    ----------
-    scene
-        The scenario's own.
-    variables
-        Free variables of the study.
-    trials
-        Designs of the search, in turn; the first is the scenario's own.
-    found
-        The best of them.
-    sweeps
-        Designs that differ from that by one variable, by its name, in the order of its values.
-    ended
-        Why the search ended, in words.
-    plan
-        The plan of the design that was found, refined and judged.
+    Attributes:
+        scene: The scenario's own.
+        variables: Free variables of the study.
+        trials: Designs of the search, in turn; the first is the scenario's own.
+        found: The best of them.
+        sweeps: Designs that differ from that by one variable, by its name, in the order of its values.
+        ended: Why the search ended, in words.
+        plan: The plan of the design that was found, refined and judged.
     """
 
     scene: Scene
@@ -109,27 +97,21 @@ def make_study(
 ) -> DesignStudy:
     """Find the design with the lowest optimal cost within its bounds, and sweep each variable around it.
 
-    Parameters
-    ----------
-    scene
-        A scene whose ``plan`` section names ``design`` variables.
-    points
-        Designs of each sweep, from bound to bound.
-    backend, progress, folder, dask
-        As for :func:`optim.planning.search.make_plan.make_plan`; the cluster plans the first design.
+    Args:
+        scene: A scene whose ``plan`` section names ``design`` variables.
+        points: Designs of each sweep, from bound to bound.
+        backend, progress, folder, dask: As for :func:`optim.planning.search.make_plan.make_plan`; the cluster
+            plans the first design.
 
-    Raises
-    ------
-    ScenarioError
-        If the section names no variables, or unknown numbers.
-    NoPlanError
-        If the scenario's own design, or the one that was found, has no plan that holds.
+    Raises:
+        ScenarioError: If the section names no variables, or unknown numbers.
+        NoPlanError: If the scenario's own design, or the one that was found, has no plan that holds.
     """
     folder = None if folder is None else Path(folder)
     variables = design_variables(scene)
     first = build_scene(scene.scenario, variables.as_changes(variables.start), source=scene.source)
-    begun = make_plan(first, backend=backend, progress=progress, folder=folder, dask=dask)
-    designs = _DesignSearch(variables, begun, folder, progress or (lambda _: None))
+    first_plan = make_plan(first, backend=backend, progress=progress, folder=folder, dask=dask)
+    designs = _DesignSearch(variables, first_plan, folder, progress or (lambda _: None))
     ended = designs.descend()
     best, trials = designs.best[0], tuple(designs.trials)
     sweeps = {name: designs.sweep(k, points) for k, name in enumerate(variables.names)}
@@ -139,10 +121,8 @@ def make_study(
 def design_variables(scene: Scene) -> Variables:
     """Variables of a scene's design study.
 
-    Raises
-    ------
-    ScenarioError
-        If there are no variables, they name unknown numbers, or the plan has several phases.
+    Raises:
+        ScenarioError: If there are no variables, they name unknown numbers, or the plan has several phases.
     """
     plan = plan_section(scene)
     named = plan.design
@@ -161,13 +141,18 @@ class _DesignSearch:
     """Designs that are planned for one after the other, on the mesh of the first one's plan."""
 
     def __init__(
-        self, variables: Variables, begun: PlanSolution, folder: Path | None, notify: Progress
+        self, variables: Variables, first_plan: PlanSolution, folder: Path | None, notify: Progress
     ) -> None:
-        self.variables, self.begun, self.folder, self.notify = variables, begun, folder, notify
-        self.intervals = begun.motion.intervals
+        self.variables, self.begun, self.folder, self.notify = variables, first_plan, folder, notify
+        self.intervals = first_plan.motion.intervals
         self.trials: list[DesignTrial] = []
         first_result = SolveResult(
-            begun.runs, begun.solution, begun.phased_motion.meshes, begun.cost, begun.verification, ""
+            first_plan.runs,
+            first_plan.solution,
+            first_plan.phased_motion.meshes,
+            first_plan.cost,
+            first_plan.verification,
+            "",
         )
         self.best = self._planned_for(variables.start, first_result, first_result)
 
@@ -210,10 +195,8 @@ class _DesignSearch:
     def finish(self) -> PlanSolution:
         """The plan of the best design, refined and verified.
 
-        Raises
-        ------
-        NoPlanError
-            If it does not hold.
+        Raises:
+            NoPlanError: If it does not hold.
         """
         _, solver, planned = self.best
         assert solver is not None  # the first design is planned for already
@@ -229,8 +212,8 @@ class _DesignSearch:
     ) -> tuple[DesignTrial, PlanSolver | None, SolveResult]:
         """A design, its solver and its plan, begun with one nearby or given; without one, that nearby."""
         variables, base = self.variables, self.begun.scene
-        said = ", ".join(f"{name} {value:.5g}" for name, value in variables.as_mapping(values).items())
-        self.notify(f"planning for {said}")
+        settings = ", ".join(f"{name} {value:.5g}" for name, value in variables.as_mapping(values).items())
+        self.notify(f"planning for {settings}")
         changes = variables.as_changes(values) | {"plan.intervals": self.intervals}
         try:
             scene = build_scene(base.scenario, changes, source=base.source)

@@ -44,21 +44,14 @@ Status = Literal["efficient", "dominated", "refused"]
 class FrontPoint:
     """One point of a front.
 
-    Attributes
-    ----------
-    name
-        Name of the point's task and folder.
-    changes
-        Changes of the scenario's plan section for this point, by dotted path.
-    values
-        Duration [s] and what is told of every term, in SI units, by name: root mean squares over the
-        duration, of propellant the whole, of the end's the root; empty where refused.
-    status
-        ``dominated`` where another point is as good in both and better in one.
-    failure
-        Why it is refused.
-    Reason for the refusal; empty where there is a plan.
-        The plan, where there is one.
+    Attributes:
+        name: Name of the point's task and folder.
+        changes: Changes of the scenario's plan section for this point, by dotted path.
+        values: Duration [s] and what is told of every term, in SI units, by name: root mean squares over the
+            duration, of propellant the whole, of the end's the root; empty where refused.
+        status: ``dominated`` where another point is as good in both and better in one.
+        failure: Why it is refused.
+        Reason for the refusal; empty where there is a plan.: The plan, where there is one.
     """
 
     name: str
@@ -73,14 +66,10 @@ class FrontPoint:
 class ParetoFront:
     """Points from one end to the other.
 
-    Attributes
-    ----------
-    scene
-        Scene whose plan is varied.
-    names
-        The two terms.
-    points
-        Points from one end of the front to the other.
+    Attributes:
+        scene: Scene whose plan is varied.
+        names: The two terms.
+        points: Points from one end of the front to the other.
     """
 
     scene: Scene
@@ -101,12 +90,9 @@ class ParetoFront:
 class FrontRequest:
     """Request for a front.
 
-    Attributes
-    ----------
-    names
-        The two terms of the cost; ``time`` may be one.
-    count
-        Number of points.
+    Attributes:
+        names: The two terms of the cost; ``time`` may be one.
+        count: Number of points.
     """
 
     names: tuple[str, str] = ("time", "base_rotation")
@@ -115,7 +101,7 @@ class FrontRequest:
 
 def make_front(
     scene: Scene,
-    wanted: FrontRequest,
+    front_request: FrontRequest,
     *,
     backend: str = "auto",
     progress: Progress | None = None,
@@ -124,23 +110,17 @@ def make_front(
 ) -> ParetoFront:
     """Plan every point of a front.
 
-    Parameters
-    ----------
-    scene
-        A scene with a ``plan`` section.
-    wanted
-        Terms and points of the front.
-    backend, progress, folder, dask
-        As for :func:`optim.planning.search.make_plan.make_plan`.
+    Args:
+        scene: A scene with a ``plan`` section.
+        front_request: Terms and points of the front.
+        backend, progress, folder, dask: As for :func:`optim.planning.search.make_plan.make_plan`.
 
-    Raises
-    ------
-    ScenarioError
-        If the terms have no weights, or the duration that is to be swept is given.
+    Raises:
+        ScenarioError: If the terms have no weights, or the duration that is to be swept is given.
     """
     folder = None if folder is None else Path(folder)
-    solver = PlanSolver.of(scene, backend, progress or (lambda _: None), motions=wanted.count)
-    requests = _asks(solver, wanted)
+    solver = PlanSolver.of(scene, backend, progress or (lambda _: None), motions=front_request.count)
+    requests = _asks(solver, front_request)
     names = [f"point_{k + 1}" for k in range(len(requests))]
     tasks: dict[str, SolveTask] = {}
     for k, parent in bisection_order(len(requests)):
@@ -150,7 +130,7 @@ def make_front(
             tasks[names[k]] = _after(requests[k], names[parent])
     results = run_tasks(solver, tasks, folder, dask)
     points = [_point(solver, request, results, name) for name, request in zip(names, requests, strict=True)]
-    return ParetoFront(scene, wanted.names, tuple(_compared(points, wanted.names)))
+    return ParetoFront(scene, front_request.names, tuple(_compared(points, front_request.names)))
 
 
 def bisection_order(count: int) -> list[tuple[int, int | None]]:
@@ -168,18 +148,16 @@ def bisection_order(count: int) -> list[tuple[int, int | None]]:
     return order
 
 
-def _asks(solver: PlanSolver, wanted: FrontRequest) -> list[SolveRequest]:
+def _asks(solver: PlanSolver, front_request: FrontRequest) -> list[SolveRequest]:
     """Solve request of each point.
 
-    Raises
-    ------
-    ScenarioError
-        If the terms have no weights, or the duration is fixed.
+    Raises:
+        ScenarioError: If the terms have no weights, or the duration is fixed.
     """
     weights, plain = solver.problem.weights, solver.request()
     if len(solver.phases) > 1:
         raise solver.scene.error("a front takes a plan of one phase", "plan.phases")
-    for name in wanted.names:
+    for name in front_request.names:
         terms = dict.fromkeys([*solver.plan.costs, *planned()])
         if name not in terms:
             raise ScenarioError(f"no term {name!r}; {near_names(name, terms)}", where="--pareto")
@@ -187,11 +165,11 @@ def _asks(solver: PlanSolver, wanted: FrontRequest) -> list[SolveRequest]:
             raise solver.scene.error(
                 "has no weight, so that nothing makes it small; give it one", f"plan.costs.{name}"
             )
-    first, second = wanted.names
+    first, second = front_request.names
     if first == second:
         raise ScenarioError(f"found {first!r} twice, allowed: two terms", where="--pareto")
-    if "time" not in wanted.names:
-        shares = np.linspace(DECADES / 2, -DECADES / 2, wanted.count) / 2
+    if "time" not in front_request.names:
+        shares = np.linspace(DECADES / 2, -DECADES / 2, front_request.count) / 2
         return [
             dataclasses.replace(
                 plain,
@@ -209,7 +187,7 @@ def _asks(solver: PlanSolver, wanted: FrontRequest) -> list[SolveRequest]:
             f"found {least:g} s; a front over time needs limits of the duration, as {{lower: 6, upper: 12}}",
             "plan.duration",
         )
-    times = np.linspace(least, greatest, wanted.count)
+    times = np.linspace(least, greatest, front_request.count)
     return [dataclasses.replace(plain, duration=(float(t),) * 3) for t in times]
 
 
@@ -218,10 +196,10 @@ def _after(request: SolveRequest, parent: str) -> SolveTask:
 
 
 def _point(
-    solver: PlanSolver, request: SolveRequest, found: Mapping[str, SolveResult], name: str
+    solver: PlanSolver, request: SolveRequest, results: Mapping[str, SolveResult], name: str
 ) -> FrontPoint:
     """Point of the front from a search's result."""
-    fault, plain = failure_message(found[name], solver.plan.starts), solver.request()
+    fault, plain = failure_message(results[name], solver.plan.starts), solver.request()
     changes = {
         f"plan.costs.{key}": value for key, value in request.weights.items() if value != plain.weights[key]
     }
@@ -229,7 +207,7 @@ def _point(
         changes["plan.duration"] = request.duration[0]
     if fault is not None:
         return FrontPoint(name, changes, {}, "refused", fault, None)
-    plan = plan_result(solver, request, found, name)
+    plan = plan_result(solver, request, results, name)
     duration, sums = plan.phased_motion.duration_s, dict[str, float]()
     for motion in plan.phased_motion.motions:
         for term, value in integrals(motion).items():

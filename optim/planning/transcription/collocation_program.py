@@ -28,23 +28,20 @@ from spacerobot.arrays import Array
 class SparseSums:
     """Entries given in any order, several for one place, summed up into a compressed sparse matrix.
 
-    Attributes
-    ----------
-    matrix
-        Sparsity of the sum; its entries have no meaning.
-    place
-        Entry of the matrix for each one given.
+    Attributes:
+        matrix: Sparsity of the sum; its entries have no meaning.
+        place: Entry of the matrix for each one given.
     """
 
     matrix: sparse.csc_matrix
     place: Places
 
     @classmethod
-    def of(cls, found: Sequence[tuple[Any, Any]], shape: tuple[int, int]) -> SparseSums:
+    def of(cls, groups: Sequence[tuple[Any, Any]], shape: tuple[int, int]) -> SparseSums:
         """Sums for groups of entries, each given by arrays of rows and columns."""
         rows, columns = (
             np.concatenate([np.asarray(group).ravel() for group in side]).astype(np.int64)
-            for side in zip(*found, strict=True)
+            for side in zip(*groups, strict=True)
         )
         keys, place = np.unique(columns * np.int64(shape[0]) + rows, return_inverse=True)
         own_rows, own_columns = keys % shape[0], keys // shape[0]
@@ -60,14 +57,10 @@ class SparseSums:
 class CollocationProgram:
     """A planning problem on a mesh.
 
-    Parameters
-    ----------
-    problem
-        The problem.
-    instants
-        Functions of the problem.
-    lobatto, mesh
-        The collocation, and the mesh, or how many equal intervals it has.
+    Args:
+        problem: The problem.
+        instants: Functions of the problem.
+        lobatto, mesh: The collocation, and the mesh, or how many equal intervals it has.
     """
 
     def __init__(
@@ -241,13 +234,13 @@ class CollocationProgram:
         crossed = out.ravel()
         return self._hessian.entries(np.concatenate([hessian.ravel(), last, crossed]))
 
-    def _running(self, found: Array) -> float:
+    def _running(self, values: Array) -> float:
         """The integral over a duration of one of the terms, each with its weight [1/s]."""
-        return float(self.weights @ (found[:, self.ncost :] @ self.term_weights))
+        return float(self.weights @ (values[:, self.ncost :] @ self.term_weights))
 
-    def _rates(self, z: Array, found: Array) -> Array:
+    def _rates(self, z: Array, values: Array) -> Array:
         """X' at each point (points, nx)."""
-        return np.hstack([found[:, : self.nq], z[:, self.nx : self.nx + self.nv]])
+        return np.hstack([values[:, : self.nq], z[:, self.nx : self.nx + self.nv]])
 
     def _last(self, name: str, w: Array) -> Array:
         """Evaluate a function at the last instant."""

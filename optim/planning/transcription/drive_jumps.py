@@ -86,14 +86,10 @@ def segment_constraints(
 class DriveJump:
     """A drive that goes from one of its levels to another.
 
-    Attributes
-    ----------
-    share
-        Time of the jump, as a share of the duration.
-    drive
-        Index of the drive.
-    before, after
-        Levels before and after the jump [N m or N].
+    Attributes:
+        share: Time of the jump, as a share of the duration.
+        drive: Index of the drive.
+        before, after: Levels before and after the jump [N m or N].
     """
 
     share: float
@@ -105,12 +101,9 @@ class DriveJump:
 def split_at_jumps(phased_motion: PhasedMotion, problem: PlanningProblem) -> PhasedMotion | None:
     """A motion of one problem in segments between the jumps of its drives; None where there are no new ones.
 
-    Parameters
-    ----------
-    phased_motion
-        The motion, which may have segments already.
-    problem
-        Problem of the motion.
+    Args:
+        phased_motion: The motion, which may have segments already.
+        problem: Problem of the motion.
     """
     pieces = list[Motion]()
     largest = np.max([np.abs(motion.u).max(axis=0) for motion in phased_motion.motions], axis=0)

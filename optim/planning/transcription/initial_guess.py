@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from optim.planning.formulation.stage import PlanningProblem
+from optim.planning.transcription.approach_guess import SAMPLES, TargetApproach, approached
 from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.motion import Motion
@@ -40,17 +41,12 @@ def initial_guess(
 ) -> Motion:
     """A motion to begin with.
 
-    Parameters
-    ----------
-    problem
-        The problem.
-    lobatto, mesh
-        Collocation and mesh of the motion, or how many equal intervals that has.
-    rng
-        Draws another posture, another duration where that is free, and another path of each base that is
-        driven; the plain guess if None.
-    start
-        Number of the start; bases wind in turn in each of the :data:`WINDINGS` ways.
+    Args:
+        problem: The problem.
+        lobatto, mesh: Collocation and mesh of the motion, or how many equal intervals that has.
+        rng: Draws another posture, another duration where that is free, and another path of each base that is
+            driven; the plain guess if None.
+        start: Number of the start; bases wind in turn in each of the :data:`WINDINGS` ways.
     """
     stage, (least, greatest, duration) = problem.stage, problem.duration
     model, driven = stage.scene.model, stage.driven
@@ -58,6 +54,10 @@ def initial_guess(
     if rng is not None and least < greatest:
         duration = float(rng.uniform(least, greatest))
     mesh = Mesh.of(mesh)
+    approaches = _approaches(problem, lobatto)
+    if approaches and least < greatest:  # another arrival for each start
+        choices = next(iter(approaches.values())).durations
+        duration = float(choices[start % len(choices)])
     drift_q, drift_v = drift(problem, lobatto, mesh, duration)
     first = drift_q[-1].copy()
     if rng is not None:
@@ -73,10 +73,15 @@ def initial_guess(
     bend = 60 * share * (1 - share) * (1 - 2 * share) / duration**2
     q = np.array([pin.integrate(model, at, way * b) for at, b in zip(drift_q, blend, strict=True)])
     v, a = drift_v + slope[:, None] * way, bend[:, None] * way
-    if rng is not None:
+    if rng is not None or approaches:
         for k, body in enumerate(body for body in stage.scene.robots if driven.of_base(body.name)):
             joint = model.joints[body.root_joint]
-            path = _base_path(problem, body, ends, duration, rng, start // WINDINGS**k % WINDINGS)
+            if body.name in approaches:
+                path = approaches[body.name].path(duration)
+            elif rng is not None:
+                path = _base_path(problem, body, ends, duration, rng, start // WINDINGS**k % WINDINGS)
+            else:
+                continue
             place = slice(joint.idx_q, joint.idx_q + joint.nq)
             moving = slice(joint.idx_v, joint.idx_v + joint.nv)
             for i, s in enumerate(share):
@@ -108,6 +113,59 @@ def initial_guess(
     z = np.clip(z, problem.lower, problem.upper)
     z[0, : problem.fixed.size] = problem.fixed
     return Motion(problem, lobatto, mesh, duration, z).split_forces()
+
+
+def is_guided(problem: PlanningProblem) -> bool:
+    """Whether first guesses lead a base to the moving target, by an approach to the goal's place there."""
+    return any(approached(problem, body) for body in problem.stage.scene.robots)
+
+
+def arrival_durations(problem: PlanningProblem, lobatto: Lobatto, count: int) -> list[float]:
+    """Durations [s] to be tried in turn, at most so many.
+
+    Args:
+        problem: The problem, with the range of the duration.
+        lobatto: Collocation of the motion.
+        count: Number of durations.
+    """
+    least, greatest, _ = problem.duration
+    choices = [one.durations for one in _approaches(problem, lobatto).values()]
+    if choices:
+        return [float(time) for time in choices[0][:count]]
+    return [float(time) for time in np.linspace(least, greatest, count + 2)[1:-1]]
+
+
+def _approaches(problem: PlanningProblem, lobatto: Lobatto) -> dict[str, TargetApproach]:
+    """Approaches of the bases that the goal places relative to the target, by robot."""
+    stage, (least, greatest, guess) = problem.stage, problem.duration
+    bodies = [body for body in stage.scene.robots if approached(problem, body)]
+    if not bodies or stage.scene.target is None:
+        return {}
+    model = stage.scene.model
+    root = model.joints[stage.scene.target.root_joint]
+    sampled = Mesh.of(max(8, SAMPLES // (lobatto.points - 1)))
+    drift_q, drift_v = drift(problem, lobatto, sampled, greatest)
+    times = lobatto.times(sampled, greatest)
+    places = [_placement(q[root.idx_q : root.idx_q + root.nq]) for q in drift_q]
+
+    def target(time: float) -> pin.SE3:
+        """Placement of the drifting target, between the samples."""
+        k = int(np.clip(np.searchsorted(times, time) - 1, 0, len(times) - 2))
+        share = (time - times[k]) / (times[k + 1] - times[k])
+        return pin.SE3.Interpolate(places[k], places[k + 1], float(np.clip(share, 0.0, 1.0)))
+
+    near = int(np.argmin(np.abs(times - guess)))
+    approaches = {}
+    for body in bodies:
+        joint = model.joints[body.root_joint]
+        columns = [*range(joint.idx_v, joint.idx_v + joint.nv)]
+        ends = _inverse_kinematics(problem, drift_q[near].copy(), drift_v[near], columns)
+        mated = places[near].actInv(_placement(ends[joint.idx_q : joint.idx_q + joint.nq]))
+        begin = _placement(problem.fixed[joint.idx_q : joint.idx_q + joint.nq])
+        rate = stage.driven.strength(body.name, "f") / np.sqrt(3)
+        rate /= sum(model.inertias[j].mass for j in (body.root_joint, *body.joints))
+        approaches[body.name] = TargetApproach(begin, mated, target, (least, greatest), rate)
+    return approaches
 
 
 def _base_path(
@@ -154,8 +212,8 @@ def _base_path(
 
     def path(s: float) -> pin.SE3:
         f, b, c = s * (1 - s) ** 2, s**3 * (10 - 15 * s + 6 * s**2), 16 * s**2 * (1 - s) ** 2
-        begun = duration * (f if turned else s)
-        rotation = begin.rotation @ pin.exp3(begun * spin) @ pin.exp3(b * turn) @ pin.exp3(b * full)
+        elapsed = duration * (f if turned else s)
+        rotation = begin.rotation @ pin.exp3(elapsed * spin) @ pin.exp3(b * turn) @ pin.exp3(b * full)
         moved = begin.translation + (f * duration * speed + b * way + c * arc if pushed else s * way)
         return pin.SE3(rotation @ pin.exp3(c * bow), moved)
 
@@ -194,6 +252,7 @@ def _drive(problem: PlanningProblem, q: Array, v: Array, a: Array) -> Array:
     """Drive of a motion by Pinocchio's inverse dynamics, without floating bases."""
     model = problem.stage.scene.model
     force = pin.rnea(model, model.createData(), q, v, a) + np.asarray(model.damping) * v
+    force -= problem.stage.environment_effort(q, v)
     return np.asarray(force[list(problem.stage.driven.columns)])
 
 
@@ -214,12 +273,13 @@ def drift(
     def falling(q: Array, v: Array) -> Array:
         """Acceleration (nv,) where nothing is driven and joints are at rest."""
         if held is None:
-            return np.asarray(free * pin.aba(model, data, q, v, np.zeros(model.nv)))
+            return np.asarray(free * pin.aba(model, data, q, v, stage.environment_effort(q, v)))
         bias, slopes = (np.array(x.full()) for x in held(q, v, np.zeros(model.nv)))
         upper, none = np.triu(pin.crba(model, data, q)), np.zeros((len(slopes), len(slopes)))
         inertia = upper + np.triu(upper, 1).T
         matrix = np.block([[inertia, slopes.T], [slopes, none]])
-        right = -np.concatenate([pin.nle(model, data, q, v), bias.ravel()])
+        bend = pin.nle(model, data, q, v) - stage.environment_effort(q, v)
+        right = -np.concatenate([bend, bias.ravel()])
         return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0][: model.nv])
 
     times, states = lobatto.times(mesh, duration), [(q, v)]
@@ -246,7 +306,7 @@ def _inverse_kinematics(problem: PlanningProblem, q: Array, v: Array, columns: l
     tangent = ca.jacobian(stage.rate, stage.v)[:, columns]
     slopes = ca.densify(ca.mtimes(ca.jacobian(rows, stage.q), tangent))
     function = ca.Function("goal", [stage.z], [rows, slopes])
-    rest = np.zeros(stage.z.numel() - model.nq - model.nv)
+    rest, shifts = np.zeros(stage.z.numel() - model.nq - model.nv), base_shifts(problem)
     for _ in range(ITERATIONS):
         residual, jacobian = (np.array(x) for x in function(np.concatenate([q, v, rest])))
         if np.abs(residual).max() < 1e-6:
@@ -254,8 +314,25 @@ def _inverse_kinematics(problem: PlanningProblem, q: Array, v: Array, columns: l
         normal = jacobian @ jacobian.T + DAMPING * np.eye(len(residual))
         step = np.zeros(model.nv)
         step[columns] = -(jacobian.T @ np.linalg.solve(normal, residual)).ravel()
-        q = _clipped(problem, pin.integrate(model, q, step / max(1.0, 5 * np.abs(step).max())))
+        largest = np.abs(np.delete(step, shifts)).max(initial=0.0)
+        q = _clipped(problem, pin.integrate(model, q, step / max(1.0, 5 * largest)))
     return q
+
+
+def base_shifts(problem: PlanningProblem) -> list[int]:
+    """Places in v of the velocities of bases that forces drive.
+
+    Positions are linear in them, so that inverse kinematics needs no bound of its steps along them, which may
+    be as long as the distance of a rendezvous.
+    """
+    stage, columns = problem.stage, list[int]()
+    for body in stage.scene.robots:
+        if body.root_joint and stage.driven.strength(body.name, "f"):
+            first, size = (
+                int(of[body.root_joint]) for of in (stage.scene.model.idx_vs, stage.scene.model.nvs)
+            )
+            columns += range(first, first + (3 if size == 6 else 2))
+    return columns
 
 
 def _clipped(problem: PlanningProblem, q: Array) -> Array:

@@ -29,17 +29,13 @@ NAMES = ("values", "jacobian", "hessian")
 class InstantFunctions:
     """Functions of all instants at once, one column for each, and of the last one.
 
-    Attributes
-    ----------
-    call
-        Evaluates one of ``values(z -> F)``, ``jacobian(z -> J's entries)`` and ``hessian(z, weights -> H's
-        entries)`` for many columns, with F = (q', what is left of the equations of motion, path rows, terms
-        of the cost) and H the upper triangle of the second derivatives of weights . F; ``goal_...`` the same
-        of the goal rows and of what the last instant costs.
-    backend
-        ``compiled`` or ``interpreted``.
-    jacobian, hessian, goal_jacobian, goal_hessian
-        Rows and columns of the nonzero entries.
+    Attributes:
+        call: Evaluates one of ``values(z -> F)``, ``jacobian(z -> J's entries)`` and ``hessian(z, weights ->
+            H's entries)`` for many columns, with F = (q', what is left of the equations of motion, path rows,
+            terms of the cost) and H the upper triangle of the second derivatives of weights . F; ``goal_...``
+            the same of the goal rows and of what the last instant costs.
+        backend: ``compiled`` or ``interpreted``.
+        jacobian, hessian, goal_jacobian, goal_hessian: Rows and columns of the nonzero entries.
     """
 
     call: Callable[..., Array]
@@ -53,17 +49,12 @@ class InstantFunctions:
 def build_instants(problem: PlanningProblem, backend: str = "auto") -> InstantFunctions:
     """Functions of a problem.
 
-    Parameters
-    ----------
-    problem
-        Problem whose instants are evaluated.
-    backend
-        ``auto``, ``compiled`` or ``interpreted``.
+    Args:
+        problem: Problem whose instants are evaluated.
+        backend: ``auto``, ``compiled`` or ``interpreted``.
 
-    Raises
-    ------
-    CompileError
-        If ``compiled`` is requested and there is no compiler.
+    Raises:
+        CompileError: If ``compiled`` is requested and there is no compiler.
     """
     return _instants(problem, _rows(problem), backend)
 
@@ -73,12 +64,9 @@ def extended(
 ) -> InstantFunctions:
     """Functions of a problem with further rows at the end of its path, of which alone new ones are made.
 
-    Parameters
-    ----------
-    instants, problem
-        The functions, and what they are of.
-    rows
-        Added to its path.
+    Args:
+        instants, problem: The functions, and what they are of.
+        rows: Added to its path.
     """
     expression = ca.densify(ca.vertcat(*(row.value for row in rows)))
     added = _instants(problem, {"": (expression, implicit_in(rows))}, instants.backend)

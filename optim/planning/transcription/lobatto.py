@@ -19,13 +19,10 @@ from spacerobot.arrays import Array
 class Lobatto:
     """Collocation on one interval.
 
-    Attributes
-    ----------
-    nodes
-        Collocation nodes in 0 .. 1 (s,), both ends among them.
-    integral
-        Integral from 0 to each node of the polynomial that is one at another (s, s); its last row holds the
-        weights of the quadrature.
+    Attributes:
+        nodes: Collocation nodes in 0 .. 1 (s,), both ends among them.
+        integral: Integral from 0 to each node of the polynomial that is one at another (s, s); its last row
+            holds the weights of the quadrature.
     """
 
     nodes: Array

@@ -17,18 +17,16 @@ Places = npt.NDArray[np.int64]
 class Mesh:
     """Intervals of a duration, of any lengths.
 
-    Attributes
-    ----------
-    knots
-        Parts of the duration at which intervals begin and end: 0 first, 1 last, rising (N + 1,).
+    Attributes:
+        knots: Parts of the duration at which intervals begin and end: 0 first, 1 last, rising (N + 1,).
     """
 
     knots: tuple[float, ...]
 
     @classmethod
-    def of(cls, given: int | Mesh) -> Mesh:
+    def of(cls, mesh: int | Mesh) -> Mesh:
         """A mesh as it is, or one of so many equal intervals."""
-        return given if isinstance(given, Mesh) else cls(tuple(n / given for n in range(given + 1)))
+        return mesh if isinstance(mesh, Mesh) else cls(tuple(n / mesh for n in range(mesh + 1)))
 
     @property
     def intervals(self) -> int:

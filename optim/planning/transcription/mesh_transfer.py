@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from optim.planning.solver.ipopt import Solution, Told, solve
+from optim.planning.solver.ipopt import OnIteration, Solution, solve
 from optim.planning.transcription.collocation_program import CollocationProgram
 from optim.planning.transcription.motion import Motion
 from optim.planning.transcription.phase_chain import PhaseChain
@@ -19,30 +19,28 @@ def solve_from(
     *,
     scale: float,
     iterations: int = 500,
-    told: Told | None = None,
+    on_iteration: OnIteration | None = None,
 ) -> tuple[Solution, Solution]:
     """Solve a problem on a motion's mesh first, and then on the program's from what was found there.
 
-    Parameters
-    ----------
-    motion
-        Initial motion, on a coarse mesh.
-    program
-        Program to be solved.
-    scale, iterations, told
-        Options of :func:`solve`; iterations on each mesh.
+    Args:
+        motion: Initial motion, on a coarse mesh.
+        program: Program to be solved.
+        scale, iterations, on_iteration: Options of :func:`solve`; iterations on each mesh.
 
-    Returns
-    -------
-    tuple
-        Solutions on the coarse mesh, and on the program's.
+    Returns:
+        tuple: Solutions on the coarse mesh, and on the program's.
     """
     coarse = CollocationProgram(program.problem, program.instants, motion.lobatto, motion.mesh)
-    coarse_solution = solve(coarse, motion.unknowns, scale=scale, iterations=iterations, told=told)
+    coarse_solution = solve(
+        coarse, motion.unknowns, scale=scale, iterations=iterations, on_iteration=on_iteration
+    )
     z, duration = coarse.split(coarse_solution.w)
     near = dataclasses.replace(motion, z=z, duration_s=duration).on(program.lobatto, program.mesh)
     warm = transfer_remaining(coarse_solution, coarse, program) if coarse_solution.converged else None
-    return coarse_solution, solve(program, near.unknowns, warm, scale=scale, iterations=iterations, told=told)
+    return coarse_solution, solve(
+        program, near.unknowns, warm, scale=scale, iterations=iterations, on_iteration=on_iteration
+    )
 
 
 def transfer(solution: Solution, source: PhaseChain, target: PhaseChain) -> Solution:
@@ -51,12 +49,9 @@ def transfer(solution: Solution, source: PhaseChain, target: PhaseChain) -> Solu
     Multipliers of what holds at points are densities over time times the weights of the quadrature; those of
     the defects come from the costates p, of which an interval's multipliers are A^T lambda = b p.
 
-    Parameters
-    ----------
-    solution
-        Solution on the source's mesh.
-    source, target
-        Program of the solution, and the program to be solved. Unknowns are not carried over.
+    Args:
+        solution: Solution on the source's mesh.
+        source, target: Program of the solution, and the program to be solved. Unknowns are not carried over.
     """
     parts = source.parted(solution)
     of = zip(parts, source.programs, target.programs, strict=False)
@@ -71,13 +66,10 @@ def transfer(solution: Solution, source: PhaseChain, target: PhaseChain) -> Solu
 def transfer_constrained(solution: Solution, source: PhaseChain, target: PhaseChain) -> Solution:
     """Transfer a solution to the same problem and mesh with further path constraints.
 
-    Parameters
-    ----------
-    solution
-        Solution of the source.
-    source, target
-        Its program, and the one whose path has all rows of the source's, in the same order, and more of other
-        names: their multipliers are zero.
+    Args:
+        solution: Solution of the source.
+        source, target: Its program, and the one whose path has all rows of the source's, in the same order,
+            and more of other names: their multipliers are zero.
     """
     blocks = list[Array]()
     for part, old, new in zip(source.parted(solution), source.programs, target.programs, strict=False):
@@ -101,12 +93,9 @@ def transfer_remaining(
 ) -> Solution:
     """Transfer the rest of a phase's solution to another mesh.
 
-    Parameters
-    ----------
-    solution, source, target
-        See :func:`transfer`.
-    begin
-        Part of the source's duration at which the target begins; both end together.
+    Args:
+        solution, source, target: See :func:`transfer`.
+        begin: Part of the source's duration at which the target begins; both end together.
     """
     left = 1.0 - begin
     share, target_share = (at.lobatto.times(at.mesh, 1.0) for at in (source, target))

@@ -20,17 +20,12 @@ from spacerobot.arrays import Array
 class Motion:
     """A motion on a mesh.
 
-    Attributes
-    ----------
-    problem
-        Problem of the motion.
-    lobatto, mesh
-        The collocation and the mesh.
-    duration_s
-        Duration [s].
-    z
-        Instants at all points (points, nz): configuration, velocity, acceleration, drive, grips' wrenches,
-        parts of forces whose magnitudes are a cost.
+    Attributes:
+        problem: Problem of the motion.
+        lobatto, mesh: The collocation and the mesh.
+        duration_s: Duration [s].
+        z: Instants at all points (points, nz): configuration, velocity, acceleration, drive, grips' wrenches,
+            parts of forces whose magnitudes are a cost.
     """
 
     problem: PlanningProblem
@@ -157,12 +152,9 @@ class Motion:
 class PhasedMotion:
     """The motions of all phases of a plan, in turn; of one phase as a rule.
 
-    Attributes
-    ----------
-    motions
-        Motion of each phase.
-    impulses
-        Impulse into each next phase where rigid grasps close (nw,) [N s, N m s]; empty elsewhere.
+    Attributes:
+        motions: Motion of each phase.
+        impulses: Impulse into each next phase where rigid grasps close (nw,) [N s, N m s]; empty elsewhere.
     """
 
     motions: tuple[Motion, ...]

@@ -30,14 +30,11 @@ from spacerobot.dynamics import Inertias, forward_kinematics, inverse_dynamics
 class Linkage:
     """Linkage constraints between a phase and the next one.
 
-    Attributes
-    ----------
-    functions
-        ``values``, ``jacobian`` and ``hessian`` of the state before, the state behind, and the impulse.
-    jacobian, hessian
-        Rows and columns of the nonzero entries.
-    impulses
-        Number of components of the impulse.
+    Attributes:
+        functions: ``values``, ``jacobian`` and ``hessian`` of the state before, the state behind, and the
+            impulse.
+        jacobian, hessian: Rows and columns of the nonzero entries.
+        impulses: Number of components of the impulse.
     """
 
     functions: dict[str, ca.Function]
@@ -49,12 +46,9 @@ class Linkage:
     def into(cls, stage: Stage, impact: bool) -> Linkage:
         """Link into a phase.
 
-        Parameters
-        ----------
-        stage
-            An instant of that phase.
-        impact
-            Whether rigid grasps close at the beginning of the phase.
+        Args:
+            stage: An instant of that phase.
+            impact: Whether rigid grasps close at the beginning of the phase.
         """
         arguments, rows, count = _joined(stage, impact)
         functions, (jacobian, hessian) = derived(arguments, rows, "")
@@ -96,12 +90,9 @@ def _joined(stage: Stage, impact: bool) -> tuple[ca.SX, ca.SX, int]:
 class LinearConstraints:
     """Constraints that are linear in all unknowns of a chain.
 
-    Attributes
-    ----------
-    matrix
-        Their jacobian (rows, size).
-    least, greatest
-        Limits of their values (rows,) each.
+    Attributes:
+        matrix: Their jacobian (rows, size).
+        least, greatest: Limits of their values (rows,) each.
     """
 
     matrix: sparse.csr_matrix
@@ -112,20 +103,15 @@ class LinearConstraints:
 class PhaseChain:
     """Programs of phases in turn, and the links between them.
 
-    Parameters
-    ----------
-    programs
-        Program of each phase.
-    links
-        Between each two of them.
-    rest
-        Further linear constraints on all unknowns, the last rows of the chain; none if not given.
+    Args:
+        programs: Program of each phase.
+        links: Between each two of them.
+        rest: Further linear constraints on all unknowns, the last rows of the chain; none if not given.
 
-    Attributes
-    ----------
-    is_redundant
-        Whether constraints may follow from others: that a body which no force turns is at rest at the end
-        follows from its start, and no cost of plans that minimise magnitudes of forces depends on it.
+    Attributes:
+        is_redundant: Whether constraints may follow from others: that a body which no force turns is at rest
+            at the end follows from its start, and no cost of plans that minimise magnitudes of forces depends
+            on it.
     """
 
     def __init__(
@@ -213,7 +199,7 @@ class PhaseChain:
         return self._jacobian.entries(jacobian)
 
     def hessian(self, w: Array, factor: float, multipliers: Array) -> Array:
-        """Entries of the upper triangle of the Lagrangian's second derivatives, likewise."""
+        """Entries of the Lagrangian's Hessian, upper triangle, in the order of :attr:`hessian_pattern`."""
         weights = np.split(multipliers, np.cumsum(self._counts)[:-1])
         entries = [
             p.hessian(unknowns, factor, weight)

@@ -33,19 +33,13 @@ def refined_meshes(
 ) -> tuple[Mesh, ...] | None:
     """Meshes on which the motion is expected to keep the tolerance of its replay and its limits.
 
-    Parameters
-    ----------
-    phased_motion, verification
-        The motion, and what is wrong with it.
-    max_intervals
-        Maximum number of intervals of each phase.
-    backend
-        Integrator: ``auto``, ``compiled`` or ``interpreted``.
+    Args:
+        phased_motion, verification: The motion, and what is wrong with it.
+        max_intervals: Maximum number of intervals of each phase.
+        backend: Integrator: ``auto``, ``compiled`` or ``interpreted``.
 
-    Returns
-    -------
-    tuple or None
-        A mesh for each phase; None where no interval may be split any more.
+    Returns:
+        tuple or None: A mesh for each phase; None where no interval may be split any more.
     """
     counts = []
     for motion in phased_motion.motions:  # two pieces where a limit is passed by more than allowed
@@ -89,17 +83,13 @@ def sharper_meshes(phased_motion: PhasedMotion, max_intervals: int) -> tuple[Mes
     The least of magnitudes jumps from limit to limit. Where a jump is a straight line over a time h instead,
     the impulse is the same and its centre off by a part of h^2, so that the cost is too large by O(h^2).
 
-    Parameters
-    ----------
-    phased_motion
-        The motion.
-    max_intervals
-        Maximum number of intervals of each phase.
+    Args:
+        phased_motion: The motion.
+        max_intervals: Maximum number of intervals of each phase.
 
-    Returns
-    -------
-    tuple or None
-        A mesh for each phase; None where there are no such forces, or no interval may be split any more.
+    Returns:
+        tuple or None: A mesh for each phase; None where there are no such forces, or no interval may be split
+            any more.
     """
     counts = []
     for motion in phased_motion.motions:
@@ -122,12 +112,9 @@ def sharper_meshes(phased_motion: PhasedMotion, max_intervals: int) -> tuple[Mes
 def local_errors(phased_motion: PhasedMotion, backend: str = "auto") -> list[Array]:
     """Distance [m] by which each interval of each phase moves the tips off the plan until its end (N,).
 
-    Parameters
-    ----------
-    phased_motion
-        The motion.
-    backend
-        Integrator: ``auto``, ``compiled`` or ``interpreted``.
+    Args:
+        phased_motion: The motion.
+        backend: Integrator: ``auto``, ``compiled`` or ``interpreted``.
     """
     errors = []
     for begin, motion in zip(phased_motion.begins, phased_motion.motions, strict=True):

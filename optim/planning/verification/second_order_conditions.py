@@ -38,12 +38,9 @@ def descent_direction(program: PhaseChain, solution: Solution, scale: float) -> 
 
     None where the solution is a minimum. Its mean square over the duration is one.
 
-    Parameters
-    ----------
-    program, solution
-        Program, and its solution.
-    scale
-        Size of the cost.
+    Args:
+        program, solution: Program, and its solution.
+        scale: Size of the cost.
     """
     w, (low, high), (least, greatest) = solution.w, program.bounds(), program.limits()
     pattern = program.hessian_pattern

@@ -37,14 +37,10 @@ ROUNDING = 1e-8
 class Violation:
     """Largest excess over a limit.
 
-    Attributes
-    ----------
-    name, unit
-        Name of the limit, and the unit of the amounts.
-    amount, allowed
-        Excess over the limit, and the excess that is allowed.
-    time_s
-        Time of the largest excess [s].
+    Attributes:
+        name, unit: Name of the limit, and the unit of the amounts.
+        amount, allowed: Excess over the limit, and the excess that is allowed.
+        time_s: Time of the largest excess [s].
     """
 
     name: str
@@ -58,21 +54,15 @@ class Violation:
 class VerificationResult:
     """Result of a plan's verification.
 
-    Attributes
-    ----------
-    residual
-        Residual of the first-order conditions, relative to the cost.
-    violations
-        Violation of each limit between the points, the largest first.
-    replay_errors_m, followed_errors_m
-        Greatest distance of each tip from the plan when its torques are replayed [m]: alone, and with the
-        feedback by which joints follow it.
-    tolerance_m
-        Allowed replay error [m].
-    open_loop
-        Whether the tolerance holds for the replay without feedback too.
-    saddle
-        Whether second-order conditions fail: the cost falls along a direction that the constraints allow.
+    Attributes:
+        residual: Residual of the first-order conditions, relative to the cost.
+        violations: Violation of each limit between the points, the largest first.
+        replay_errors_m, followed_errors_m: Greatest distance of each tip from the plan when its torques are
+            replayed [m]: alone, and with the feedback by which joints follow it.
+        tolerance_m: Allowed replay error [m].
+        open_loop: Whether the tolerance holds for the replay without feedback too.
+        saddle: Whether second-order conditions fail: the cost falls along a direction that the constraints
+            allow.
     """
 
     residual: float
@@ -114,7 +104,7 @@ class VerificationResult:
         return tuple(v for v in self.violations if v.amount > v.allowed)
 
     def failures(self) -> list[str]:
-        """Why the plan is refused, a clause each; none where it is not."""
+        """Reasons why the plan is refused, a clause each; none if it is accepted."""
         clauses = []
         if not self.residual <= RESIDUAL:
             clauses.append(f"the first-order residual is {self.residual:.1e}, allowed {RESIDUAL:g}")
@@ -141,16 +131,11 @@ def verify(
 ) -> VerificationResult:
     """Verify a trajectory and the multipliers found with it.
 
-    Parameters
-    ----------
-    phased_motion, solution
-        The motion, and where the solver ended.
-    program
-        Program that was solved, with interpreted functions: they give the residual.
-    scale
-        Cost that the residual is taken relative to.
-    backend
-        Backend of the replay: ``auto``, ``compiled`` or ``interpreted``.
+    Args:
+        phased_motion, solution: The motion, and where the solver ended.
+        program: Program that was solved, with interpreted functions: they give the residual.
+        scale: Cost that the residual is taken relative to.
+        backend: Backend of the replay: ``auto``, ``compiled`` or ``interpreted``.
     """
     # greatest distance of each tip from the plan in any phase [m], each replayed from where the one before it
     # ended, through the impact of what closes
@@ -213,14 +198,10 @@ def _products(values: Array, least: Array, greatest: Array, multipliers: Array) 
 class LimitExcess:
     """Excess over a limit along the motion.
 
-    Attributes
-    ----------
-    name, unit, allowed
-        See :class:`Violation`.
-    time_s
-        Instants at which the limit holds (n,) [s], from the phase's beginning on.
-    excess
-        Excess at each instant (n,); negative where the limit is kept.
+    Attributes:
+        name, unit, allowed: See :class:`Violation`.
+        time_s: Instants at which the limit holds (n,) [s], from the phase's beginning on.
+        excess: Excess at each instant (n,); negative where the limit is kept.
     """
 
     name: str
@@ -261,12 +242,9 @@ def between_points(motion: Motion) -> Iterator[LimitExcess]:
 def course_collisions(phased_motion: PhasedMotion, pairs: Sequence[LinkPair]) -> list[Collision]:
     """Pairs of links that overlap along a course, looked at where its limits are, the deepest first.
 
-    Parameters
-    ----------
-    phased_motion
-        The motion.
-    pairs
-        Pairs of links to check.
+    Args:
+        phased_motion: The motion.
+        pairs: Pairs of links to check.
     """
     if not pairs:
         return []

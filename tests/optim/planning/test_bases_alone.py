@@ -24,8 +24,9 @@ from optim.planning.verification.mesh_refinement import local_errors, refined_me
 from optim.planning.verification.replay import tip_errors
 from optim.planning.verification.second_order_conditions import descent_direction
 from optim.planning.verification.verify import RELATIVE, VerificationResult, verify
+from spacerobot.api.results import PlanResult
 from spacerobot.cli.app import app
-from spacerobot.cli.commands.plan import _show
+from spacerobot.cli.output import show
 from spacerobot.errors import ScenarioError
 from spacerobot.result import Result
 from spacerobot.scene import load_scene
@@ -233,7 +234,7 @@ def test_a_plan_that_is_a_saddle_point_says_so(turning, capsys):
     assert summary(found)["verification"]["second_order"] == "minimum"
     saddle = dataclasses.replace(found, verification=dataclasses.replace(found.verification, saddle=True))
     assert summary(saddle)["verification"]["second_order"] == dataset(saddle).status == "saddle point"
-    _show(saddle)
+    show(PlanResult.of(saddle))
     assert "saddle point: nearby motions cost less" in " ".join(capsys.readouterr().err.split())
 
 
@@ -280,6 +281,42 @@ def test_a_turn_by_wheels_in_least_time_keeps_the_optimum_when_it_is_solved_in_s
     assert not found.verification.failures()
     assert found.cost == pytest.approx(4.5864, abs=1e-4)
     assert sum(run.iterations for run in found.runs) < 300
+
+
+@pytest.mark.parametrize("intervals", [4, 7, 13])
+def test_coarse_first_meshes_of_a_turn_by_wheels_end_at_the_optimum(turning, intervals):
+    changes = [change for change in WHEELED if change[0] != "plan.intervals"]
+    solver = PlanSolver.of(turning(*changes, ("plan.intervals", intervals)), "interpreted")
+    found = solve_request(solver, solver.request())
+    assert not found.verification.failures()
+    assert found.cost == pytest.approx(4.5864, abs=1e-4)
+
+
+@pytest.mark.parametrize("change", ["cost", "residual"])
+def test_refinement_returns_the_best_plan_that_passed(turning, monkeypatch, change):
+    """After the first plan passes, the next mesh costs more, or its plan fails."""
+    module = "optim.planning.search.solve_request"
+    solver = PlanSolver.of(turning(), "interpreted")
+    expected = solve_request(solver, solver.request())
+    assert not expected.verification.failures()
+    results = []
+
+    def finer(run, meshes):
+        run.cost *= 1.01 if change == "cost" else 0.9995
+        return True
+
+    def changed(*arguments):
+        results.append(verify(*arguments))
+        is_bad = change == "residual" and len(results) > 1
+        return dataclasses.replace(results[-1], residual=1.0) if is_bad else results[-1]
+
+    monkeypatch.setattr(f"{module}._SolverRuns._finer", finer)
+    monkeypatch.setattr(f"{module}.sharper_meshes", lambda motion, _: motion.meshes)
+    monkeypatch.setattr(f"{module}.verify", changed)
+    found = solve_request(solver, solver.request())
+    assert len(results) > 1
+    assert not found.verification.failures()
+    assert (found.cost, found.cause) == (expected.cost, "")
 
 
 def test_an_interval_is_wrong_by_where_its_error_in_velocity_leads_by_the_end(turning):

@@ -66,7 +66,7 @@ def test_an_interrupt_within_the_solver_prints_nothing(capfd):
             signal.setitimer(signal.ITIMER_REAL, 1e-3, 1.7e-3)
             for _ in range(1000):
                 iterations.clear()
-                solve(Circles(), first, told=lambda *_: iterations.append(1))
+                solve(Circles(), first, on_iteration=lambda *_: iterations.append(1))
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)

@@ -100,7 +100,7 @@ def test_the_depth_of_an_overlap_is_the_deepest_of_the_motion(reach):
 def test_check_reports_them(reach, capsys):
     check(str(reach().source))
     printed = " ".join(capsys.readouterr().out.split())
-    assert f"collision avoidance: plans keep {len(link_pairs(reach()))} pairs of links apart" in printed
+    assert f"plans keep {len(link_pairs(reach()))} pairs of links apart" in printed
 
 
 def test_added_rows_have_the_derivatives_of_the_whole_problem(reach):

@@ -8,13 +8,13 @@ from optim.planning.formulation.formulate import formulate
 from optim.planning.mpc.flown_scene import FlownScene, mpc_settings
 from optim.planning.mpc.horizon import Horizon
 from optim.planning.mpc.measured_state import measured_state, readings_of
-from optim.planning.mpc.simulation import simulate_mpc
 from optim.planning.search.plan_solver import PlanSolver
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
 from spacerobot.rollout import build_rollout
 from spacerobot.rollout.resumable_loop import end_of, joined, resumed, start_of
 from spacerobot.scene import load_scene
+from spacerobot.simulation import simulate
 from tests.oracles.small_scenes import PLANAR, small_scene
 
 LEAD = {"kind": "mpc", "period": 0.5, "min_horizon": 1.0, "kp": 2, "kd": 1}
@@ -103,6 +103,40 @@ def test_mpc_inputs_and_measurements_are_separate_outputs(reach, filtered):
     assert np.ptp(shown - taken) == pytest.approx(0.25 if filtered else 0)
 
 
+def test_resolution_and_range_of_mpc_act_on_the_pose_from_the_tip(reach):
+    """Errors of the rotation vector from the tip are those of the rotation vector since the start."""
+    step, reach_m = 0.04, 0.3
+    errors = {"period": 0.1, "noise": 1e-16, "resolution": step, "range": reach_m}
+    sensors = {f"target_{name}": {"errors": errors} for name in ("position", "orientation")}
+    scene = FlownScene.of(
+        reach(
+            *[one for one in FILTERED if one[0] == "robots.one.controllers"], ("robots.one.sensors", sensors)
+        )
+    ).scene
+    loop = build_closed_loop(scene)
+    run = build_rollout(loop, duration_s=0.15, step_s=0.01, output_step_s=0.05, backend="interpreted").run()
+    data = scene.model.createData()
+    pin.framesForwardKinematics(scene.model, data, run.state[2, : scene.model.nq])  # at 0.1 s, as they sample
+    tip = data.oMf[scene.tips[0].frame]
+    mate = data.oMf[scene.model.getFrameId("target/mate_1", pin.FrameType.BODY)]
+    turned = run.outputs["body_rotation"][2].reshape(-1, 3)[
+        [body.name for body in scene.bodies].index("target")
+    ]
+    away = mate.translation - tip.translation
+    turn = pin.log3(mate.rotation @ tip.rotation.T)
+
+    def coarse(value):
+        return np.clip(step * np.round(value / step), -reach_m, reach_m)
+
+    shown = {
+        name: run.outputs[f"measured_target_{name}"][3].reshape(-1, 3)[0]
+        for name in ("position", "orientation")
+    }
+    np.testing.assert_allclose(shown["position"][:2], (tip.translation + coarse(away))[:2], atol=1e-9)
+    np.testing.assert_allclose(shown["orientation"][2], (turned + coarse(turn) - turn)[2], atol=1e-9)
+    assert np.abs(away).max() > reach_m
+
+
 def seen_state(scene, state):
     """Measured state of a scene, by the outputs of its closed loop."""
     loop = build_closed_loop(FlownScene.of(scene).scene)
@@ -123,10 +157,8 @@ def miss(result, scene):
 
 def test_plans_made_anew_take_back_what_sensors_misread(reach):
     scene = reach(*FLIGHT)
-    flown = simulate_mpc(scene, backend="interpreted")
-    once = simulate_mpc(
-        reach(*FLIGHT, ("robots.one.controllers.lead.min_horizon", 100)), backend="interpreted"
-    )
+    flown = simulate(scene, backend="interpreted")
+    once = simulate(reach(*FLIGHT, ("robots.one.controllers.lead.min_horizon", 100)), backend="interpreted")
     assert miss(once, scene) > 0.015
     assert miss(flown, scene) < 0.45 * miss(once, scene)  # the last plan is one second old of three
     told = flown.summary["mpc"]
@@ -134,7 +166,7 @@ def test_plans_made_anew_take_back_what_sensors_misread(reach):
     assert flown.completed
     np.testing.assert_allclose(flown.data.time.values, np.linspace(0, 3, 31), atol=1e-12)
     assert np.abs(np.diff(flown.data.momentum_linear.values, axis=0)).max() < 1e-12
-    again = simulate_mpc(scene, backend="interpreted")
+    again = simulate(scene, backend="interpreted")
     np.testing.assert_array_equal(again.data.q.values, flown.data.q.values)
     assert again.summary["mpc"]["iterations"] == told["iterations"]
 
@@ -142,12 +174,10 @@ def test_plans_made_anew_take_back_what_sensors_misread(reach):
 def test_where_no_plan_is_found_the_last_one_is_flown_on(reach, monkeypatch):
     from optim.planning.mpc import horizon
 
-    whole = simulate_mpc(
-        reach(*FLIGHT, ("robots.one.controllers.lead.min_horizon", 100)), backend="interpreted"
-    )
+    whole = simulate(reach(*FLIGHT, ("robots.one.controllers.lead.min_horizon", 100)), backend="interpreted")
     real = horizon.solve
     monkeypatch.setattr(horizon, "solve", lambda *a, **k: real(*a, **(k | {"iterations": 1})))
-    lost = simulate_mpc(reach(*FLIGHT), backend="interpreted")
+    lost = simulate(reach(*FLIGHT), backend="interpreted")
     assert lost.summary["mpc"]["missed"] == 4
     np.testing.assert_allclose(lost.data.q.values, whole.data.q.values, atol=1e-9)
 
@@ -240,7 +270,6 @@ def test_the_base_is_where_its_sensors_show_it(reach):
     [
         ([("plan.duration", {"lower": 2, "upper": 3})], "found 2 to 3 s, allowed with kind mpc"),
         ([("plan.duration", 3.2)], "so many periods of 0.5 s"),
-        ([("robots.one.controllers", {})], "has no controller of kind mpc"),
         ([("plan.start", {"one": {"position": [0.1, 0, 0]}})], "found a free start"),
         (
             [("phases", {"come": {"until": {"time": 3}}, "wait": {}})],
@@ -253,7 +282,12 @@ def test_the_base_is_where_its_sensors_show_it(reach):
 )
 def test_what_does_not_fit_is_refused_in_one_line(reach, changes, message):
     with pytest.raises(ScenarioError, match=message):
-        simulate_mpc(reach(*FLIGHT, *changes), backend="interpreted")
+        simulate(reach(*FLIGHT, *changes), backend="interpreted")
+
+
+def test_a_robot_without_such_a_controller_is_refused(reach):
+    with pytest.raises(ScenarioError, match="has no controller of kind mpc"):
+        mpc_settings(reach(*FLIGHT, ("robots.one.controllers", {})))
 
 
 def test_what_cannot_plan_in_flight_says_so(reach):
@@ -315,7 +349,7 @@ SLOW = [
 @pytest.mark.parametrize("delay", [0.0, 0.3])
 def test_plans_lead_in_the_first_phase_until_the_capture(reach, delay):
     lead = ("robots.one.controllers.lead.delay", delay)
-    flown = simulate_mpc(reach(*FLIGHT, *SLOW, lead), backend="interpreted")
+    flown = simulate(reach(*FLIGHT, *SLOW, lead), backend="interpreted")
     kinds = [event["kind"] for event in flown.summary["events"]]
     assert kinds[-3:] == ["captured", "phase", "end"]
     captured = next(event["time_s"] for event in flown.summary["events"] if event["kind"] == "captured")
@@ -333,7 +367,7 @@ def test_behind_the_delay_a_plan_begins_where_the_model_comes_to(reach, monkeypa
         lambda self, *given: (begun.append(given[:2]), real(self, *given)),
     )
     scene = reach(*FLIGHT[:1], *FLIGHT[2:], ("plan.duration", 2), ("robots.one.controllers.lead.delay", 0.3))
-    flown = simulate_mpc(scene, backend="interpreted")
+    flown = simulate(scene, backend="interpreted")
     assert [begin for begin, _ in begun] == pytest.approx([0.8])
     there = flown.data.sel(time=0.8, method="nearest")
     np.testing.assert_allclose(begun[0][1], np.append(there.q.values, there.v.values), atol=1e-9)
@@ -350,7 +384,7 @@ def test_filters_assume_the_noise_of_their_sensors_where_plans_predict(reach):
         ("robots.one.sensors", {"base_spin": given, "base_orientation": given}),
         ("robots.one.estimators", {"own": {"kind": "attitude_filter"}}),
     )
-    flown = simulate_mpc(scene, backend="interpreted")
+    flown = simulate(scene, backend="interpreted")
     assert flown.summary["mpc"]["plans"] == 2
     assert np.isfinite(flown.data.q.values).all()
 
@@ -397,7 +431,7 @@ def test_plans_are_made_with_a_model_of_their_own(reach):
     assert assumed.mass < 0.8 * true.mass
     assert assumed.inertia[2, 2] > 1.1 * true.inertia[2, 2]
     exact, flown, once = (
-        simulate_mpc(reach(FLIGHT[0], *FLIGHT[2:], *more), backend="interpreted")
+        simulate(reach(FLIGHT[0], *FLIGHT[2:], *more), backend="interpreted")
         for more in ((), (model,), (model, ("robots.one.controllers.lead.min_horizon", 100)))
     )
     misses = [miss(one, scene) for one in (exact, flown, once)]
@@ -425,8 +459,8 @@ def test_both_engines_fly_the_same_plans(reach):
     lead = LEAD | {"delay": 0.3, "sampled": {"period": 0.05, "delay": 0.01}}
     changes = [*FLIGHT, *SLOW, ("robots.one.controllers.lead", lead), ("robots.one.sensors", noisy)]
     changes += [("simulation.step", 0.005), ("simulation.tolerance", 1e-7)]
-    first = simulate_mpc(reach(*changes), backend="interpreted")
-    second = simulate_mpc(reach(*changes, ("simulation.engine", "pinocchio")), backend="interpreted")
+    first = simulate(reach(*changes), backend="interpreted")
+    second = simulate(reach(*changes, ("simulation.engine", "pinocchio")), backend="interpreted")
     times = [[e["time_s"] for e in each.summary["events"]] for each in (first, second)]
     np.testing.assert_allclose(times[0], times[1], atol=1e-6)
     kept = min(first.data.sizes["time"], second.data.sizes["time"])
@@ -438,7 +472,7 @@ def test_both_engines_fly_the_same_plans(reach):
 def test_a_plan_of_several_phases_is_flown_in_its_first_one(reach):
     """The arm comes to the target slower than by a plan that ends there: it is to rest a second later."""
     ends, goes_on = (
-        simulate_mpc(reach(FLIGHT[0], FLIGHT[2], *more), backend="interpreted")
+        simulate(reach(FLIGHT[0], FLIGHT[2], *more), backend="interpreted")
         for more in ([*SLOW[:1], *TWO_PHASES[2:4]], TWO_PHASES)
     )
     told = goes_on.summary["mpc"]

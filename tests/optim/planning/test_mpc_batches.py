@@ -5,8 +5,8 @@ import pytest
 
 from optim.campaign.rollouts.evaluator import build_evaluator
 from optim.evaluation import batch, gradient
-from optim.planning.mpc.simulation import simulate_mpc
 from spacerobot.errors import ScenarioError
+from spacerobot.simulation import simulate
 from tests.optim.planning.test_mpc import FLIGHT, SLOW
 
 SPINS = [0.3, 0.7]
@@ -23,7 +23,7 @@ def test_a_batch_flies_each_simulation_as_alone(reach):
     values = {"target.base.spin_deg.2": SPINS}
     found = batch(scene, METRICS, values, backend="interpreted", threads=1).data
     for i, spin in enumerate(SPINS):
-        alone = simulate_mpc(reach(*DELAYED, ("target.base.spin_deg.2", spin)), backend="interpreted")
+        alone = simulate(reach(*DELAYED, ("target.base.spin_deg.2", spin)), backend="interpreted")
         (captured,) = (e["time_s"] for e in alone.summary["events"] if e["kind"] == "captured")
         assert found.capture_time.values[i, 0] == pytest.approx(captured, abs=1e-9)
         turned = np.degrees(np.linalg.norm(alone.data.body_rotation.sel(body="one"), axis=1).max())

@@ -19,7 +19,7 @@ from optim.planning.transcription.instant_functions import build_instants
 from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.motion import Motion, PhasedMotion
-from optim.planning.verification.replay import replay_motion, tip_errors
+from optim.planning.verification.replay import fastest_rate, replay_motion, tip_errors
 from spacerobot.errors import NoPlanError, ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
@@ -144,6 +144,43 @@ def test_feedback_takes_back_torques_that_are_wrong_as_the_follower_does(planned
     write(wrong, tmp_path / "out")
     flown = simulate(load_scene(tmp_path / "out" / FOLLOWED), backend="interpreted")
     np.testing.assert_allclose(np.linalg.norm(flown.data.tip_error.values[-1, 0]), errors[1], rtol=1e-4)
+
+
+def test_a_damped_light_wrist_is_replayed_in_steps_that_stay_stable(reach):
+    """Published URDFs damp light wrists by some N m s/rad, whose rates decay within 0.01 s."""
+    light = ("robots.one.links.link_3", {"mass": 0.05, "inertia": [1e-4, 1e-4, 1e-4, 0, 0, 0]})
+    damped = make_plan(reach(light, ("robots.one.joints.joint_3.damping", 5.0)), backend="interpreted")
+    assert (
+        fastest_rate(damped.motion, np.zeros(6)) > 280
+    )  # above 2.8 / 0.01 s Runge's and Kutta's method diverges
+    alone, _ = replay_motion(damped.motion, "interpreted")
+    assert tip_errors(damped.motion, alone)["one/tip"].max() < 1e-5
+
+
+def test_implicit_and_explicit_replays_agree(planned, monkeypatch):
+    explicit = replay_motion(planned.motion, "interpreted")
+    monkeypatch.setattr("optim.planning.verification.replay.STIFF", 0.0)
+    for one, other in zip(explicit, replay_motion(planned.motion, "interpreted"), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-7)
+
+
+def test_a_joint_whose_rate_decays_within_microseconds_is_replayed(reach):
+    """Tiago's wrist moves 4e-6 kg m^2 against 1 N m s/rad: explicit steps would be ten microseconds long."""
+    light = (
+        "robots.one.links.link_3",
+        {"mass": 1e-4, "com": [0, 0, 0], "inertia": [4e-6, 4e-6, 4e-6, 0, 0, 0]},
+    )
+    changes = light, ("robots.one.joints.joint_3.damping", 1.0), ("plan.costs", {"joint_acceleration": 1})
+    damped = make_plan(reach(*changes), backend="interpreted")
+    assert fastest_rate(damped.motion, np.zeros(6)) > 1e5
+    assert not damped.verification.failures()
+    # torques that are higher by 20 % turn the wrist by 20 % more: damping balances them
+    z = damped.motion.z.copy()
+    z[:, -1] *= 1.2
+    alone, _ = replay_motion(dataclasses.replace(damped.motion, z=z), "interpreted")
+    turned = alone[:, 6] - alone[0, 6]
+    wanted = damped.motion.q[:: damped.motion.lobatto.points - 1, 6] - damped.motion.q[0, 6]
+    np.testing.assert_allclose(turned, 1.2 * wanted, rtol=0.02, atol=1e-3)
 
 
 def test_a_plan_goes_to_another_mesh_and_back(planned):

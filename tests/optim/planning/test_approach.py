@@ -1,0 +1,147 @@
+"""Plans in orbit, and approaches to tumbling targets: a closed form, and a flight by other equations."""
+
+import itertools
+
+import casadi as ca
+import numpy as np
+import pytest
+import yaml
+from scipy.integrate import quad_vec
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
+
+from benchmarks.soft_capture import Draw, draws, flown, violations, wrench_of
+from optim.planning.search.make_plan import arrival_requests, make_plan
+from optim.planning.search.plan_solver import PlanSolver
+from optim.planning.transcription.initial_guess import initial_guess, is_guided
+from spacerobot.errors import ScenarioError
+from spacerobot.scene import load_scene
+
+UNIT = """<robot name="unit"><link name="body"><inertial><mass value="10"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
+PLACE, SPEED, DURATION, AXIS = [20.0, -30.0, 10.0], [0.02, -0.01, 0.03], 900.0, 7e6
+ORBIT = {"kind": "orbit", "semi_major_axis": AXIS, "model": "linear", "axes": "rotating"}
+
+
+@pytest.fixture
+def transfer(tmp_path):
+    """Function of an orbit's keys: a unit body comes to rest at the origin of Hill axes."""
+    (tmp_path / "unit.urdf").write_text(UNIT)
+
+    def scene(**orbit):
+        base = {"joint": "free_flyer", "position": PLACE, "velocity": SPEED}
+        document = {
+            "environment": {"leo": ORBIT | orbit},
+            "robots": {"sat": {"urdf": "unit.urdf", "base": base, "tips": {"body": {}}}},
+            "plan": {
+                "duration": DURATION,
+                "goals": {"there": {"tip": "sat/body", "position": [0, 0, 0]}, "rest": {"still": "sat"}},
+                "costs": {"base_force": 1, "base_torque": 1000},  # a sphere needs no torque
+                "limits": {"base_force": 5, "base_torque": 5},
+                "intervals": 8,
+            },
+        }
+        (tmp_path / "transfer.yaml").write_text(yaml.safe_dump(document))
+        return load_scene(tmp_path / "transfer.yaml")
+
+    return scene
+
+
+def test_least_energy_of_a_transfer_in_orbit_is_that_of_the_controllability_gramian(transfer):
+    """d' W^-1 d, with W the Gramian of Clohessy and Wiltshire's equations and d what drift leaves open."""
+    n = np.sqrt(3.986004418e14 / AXIS**3)
+    a, b = np.zeros((6, 6)), np.vstack([np.zeros((3, 3)), np.eye(3) / 10])
+    a[:3, 3:], a[3, 0], a[3, 4], a[4, 3], a[5, 2] = np.eye(3), 3 * n**2, 2 * n, -2 * n, -(n**2)
+    gramian = quad_vec(lambda t: expm(a * t) @ b @ b.T @ expm(a.T * t), 0, DURATION)[0]
+    left = expm(a * DURATION) @ np.array([*PLACE, *SPEED])
+    plan = make_plan(transfer(), backend="interpreted")
+    assert plan.terms["base_force"] == pytest.approx(left @ np.linalg.solve(gramian, left), rel=1e-5)
+    assert plan.verification.replay_error_m < 1e-5
+
+
+def test_forces_that_depend_on_time_are_refused(transfer):
+    with pytest.raises(ScenarioError, match=r"forces that depend on time.*axes: rotating"):
+        make_plan(transfer(axes="inertial"), backend="interpreted")
+
+
+@pytest.fixture(scope="module")
+def solver():
+    """Solver of a draw without hulls, whose iteration would take most of the time."""
+    return PlanSolver.of(
+        load_scene("soft-capture", draws(2)[1].changes() | {"plan.keep_out": {}}), "interpreted"
+    )
+
+
+def test_the_guess_of_an_approach_arrives_with_the_target_and_sees_it_all_the_way(solver):
+    problem = solver.problem
+    assert is_guided(problem)
+    guess = initial_guess(problem, solver.lobatto, 16)
+    goal = ca.Function("goal", [problem.stage.z], [ca.vertcat(*(row.value for row in problem.goal))])
+    upper = np.array([row.upper for row in problem.goal])
+    assert (goal(guess.z[-1]).full().ravel() < 0.01 * upper).all()
+    sight = next(row for row in problem.path if row.form == "cosine")
+    cosines = ca.Function("sight", [problem.stage.z], [sight.value])
+    assert min(float(cosines(z)) for z in guess.z) > sight.lower
+
+
+def test_speed_and_spin_of_a_base_are_bounded(solver):
+    stage, rng = solver.problem.stage, np.random.default_rng(0)
+    z, nq = rng.normal(size=stage.z.numel()), stage.q.numel()
+    z[3:7] /= np.linalg.norm(z[3:7])
+    rows = {
+        row.name: float(ca.Function("row", [stage.z], [row.value])(z))
+        for row in solver.problem.path
+        if row.about is None
+    }
+    speed, spin = np.linalg.norm(z[nq : nq + 3]), np.linalg.norm(z[nq + 3 : nq + 6])
+    assert rows["speed of chaser's base"] == pytest.approx((speed / 1.5) ** 2)
+    assert rows["spin of chaser's base"] == pytest.approx((spin / np.radians(11.459)) ** 2)
+
+
+def test_matched_axes_leave_the_rotation_about_them_free(solver):
+    problem = solver.problem
+    stage, guess = problem.stage, initial_guess(problem, solver.lobatto, 8)
+    rows = [row for row in problem.goal if "orientation" in row.name or "spin" in row.name]
+    function = ca.Function("goal", [stage.z], [ca.vertcat(*(row.value for row in rows))])
+
+    def values(turn, spin):
+        z, nq = guess.z[-1].copy(), stage.q.numel()
+        z[3:7] = (Rotation.from_quat(z[3:7]) * Rotation.from_rotvec(turn)).as_quat()
+        z[nq + 3 : nq + 6] += spin
+        return function(z).full().ravel()
+
+    # the port is on the body's z axis; limits are 5 deg and 1 deg/s
+    tilted = np.array([np.tan(np.radians(5)) / np.tan(np.radians(2.5)), np.radians(2) / np.radians(1)]) ** 2
+    np.testing.assert_allclose(values([0, 0, 1.0], [0, 0, 0.1])[0], 0, atol=1e-2)
+    assert values([np.radians(10), 0, 0], [0, 0, 0])[0] == pytest.approx(tilted[0], rel=0.02)
+    still = values([0, 0, 0], [0, 0, 0.1])
+    np.testing.assert_allclose(still, values([0, 0, 0], [0, 0, 0]), atol=1e-2)
+    assert values([0, 0, 0], [np.radians(2), 0, 0])[1] == pytest.approx(tilted[1], rel=0.1)
+
+
+def test_arrivals_are_tried_in_turn_each_with_its_fixed_duration(solver):
+    requests = [*arrival_requests(solver, solver.request()).values()]
+    durations = [one.duration[0] for one in requests]
+    assert len(durations) == 6
+    assert all(40 <= a < b <= 350 for a, b in itertools.pairwise(durations))
+    assert [one.explain for one in requests] == [False] * 5 + [True]
+    for one in requests:
+        assert one.duration == (one.duration[0],) * 3
+        assert initial_guess(solver.problem_of(one), solver.lobatto, 4).duration_s == one.duration[0]
+
+
+def test_an_approach_holds_its_limits_in_a_flight_by_other_equations():
+    draw = draws(2)[1]
+    assert isinstance(draw, Draw)
+    plan = make_plan(
+        load_scene("soft-capture", draw.changes() | {"plan.keep_out": {}}), backend="interpreted"
+    )
+    motion = plan.motion
+    wrench = wrench_of(motion)
+    times, chaser, target = flown(draw, wrench, np.array(motion.mesh.knots) * motion.duration_s)
+    excess = violations(times, chaser, target, np.array([wrench(t) for t in times]))
+    del excess["hulls"]
+    assert max(excess.values()) < 1e-3
+    assert max(excess.values()) > -0.2  # and some of them are active
+    states = motion.q[:, :3]
+    assert np.abs(states[-1] - chaser[-1, :3]).max() < 1e-5
