@@ -14,8 +14,6 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from optim.planning.mpc.batch import MpcRollout
-from optim.planning.mpc.flown_scene import FlownScene, mpc_controllers
 from optim.problem.quantity_measures import (
     context_of,
     measures_of,
@@ -26,12 +24,17 @@ from spacerobot.arrays import Array
 from spacerobot.errors import ResultError, ScenarioError
 from spacerobot.files import StrPath, staged
 from spacerobot.loop_cache import SceneContent, cached_closed_loop
-from spacerobot.notebook import html_table
 from spacerobot.quantities import Quantity, find_quantity
 from spacerobot.rollout import Measure, Measures, build_rollout
 from spacerobot.rollout.build import Backend, Options
+from spacerobot.scenario.load import to_document
+from spacerobot.scenario.paths import expand, get
 from spacerobot.scenario.units import unit_at
 from spacerobot.scene import Scene, to_scene
+from spacerobot.section import numbers
+from spacerobot.tables import Table, Tabular
+from spacerobot.updates import UpdatedRollout, UpdatedScene
+from spacerobot.updates.scheme import update_schemes
 
 JITTER_FREQUENCY_HZ = 1.0
 """Corner frequency of the high pass of the quantity ``jitter``, as campaigns have it by default."""
@@ -44,15 +47,12 @@ MOST_PREPARED = 8
 
 
 @dataclass(frozen=True)
-class DatasetResult:
+class DatasetResult(Tabular):
     """Base class of results that are one netCDF file.
 
-    Attributes
-    ----------
-    data
-        Content of the file.
-    needed
-        Variable without which a file holds no such result.
+    Attributes:
+        data: Content of the file.
+        needed: Variable without which a file holds no such result.
     """
 
     needed: ClassVar[str]
@@ -61,10 +61,8 @@ class DatasetResult:
     def save(self, path: StrPath) -> None:
         """Write it to a netCDF file.
 
-        Raises
-        ------
-        ResultError
-            If the file cannot be written.
+        Raises:
+            ResultError: If the file cannot be written.
         """
         target = Path(path)
         try:
@@ -79,10 +77,8 @@ class DatasetResult:
     def load(cls, path: StrPath) -> Self:
         """Read what :meth:`save` wrote.
 
-        Raises
-        ------
-        ResultError
-            If it cannot be read.
+        Raises:
+            ResultError: If it cannot be read.
         """
         data = _read(path)
         if cls.needed not in data:
@@ -94,11 +90,9 @@ class DatasetResult:
 class GradientResult(DatasetResult):
     """Quantities of one simulation, and their exact derivatives.
 
-    Attributes
-    ----------
-    data
-        ``value`` (quantity) and ``gradient`` (quantity, parameter), with units; the parameters' own values
-        are ``parameter_value`` (parameter).
+    Attributes:
+        data: ``value`` (quantity) and ``gradient`` (quantity, parameter), with units; the parameters' own
+            values are ``parameter_value`` (parameter).
     """
 
     needed: ClassVar[str] = "gradient"
@@ -123,28 +117,27 @@ class GradientResult(DatasetResult):
         names = ", ".join(map(str, self.data.quantity.values))
         return f"<GradientResult {names} by {self.data.sizes['parameter']} parameters: {self.status}>"
 
-    def _repr_html_(self) -> str:
-        """Table for notebooks."""
+    def content(self) -> list[Table]:
+        """Status, values and derivatives."""
         rows = [("status", self.status)]
         for name in self.data.quantity.values:
-            own = self.data.sel(quantity=name)
-            rows.append((str(name), f"{float(own.value):.6g} {own.unit.item()}"))
-            for path, slope in zip(self.data.parameter.values, own.gradient.values, strict=True):
+            entry = self.data.sel(quantity=name)
+            rows.append((str(name), f"{float(entry.value):.6g} {entry.unit.item()}"))
+            for path, slope in zip(self.data.parameter.values, entry.gradient.values, strict=True):
                 rows.append((f"d {name} / d {path}", f"{slope:.6g}"))
-        return html_table("Gradient", rows)
+        return [Table.of_pairs("Gradient", rows)]
 
 
 @dataclass(frozen=True)
 class BatchResult(DatasetResult):
     """Quantities of many simulations.
 
-    Attributes
-    ----------
-    data
-        One variable for each quantity, (sample, ``<quantity>_of``), with units; ``diverged_at`` (sample)
-        [s], NaN where a simulation reached its end. The values of each parameter are a coordinate along
-        ``sample``, under its dotted path. Where one parameter varies, its path replaces ``sample`` as the
-        dimension, so that xarray's ``plot`` draws against it: ``data.NAME.plot(hue="NAME_of")``.
+    Attributes:
+        data: One variable for each quantity, (sample, ``<quantity>_of``), with units; ``diverged_at``
+            (sample) [s], NaN where a simulation reached its end. The values of each parameter are a
+            coordinate along ``sample``, under its dotted path. Where one parameter varies, its path replaces
+            ``sample`` as the dimension, so that xarray's ``plot`` draws against it:
+            ``data.NAME.plot(hue="NAME_of")``.
     """
 
     needed: ClassVar[str] = "diverged_at"
@@ -154,8 +147,8 @@ class BatchResult(DatasetResult):
         lost = int(np.isfinite(self.data.diverged_at.values).sum())
         return f"<BatchResult of {self.data.diverged_at.size} simulations, {lost} diverged>"
 
-    def _repr_html_(self) -> str:
-        """Least, median and largest value of each quantity, for notebooks."""
+    def content(self) -> list[Table]:
+        """Least, median and largest value of each quantity."""
         rows = []
         for name, variable in self.data.data_vars.items():
             if f"{name}_of" in variable.dims:
@@ -163,16 +156,16 @@ class BatchResult(DatasetResult):
                 if good.size:
                     numbers = " .. ".join(f"{value:.4g}" for value in np.quantile(good, [0, 0.5, 1]))
                     rows.append((f"{name} [{variable.attrs['units']}]", numbers))
-        return html_table(f"{self!r}: least .. median .. largest", rows)
+        lost = int(np.isfinite(self.data.diverged_at.values).sum())
+        title = f"{self.data.diverged_at.size} simulations, {lost} diverged: least .. median .. largest"
+        return [Table.of_pairs(title, rows)]
 
 
 def load_evaluation(path: StrPath) -> GradientResult | BatchResult:
     """Read what :meth:`GradientResult.save` or :meth:`BatchResult.save` wrote.
 
-    Raises
-    ------
-    ResultError
-        If it cannot be read.
+    Raises:
+        ResultError: If it cannot be read.
     """
     if GradientResult.needed in _read(path):
         return GradientResult.load(path)
@@ -191,46 +184,39 @@ def gradient(
 
     Further calls for the same scene, quantities and parameters reuse what the first one built and compiled.
 
-    Parameters
-    ----------
-    scene
-        The scene, or the name or file of its scenario.
-    quantities
-        Names of registered quantities, such as ``tip_error_rms``; the components of each (tips, robots)
-        are combined as :attr:`spacerobot.quantities.Quantity.total` says.
-    parameters
-        Dotted paths of the scenario's numbers to differentiate with respect to.
-    at
-        Values of numbers at which to differentiate, by dotted path; the scene's where they are not given. A
-        step that was chosen for the scene's values is kept.
-    backend
-        ``auto``, ``compiled`` or ``interpreted``.
+    Args:
+        scene: The scene, or the name or file of its scenario.
+        quantities: Names of registered quantities, such as ``tip_error_rms``; the components of each (tips,
+            robots) are combined as :attr:`spacerobot.quantities.Quantity.total` says.
+        parameters: Dotted paths of the scenario's numbers to differentiate with respect to, as
+            :func:`parameter_paths` takes them.
+        at: Values of numbers at which to differentiate, by dotted path; the scene's where they are not given.
+            A step that was chosen for the scene's values is kept.
+        backend: ``auto``, ``compiled`` or ``interpreted``.
 
-    Returns
-    -------
-    GradientResult
-        Values and gradients; its status says where the gradient may not hold.
+    Returns:
+        GradientResult: Values and gradients; its status says where the gradient may not hold.
 
-    Raises
-    ------
-    ScenarioError
-        If the scene has nothing that a quantity describes, or does not depend on a parameter.
-    SpaceRobotError
-        If there is no such quantity or parameter.
-    DivergedError
-        If no step keeps to the tolerance.
+    Raises:
+        ScenarioError: If the scene has nothing that a quantity describes, or does not depend on a parameter.
+        SpaceRobotError: If there is no such quantity or parameter.
+        DivergedError: If no step keeps to the tolerance.
     """
     scene, chosen, values = to_scene(scene), find_quantities(quantities), dict(at or {})
+    parameters = parameter_paths(scene, parameters)
     # each quantity once, and once more with half the step; other values are asked for again and again
     rollouts = 3 * len(chosen) if at is None else None
     vary = tuple(dict.fromkeys((*parameters, *values)))
     rollout, _ = _prepared(scene, chosen, vary, backend, rollouts)
-    found = rollout.value_and_gradient(values, wrt=parameters)
+    derivatives = rollout.value_and_gradient(values, wrt=parameters)
     names = [each.name for each in chosen]
     data = xr.Dataset(
         {
-            "value": ("quantity", [float(found.costs[name]) for name in names]),
-            "gradient": (("quantity", "parameter"), np.array([found.gradients[name] for name in names])),
+            "value": ("quantity", [float(derivatives.costs[name]) for name in names]),
+            "gradient": (
+                ("quantity", "parameter"),
+                np.array([derivatives.gradients[name] for name in names]),
+            ),
             "parameter_value": ("parameter", rollout.values(values)[rollout.indices(parameters)]),
         },
         {
@@ -239,7 +225,7 @@ def gradient(
             "unit": ("quantity", [each.unit_in(scene) for each in chosen]),
         },
     )
-    return GradientResult(data.assign_attrs(status=found.status[0]))
+    return GradientResult(data.assign_attrs(status=derivatives.status[0]))
 
 
 def batch(
@@ -254,30 +240,20 @@ def batch(
 
     Further calls for the same scene, quantities and parameters reuse what the first one built and compiled.
 
-    Parameters
-    ----------
-    scene
-        The scene, or the name or file of its scenario.
-    quantities
-        Names of registered quantities.
-    values
-        Values (N,) of each parameter that varies, by dotted path.
-    backend
-        ``auto``, ``compiled`` or ``interpreted``.
-    threads
-        One for each usable core if None; the numbers do not depend on it.
+    Args:
+        scene: The scene, or the name or file of its scenario.
+        quantities: Names of registered quantities.
+        values: Values (N,) of each parameter that varies, by dotted path.
+        backend: ``auto``, ``compiled`` or ``interpreted``.
+        threads: One for each usable core if None; the numbers do not depend on it.
 
-    Returns
-    -------
-    BatchResult
-        N samples; NaN where a simulation diverged, and where it has no such value (a missed capture's time).
+    Returns:
+        BatchResult: N samples; NaN where a simulation diverged, and where it has no such value (a missed
+            capture's time).
 
-    Raises
-    ------
-    ScenarioError
-        If the scene has nothing that a quantity describes.
-    SpaceRobotError
-        If there is no such quantity or parameter, or the values differ in number.
+    Raises:
+        ScenarioError: If the scene has nothing that a quantity describes.
+        SpaceRobotError: If there is no such quantity or parameter, or the values differ in number.
     """
     scene, chosen = to_scene(scene), find_quantities(quantities)
     columns = {path: np.atleast_1d(np.asarray(column, dtype=float)) for path, column in values.items()}
@@ -285,20 +261,20 @@ def batch(
     if len(lengths) != 1:
         raise ScenarioError(f"values: one list of numbers for each parameter, all as long; found {lengths}")
     (count,) = lengths
-    if mpc_controllers(scene):  # its processes, which make plans, end with it
+    if update_schemes(scene):  # whose processes, such as planners, end with it
         rollout, labels = build_quantity_rollout(scene, chosen, tuple(columns), backend, rollouts=count)
     else:
         rollout, labels = _prepared(scene, chosen, tuple(columns), backend, count)
-    done = rollout.batch(list(columns), np.column_stack(list(columns.values())), threads=threads)
+    trajectories = rollout.batch(list(columns), np.column_stack(list(columns.values())), threads=threads)
     duration = scene.scenario.simulation.duration
     sample = next(iter(columns)) if len(columns) == 1 else "sample"
-    data: dict[str, object] = {"diverged_at": (sample, np.array(done.diverged_at_s), {"units": "s"})}
+    data: dict[str, object] = {"diverged_at": (sample, np.array(trajectories.diverged_at_s), {"units": "s"})}
     coordinates: dict[str, object] = {
         path: (sample, column, {"units": unit_at(scene.scenario, path), "long_name": path})
         for path, column in columns.items()
     }
     for each in chosen:
-        reduced = table_values(each, done.measures, duration)
+        reduced = table_values(each, trajectories.measures, duration)
         owners = np.array(labels[each.name])
         unique = list(dict.fromkeys(labels[each.name]))
         of = f"{each.name}_of"
@@ -312,12 +288,31 @@ def batch(
 def find_quantities(names: str | Sequence[str]) -> tuple[Quantity, ...]:
     """Quantities by their names.
 
-    Raises
-    ------
-    SpaceRobotError
-        If there is no such quantity.
+    Raises:
+        SpaceRobotError: If there is no such quantity.
     """
     return tuple(find_quantity(name) for name in ([names] if isinstance(names, str) else names))
+
+
+def parameter_paths(scene: Scene, parameters: str | Sequence[str]) -> tuple[str, ...]:
+    """Dotted paths of single numbers.
+
+    Args:
+        scene: The scene.
+        parameters: Paths of numbers, or of lists and sections, which stand for all numbers in them
+            (``robots.free.controllers.policy.layers``); ``*`` stands for every key.
+
+    Raises:
+        ScenarioError: If a path is of no number.
+    """
+    document, paths = to_document(scene.scenario), list[str]()
+    for pattern in [parameters] if isinstance(parameters, str) else parameters:
+        for path in expand(document, pattern):
+            inside = [name for name, _ in numbers(get(document, path), path)]
+            if not inside:
+                raise scene.error("holds no number by which to differentiate", path)
+            paths += inside
+    return tuple(dict.fromkeys(paths))
 
 
 def _prepared(
@@ -347,14 +342,10 @@ def _build_once(
 class RolloutRequest(TypedDict, total=False):
     """Keyword arguments of :func:`build_quantity_rollout`.
 
-    Attributes
-    ----------
-    many
-        Whether it shall roll out many samples, also where plans are solved in each; true if left out.
-    step
-        Of the rollout [s]; the simulation's step and tolerance if None.
-    rollouts
-        As :class:`~spacerobot.rollout.build.Settings` has it.
+    Attributes:
+        many: Whether it shall roll out many samples, also where Python updates controllers; true if left out.
+        step: Of the rollout [s]; the simulation's step and tolerance if None.
+        rollouts: As :class:`~spacerobot.rollout.build.Settings` has it.
     """
 
     many: bool
@@ -371,36 +362,28 @@ def build_quantity_rollout(
 ) -> tuple[Any, dict[str, tuple[str, ...]]]:
     """Rollout whose measures and costs are quantities, and the labels of each one's components.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    chosen
-        The quantities.
-    vary
-        Dotted paths of numbers that vary.
-    backend
-        ``auto``, ``compiled`` or ``interpreted``.
-    **request
-        As :class:`RolloutRequest` has it.
+    Args:
+        scene: The scene.
+        chosen: The quantities.
+        vary: Dotted paths of numbers that vary.
+        backend: ``auto``, ``compiled`` or ``interpreted``.
+        **request: As :class:`RolloutRequest` has it.
 
-    Raises
-    ------
-    ScenarioError
-        If the scene has nothing that a quantity describes.
+    Raises:
+        ScenarioError: If the scene has nothing that a quantity describes.
     """
     step = request.get("step")
-    flown = FlownScene.of(scene, vary) if request.get("many", True) and mpc_controllers(scene) else None
-    loop = cached_closed_loop(scene if flown is None else flown.scene, vary=vary)
+    updated = UpdatedScene.of(scene, vary) if request.get("many", True) else None
+    loop = cached_closed_loop(scene if updated is None else updated.scene, vary=vary)
     extended = with_added_states(loop, scene, chosen, JITTER_FREQUENCY_HZ)
     context = context_of(scene, extended)
     simulation, labels = scene.scenario.simulation, {}
     named = dict[str, Measure]()
     for each in chosen:
-        found, own = measures_of(each, context)
-        named |= own
-        labels[each.name] = found.labels
-        if not found.labels:
+        labelled, quantity_measures = measures_of(each, context)
+        named |= quantity_measures
+        labels[each.name] = labelled.labels
+        if not labelled.labels:
             raise scene.error(f"{each.name}: {each.absent}")
 
     def costs(reduced: Mapping[str, ca.SX], _: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
@@ -416,9 +399,9 @@ def build_quantity_rollout(
         "backend": backend,
         "rollouts": request.get("rollouts"),
     }
-    if flown is not None:
-        duration = flown.duration_s
-        return MpcRollout(scene, flown, loop, extended, measures, duration_s=duration, **options), labels
+    if updated is not None:
+        rolled = UpdatedRollout(updated, loop, extended, measures, duration_s=updated.duration_s, **options)
+        return rolled, labels
     return build_rollout(extended, duration_s=simulation.duration, measures=measures, **options), labels
 
 

@@ -36,10 +36,10 @@ from optim.json_result import JsonResult
 from spacerobot.arrays import Array
 from spacerobot.dynamics.inertial_parameters import INTERIOR, is_realisable, move_inside
 from spacerobot.errors import SpaceRobotError
-from spacerobot.notebook import html_table
 from spacerobot.result import Result
 from spacerobot.scene import Scene
 from spacerobot.scene.scene import SceneBody, SceneGrasp
+from spacerobot.tables import Content, Table
 
 STEP = 1e-7
 """Step of the central differences by which noise is propagated [rad, m and their rates]."""
@@ -58,14 +58,10 @@ PLANAR = ((0, 1, 2, 9), (0, 1, 2, 6), (0, 1, 5))
 class SensorNoise:
     """Standard deviations of white noise, of one sample.
 
-    Attributes
-    ----------
-    attitude, rate
-        Of a base, about each axis [rad, rad/s].
-    position, velocity
-        Of a base's origin, along each axis [m, m/s].
-    joint, joint_rate
-        Of each joint [rad or m, rad/s or m/s].
+    Attributes:
+        attitude, rate: Of a base, about each axis [rad, rad/s].
+        position, velocity: Of a base's origin, along each axis [m, m/s].
+        joint, joint_rate: Of each joint [rad or m, rad/s or m/s].
     """
 
     attitude: float = 5e-5
@@ -84,22 +80,16 @@ class SensorNoise:
 class IdentificationResult(JsonResult):
     """Inertial parameters of a body. Every array is read-only.
 
-    Attributes
-    ----------
-    body
-        Name of the body.
-    link
-        Its root link, in whose axes the numbers are.
-    values, deviations, truth
-        Estimates, their standard deviations and the simulation's own values (10,), as named by :data:`NAMES`.
-        Of an object that moves in a plane, those that its motion does not depend on are the simulation's own,
-        without deviation; moments and products of inertia in proportion to the identified moment.
-    identified
-        Names of those that are identified.
-    samples
-        Number of samples that were used.
-    is_projected
-        Whether the estimate was moved to the nearest one that a body can have.
+    Attributes:
+        body: Name of the body.
+        link: Its root link, in whose axes the numbers are.
+        values, deviations, truth: Estimates, their standard deviations and the simulation's own values (10,),
+            as named by :data:`NAMES`. Of an object that moves in a plane, those that its motion does not
+            depend on are the simulation's own, without deviation; moments and products of inertia in
+            proportion to the identified moment.
+        identified: Names of those that are identified.
+        samples: Number of samples that were used.
+        is_projected: Whether the estimate was moved to the nearest one that a body can have.
     """
 
     key: ClassVar[str] = "identification"
@@ -125,7 +115,7 @@ class IdentificationResult(JsonResult):
 
     def rows(self) -> list[tuple[str, ...]]:
         """Name with unit, estimate, standard deviation, truth and error, as text."""
-        found = []
+        table_rows = []
         for (name, unit), value, deviation, true in zip(
             NAMES, self.values, self.deviations, self.truth, strict=True
         ):
@@ -133,14 +123,14 @@ class IdentificationResult(JsonResult):
                 continue
             places = max(0, 1 - math.floor(math.log10(max(deviation, 1e-12))))
             numbers = (f"{number:.{places}f}" for number in (value, deviation, true, value - true))
-            found.append((f"{name} [{unit}]", *numbers))
-        return found
+            table_rows.append((f"{name} [{unit}]", *numbers))
+        return table_rows
 
     @classmethod
-    def of_fields(cls, found: dict[str, Any]) -> IdentificationResult:
+    def of_fields(cls, fields: dict[str, Any]) -> IdentificationResult:
         """The result with the fields of a file."""
-        arrays = {key: np.array(found[key]) for key in ("values", "deviations", "truth")}
-        return cls(**found | arrays | {"identified": tuple(found["identified"])})
+        arrays = {key: np.array(fields[key]) for key in ("values", "deviations", "truth")}
+        return cls(**fields | arrays | {"identified": tuple(fields["identified"])})
 
     def __repr__(self) -> str:
         """Body, and its mass with the standard deviation, in one line."""
@@ -148,10 +138,15 @@ class IdentificationResult(JsonResult):
             f"<IdentificationResult {self.body}: {self.values[0]:.4g} kg, std. {self.deviations[0]:.2g} kg>"
         )
 
-    def _repr_html_(self) -> str:
-        """Estimates for notebooks."""
-        rows = [(name, f"{value} (std. {deviation})") for name, value, deviation, *_ in self.rows()]
-        return html_table(f"Identification of {self.body}", rows)
+    def content(self) -> list[Content]:
+        """Estimates with their standard deviations and errors."""
+        headings = ("", "estimate", "std. deviation", "simulated", "error")
+        tables: list[Content] = [Table(f"{self.body}, {self.samples} samples", headings, self.rows())]
+        if self.is_projected:
+            tables.append(
+                "The estimate was no body's and was moved to the nearest that is: more motion is needed."
+            )
+        return tables
 
 
 def identify(
@@ -159,26 +154,19 @@ def identify(
 ) -> IdentificationResult:
     """Mass properties of the object that a simulation's robots hold rigidly.
 
-    Parameters
-    ----------
-    result
-        Simulation with a target that floats, in space or in a plane, without joints, held by a weld.
-    since
-        Time from which samples are used [s]; that of the weld's last capture if None.
-    noise
-        Noise that is added to what the robots' sensors measure, and by which it is weighted; none if None.
-    seed
-        Seed of the noise.
+    Args:
+        result: Simulation with a target that floats, in space or in a plane, without joints, held by a weld.
+        since: Time from which samples are used [s]; that of the weld's last capture if None.
+        noise: Noise that is added to what the robots' sensors measure, and by which it is weighted; none if
+            None.
+        seed: Seed of the noise.
 
-    Returns
-    -------
-    IdentificationResult
-        Estimates with standard deviations, beside the simulation's own numbers.
+    Returns:
+        IdentificationResult: Estimates with standard deviations, beside the simulation's own numbers.
 
-    Raises
-    ------
-    SpaceRobotError
-        If no weld holds the target, it has joints, or the motion does not tell its parameters apart.
+    Raises:
+        SpaceRobotError: If no weld holds the target, it has joints, or the motion does not tell its
+            parameters apart.
     """
     scene = result.scene()
     (target, grasp), begin = _held(scene), since
@@ -259,12 +247,12 @@ class _Momentum:
         pin.framesForwardKinematics(model, data, self.states[0][0])
         # pose of the object's root link in the tip
         self.grip = data.oMf[grasp.tip.frame].actInv(data.oMi[target.root_joint])
-        whole = np.hstack([result.array(f"momentum_{kind}")[chosen] for kind in ("linear", "angular")])
+        total = np.hstack([result.array(f"momentum_{kind}")[chosen] for kind in ("linear", "angular")])
         impulses = [name for name in ("impulse_linear", "impulse_angular") if name in result.data]
         if impulses:
-            whole = whole - np.hstack([result.array(name)[chosen] for name in impulses])
+            total = total - np.hstack([result.array(name)[chosen] for name in impulses])
         # momentum of wheels less the impulse from outside, about the world's origin (6,), of each sample
-        self.given = whole - np.array([_momentum_of(model, data, q, v) for q, v in self.states])
+        self.given = total - np.array([_momentum_of(model, data, q, v) for q, v in self.states])
 
     @property
     def own(self) -> list[int]:
@@ -273,31 +261,33 @@ class _Momentum:
         return [i for i in range(self.scene.model.nv) if not 0 <= i - joint.idx_v < joint.nv]
 
     def variances(self, noise: SensorNoise) -> Array:
-        """Variance of each component of a measured state (2 nv,); of the object, nothing is measured."""
+        """Variance of each component of a measured state (2 nv,); zero for the unmeasured object."""
         model = self.scene.model
-        found = np.tile([noise.joint, noise.joint_rate], (model.nv, 1))
+        deviations = np.tile([noise.joint, noise.joint_rate], (model.nv, 1))
         for body in self.scene.robots:
             if body.root_joint:
                 joint = model.joints[body.root_joint]
                 turning = 3 if joint.nv == 6 else 1
                 base = [(noise.position, noise.velocity)] * (joint.nv - turning)
-                found[joint.idx_v : joint.idx_v + joint.nv] = base + [(noise.attitude, noise.rate)] * turning
+                deviations[joint.idx_v : joint.idx_v + joint.nv] = (
+                    base + [(noise.attitude, noise.rate)] * turning
+                )
         hidden = np.setdiff1d(np.arange(model.nv), self.own)
-        found[hidden] = 0.0
-        return found.T.ravel() ** 2
+        deviations[hidden] = 0.0
+        return deviations.T.ravel() ** 2
 
     def moved(self, x: tuple[Array, Array], by: Array) -> tuple[Array, Array]:
         """State with a tangent vector (2 nv,) added."""
         nv = self.scene.model.nv
         return pin.integrate(self.robots, x[0], by[:nv]), x[1] + by[nv:]
 
-    def balance(self, x: tuple[Array, Array], given: Array) -> tuple[Array, Array]:
+    def balance(self, x: tuple[Array, Array], initial_momentum: Array) -> tuple[Array, Array]:
         """Regressor of the object's momentum (6, 10), and the momentum of everything else (6,).
 
         Those rows and columns of them that the motion depends on: (3, 4) and (3,) in a plane.
         """
         data, tip = self.data, self.grasp.tip.frame
-        others = _momentum_of(self.robots, data, *x) + given
+        others = _momentum_of(self.robots, data, *x) + initial_momentum
         pin.updateFramePlacement(self.robots, data, tip)
         twist = self.grip.actInv(pin.getFrameVelocity(self.robots, data, tip, pin.ReferenceFrame.LOCAL))
         pose = data.oMf[tip] * self.grip
@@ -305,19 +295,21 @@ class _Momentum:
         columns, _, rows = self.places
         return regressor[np.ix_(rows, columns)], others[list(rows)]
 
-    def derivatives(self, x: tuple[Array, Array], given: Array) -> Array:
+    def derivatives(self, x: tuple[Array, Array], momentum: Array) -> Array:
         """Derivative (2 nv, 6, 11) by the measured state, of the regressor and, last, the other momentum.
 
         (2 nv, 3, 5) in a plane.
         """
         nv, (columns, _, rows) = self.scene.model.nv, self.places
-        found = np.zeros((2 * nv, len(rows), len(columns) + 1))
+        slopes = np.zeros((2 * nv, len(rows), len(columns) + 1))
         for column in [*self.own, *(i + nv for i in self.own)]:
             step = np.zeros(2 * nv)
             step[column] = STEP
-            up, down = (np.column_stack(self.balance(self.moved(x, sign * step), given)) for sign in (1, -1))
-            found[column] = (up - down) / (2 * STEP)
-        return found
+            up, down = (
+                np.column_stack(self.balance(self.moved(x, sign * step), momentum)) for sign in (1, -1)
+            )
+            slopes[column] = (up - down) / (2 * STEP)
+        return slopes
 
     @property
     def advice(self) -> str:
@@ -334,9 +326,9 @@ class _Momentum:
 
 def _momentum_of(model: Any, data: Any, q: Array, v: Array) -> Array:
     """Linear and angular momentum of all links about the world's origin (6,)."""
-    found = pin.computeCentroidalMomentum(model, data, q, v)
+    centroidal = pin.computeCentroidalMomentum(model, data, q, v)
     # moved from the centre of mass to the origin by Pinocchio: `numpy.cross` takes ten times as long
-    return np.asarray(pin.SE3(np.eye(3), data.com[0]).act(found).vector)
+    return np.asarray(pin.SE3(np.eye(3), data.com[0]).act(centroidal).vector)
 
 
 def momentum_regressor(velocity: Array, spin: Array) -> Array:
@@ -344,22 +336,19 @@ def momentum_regressor(velocity: Array, spin: Array) -> Array:
 
     ``p = m v + w x m c`` and ``h = I_o w + m c x v``, in the body's axes.
 
-    Parameters
-    ----------
-    velocity, spin
-        Linear velocity of the frame's origin [m/s] and angular velocity [rad/s], body axes (3,) each.
+    Args:
+        velocity, spin: Linear velocity of the frame's origin [m/s] and angular velocity [rad/s], body axes
+            (3,) each.
 
-    Returns
-    -------
-    numpy.ndarray
-        Matrix (6, 10); parameters in Pinocchio's order: m, m c, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz about the
-        origin.
+    Returns:
+        numpy.ndarray: Matrix (6, 10); parameters in Pinocchio's order: m, m c, I_xx, I_xy, I_yy, I_xz, I_yz,
+            I_zz about the origin.
     """
     x, y, z = spin
-    found = np.zeros((6, 10))
-    found[:3, 0], found[:3, 1:4], found[3:, 1:4] = velocity, pin.skew(spin), -pin.skew(velocity)
-    found[3:, 4:] = [[x, y, 0, z, 0, 0], [0, x, y, 0, z, 0], [0, 0, 0, x, y, z]]
-    return found
+    regressor = np.zeros((6, 10))
+    regressor[:3, 0], regressor[:3, 1:4], regressor[3:, 1:4] = velocity, pin.skew(spin), -pin.skew(velocity)
+    regressor[3:, 4:] = [[x, y, 0, z, 0, 0], [0, x, y, 0, z, 0], [0, 0, 0, x, y, z]]
+    return regressor
 
 
 def _regression(
@@ -367,10 +356,10 @@ def _regression(
 ) -> tuple[Array, Array]:
     """Parameters and total momentum (16,), and their covariance (16, 16); of 7 in a plane."""
     pairs = list(zip(states, measured.given, strict=True))
-    parts = np.array([np.column_stack(measured.balance(x, given)) for x, given in pairs])
+    parts = np.array([np.column_stack(measured.balance(x, momentum)) for x, momentum in pairs])
     count = len(measured.places[0])
-    whole = np.tile(-np.eye(parts.shape[1]), (len(parts), 1, 1))
-    rows, right = np.concatenate([parts[:, :, :count], whole], axis=2), -parts[:, :, count]
+    total = np.tile(-np.eye(parts.shape[1]), (len(parts), 1, 1))
+    rows, right = np.concatenate([parts[:, :, :count], total], axis=2), -parts[:, :, count]
     matrix = np.vstack(list(rows))
     scale = np.linalg.norm(matrix, axis=0)
     first, _, rank, _ = np.linalg.lstsq(matrix / np.where(scale > 0, scale, 1), right.ravel(), rcond=1e-10)
@@ -382,7 +371,7 @@ def _regression(
     if not variance.any():
         off = right.ravel() - matrix @ (first / scale)
         return first / scale, float(off @ off) / (len(off) - len(first)) * np.linalg.inv(matrix.T @ matrix)
-    slopes = np.array([measured.derivatives(x, given) for x, given in pairs])[:, variance > 0]
+    slopes = np.array([measured.derivatives(x, momentum) for x, momentum in pairs])[:, variance > 0]
     slopes = np.sqrt(variance[variance > 0])[:, None, None] * slopes
 
     def residual(scaled: Array) -> Array:
@@ -392,9 +381,9 @@ def _regression(
         off = (rows @ unknown - right)[..., None]
         return np.asarray(np.linalg.solve(np.linalg.cholesky(covariance), off).ravel())
 
-    found = least_squares(residual, first, method="lm", x_scale="jac")
+    fit = least_squares(residual, first, method="lm", x_scale="jac")
     try:
-        return found.x / scale, np.linalg.inv(found.jac.T @ found.jac) / np.outer(scale, scale)
+        return fit.x / scale, np.linalg.inv(fit.jac.T @ fit.jac) / np.outer(scale, scale)
     except np.linalg.LinAlgError:
         raise measured.too_slow() from None
 
@@ -404,18 +393,13 @@ def consistent(parameters: Array, spread: Array) -> tuple[Array, bool]:
 
     The nearest lie on the boundary; those returned lie inside it by more than rounding errors.
 
-    Parameters
-    ----------
-    parameters
-        Mass, first moments and inertia about the origin in Pinocchio's order (10,); of a body that moves in a
-        plane mass, first moments along x and y, and moment of inertia about z (4,).
-    spread
-        Their covariance, (10, 10) or (4, 4).
+    Args:
+        parameters: Mass, first moments and inertia about the origin in Pinocchio's order (10,); of a body
+            that moves in a plane mass, first moments along x and y, and moment of inertia about z (4,).
+        spread: Their covariance, (10, 10) or (4, 4).
 
-    Returns
-    -------
-    tuple
-        The parameters, and whether they were moved.
+    Returns:
+        tuple: The parameters, and whether they were moved.
     """
     if is_realisable(parameters):
         return parameters, False

@@ -10,15 +10,14 @@ from typing import Any, ClassVar, Self
 from optim.json_values import plain
 from spacerobot.errors import ResultError
 from spacerobot.files import StrPath, write_text
+from spacerobot.tables import Tabular
 
 
-class JsonResult:
+class JsonResult(Tabular):
     """Base class of dataclasses that are saved as JSON.
 
-    Attributes
-    ----------
-    key
-        The file's one key.
+    Attributes:
+        key: The file's one key.
     """
 
     key: ClassVar[str]
@@ -26,10 +25,8 @@ class JsonResult:
     def save(self, path: StrPath) -> None:
         """Write it to a JSON file.
 
-        Raises
-        ------
-        ResultError
-            If the file cannot be written.
+        Raises:
+            ResultError: If the file cannot be written.
         """
         data = {self.key: plain(asdict(self))}  # type: ignore[call-overload]
         write_text(Path(path), json.dumps(data, indent=2, allow_nan=False) + "\n")
@@ -38,10 +35,8 @@ class JsonResult:
     def load(cls, path: StrPath) -> Self:
         """Read what :meth:`save` wrote.
 
-        Raises
-        ------
-        ResultError
-            If it cannot be read.
+        Raises:
+            ResultError: If it cannot be read.
         """
         try:
             return cls.of_fields(json.loads(Path(path).read_text(encoding="utf-8"))[cls.key])
@@ -50,6 +45,6 @@ class JsonResult:
             raise ResultError(f"holds no {what} that can be read: {fault}", source=Path(path)) from None
 
     @classmethod
-    def of_fields(cls, found: dict[str, Any]) -> Self:
+    def of_fields(cls, fields: dict[str, Any]) -> Self:
         """The result with the fields of a file."""
-        return cls(**found)
+        return cls(**fields)

@@ -7,29 +7,35 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from optim.json_values import plain
-from optim.methods.run_method import MethodOutcome, refuse_periods, run_method, without_gradients
+from optim.methods.run_method import (
+    MethodOutcome,
+    refuse_periods,
+    run_method,
+    stored_number,
+    without_gradients,
+)
 from optim.methods.settings import Effort, effort_of
 from optim.methods.tuning_method import TuningMethod
 from optim.problem.blackbox import ResultProblem
-from optim.problem.problem import EvaluationCost
+from optim.problem.objectives import OBJECTIVE, reading
 from optim.problem.scene_recipe import tuning_of
 from optim.problem.tuning_problem import TuningProblem, build_problem
 from optim.problem.variables import at_bound
-from optim.search.search import NOT_APPLICABLE, Progress, SearchRun
+from optim.search.search import NOT_APPLICABLE, Progress
 from optim.search.session import SearchSession
 from spacerobot.errors import ResultError, ScenarioError
 from spacerobot.files import StrPath, write_text
-from spacerobot.notebook import html_table
 from spacerobot.registry import TUNING_METHODS
 from spacerobot.result import check_folder
 from spacerobot.scenario.load import to_yaml
 from spacerobot.scene import Scene, build_scene, load_scene
+from spacerobot.tables import Content, Table, Tabular
 
 FILE, SCENARIO = "tuning.json", "scenario.yaml"
 """Files of a tuning's folder."""
@@ -39,24 +45,18 @@ HALVINGS = 6
 
 
 @dataclass(frozen=True)
-class TuningResult:
+class TuningResult(Tabular):
     """Result of tuning.
 
-    Attributes
-    ----------
-    gains
-        Best values by variable, in the scenario's units.
-    objective
-        There.
-    status, message
-        Of the best run.
-    scene
-        The scene with these gains, ready for :func:`spacerobot.simulation.simulate`.
-    outcome
-        Every run.
-    margins
-        Stability margins there that the tuning section names: value and requirement, by kind, loop and
-        instant.
+    Attributes:
+        gains: Best values by variable, in the scenario's units.
+        objective: There.
+        status, message: Of the best run.
+        scene: The scene with these gains, ready for :func:`spacerobot.simulation.simulate`.
+        outcome: Every run.
+        margins: Stability margins there that the tuning section names: value and requirement, by kind, loop
+            and instant.
+        reading: Name of the objective, and factor and unit in which it reads well.
     """
 
     gains: Mapping[str, float]
@@ -66,14 +66,13 @@ class TuningResult:
     scene: Scene
     outcome: MethodOutcome
     margins: Mapping[str, str] = field(default_factory=dict)
+    reading: tuple[str, float, str] = (OBJECTIVE, 1.0, "")
 
     def save(self, folder: StrPath) -> None:
         """Write ``tuning.json``, and ``scenario.yaml`` with the gains unless a result of it is there.
 
-        Raises
-        ------
-        ResultError
-            If the folder holds something else or cannot be written.
+        Raises:
+            ResultError: If the folder holds something else or cannot be written.
         """
         folder = Path(folder)
         check_folder(folder, FILE)
@@ -83,14 +82,8 @@ class TuningResult:
             "objective": self.objective,
             "status": self.status,
             "message": self.message,
-            "method": self.outcome.method,
-            "runs": [  # without their histories
-                {"method": run.method, "index": run.index, "seed": run.seed, "objective": run.objective}
-                | {"violation": run.violation, "u": run.u, "kkt": run.kkt}
-                | dataclasses.asdict(run.cost)
-                | {"seconds": run.seconds, "status": run.status, "message": run.message, "log": run.log}
-                for run in self.outcome.runs
-            ],
+            **self.outcome.to_data(),
+            "reading": list(self.reading),
         } | ({"margins": dict(self.margins)} if self.margins else {})
         if not (folder / SCENARIO).is_file():
             write_text(folder / SCENARIO, to_yaml(self.scene.scenario))
@@ -100,22 +93,19 @@ class TuningResult:
     def load(cls, folder: StrPath) -> TuningResult:
         """Read what :meth:`save` wrote; the history of the runs is not kept.
 
-        Raises
-        ------
-        ResultError
-            If it cannot be read.
+        Raises:
+            ResultError: If it cannot be read.
         """
         folder = Path(folder)
         try:
             data = json.loads((folder / FILE).read_text(encoding="utf-8"))
-            runs = tuple(_run_of(run) for run in data["runs"])
-            numbers = data["gains"], _number(data["objective"]), data["status"], data["message"]
-            outcome = MethodOutcome(data["method"], runs)
+            numbers = data["gains"], stored_number(data["objective"]), data["status"], data["message"]
+            outcome = MethodOutcome.of_data(data)
+            name, factor, unit = data.get("reading", (OBJECTIVE, 1.0, ""))
         except (OSError, ValueError, LookupError, TypeError) as fault:
             raise ResultError(f"holds no tuning that can be read: {fault}", source=folder / FILE) from None
-        return cls(
-            *numbers, load_scene(folder / SCENARIO, expand_xacro=False), outcome, data.get("margins", {})
-        )
+        scene = load_scene(folder / SCENARIO, expand_xacro=False)
+        return cls(*numbers, scene, outcome, data.get("margins", {}), (name, factor, unit))
 
     def __repr__(self) -> str:
         """Objective and how the best run ended, in one line."""
@@ -123,39 +113,27 @@ class TuningResult:
         name = self.scene.scenario.name
         return f"<TuningResult {name}: {self.status}, objective {self.objective:.6g}; {gains}>"
 
-    def _repr_html_(self) -> str:
-        """Gains and how the best run ended, for notebooks."""
-        rows = [("status", self.status), ("objective", f"{self.objective:.6g}")]
-        rows += [(name, f"{value:.6g}") for name, value in self.gains.items()]
-        rows += self.margins.items()
-        return html_table(f"Tuning of {self.scene.scenario.name}", rows)
-
-
-def _run_of(told: Mapping[str, Any]) -> SearchRun:
-    cost = EvaluationCost(**{field.name: told[field.name] for field in dataclasses.fields(EvaluationCost)})
-    return SearchRun(
-        told["method"],
-        told["index"],
-        told["seed"],
-        np.array(told["u"], dtype=float),
-        _number(told["objective"]),
-        _number(told["violation"], np.inf),
-        cost,
-        told["seconds"],
-        told["status"],
-        told["message"],
-        kkt=told["kkt"],
-        log=tuple(told["log"]),
-    )
-
-
-def _number(value: float | None, missing: float = np.nan) -> float:
-    """A stored number; null stands for one that is not finite."""
-    return missing if value is None else float(value)
+    def content(self) -> list[Content]:
+        """Objective, gains, margins, and how each run ended."""
+        name, factor, unit = self.reading
+        bounds = at_bound(list(self.gains), self.outcome.best.u)
+        rows = [
+            (gain, f"{value:.6g}{f', {bounds[gain]}' if gain in bounds else ''}")
+            for gain, value in self.gains.items()
+        ]
+        content: list[Content] = [
+            f"{self.outcome.method}: {name} {factor * self.objective:.6g} {unit}".rstrip(),
+            Table.of_pairs("gains", rows),
+        ]
+        if self.margins:
+            content.append(Table.of_pairs("margins", self.margins.items()))
+        content += self.outcome.sentences(factor)
+        trials = self.outcome.trials() if TUNING_METHODS.find(self.outcome.method).shows_trials else None
+        return content if trials is None else [*content, trials]
 
 
 def tune(
-    problem: Scene | TuningProblem | ResultProblem,
+    problem: Scene | StrPath | TuningProblem | ResultProblem,
     method: str = "nlp",
     *,
     effort: Effort | None = None,
@@ -164,30 +142,22 @@ def tune(
 ) -> TuningResult:
     """Tune a problem.
 
-    Parameters
-    ----------
-    problem
-        From :func:`optim.build_problem`; or a scene, for what its tuning section asks; or an
-        :class:`optim.ResultProblem`, whose objective is any Python function of a result, for evolutionary
-        methods only.
-    method
-        ``manual``, ``ga``, ``de``, ``pso``, ``cmaes``, ``sobol``, ``random``, ``nlp``, ``nlp_ga`` (the NLP
-        from the GA's best), or one of a plugin.
-    effort
-        How much may be done; the tuning section's if None.
-    folder
-        Where journals are kept: a killed call, made again, goes on where it was and ends the same.
-    progress
-        Told now and then.
+    Args:
+        problem: From :func:`optim.build_problem`; or a scene, or the name or file of its scenario, with a
+            tuning section; or an :class:`optim.ResultProblem`, whose objective is any Python function of a
+            result, for evolutionary methods only.
+        method: ``manual``, ``ga``, ``de``, ``pso``, ``cmaes``, ``sobol``, ``random``, ``nlp``, ``nlp_ga``
+            (the NLP from the GA's best), or one of a plugin.
+        effort: How much may be done; the tuning section's if None.
+        folder: Where journals are kept: a killed call, made again, goes on where it was and ends the same.
+        progress: Told now and then.
 
-    Raises
-    ------
-    ScenarioError
-        If the problem does not fit the scene, or a function of a result is to be tuned by gradients.
-    SpaceRobotError
-        If there is no such method, or it cannot solve this problem.
+    Raises:
+        ScenarioError: If the problem does not fit the scene, or a function of a result is to be tuned by
+            gradients.
+        SpaceRobotError: If there is no such method, or it cannot solve this problem.
     """
-    stated = build_problem(problem) if isinstance(problem, Scene) else problem
+    stated = build_problem(problem) if isinstance(problem, Scene | str | PathLike) else problem
     nominal = stated.problem if isinstance(stated, ResultProblem) else stated
     chosen: TuningMethod = TUNING_METHODS.find(method)
     if stated is not nominal and (chosen.uses_gradients or not chosen.solves_any_problem):
@@ -211,10 +181,18 @@ def tune(
     scene = build_scene(nominal.scene.scenario, variables.as_changes(values), source=nominal.scene.source)
     terms, margins = nominal.terms.margins, dict[str, str]()
     if terms is not None:
-        found = terms.values(values)
-        margins = {row.name: row.text(one.value) for row, one in zip(terms.rows, found, strict=True)}
+        margin_values = terms.values(values)
+        margins = {row.name: row.text(one.value) for row, one in zip(terms.rows, margin_values, strict=True)}
+    is_own = stated is not nominal or nominal.recipe.objective is not None
     return TuningResult(
-        variables.as_mapping(values), best.objective, best.status, best.message, scene, outcome, margins
+        variables.as_mapping(values),
+        best.objective,
+        best.status,
+        best.message,
+        scene,
+        outcome,
+        margins,
+        (OBJECTIVE, 1.0, "") if is_own else reading(tuning_of(nominal.scene).objective),
     )
 
 
@@ -238,8 +216,8 @@ def _refined(
             break
         problem = problem.refined
         session = SearchSession(None, problem.workers, progress)
-        (found,) = run_method(problem, "nlp_ga", effort, first=np.array(best.u), session=session).runs
-        told = f"{found.message}; step refined to {problem.rollout.grid.step_s:.3g} s: {doubt}"
-        found = dataclasses.replace(found, method=best.method, cost=best.cost + found.cost, message=told)
-        outcome = dataclasses.replace(outcome, runs=(found,))
+        (run,) = run_method(problem, "nlp_ga", effort, first=np.array(best.u), session=session).runs
+        message = f"{run.message}; step refined to {problem.rollout.grid.step_s:.3g} s: {doubt}"
+        run = dataclasses.replace(run, method=best.method, cost=best.cost + run.cost, message=message)
+        outcome = dataclasses.replace(outcome, runs=(run,))
     return problem, outcome

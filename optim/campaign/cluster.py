@@ -22,14 +22,10 @@ AHEAD = 2  # chunks in flight for each thread of a worker: one runs, one waits
 class DaskExecutor:
     """Dask's workers.
 
-    Attributes
-    ----------
-    address
-        Address for :func:`optim.workers.cluster.connect`.
-    chunk_s
-        Target duration of a chunk [s].
-    size
-        Samples of a chunk, if it shall not be sized to seconds.
+    Attributes:
+        address: Address for :func:`optim.workers.cluster.connect`.
+        chunk_s: Target duration of a chunk [s].
+        size: Samples of a chunk, if it shall not be sized to seconds.
     """
 
     address: str
@@ -41,10 +37,9 @@ class DaskExecutor:
     ) -> Iterator[tuple[int, SampleTable]]:
         """Every chunk as it comes; see :class:`optim.campaign.Executor`.
 
-        Raises
-        ------
-        SpaceRobotError
-            If Dask is not installed, cannot be reached, or a chunk fails on one worker after the other.
+        Raises:
+            SpaceRobotError: If Dask is not installed, cannot be reached, or a chunk fails on one worker after
+                the other.
         """
         with connect(self.address) as client:
             # keep every worker busy, with few chunks in flight, and give out results as they come

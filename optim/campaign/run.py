@@ -35,16 +35,11 @@ GRAIN = 64  # samples by which chunks grow: whole groups of lanes for every thre
 class CampaignProgress:
     """Progress of a campaign.
 
-    Attributes
-    ----------
-    phase
-        ``building and compiling``, ``rolling out`` or ``merging``.
-    done, total
-        Samples, each rolled out once for every set of gains; 0 where a phase begins.
-    rate
-        Rollouts per second since this process began.
-    left_s
-        Time likely left.
+    Attributes:
+        phase: ``building and compiling``, ``rolling out`` or ``merging``.
+        done, total: Samples, each rolled out once for every set of gains; 0 where a phase begins.
+        rate: Rollouts per second since this process began.
+        left_s: Time likely left.
     """
 
     phase: str
@@ -87,14 +82,10 @@ class Executor(Protocol):
     ) -> Iterator[tuple[int, SampleTable]]:
         """Table of every chunk with the index of its first sample, in any order.
 
-        Parameters
-        ----------
-        evaluator
-            Evaluator of the campaign.
-        draws
-            Draws of all samples (N, k).
-        chunks
-            Queue of the chunks that remain.
+        Args:
+            evaluator: Evaluator of the campaign.
+            draws: Draws of all samples (N, k).
+            chunks: Queue of the chunks that remain.
         """
 
 
@@ -102,14 +93,10 @@ class Executor(Protocol):
 class LocalExecutor:
     """The process itself.
 
-    Attributes
-    ----------
-    threads
-        Number of threads; one for each usable core if None.
-    chunk_s
-        Target duration of a chunk [s].
-    size
-        Samples of a chunk, if it shall not be sized to seconds.
+    Attributes:
+        threads: Number of threads; one for each usable core if None.
+        chunk_s: Target duration of a chunk [s].
+        size: Samples of a chunk, if it shall not be sized to seconds.
     """
 
     threads: int | None = None
@@ -121,28 +108,24 @@ class LocalExecutor:
     ) -> Iterator[tuple[int, SampleTable]]:
         """Table of every chunk with the index of its first sample, in order; see :class:`Executor`.
 
-        Parameters
-        ----------
-        evaluator
-            Evaluator of the campaign.
-        draws
-            Draws of all samples (N, k).
-        chunks
-            Queue of the chunks that remain.
+        Args:
+            evaluator: Evaluator of the campaign.
+            draws: Draws of all samples (N, k).
+            chunks: Queue of the chunks that remain.
         """
         size = self.size or first_size(evaluator)
         while (piece := chunks.take(size)) is not None:
             since = time.perf_counter()
             table = evaluator.evaluate(draws[piece[0] : piece[1]], self.threads)
             yield piece[0], table
-            if evaluator.solves_plans:
+            if evaluator.has_updates:
                 continue  # chunks of few seconds would leave processes without work
             size = self.size or sized(len(table), time.perf_counter() - since, self.chunk_s)
 
 
 def first_size(evaluator: CampaignEvaluator) -> int:
     """Samples of a first chunk, whose time is not known yet."""
-    return MPC_SAMPLES if evaluator.solves_plans else max(1, FIRST // len(evaluator.members))
+    return MPC_SAMPLES if evaluator.has_updates else max(1, FIRST // len(evaluator.members))
 
 
 def most_samples(evaluator: CampaignEvaluator) -> int | None:
@@ -162,16 +145,11 @@ def sized(samples: int, seconds: float, chunk_s: float) -> int:
 class CampaignRun:
     """State of a campaign after a call.
 
-    Attributes
-    ----------
-    folder
-        Folder of the store; read it with :func:`optim.campaign.load_campaign`.
-    evaluator
-        Evaluator of the samples.
-    done, total
-        Samples.
-    interrupted
-        Whether it was stopped; made again with the same folder, it goes on.
+    Attributes:
+        folder: Folder of the store; read it with :func:`optim.campaign.load_campaign`.
+        evaluator: Evaluator of the samples.
+        done, total: Samples.
+        interrupted: Whether it was stopped; made again with the same folder, it goes on.
     """
 
     folder: Path
@@ -195,27 +173,17 @@ def run_campaign(
     Killed at any time, it goes on where it was when it is called again; the numbers do not depend on how
     often that happened, nor on chunks, threads or workers.
 
-    Parameters
-    ----------
-    scene
-        A scene whose scenario has a ``campaign`` section.
-    folder
-        Folder of the store; created if it does not exist.
-    gains
-        Sets of gains: changes by dotted path, by name; the section's if None.
-    executor
-        Executor of the chunks; this process if None.
-    progress
-        Callback at the beginning of each phase, and after each chunk.
-    named
-        Scenario on the command line, for the commands that run samples again; its file if None.
+    Args:
+        scene: A scene whose scenario has a ``campaign`` section.
+        folder: Folder of the store; created if it does not exist.
+        gains: Sets of gains: changes by dotted path, by name; the section's if None.
+        executor: Executor of the chunks; this process if None.
+        progress: Callback at the beginning of each phase, and after each chunk.
+        named: Scenario on the command line, for the commands that run samples again; its file if None.
 
-    Raises
-    ------
-    ScenarioError
-        If the campaign does not fit the scene.
-    ResultError
-        If the folder holds another campaign, is in use, or cannot be written.
+    Raises:
+        ScenarioError: If the campaign does not fit the scene.
+        ResultError: If the folder holds another campaign, is in use, or cannot be written.
     """
     folder = Path(folder)
     say = progress or repr

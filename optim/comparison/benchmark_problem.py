@@ -27,14 +27,10 @@ from spacerobot.registry import TUNING_METHODS
 class Assessment:
     """Results of one design on the nominal plant and on plants it was not tuned for.
 
-    Attributes
-    ----------
-    design
-        Values by dotted path; empty for the scenario's own.
-    nominal
-        Objective () and measures (n,).
-    varied
-        Objective (N,) and measures (N, n) on the other plants.
+    Attributes:
+        design: Values by dotted path; empty for the scenario's own.
+        nominal: Objective () and measures (n,).
+        varied: Objective (N,) and measures (N, n) on the other plants.
     """
 
     design: dict[str, float]
@@ -46,10 +42,8 @@ class Assessment:
 class CompileTimes:
     """Time to compile what rollouts and their derivatives need, or to load it from the cache.
 
-    Attributes
-    ----------
-    rollout_s, gradient_s
-        Until the first rollout, and from then until the first derivatives.
+    Attributes:
+        rollout_s, gradient_s: Until the first rollout, and from then until the first derivatives.
     """
 
     rollout_s: float
@@ -60,26 +54,16 @@ class CompileTimes:
 class ProblemComparison:
     """Comparison of all methods on one problem.
 
-    Attributes
-    ----------
-    name
-        Name of the problem.
-    problem
-        Problem to be solved.
-    nominal
-        Problem of the nominal plant; the same one where there is one plant.
-    outcomes
-        Outcome of each method, by name.
-    errors
-        Largest error of each run's best in each direction, (runs, n), by method.
-    start
-        The objective at the scenario's own values.
-    baseline, assessments
-        The untuned design, and each method's best, by method; empty without a judge.
-    sensitivity
-        Sensitivity of the objective to each variable, at the start and at the best point.
-    cost_unit, readiness
-        Cost of the evaluations in rollouts, and time to prepare them [s].
+    Attributes:
+        name: Name of the problem.
+        problem: Problem to be solved.
+        nominal: Problem of the nominal plant; the same one where there is one plant.
+        outcomes: Outcome of each method, by name.
+        errors: Largest error of each run's best in each direction, (runs, n), by method.
+        start: The objective at the scenario's own values.
+        baseline, assessments: The untuned design, and each method's best, by method; empty without a judge.
+        sensitivity: Sensitivity of the objective to each variable, at the start and at the best point.
+        cost_unit, readiness: Cost of the evaluations in rollouts, and time to prepare them [s].
     """
 
     name: str
@@ -123,16 +107,11 @@ class ProblemComparison:
 class BenchmarkProblem:
     """A problem to compare methods on.
 
-    Attributes
-    ----------
-    name
-        Name of the problem.
-    problem
-        Problem to be solved.
-    nominal
-        See :class:`ProblemComparison`.
-    judge
-        Rolls out designs on other plants; they are not judged there if None.
+    Attributes:
+        name: Name of the problem.
+        problem: Problem to be solved.
+        nominal: See :class:`ProblemComparison`.
+        judge: Rolls out designs on other plants; they are not judged there if None.
     """
 
     name: str
@@ -146,21 +125,14 @@ def compare_on_problem(
 ) -> ProblemComparison:
     """Run methods on one problem.
 
-    Parameters
-    ----------
-    entry
-        The problem.
-    methods
-        Methods, in order of their runs.
-    effort
-        Budget of the methods.
-    session
-        Journals, workers and callbacks.
+    Args:
+        entry: The problem.
+        methods: Methods, in order of their runs.
+        effort: Budget of the methods.
+        session: Journals, workers and callbacks.
 
-    Returns
-    -------
-    Problem
-        After Ctrl-C, what was found until then.
+    Returns:
+        Problem: After Ctrl-C, what was found until then.
     """
     problem, nominal = entry.problem, entry.nominal
     effort = replace(effort, repeats=effort.runs)  # as many independent runs of every method
@@ -217,10 +189,8 @@ def assess(judge: DesignEvaluator, design: dict[str, float]) -> Assessment:
 def _evolved(outcomes: dict[str, MethodOutcome], method: str) -> MethodOutcome:
     """Outcome from whose best a method starts; that of another one without gradients if it did not run.
 
-    Raises
-    ------
-    SpaceRobotError
-        If there is none.
+    Raises:
+        SpaceRobotError: If there is none.
     """
     first = TUNING_METHODS.find(method).starts_from
     methods = TUNING_METHODS.entries()

@@ -23,16 +23,11 @@ from spacerobot.scene.memory import check_size
 class Comparison:
     """Tuning methods compared on several benchmark problems.
 
-    Attributes
-    ----------
-    name
-        Name of the scenario, or of the suite.
-    problems
-        Comparison on each problem.
-    wall_s
-        Time it all took.
-    interrupted
-        Whether it was stopped before its end.
+    Attributes:
+        name: Name of the scenario, or of the suite.
+        problems: Comparison on each problem.
+        wall_s: Time it all took.
+        interrupted: Whether it was stopped before its end.
     """
 
     name: str
@@ -56,27 +51,19 @@ def compare(
 ) -> Comparison:
     """Run methods on the problems of a scene's tuning section.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    methods, variants, sets
-        Names of methods, variants and sets of variables; all that the section names if None.
-    effort
-        Budget of the methods; see :func:`even_effort` if None.
-    session
-        Who does it, and where journals are kept; threads of this process, and nowhere, if None.
+    Args:
+        scene: The scene.
+        methods, variants, sets: Names of methods, variants and sets of variables; all that the section names
+            if None.
+        effort: Budget of the methods; see :func:`even_effort` if None.
+        session: Who does it, and where journals are kept; threads of this process, and nowhere, if None.
 
-    Returns
-    -------
-    Comparison
-        One problem for each variant and set of variables; after Ctrl-C, the results so far.
+    Returns:
+        Comparison: One problem for each variant and set of variables; after Ctrl-C, the results so far.
 
-    Raises
-    ------
-    ScenarioError
-        If there is no tuning section, or it does not have what was asked for, or the memory does not hold
-        what a design's result takes.
+    Raises:
+        ScenarioError: If there is no tuning section, or it does not have what was asked for, or the memory
+            does not hold what a design's result takes.
     """
     tuning, session = tuning_of(scene), session or SearchSession()
     check_size(scene)
@@ -86,9 +73,9 @@ def compare(
         for variant in _chosen(variants, list(tuning.variants), scene, "variants")
         for name in _chosen(sets, list(tuning.sets), scene, "sets")
     ]
-    asked = methods or tuning.methods or tuple(TUNING_METHODS.entries())
+    method_names = methods or tuning.methods or tuple(TUNING_METHODS.entries())
     return compete(
-        scene.scenario.name, ((e, asked, effort) for e in _entries(scene, chosen, session)), session
+        scene.scenario.name, ((e, method_names, effort) for e in _entries(scene, chosen, session)), session
     )
 
 
@@ -97,16 +84,13 @@ def even_effort(
 ) -> Effort:
     """Effort with the same budget for every method that draws points.
 
-    Parameters
-    ----------
-    tuning
-        Tuning section; its ``baseline_budget``, or its ``budget`` if ``full``, is that of each run.
-    changes
-        ``budget``, ``runs``, ``starts``, ``seed`` in place of the section's; None leaves one.
+    Args:
+        tuning: Tuning section; its ``baseline_budget``, or its ``budget`` if ``full``, is that of each run.
+        changes: ``budget``, ``runs``, ``starts``, ``seed`` in place of the section's; None leaves one.
     """
-    asked = dict(changes or {})
-    budget = asked.get("budget") or (tuning.budget if full else min(tuning.budget, tuning.baseline_budget))
-    return effort_of(tuning, **(asked | {"budget": budget, "baseline_budget": budget}))
+    budgets = dict(changes or {})
+    budget = budgets.get("budget") or (tuning.budget if full else min(tuning.budget, tuning.baseline_budget))
+    return effort_of(tuning, **(budgets | {"budget": budget, "baseline_budget": budget}))
 
 
 def compete(
@@ -114,21 +98,17 @@ def compete(
 ) -> Comparison:
     """Run problems one after the other.
 
-    Parameters
-    ----------
-    name
-        Name of the comparison.
-    problems
-        Problem, methods and effort of each; built when their turn comes.
-    session
-        Who does it.
+    Args:
+        name: Name of the comparison.
+        problems: Problem, methods and effort of each; built when their turn comes.
+        session: Who does it.
     """
-    begin, done = time.perf_counter(), list[ProblemComparison]()
+    begin, comparisons = time.perf_counter(), list[ProblemComparison]()
     for entry, methods, effort in problems:
-        done.append(compare_on_problem(entry, methods, effort, session))
-        if done[-1].interrupted:
-            return Comparison(name, tuple(done), time.perf_counter() - begin, True)
-    return Comparison(name, tuple(done), time.perf_counter() - begin)
+        comparisons.append(compare_on_problem(entry, methods, effort, session))
+        if comparisons[-1].interrupted:
+            return Comparison(name, tuple(comparisons), time.perf_counter() - begin, True)
+    return Comparison(name, tuple(comparisons), time.perf_counter() - begin)
 
 
 def _entries(
@@ -149,8 +129,8 @@ def _entries(
         yield BenchmarkProblem(title, problem, problem, judge)
 
 
-def _chosen(wanted: Sequence[str] | None, known: Sequence[str], scene: Scene, what: str) -> list[str | None]:
-    for name in wanted or ():
-        if name not in known:
-            raise scene.error(f"no {name!r}; {near_names(name, known)}", f"tuning.{what}")
-    return [*(wanted or known)] or [None]
+def _chosen(names: Sequence[str] | None, allowed: Sequence[str], scene: Scene, what: str) -> list[str | None]:
+    for name in names or ():
+        if name not in allowed:
+            raise scene.error(f"no {name!r}; {near_names(name, allowed)}", f"tuning.{what}")
+    return [*(names or allowed)] or [None]

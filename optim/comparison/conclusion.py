@@ -13,15 +13,11 @@ Data = Mapping[str, Any]
 def conclusion(data: Data) -> str:
     """State which method has the lowest expected running time on how many problems, and the exceptions.
 
-    Parameters
-    ----------
-    data
-        A comparison, as :func:`optim.comparison.report.to_data` makes it.
+    Args:
+        data: A comparison, as :func:`optim.comparison.report.to_data` makes it.
 
-    Returns
-    -------
-    str
-        One sentence; it says so if fewer than two methods can be ranked.
+    Returns:
+        str: One sentence; it says so if fewer than two methods can be ranked.
     """
     judged = [p for p in JUDGED if p in data["precisions"]]
     lowest = {

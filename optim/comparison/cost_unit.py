@@ -26,16 +26,12 @@ MOVES = {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}  # instructions that compute no
 class CostUnit:
     """Cost of each kind of evaluation.
 
-    Attributes
-    ----------
-    operations
-        Number of operations of one plain rollout.
-    gradient
-        Rollouts that a rollout with one gradient by the adjoint costs, whatever the number of variables.
-    slope
-        Rollouts that a rollout with its derivative along one direction costs.
-    sample
-        Rollouts that a rollout which samples its outputs costs.
+    Attributes:
+        operations: Number of operations of one plain rollout.
+        gradient: Rollouts that a rollout with one gradient by the adjoint costs, whatever the number of
+            variables.
+        slope: Rollouts that a rollout with its derivative along one direction costs.
+        sample: Rollouts that a rollout which samples its outputs costs.
     """
 
     operations: int
@@ -57,10 +53,8 @@ def cost_unit_of(problem: TuningProblem) -> CostUnit:
     once more. A slope is a rollout of the dynamics together with their derivative; it samples what the
     linearisation of a minimax objective, or of a sum of squares, asks for. Empty lanes are not charged.
 
-    Parameters
-    ----------
-    problem
-        The problem; with several plants, its nominal one: prices are the same for each plant.
+    Args:
+        problem: The problem; with several plants, its nominal one: prices are the same for each plant.
     """
     rollout = problem.rollout
     kernel, grid, wrt = rollout.kernel, rollout.grid, rollout.indices(problem.names)

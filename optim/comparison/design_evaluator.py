@@ -22,14 +22,10 @@ from spacerobot.scene import Scene, build_scene
 class DesignEvaluator:
     """Rolls out designs, given by dotted paths, on the nominal plant and on others.
 
-    Attributes
-    ----------
-    scene
-        The scene of one variant, with sensors whose offsets can be varied.
-    rollout
-        Rollout of the closed loop without tied parameters.
-    spread
-        Deviations of the other plants.
+    Attributes:
+        scene: The scene of one variant, with sensors whose offsets can be varied.
+        rollout: Rollout of the closed loop without tied parameters.
+        spread: Deviations of the other plants.
     """
 
     scene: Scene
@@ -76,12 +72,9 @@ def build_design_evaluator(
 ) -> DesignEvaluator:
     """Judge of the designs of one variant.
 
-    Parameters
-    ----------
-    scene, variant
-        See :func:`optim.problem.tuning_problem.build_problem`.
-    threads
-        Number of threads of this process's rollouts; each usable core if None.
+    Args:
+        scene, variant: See :func:`optim.problem.tuning_problem.build_problem`.
+        threads: Number of threads of this process's rollouts; each usable core if None.
     """
     scene = changed_scene(scene, variant)
     robots = scene.scenario.robots

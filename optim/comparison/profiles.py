@@ -20,12 +20,10 @@ BUDGETS = 60  # for which a profile is computed, evenly over the decades
 class DataProfile:
     """Share solved over budget.
 
-    Attributes
-    ----------
-    budgets
-        Costs at which the profile is evaluated (n,) [rollouts].
-    share, low, high
-        Solved within each budget, and the bootstrap interval of it, over problems and runs, each (n,).
+    Attributes:
+        budgets: Costs at which the profile is evaluated (n,) [rollouts].
+        share, low, high: Solved within each budget, and the bootstrap interval of it, over problems and runs,
+            each (n,).
     """
 
     budgets: Array
@@ -49,13 +47,10 @@ def profile(hits: Sequence[Array], budgets: Array) -> DataProfile:
     Each problem counts the same, and in it each target and run. The bootstrap draws problems, and runs in
     each problem drawn.
 
-    Parameters
-    ----------
-    hits
-        Cost at which each run met each target, (runs, targets) for each problem; infinite where it did
-        not.
-    budgets
-        Costs at which the profile is evaluated (n,) [rollouts].
+    Args:
+        hits: Cost at which each run met each target, (runs, targets) for each problem; infinite where it did
+            not.
+        budgets: Costs at which the profile is evaluated (n,) [rollouts].
     """
     # share of the targets that run i of problem c solved within budget b
     solved = [(table[:, :, None] <= budgets).mean(axis=1) for table in hits]
@@ -63,7 +58,7 @@ def profile(hits: Sequence[Array], budgets: Array) -> DataProfile:
     rng = np.random.default_rng(SEED)
     again = np.empty((RESAMPLES, len(budgets)))
     for i in range(RESAMPLES):
-        drawn = [solved[c] for c in rng.integers(len(solved), size=len(solved))]
-        again[i] = np.mean([t[rng.integers(len(t), size=len(t))].mean(axis=0) for t in drawn], axis=0)
+        resampled = [solved[c] for c in rng.integers(len(solved), size=len(solved))]
+        again[i] = np.mean([t[rng.integers(len(t), size=len(t))].mean(axis=0) for t in resampled], axis=0)
     low, high = np.quantile(again, ((1 - LEVEL) / 2, (1 + LEVEL) / 2), axis=0)
     return DataProfile(budgets, share, low, high)

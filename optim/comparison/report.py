@@ -35,10 +35,10 @@ def to_data(comparison: Comparison) -> dict[str, Any]:
             if table:
                 hits.setdefault(name, []).append(np.array(table))
     budgets = budgets_of(hits)
-    made = {name: asdict(profile(tables, budgets)) for name, tables in hits.items()}
-    for one in made.values():
+    profiles_by_problem = {name: asdict(profile(tables, budgets)) for name, tables in hits.items()}
+    for one in profiles_by_problem.values():
         del one["budgets"]
-    profiles = {"budgets": budgets, "methods": made}
+    profiles = {"budgets": budgets, "methods": profiles_by_problem}
     data = {
         "format": FORMAT,
         "name": comparison.name,
@@ -112,11 +112,11 @@ def _method(benchmark: ProblemComparison, name: str) -> dict[str, Any]:
     ranked = name in benchmark.ranked
     trials = benchmark.trials(name) if ranked else []
     # a trial as it is drawn: cost and best objective wherever it improved, thinned if there are many
-    drawn = []
+    curves = []
     for trial in trials:
         history = np.column_stack([trial.costs, trial.objectives])
         indices = np.unique(np.linspace(0, max(len(history) - 1, 0), MOST_MOMENTS).astype(int))
-        drawn.append({"spent": trial.spent, "history": history[indices[: len(history)]]})
+        curves.append({"spent": trial.spent, "history": history[indices[: len(history)]]})
     cost, wall_s = spent(outcome), sum(run.seconds for run in outcome.runs)
     ready = benchmark.readiness
     readied_s = ready.rollout_s + (
@@ -149,7 +149,7 @@ def _method(benchmark: ProblemComparison, name: str) -> dict[str, Any]:
             "message": best.message,
             **({} if assessed is None else _assessment(assessed)),
         },
-        "trials": drawn,
+        "trials": curves,
         "runs": [
             {
                 "method": run.method,
@@ -171,13 +171,15 @@ def _method(benchmark: ProblemComparison, name: str) -> dict[str, Any]:
     }
 
 
-def _assessment(found: Assessment) -> dict[str, Any]:
+def _assessment(assessment: Assessment) -> dict[str, Any]:
     """Convert the results of a design on the nominal plant and on others."""
-    peaks = {name: values for name, values in found.nominal.items() if name.endswith(("peak", "peak_deg"))}
-    varied = found.varied[OBJECTIVE]
+    peaks = {
+        name: values for name, values in assessment.nominal.items() if name.endswith(("peak", "peak_deg"))
+    }
+    varied = assessment.varied[OBJECTIVE]
     finite = varied[np.isfinite(varied)]
     return {
-        "nominal_objective": float(found.nominal[OBJECTIVE]),
+        "nominal_objective": float(assessment.nominal[OBJECTIVE]),
         "peaks": {name: float(np.max(values, initial=0.0)) for name, values in peaks.items()},
         "other_plants": {
             "plants": len(varied),

@@ -18,27 +18,20 @@ from spacerobot.simulation import simulate_designs
 def write(comparison: Comparison, folder: StrPath) -> dict[str, Any]:
     """Write ``comparison.json`` and, under ``problem/method``, each evaluated design as a result.
 
-    Parameters
-    ----------
-    comparison
-        Comparison to be written.
-    folder
-        Folder; created if it does not exist.
+    Args:
+        comparison: Comparison to be written.
+        folder: Folder; created if it does not exist.
 
-    Returns
-    -------
-    dict
-        The content of ``comparison.json``.
+    Returns:
+        dict: The content of ``comparison.json``.
 
-    Raises
-    ------
-    ResultError
-        If something cannot be written.
+    Raises:
+        ResultError: If something cannot be written.
     """
     folder, data = Path(folder), to_data(comparison)
     for benchmark, problem_data in zip(comparison.problems, data["problems"], strict=True):
-        for method, made in results_of(benchmark):
-            result = made.save(folder / benchmark.name / method)
+        for method, method_result in results_of(benchmark):
+            result = method_result.save(folder / benchmark.name / method)
             entry = (
                 problem_data["baseline"] if method == "baseline" else problem_data["methods"][method]["best"]
             )

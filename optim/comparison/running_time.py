@@ -28,12 +28,10 @@ SEED = 0  # of every bootstrap
 class MethodRun:
     """One independent run of a method.
 
-    Attributes
-    ----------
-    costs, objectives
-        Cost so far [rollouts] and best feasible objective so far at each improvement, each (n,).
-    spent
-        Total cost [rollouts].
+    Attributes:
+        costs, objectives: Cost so far [rollouts] and best feasible objective so far at each improvement, each
+            (n,).
+        spent: Total cost [rollouts].
     """
 
     costs: Array
@@ -50,17 +48,13 @@ class MethodRun:
 class RunningTime:
     """Cost at which a method reaches a target.
 
-    Attributes
-    ----------
-    expected, low, high
-        Expected running time in rollouts and its bootstrap interval; infinite where no run met the target.
-    met, runs
-        Runs that met it, of how many.
-    rate_low, rate_high
-        Wilson's interval of the success rate.
-    until_met, until_end
-        Mean cost of the runs that met it, until then, and of the others, until their end; NaN if there are
-        none.
+    Attributes:
+        expected, low, high: Expected running time in rollouts and its bootstrap interval; infinite where no
+            run met the target.
+        met, runs: Runs that met it, of how many.
+        rate_low, rate_high: Wilson's interval of the success rate.
+        until_met, until_end: Mean cost of the runs that met it, until then, and of the others, until their
+            end; NaN if there are none.
     """
 
     expected: float
@@ -77,14 +71,10 @@ class RunningTime:
 def trial_of(run: SearchRun, cost_unit: CostUnit, before: EvaluationCost | None = None) -> MethodRun:
     """A run as a trial.
 
-    Parameters
-    ----------
-    run
-        The run.
-    cost_unit
-        Cost of the evaluations in rollouts.
-    before
-        Cost of the runs that the method builds on [rollouts].
+    Args:
+        run: The run.
+        cost_unit: Cost of the evaluations in rollouts.
+        before: Cost of the runs that the method builds on [rollouts].
     """
     before = before or EvaluationCost()
     costs, objectives = list[float](), list[float]()
@@ -103,20 +93,17 @@ def target_of(best: float, precision: float) -> float:
 def running_time(trials: Sequence[MethodRun], target: float) -> RunningTime:
     """Expected running time to a target and success rate, with intervals.
 
-    Parameters
-    ----------
-    trials
-        Independent runs of one method, at least one.
-    target
-        Objective to reach.
+    Args:
+        trials: Independent runs of one method, at least one.
+        target: Objective to reach.
     """
     from scipy.stats import binomtest
 
     hits = np.array([trial.hit(target) for trial in trials])
     met = np.isfinite(hits)
     costs = np.where(met, hits, [trial.spent for trial in trials])
-    drawn = np.random.default_rng(SEED).integers(len(trials), size=(RESAMPLES, len(trials)))
-    again = _ratio(costs[drawn].sum(axis=1), met[drawn].sum(axis=1))
+    resampled = np.random.default_rng(SEED).integers(len(trials), size=(RESAMPLES, len(trials)))
+    again = _ratio(costs[resampled].sum(axis=1), met[resampled].sum(axis=1))
     low, high = np.quantile(again, ((1 - LEVEL) / 2, (1 + LEVEL) / 2), method="inverted_cdf")
     rate = binomtest(int(met.sum()), len(trials)).proportion_ci(LEVEL, method="wilson")
     return RunningTime(

@@ -38,40 +38,30 @@ def compare_suite(
 ) -> Comparison:
     """Run methods on the problems of the suite.
 
-    Parameters
-    ----------
-    problems
-        Names of the problems; all if None.
-    methods
-        Names of the methods; the suite's if None.
-    effort
-        ``budget``, ``runs``, ``starts`` and ``seed`` in place of the suite's; None leaves one.
-    session
-        Who does it, and where journals are kept.
+    Args:
+        problems: Names of the problems; all if None.
+        methods: Names of the methods; the suite's if None.
+        effort: ``budget``, ``runs``, ``starts`` and ``seed`` in place of the suite's; None leaves one.
+        session: Who does it, and where journals are kept.
 
-    Raises
-    ------
-    SpaceRobotError
-        If there is no such problem.
+    Raises:
+        SpaceRobotError: If there is no such problem.
     """
     suite, session = read_suite(), session or SearchSession()
     chosen = list(problems or suite["problems"])
     for name in chosen:
         if name not in suite["problems"]:
             raise SpaceRobotError(f"no problem '{name}' in the suite, {near_names(name, suite['problems'])}")
-    made = _made(suite, chosen, methods or suite["methods"], dict(effort or {}), session)
-    return compete(NAME, made, session)
+    entries = _made(suite, chosen, methods or suite["methods"], dict(effort or {}), session)
+    return compete(NAME, entries, session)
 
 
 def scene_of(suite: Plain, name: str) -> Scene:
     """The scene of a problem, with its tuning section.
 
-    Parameters
-    ----------
-    suite
-        Data of :func:`read_suite`.
-    name
-        Name of the problem.
+    Args:
+        suite: Data of :func:`read_suite`.
+        name: Name of the problem.
     """
     benchmark = suite["problems"][name]
     scenario_document = suite["scenes"].get(benchmark["scene"])

@@ -4,20 +4,35 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from optim.comparison.statistics import statistics
+from optim.json_values import plain
 from optim.methods.evolutionary import evolve
 from optim.methods.settings import EvolutionSettings
 from optim.problem.problem import OptimisationProblem
+from optim.problem.scene_recipe import tuning_of
+from optim.problem.tuning_problem import TuningProblem, build_problem
 from optim.search.journal import Journal
-from optim.search.search import Search, SearchRun
+from optim.search.search import Progress, Search, SearchRun
 from optim.search.session import SearchSession
 from spacerobot.arrays import Array
+from spacerobot.errors import ResultError
+from spacerobot.files import StrPath, write_text
+from spacerobot.scene import Scene, to_scene
+from spacerobot.tables import Content, Table, Tabular
 
+BUDGET = 1000
+"""Rollouts of a run."""
+FILE = "sweep.json"
+"""File of a sweep's folder."""
 PROBABILITIES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 POPULATIONS = (10, 20, 50, 100, 200)
 
@@ -26,12 +41,9 @@ POPULATIONS = (10, 20, 50, 100, 200)
 class SweepRun:
     """Runs of the GA with one setting changed.
 
-    Attributes
-    ----------
-    setting, value
-        ``crossover``, ``mutation`` or ``population``, and what it was set to.
-    runs
-        Outcome for each seed.
+    Attributes:
+        setting, value: ``crossover``, ``mutation`` or ``population``, and what it was set to.
+        runs: Outcome for each seed.
     """
 
     setting: str
@@ -44,7 +56,99 @@ class SweepRun:
         return np.array([run.objective if run.feasible else np.inf for run in self.runs])
 
 
+@dataclass(frozen=True)
+class SweepResult(Tabular):
+    """Sensitivity of the GA to its settings.
+
+    Attributes:
+        settings: Entries of ``sweep.json``: ``setting``, its ``value``, and ``best``, ``median``, ``lower``
+            and ``upper`` quartile and ``worst`` of the objectives of its runs, infinite where none was
+            feasible.
+    """
+
+    settings: tuple[Mapping[str, Any], ...]
+
+    def save(self, folder: StrPath) -> None:
+        """Write ``sweep.json``.
+
+        Raises:
+            ResultError: If the folder cannot be written.
+        """
+        write_text(Path(folder) / FILE, json.dumps(plain(self.settings), indent=1) + "\n")
+
+    @classmethod
+    def load(cls, folder: StrPath) -> SweepResult:
+        """Read what :meth:`save` wrote.
+
+        Raises:
+            ResultError: If it cannot be read.
+        """
+        file = Path(folder) / FILE
+        try:
+            rows = json.loads(file.read_text(encoding="utf-8"))
+            settings = tuple(
+                {key: np.inf if value is None else value for key, value in row.items()} for row in rows
+            )
+            cls(settings).content()
+        except (OSError, ValueError, LookupError, TypeError, AttributeError) as fault:
+            raise ResultError(f"holds no sweep that can be read: {fault}", source=file) from None
+        return cls(settings)
+
+    def content(self) -> list[Content]:
+        """Best, median and worst objective by setting."""
+        keys = ("best", "median", "worst")
+        rows = [
+            [one["setting"], f"{one['value']:g}", *(f"{one[key]:.6g}" for key in keys)]
+            for one in self.settings
+        ]
+        title = "GA with one setting changed at a time, the others as in the paper"
+        return [Table(title, ("setting", "value", *keys), rows)]
+
+    def __repr__(self) -> str:
+        """Number of settings and the best of them, in one line."""
+        best = min(self.settings, key=lambda one: float(one["median"]))
+        return (
+            f"<SweepResult of {len(self.settings)} settings: least median {best['median']:.4g} with "
+            f"{best['setting']} {best['value']:g}>"
+        )
+
+
 def sweep(
+    problem: Scene | StrPath | TuningProblem,
+    *,
+    protocol: EvolutionSettings | None = None,
+    runs: int = 3,
+    seed: int = 0,
+    folder: StrPath | None = None,
+    progress: Progress | None = None,
+) -> SweepResult:
+    """Sensitivity of the GA to its settings: crossover and mutation probability, population size.
+
+    Args:
+        problem: Problem of :func:`optim.build_problem`; or a scene, or the name or file of its scenario.
+        protocol: Settings that do not vary; 1000 rollouts a run, the tuning section's population and the
+            paper's values if None.
+        runs: Number of runs of each setting.
+        seed: Seed of the first run of each setting.
+        folder: Folder of the journals, from which an interrupted sweep continues; none if None.
+        progress: Called with the progress of each run.
+
+    Raises:
+        ScenarioError: If the problem does not fit the scene.
+    """
+    stated = problem if isinstance(problem, TuningProblem) else build_problem(to_scene(problem))
+    protocol = protocol or EvolutionSettings(tuning_of(stated.scene).population, BUDGET)
+    session = SearchSession(folder, stated.workers, progress)
+    trials = run_sweep(stated, protocol=protocol, runs=runs, seed=seed, session=session)
+    return SweepResult(
+        tuple(
+            {"setting": trial.setting, "value": trial.value, **statistics(trial.objectives)}
+            for trial in trials
+        )
+    )
+
+
+def run_sweep(
     problem: OptimisationProblem,
     *,
     protocol: EvolutionSettings | None = None,
@@ -54,22 +158,16 @@ def sweep(
 ) -> Iterator[SweepRun]:
     """Run the GA with each setting in turn, the others as in the protocol; every run has the same budget.
 
-    Parameters
-    ----------
-    problem
-        The problem.
-    protocol
-        Settings that do not vary; 1000 rollouts a run and the paper's values if None.
-    runs
-        Seeds for each setting; the same ones everywhere.
-    seed
-        The first.
-    session
-        Who does the runs, and where journals are kept; this process, and nowhere, if None.
+    Args:
+        problem: The problem.
+        protocol: Settings that do not vary; 1000 rollouts a run and the paper's values if None.
+        runs: Seeds for each setting; the same ones everywhere.
+        seed: The first.
+        session: Who does the runs, and where journals are kept; this process, and nowhere, if None.
     """
     session = session or SearchSession()
     folder, progress = session.place, session.progress
-    protocol = protocol or EvolutionSettings(budget=1000)
+    protocol = protocol or EvolutionSettings(budget=BUDGET)
     settings = [("crossover", p, dataclasses.replace(protocol, crossover=(p, p))) for p in PROBABILITIES]
     for p in (0.01, protocol.mutation, *PROBABILITIES):
         settings.append(("mutation", p, dataclasses.replace(protocol, mutation=p)))

@@ -6,35 +6,16 @@ All numbers of one problem are in the units that its title names, the same every
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from optim.comparison.conclusion import lowest_of, percent
+from spacerobot.tables import Content, Table
 
 Data = Mapping[str, Any]
 NEVER = "-"
 
 
-@dataclass(frozen=True)
-class ComparisonTable:
-    """Rows of text.
-
-    Attributes
-    ----------
-    title
-        Title of the table.
-    headings
-        Heading of each column.
-    rows
-        Cells of each row.
-    """
-
-    title: str
-    headings: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-
-def summary_table(data: Data) -> ComparisonTable:
+def summary_table(data: Data) -> Table:
     """Expected running times of all problems to 1 % and 0.1 %, the lowest of each problem marked."""
     precisions = data["precisions"]
     columns = [i for i, p in enumerate(precisions) if p <= 0.01] or [0]
@@ -49,10 +30,10 @@ def summary_table(data: Data) -> ComparisonTable:
                 cells.append((short(times[i]["expected"]) if times else "") + "*" * (name == best))
             rows.append((benchmark["name"], percent(precisions[i]), *cells))
     title = "Expected running time [rollouts] to a gap to the best known value; * lowest, - not reached"
-    return ComparisonTable(title, ("problem", "to", *names), tuple(rows))
+    return Table(title, ("problem", "to", *names), tuple(rows), keys=2)
 
 
-def running_time_table(benchmark: Data, precisions: list[float], *, narrow: bool = False) -> ComparisonTable:
+def running_time_table(benchmark: Data, precisions: list[float], *, narrow: bool = False) -> Table:
     """Expected running time of each ranked method, its interval unless narrow, and how many runs met it."""
     heads = [head for p in precisions for head in (f"to {percent(p)}", "met")]
     rows = []
@@ -68,10 +49,10 @@ def running_time_table(benchmark: Data, precisions: list[float], *, narrow: bool
             cells += [expected + mark, f"{time['met']}/{time['runs']}"]
         rows.append(tuple(cells))
     title = f"Expected running time [rollouts]{'' if narrow else ' (90 % interval)'}; * lowest"
-    return ComparisonTable(title, ("method", *heads), tuple(rows))
+    return Table(title, ("method", *heads), tuple(rows))
 
 
-def success_table(benchmark: Data, precisions: list[float]) -> ComparisonTable:
+def success_table(benchmark: Data, precisions: list[float]) -> Table:
     """Success rate of each ranked method with its binomial interval."""
     rows = []
     for name, method in benchmark["methods"].items():
@@ -81,12 +62,12 @@ def success_table(benchmark: Data, precisions: list[float]) -> ComparisonTable:
                 rate = f"{time['met']}/{time['runs']} = {time['met'] / time['runs']:.2f}"
                 cells.append(f"{rate} ({time['rate_low']:.2f}..{time['rate_high']:.2f})")
             rows.append(tuple(cells))
-    return ComparisonTable(
+    return Table(
         "Success rate (90 % interval)", ("method", *(f"to {percent(p)}" for p in precisions)), tuple(rows)
     )
 
 
-def found_table(benchmark: Data) -> ComparisonTable:
+def found_table(benchmark: Data) -> Table:
     """Best objective of each method, cost of all its runs, and how the best run ended."""
     number = number_of(benchmark)
     untuned = "start" if benchmark["baseline"] is None else "untuned"
@@ -111,21 +92,21 @@ def found_table(benchmark: Data) -> ComparisonTable:
         )
     unit = benchmark["unit"]["name"]
     heads = ("method", f"best [{unit}]", "median", "cost", "time [s]", "status")
-    return ComparisonTable(
+    return Table(
         "Results of all runs; cost in rollouts; time without and (with) compilation", heads, tuple(rows)
     )
 
 
-def gains_table(benchmark: Data) -> ComparisonTable:
+def gains_table(benchmark: Data) -> Table:
     """Gains of each method's best; those at a bound are marked."""
     rows = tuple(
         (name, *(f"{v:.4g}" + "*" * (gain in best["active_bounds"]) for gain, v in best["gains"].items()))
         for name, best in ((name, method["best"]) for name, method in benchmark["methods"].items())
     )
-    return ComparisonTable("Gains of the best run; * at a bound", ("method", *benchmark["variables"]), rows)
+    return Table("Gains of the best run; * at a bound", ("method", *benchmark["variables"]), rows)
 
 
-def designs_table(benchmark: Data) -> ComparisonTable | None:
+def designs_table(benchmark: Data) -> Table | None:
     """Peak loads of the best designs, and their objective on other plants; None if not evaluated."""
     if benchmark["baseline"] is None:
         return None
@@ -147,10 +128,10 @@ def designs_table(benchmark: Data) -> ComparisonTable | None:
             )
         )
     heads = ("design", "error [mm]", "torque [N m]", "grip [N]", f"other plants [{unit}]", "worst")
-    return ComparisonTable("Best designs: peak values, and the objective on other plants", heads, tuple(rows))
+    return Table("Best designs: peak values, and the objective on other plants", heads, tuple(rows))
 
 
-def sensitivity_table(benchmark: Data) -> ComparisonTable | None:
+def sensitivity_table(benchmark: Data) -> Table | None:
     """Relative change of the objective, to first order, if a gain crossed its range; None if unknown."""
     if benchmark["sensitivity"] is None:
         return None
@@ -159,17 +140,17 @@ def sensitivity_table(benchmark: Data) -> ComparisonTable | None:
         for where, across in benchmark["sensitivity"]["over_range"].items()
     )
     title = "Relative change of the objective, to first order, if the gain crossed its range"
-    return ComparisonTable(title, ("point", *benchmark["variables"]), rows)
+    return Table(title, ("point", *benchmark["variables"]), rows)
 
 
-def tables_of(benchmark: Data, precisions: list[float], *, narrow: bool = False) -> list[ComparisonTable]:
+def tables_of(benchmark: Data, precisions: list[float], *, narrow: bool = False) -> list[Table]:
     """All tables of a problem, most important first; without intervals if the terminal is narrow."""
-    made = [
+    rows = [
         running_time_table(benchmark, precisions, narrow=narrow),
         found_table(benchmark),
         gains_table(benchmark),
     ]
-    return made + [
+    return rows + [
         table for table in (designs_table(benchmark), sensitivity_table(benchmark)) if table is not None
     ]
 
@@ -208,21 +189,38 @@ def prices(benchmark: Data) -> str:
     )
 
 
+LEGEND = (
+    "Targets: relative gap to the best known value over all methods and runs of the problem. Expected "
+    "running time: total cost of all runs divided by the number of runs that reached the target. Costs are "
+    "in rollouts, of all runs together in the column spent. nlp_ga is charged all runs of the GA that it "
+    "starts from. manual knows no bounds and is not ranked. Times are of this machine, under its load."
+)
+
+
+def comparison_content(data: Data, *, narrow: bool = False) -> list[Content]:
+    """Conclusion, all problems in one table, then each problem's tables.
+
+    Args:
+        data: Content of ``comparison.json``.
+        narrow: Whether running times are shown without their intervals.
+    """
+    content: list[Content] = [str(data["conclusion"]), summary_table(data)]
+    for benchmark in data["problems"]:
+        content += [heading(benchmark), prices(benchmark)]
+        content += tables_of(benchmark, data["precisions"], narrow=narrow)
+    content.append(LEGEND)
+    return content if data["wall_s"] is None else [*content, f"{data['wall_s']:.0f} s in all"]
+
+
 def markdown(data: Data) -> str:
     """A comparison as a document: the conclusion, then tables."""
-    parts = [f"**{data['conclusion']}**", as_markdown(summary_table(data))]
+    parts = [f"**{data['conclusion']}**", summary_table(data).markdown()]
     for benchmark in data["problems"]:
         parts += [f"## {heading(benchmark)}", prices(benchmark), *doubts(benchmark)]
         tables = tables_of(benchmark, data["precisions"])
         tables.insert(1, success_table(benchmark, data["precisions"]))
-        parts += [f"{table.title}:\n\n{as_markdown(table)}" for table in tables]
+        parts += [f"{table.title}:\n\n{table.markdown()}" for table in tables]
     return "\n\n".join(parts) + "\n"
-
-
-def as_markdown(table: ComparisonTable) -> str:
-    """A table of a document."""
-    rows = [table.headings, ("---",) * len(table.headings), *table.rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows)
 
 
 def number_of(benchmark: Data) -> Callable[[float | None], str]:

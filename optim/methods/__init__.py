@@ -1,1 +1,1 @@
-"""How a problem is solved: evolutionary methods, nonlinear programming and the manual procedure."""
+"""Tuning methods: evolutionary methods, nonlinear programming and the manual procedure."""

@@ -41,7 +41,7 @@ class EvaluationRequest:
 
 @dataclass(frozen=True)
 class DescentResult:
-    """How a descent ended, where, and after how many steps."""
+    """Final point of a descent, its status and its number of steps."""
 
     status: str
     message: str
@@ -60,18 +60,12 @@ FLAT = (
 class DescentSettings:
     """Settings of a descent.
 
-    Attributes
-    ----------
-    form
-        Of the objective.
-    exact
-        Whether exact derivatives cost less than differences: every point is then linearised.
-    radius
-        Of its first step, in the unit cube.
-    steps
-        At most.
-    tolerance
-        Predicted fall of the objective, relative to its value, at which it ends.
+    Attributes:
+        form: Of the objective.
+        exact: Whether exact derivatives cost less than differences: every point is then linearised.
+        radius: Of its first step, in the unit cube.
+        steps: At most.
+        tolerance: Predicted fall of the objective, relative to its value, at which it ends.
     """
 
     form: Form
@@ -89,12 +83,9 @@ def descend(
 ) -> Generator[EvaluationRequest, Any, DescentResult]:
     """Search from a point whose values are known.
 
-    Parameters
-    ----------
-    start
-        The point.
-    manner
-        Settings of the descent.
+    Args:
+        start: The point.
+        manner: Settings of the descent.
     """
     if not start.known:
         return DescentResult("failed", "the rollout diverges at the start", start, 0)
@@ -113,7 +104,7 @@ def descend(
 
 
 class _State:
-    """Where a descent is."""
+    """Current point of a descent."""
 
     def __init__(self, start: EvaluatedPoint, manner: DescentSettings) -> None:
         self.at = start
@@ -133,8 +124,8 @@ class _State:
     def renew(self) -> Asking:
         """Take the derivatives at the point anew; whether there are any."""
         if self._manner.exact:
-            (found,) = yield EvaluationRequest("linearise", self.at.u[None])
-            slopes = _exact(found, self._manner.form)
+            (linearisation,) = yield EvaluationRequest("linearise", self.at.u[None])
+            slopes = _exact(linearisation, self._manner.form)
         else:
             # by one rollout more for each variable; by exact ones where those diverge
             u, form = self.at.u, self._manner.form
@@ -144,8 +135,8 @@ class _State:
                 y, near = self.at.stacked(form), zip(points, moved, strict=True)
                 slopes = np.stack([(p.stacked(form) - y) / h for p, h in near], axis=1)
             else:
-                (found,) = yield EvaluationRequest("linearise", u[None])
-                slopes = _exact(found, form)
+                (linearisation,) = yield EvaluationRequest("linearise", u[None])
+                slopes = _exact(linearisation, form)
             if self._manner.form == "smooth" and self._known is not None:
                 self._bend(self.at.u - self._known[0], slopes[0] - self._known[1])
             self._known = (self.at.u, slopes[0])
@@ -185,8 +176,8 @@ class _State:
             return "converged", "no step promises a further fall"
         u, slopes = np.clip(self.at.u + d, 0.0, 1.0), None
         if self._manner.exact:
-            (found,) = yield EvaluationRequest("linearise", u[None])
-            trial, slopes = EvaluatedPoint.of(u, found), _exact(found, self._manner.form)
+            (linearisation,) = yield EvaluationRequest("linearise", u[None])
+            trial, slopes = EvaluatedPoint.of(u, linearisation), _exact(linearisation, self._manner.form)
         else:
             (trial,) = yield EvaluationRequest("sample", u[None])
         ratio = (model.merit(self.at) - model.merit(trial)) / fall

@@ -36,10 +36,8 @@ DIVERGED = 1e3  # violation that a diverged rollout stands for: behind every oth
 class EvolutionaryMethod(TuningMethod):
     """A method that evaluates points and needs no derivatives: a population of pymoo's.
 
-    Attributes
-    ----------
-    has_own_budget
-        Whether its budget is ``Effort.protocol``, not that of the baselines.
+    Attributes:
+        has_own_budget: Whether its budget is ``Effort.protocol``, not that of the baselines.
     """
 
     has_own_budget: ClassVar[bool] = False
@@ -47,12 +45,9 @@ class EvolutionaryMethod(TuningMethod):
     def algorithm(self, protocol: EvolutionSettings, first: Array) -> Any:
         """Pymoo's algorithm.
 
-        Parameters
-        ----------
-        protocol
-            Population, budget and probabilities.
-        first
-            First points (n, k) of the unit cube, or of CMA-ES its first mean (k,).
+        Args:
+            protocol: Population, budget and probabilities.
+            first: First points (n, k) of the unit cube, or of CMA-ES its first mean (k,).
         """
         raise NotImplementedError
 
@@ -65,39 +60,39 @@ class EvolutionaryMethod(TuningMethod):
         from scipy.stats import qmc
 
         penalised = search.method == "cmaes"
-        k, begun = len(search.problem.names), 0
+        k, restarts = len(search.problem.names), 0
         count = 0 if penalised else len(search.problem.constraint_names) + 1
         shape = Problem(n_var=k, n_obj=1, n_ieq_constr=count, xl=np.zeros(k), xu=np.ones(k))
         while search.cost.rollouts < protocol.budget:
             left = protocol.budget - search.cost.rollouts
             # points (size, k) of a Latin hypercube, the problem's start among them unless it was tried before
-            rng = np.random.default_rng([search.seed, begun])
+            rng = np.random.default_rng([search.seed, restarts])
             sampler = qmc.LatinHypercube(k, rng=rng)
             first: Array = sampler.random(CMAES_SCREEN if penalised else protocol.population)
-            if begun == 0:
+            if restarts == 0:
                 first[0] = search.problem.start
             algorithm = self.algorithm(dataclasses.replace(protocol, budget=left), first)
             # a seed is never 0, which CMA-ES replaces by the time of day
             seed = search.seed + penalised
-            if begun:
-                seed = int(np.random.default_rng([search.seed, begun]).integers(1, 2**31))
+            if restarts:
+                seed = int(np.random.default_rng([search.seed, restarts]).integers(1, 2**31))
             algorithm.setup(shape, termination=NoTermination(), seed=seed, verbose=False)
             fitness, stagnation = _Fitness(penalised=penalised), _Stagnation()
             while algorithm.has_next():
                 _anneal(algorithm, protocol, search.cost.rollouts / protocol.budget)
-                asked = algorithm.ask()
-                points = asked.get("X")
+                candidates = algorithm.ask()
+                points = candidates.get("X")
                 if search.cost.rollouts + len(points) > protocol.budget:
-                    return begun
-                found = search.evaluate(points)
-                objective, constraints = fitness(found)
-                Evaluator().eval(StaticProblem(shape, F=objective, G=constraints), asked)
-                algorithm.tell(infills=asked)
+                    return restarts
+                evaluation = search.evaluate(points)
+                objective, constraints = fitness(evaluation)
+                Evaluator().eval(StaticProblem(shape, F=objective, G=constraints), candidates)
+                algorithm.tell(infills=candidates)
                 search.tell(search.cost.rollouts / protocol.budget)
-                if not penalised and stagnation(algorithm.pop.get("X"), found):
+                if not penalised and stagnation(algorithm.pop.get("X"), evaluation):
                     break
-            begun += 1
-        return begun
+            restarts += 1
+        return restarts
 
     def searches(self, request: MethodRequest) -> Sequence[Callable[[], SearchRun]]:
         """Runs that differ in their seeds."""
@@ -118,14 +113,10 @@ class PointSearch(EvolutionaryMethod):
     def points(self, sequence: Any, rng: np.random.Generator, count: int) -> Array:
         """Next points (count, k) of the unit cube.
 
-        Parameters
-        ----------
-        sequence
-            A scrambled Sobol sequence of SciPy.
-        rng
-            Random numbers.
-        count
-            How many points.
+        Args:
+            sequence: A scrambled Sobol sequence of SciPy.
+            rng: Random numbers.
+            count: How many points.
         """
         raise NotImplementedError
 
@@ -146,31 +137,25 @@ class PointSearch(EvolutionaryMethod):
 def evolve(search: Search, protocol: EvolutionSettings) -> SearchRun:
     """Search with the method that ``search.method`` names, until the budget is spent.
 
-    Parameters
-    ----------
-    search
-        What evaluates; its seed decides everything random.
-    protocol
-        Population, budget and probabilities.
+    Args:
+        search: What evaluates; its seed decides everything random.
+        protocol: Population, budget and probabilities.
 
-    Returns
-    -------
-    Run
-        Status ``budget spent`` or ``interrupted``; the message says how often the population was begun anew.
+    Returns:
+        Run: Status ``budget spent`` or ``interrupted``; the message says how often the population was begun
+            anew.
 
-    Raises
-    ------
-    SpaceRobotError
-        If there is no such method.
+    Raises:
+        SpaceRobotError: If there is no such method.
     """
     method = TUNING_METHODS.find(search.method)
     if not isinstance(method, EvolutionaryMethod):
         raise SpaceRobotError(f"{search.method} is no evolutionary method")
     try:
-        begun = method.run(search, protocol)
+        restarts = method.run(search, protocol)
     except KeyboardInterrupt:
         return search.finish("interrupted")
-    times = f"begun {begun + 1} times" if begun else ""
+    times = f"begun {restarts + 1} times" if restarts else ""
     return search.finish("budget spent", times)
 
 
@@ -180,15 +165,15 @@ class _Stagnation:
     def __init__(self) -> None:
         self._objective, self._violation, self._idle = np.inf, np.inf, 0
 
-    def __call__(self, population: Array, found: Evaluation) -> bool:
-        violation = found.violation
-        i = int(np.lexsort((found.objective, np.maximum(violation, FEASIBLE)))[0])
-        value, excess = float(found.objective[i]), float(violation[i])
-        wanted = self._objective
-        if not np.isinf(wanted):
-            wanted -= STAGNANT_FALL * abs(wanted)
+    def __call__(self, population: Array, evaluation: Evaluation) -> bool:
+        violation = evaluation.violation
+        i = int(np.lexsort((evaluation.objective, np.maximum(violation, FEASIBLE)))[0])
+        value, excess = float(evaluation.objective[i]), float(violation[i])
+        target = self._objective
+        if not np.isinf(target):
+            target -= STAGNANT_FALL * abs(target)
         self._idle += 1
-        if np.isfinite(excess) and better(value, excess, wanted, (1 - STAGNANT_FALL) * self._violation):
+        if np.isfinite(excess) and better(value, excess, target, (1 - STAGNANT_FALL) * self._violation):
             self._objective, self._violation, self._idle = value, excess, 0
         spread = float((population.max(axis=0) - population.min(axis=0)).max())
         return self._idle >= STAGNANT or spread < SPREAD
@@ -201,18 +186,18 @@ class _Fitness:
         self._penalised = penalised
         self._worst, self._scale = 1.0, 0.0
 
-    def __call__(self, found: Evaluation) -> tuple[Array, Array]:
-        lost = ~np.isfinite(found.violation)
-        finite = found.objective[~lost]
+    def __call__(self, evaluation: Evaluation) -> tuple[Array, Array]:
+        lost = ~np.isfinite(evaluation.violation)
+        finite = evaluation.objective[~lost]
         self._worst = max(self._worst, float(np.abs(finite).max(initial=0.0)))
         self._scale = self._scale or float(np.abs(finite).max(initial=0.0))
         if self._penalised:
-            violation = np.where(lost, DIVERGED, found.violation)
-            value = np.where(violation > 0, self._worst * (2 + violation), found.objective)
+            violation = np.where(lost, DIVERGED, evaluation.violation)
+            value = np.where(violation > 0, self._worst * (2 + violation), evaluation.objective)
             value = value / (self._scale or 1.0)
             return value[:, None], np.empty((len(value), 0))
-        value = np.where(lost, self._worst * DIVERGED, found.objective)
-        constraints = np.where(lost[:, None], DIVERGED, found.constraints)
+        value = np.where(lost, self._worst * DIVERGED, evaluation.objective)
+        constraints = np.where(lost[:, None], DIVERGED, evaluation.constraints)
         return value[:, None], np.column_stack([constraints, np.where(lost, DIVERGED, -1.0)])
 
 

@@ -1,4 +1,4 @@
-"""How far a point is from meeting the first-order conditions, whichever method found it."""
+"""Residuals of the first-order conditions at a point, whichever method found it."""
 
 from __future__ import annotations
 
@@ -19,14 +19,10 @@ def kkt_residual(u: Array, at: Linearisation, form: Form) -> float:
     It reads: by what fraction the objective would fall, to first order, for a step of length one in the unit
     cube along the steepest direction that bounds and constraints allow.
 
-    Parameters
-    ----------
-    u
-        The point (k,).
-    at
-        Values and derivatives there.
-    form
-        Of the objective.
+    Args:
+        u: The point (k,).
+        at: Values and derivatives there.
+        form: Of the objective.
     """
     from scipy.optimize import nnls
 

@@ -42,10 +42,13 @@ class EvaluatedPoint:
     rows: Array
 
     @classmethod
-    def all_of(cls, u: Array, found: Evaluation) -> list[EvaluatedPoint]:
+    def all_of(cls, u: Array, evaluation: Evaluation) -> list[EvaluatedPoint]:
         """Points u (N, k) with the values found there."""
-        rows = np.empty((len(u), 0)) if found.rows is None else found.rows
-        return [cls(u[i], float(found.objective[i]), found.constraints[i], rows[i]) for i in range(len(u))]
+        rows = np.empty((len(u), 0)) if evaluation.rows is None else evaluation.rows
+        return [
+            cls(u[i], float(evaluation.objective[i]), evaluation.constraints[i], rows[i])
+            for i in range(len(u))
+        ]
 
     @classmethod
     def of(cls, u: Array, at: Linearisation) -> EvaluatedPoint:
@@ -78,18 +81,12 @@ def outer(form: Form, rows: Array) -> float:
 class LocalModel:
     """First derivatives at a point, perhaps from secants, and curvature of what is beside the rows.
 
-    Attributes
-    ----------
-    form
-        Of the objective.
-    at
-        The point.
-    slopes
-        Derivative of y, (1 + m + n, k).
-    curvature
-        B, (k, k).
-    scale, weight
-        Of the objective, and of the largest violation beside it.
+    Attributes:
+        form: Of the objective.
+        at: The point.
+        slopes: Derivative of y, (1 + m + n, k).
+        curvature: B, (k, k).
+        scale, weight: Of the objective, and of the largest violation beside it.
     """
 
     form: Form
@@ -177,8 +174,8 @@ def solve_program(
     settings = {"output_flag": False, "threads": 1, "qp_iteration_limit": QP_ITERATIONS}
     options: dict[str, Any] = {"error_on_fail": False, "highs": settings}
     solver = ca.conic("step", "highs", sizes, options)
-    found = solver(**values, lbx=box[0], ubx=box[1])
-    x = found["x"].full().ravel()
+    solution = solver(**values, lbx=box[0], ubx=box[1])
+    x = solution["x"].full().ravel()
     return x if np.isfinite(x).all() else np.zeros(len(cost))
 
 

@@ -36,11 +36,9 @@ def manual(search: Search, problem: TuningProblem) -> SearchRun:
     The procedure is the paper's way to find bounds, so it does not keep to them: the point found may lie
     outside the unit cube. Where a variable has a log scale, its lower bound stands for zero.
 
-    Returns
-    -------
-    Run
-        Status ``done``, or ``not applicable`` where the three gains are not all free; the log holds each
-        trial.
+    Returns:
+        Run: Status ``done``, or ``not applicable`` where the three gains are not all free; the log holds each
+            trial.
     """
     if any(name not in problem.names for name in NEEDED):
         present = ", ".join(problem.names) or "none"
@@ -87,13 +85,13 @@ class _Trials:
         error, _ = self._try(step, gains)
         followed, oscillated, idle, value = False, False, 0, FIRST
         for _ in range(TRIALS):
-            found, swings = self._try(step, gains | {name: value})
-            if found < error * (1 - ENOUGH):
-                gains[name], error, followed, idle = value, found, True, 0
+            trial_error, swings = self._try(step, gains | {name: value})
+            if trial_error < error * (1 - ENOUGH):
+                gains[name], error, followed, idle = value, trial_error, True, 0
                 oscillated = swings > OSCILLATES_HZ
-            elif followed or np.isfinite(found):
+            elif followed or np.isfinite(trial_error):
                 idle += 1
-            if followed and (oscillated or not np.isfinite(found) or idle >= PATIENCE):
+            if followed and (oscillated or not np.isfinite(trial_error) or idle >= PATIENCE):
                 break
             value *= FACTOR
         return oscillated
@@ -103,9 +101,9 @@ class _Trials:
         error, swings = self._try(step, gains)
         value = FIRST
         for _ in range(TRIALS):
-            found, still = self._try(step, gains | {name: value})
-            if still < swings * (1 - ENOUGH) or found < error * (1 - ENOUGH):
-                gains[name], error, swings = value, found, still
+            trial_error, still = self._try(step, gains | {name: value})
+            if still < swings * (1 - ENOUGH) or trial_error < error * (1 - ENOUGH):
+                gains[name], error, swings = value, trial_error, still
             elif np.isfinite(error):
                 return
             value *= FACTOR
@@ -113,9 +111,9 @@ class _Trials:
     def finish(self, gains: Mapping[str, float], status: str) -> SearchRun:
         """The run that ends at some gains."""
         u = self._point(gains)
-        found = self._problem.evaluate(u[None, :])
-        self._search.u, self._search.objective = u, float(found.objective[0])
-        self._search.violation = float(found.violation[0])
+        evaluation = self._problem.evaluate(u[None, :])
+        self._search.u, self._search.objective = u, float(evaluation.objective[0])
+        self._search.violation = float(evaluation.violation[0])
         self._search.cost += EvaluationCost(rollouts=1)
         outside = "" if ((u >= 0) & (u <= 1)).all() else "outside the bounds, which it does not know"
         return self._search.finish(status, outside, log=tuple(self._log))

@@ -22,21 +22,14 @@ APART = 0.1  # of the unit cube: starts are at least so far from one another, an
 def solve(search: Search, start: Array, settings: NlpSettings, *, warm: bool = False) -> SearchRun:
     """Descend from one start.
 
-    Parameters
-    ----------
-    search
-        What evaluates.
-    start
-        Start (k,) in the unit cube.
-    settings
-        How it is solved.
-    warm
-        Whether the start is nearly optimal: first steps are then short.
+    Args:
+        search: What evaluates.
+        start: Start (k,) in the unit cube.
+        settings: How it is solved.
+        warm: Whether the start is nearly optimal: first steps are then short.
 
-    Returns
-    -------
-    Run
-        Never worse than the start; its status and message say how it ended, its ``kkt`` how well.
+    Returns:
+        Run: Never worse than the start; its status and message say how it ended, its ``kkt`` how well.
     """
     multi = _MultiStart(search, settings, WARM_RADIUS if warm else RADIUS)
     try:
@@ -52,35 +45,29 @@ def solve_from_many(search: Search, settings: NlpSettings, starts: int) -> Searc
     One descent goes first; 2, 4, ... follow side by side, from the best screened points that lie apart from
     earlier starts and from the optima found, until there were so many starts or the budget is spent.
 
-    Parameters
-    ----------
-    search
-        What evaluates; its seed scrambles the sequence.
-    settings
-        How it is solved.
-    starts
-        How many at most.
+    Args:
+        search: What evaluates; its seed scrambles the sequence.
+        settings: How it is solved.
+        starts: How many at most.
 
-    Returns
-    -------
-    Run
-        Its log tells of each descent.
+    Returns:
+        Run: Its log tells of each descent.
     """
     from scipy.stats import qmc
 
     k = len(search.problem.names)
     sequence = qmc.Sobol(k, rng=np.random.default_rng(search.seed))
     multi = _MultiStart(search, settings, RADIUS, starts)
-    begun, wave, pool = 0, 1, [np.array(search.problem.start)[None]]
+    started, wave, pool = 0, 1, [np.array(search.problem.start)[None]]
     try:
-        while begun < starts and not multi.spent:
-            wave = min(wave, starts - begun)
+        while started < starts and not multi.spent:
+            wave = min(wave, starts - started)
             if starts > 1:
                 pool.append(sequence.random(wave * settings.screen))
             multi.offer(np.concatenate(pool))
             pool = []
             multi.together(multi.chosen(wave))
-            begun, wave = begun + wave, 2 * wave
+            started, wave = started + wave, 2 * wave
     except KeyboardInterrupt:
         return search.finish("interrupted", log=tuple(multi.log))
     return multi.finish()
@@ -117,42 +104,42 @@ class _MultiStart:
     def chosen(self, count: int) -> list[EvaluatedPoint]:
         """The best of those offered that lie apart; they are taken from the offer."""
         ranked = sorted(self._offered, key=lambda p: (not p.known, max(p.excess, FEASIBLE), p.objective))
-        found: list[EvaluatedPoint] = []
+        points: list[EvaluatedPoint] = []
         for apart in (APART, 0.0):
             for point in ranked:
                 away = [float(np.abs(point.u - u).max()) for u in self._known]
                 if (
-                    len(found) < count
-                    and not any(point is p for p in found)
+                    len(points) < count
+                    and not any(point is p for p in points)
                     and min(away, default=1.0) > apart
                 ):
-                    found.append(point)
+                    points.append(point)
                     self._known.append(point.u)
-        self._offered = [point for point in self._offered if not any(point is p for p in found)]
-        return found
+        self._offered = [point for point in self._offered if not any(point is p for p in points)]
+        return points
 
     def together(self, starts: Sequence[EvaluatedPoint]) -> None:
         """Descend from points, what is asked at the same time evaluated at the same time."""
         running = {i: descend(start, self._manner) for i, start in enumerate(starts)}
-        asked: dict[int, EvaluationRequest] = {}
+        requests: dict[int, EvaluationRequest] = {}
         for i in list(running):
-            self._answer(i, running, asked, None, starts[i])
-        while asked and not self.spent:
+            self._answer(i, running, requests, None, starts[i])
+        while requests and not self.spent:
             # answers to all that is asked, one batch for each kind
-            found: dict[int, list[EvaluatedPoint] | list[Linearisation]] = {}
+            answers_by_start: dict[int, list[EvaluatedPoint] | list[Linearisation]] = {}
             for kind in ("sample", "linearise"):
-                who = [i for i, ask in asked.items() if ask.kind == kind]
+                who = [i for i, ask in requests.items() if ask.kind == kind]
                 if who:
-                    u = np.concatenate([asked[i].points for i in who])
+                    u = np.concatenate([requests[i].points for i in who])
                     answers = self.screened(u) if kind == "sample" else self._search.linearise_all(u)
                     begin = 0
                     for i in who:
-                        end = begin + len(asked[i].points)
-                        found[i] = answers[begin:end]
+                        end = begin + len(requests[i].points)
+                        answers_by_start[i] = answers[begin:end]
                         begin = end
-            asked = {}
-            for i in sorted(found):
-                self._answer(i, running, asked, found[i], starts[i])
+            requests = {}
+            for i in sorted(answers_by_start):
+                self._answer(i, running, requests, answers_by_start[i], starts[i])
             # report the share of the starts that are done, or of the budget, whichever is larger
             share, budget = (len(self.ended) + 0.5) / self._starts, self._settings.budget
             if budget is not None:
@@ -163,13 +150,13 @@ class _MultiStart:
         self,
         i: int,
         running: dict[int, Generator[EvaluationRequest, object, DescentResult]],
-        asked: dict[int, EvaluationRequest],
+        requests: dict[int, EvaluationRequest],
         answer: object,
         start: EvaluatedPoint,
     ) -> None:
         """Send a descent its answer, and note what it asks next or how it ended."""
         try:
-            asked[i] = running[i].send(answer)
+            requests[i] = running[i].send(answer)
         except StopIteration as stopped:
             ended: DescentResult = stopped.value
             del running[i]

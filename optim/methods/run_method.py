@@ -2,31 +2,32 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from optim.methods.settings import Effort
 from optim.methods.tuning_method import MethodRequest, SearchFactory, TuningMethod
-from optim.problem.problem import OptimisationProblem
+from optim.problem.problem import EvaluationCost, OptimisationProblem
 from optim.problem.tuning_problem import TuningProblem
 from optim.search.search import SearchRun, better
 from optim.search.session import SearchSession
 from spacerobot.arrays import Array
 from spacerobot.errors import SpaceRobotError
 from spacerobot.registry import TUNING_METHODS
+from spacerobot.tables import Table
 
 
 @dataclass(frozen=True)
 class MethodOutcome:
     """Result of one method.
 
-    Attributes
-    ----------
-    method
-        Its name.
-    runs
-        Every run, in order.
+    Attributes:
+        method: Its name.
+        runs: Every run, in order.
     """
 
     method: str
@@ -47,10 +48,78 @@ class MethodOutcome:
                 best = run
         return best
 
+    def sentences(self, factor: float = 1.0) -> list[str]:
+        """Objective times a factor, cost and end of each run."""
+        lines = []
+        for run in self.runs:
+            kkt = "" if run.kkt is None else f", first-order residual {run.kkt:.1e}"
+            ended = f"{run.status}{': ' + run.message if run.message else ''}"
+            spent = f"{run.cost}, {run.seconds:.1f} s{kkt}"
+            lines.append(f"{run.method} {run.index + 1}: {factor * run.objective:.6g}, {spent}; {ended}")
+        return lines
+
+    def trials(self) -> Table | None:
+        """Steps of the best run as a table; None if its method records none."""
+        log = self.best.log
+        if not log:
+            return None
+        heads = list(log[0])
+        rows = [["-" if row[h] is None else _cell(row[h]) for h in heads] for row in log]
+        return Table(
+            f"{self.best.method}, step by step", [LOG_HEADINGS.get(head, head) for head in heads], rows
+        )
+
+    def to_data(self) -> dict[str, Any]:
+        """Plain data for JSON, without the histories of the runs."""
+        runs = [
+            {"method": run.method, "index": run.index, "seed": run.seed, "objective": run.objective}
+            | {"violation": run.violation, "u": run.u, "kkt": run.kkt}
+            | dataclasses.asdict(run.cost)
+            | {"seconds": run.seconds, "status": run.status, "message": run.message, "log": run.log}
+            for run in self.runs
+        ]
+        return {"method": self.method, "runs": runs}
+
+    @classmethod
+    def of_data(cls, data: Mapping[str, Any]) -> MethodOutcome:
+        """Outcome with the content of :meth:`to_data`."""
+        return cls(data["method"], tuple(_run_of(run) for run in data["runs"]))
+
     @property
     def interrupted(self) -> bool:
         """Whether it was stopped before its end."""
         return any(run.status == "interrupted" for run in self.runs)
+
+
+LOG_HEADINGS = {"largest_error_m": "largest error [m]", "swings_hz": "swings [1/s]"}
+"""Headings of a method's log that are not their keys."""
+
+
+def _cell(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _run_of(data: Mapping[str, Any]) -> SearchRun:
+    cost = EvaluationCost(**{field.name: data[field.name] for field in dataclasses.fields(EvaluationCost)})
+    return SearchRun(
+        data["method"],
+        data["index"],
+        data["seed"],
+        np.array(data["u"], dtype=float),
+        stored_number(data["objective"]),
+        stored_number(data["violation"], np.inf),
+        cost,
+        data["seconds"],
+        data["status"],
+        data["message"],
+        kkt=data["kkt"],
+        log=tuple(data["log"]),
+    )
+
+
+def stored_number(value: float | None, missing: float = np.nan) -> float:
+    """Number of a JSON file, in which null stands for one that is not finite."""
+    return missing if value is None else float(value)
 
 
 def run_method(
@@ -63,30 +132,22 @@ def run_method(
 ) -> MethodOutcome:
     """Run a method as often as the effort says.
 
-    Parameters
-    ----------
-    problem
-        The problem; ``manual`` needs a :class:`TuningProblem`.
-    method
-        Its name in :data:`spacerobot.registry.TUNING_METHODS`.
-    effort
-        How much it may do.
-    first
-        Start in the unit cube (k,) of a method that starts from another one's best.
-    session
-        Journals, workers and callbacks; no journals and threads of this process if None.
+    Args:
+        problem: The problem; ``manual`` needs a :class:`TuningProblem`.
+        method: Its name in :data:`spacerobot.registry.TUNING_METHODS`.
+        effort: How much it may do.
+        first: Start in the unit cube (k,) of a method that starts from another one's best.
+        session: Journals, workers and callbacks; no journals and threads of this process if None.
 
-    Raises
-    ------
-    SpaceRobotError
-        If there is no such method, or it lacks what it needs.
+    Raises:
+        SpaceRobotError: If there is no such method, or it lacks what it needs.
     """
-    found: TuningMethod = TUNING_METHODS.find(method)
-    if found.starts_from is not None and first is None:
-        raise SpaceRobotError(f"{method} starts from the best of {found.starts_from}: run it too")
+    tuning_method: TuningMethod = TUNING_METHODS.find(method)
+    if tuning_method.starts_from is not None and first is None:
+        raise SpaceRobotError(f"{method} starts from the best of {tuning_method.starts_from}: run it too")
     session = session or SearchSession()
     request = MethodRequest(problem, SearchFactory(problem, session), effort, first)
-    return MethodOutcome(method, tuple(session.workers.together(found.searches(request))))
+    return MethodOutcome(method, tuple(session.workers.together(tuning_method.searches(request))))
 
 
 def refuse_periods(problem: TuningProblem, method: str) -> None:
@@ -95,15 +156,11 @@ def refuse_periods(problem: TuningProblem, method: str) -> None:
     A gradient by a period is exact, yet of no use over a range: wherever an instant passes another clock's, a
     controller reads another sample, and the objective jumps.
 
-    Parameters
-    ----------
-    problem, method
-        The problem, and the method's name.
+    Args:
+        problem, method: The problem, and the method's name.
 
-    Raises
-    ------
-    ScenarioError
-        If the method uses gradients and a variable sets a period.
+    Raises:
+        ScenarioError: If the method uses gradients and a variable sets a period.
     """
     periods = problem.variables.periods
     if periods and TUNING_METHODS.find(method).uses_gradients:
@@ -116,5 +173,5 @@ def refuse_periods(problem: TuningProblem, method: str) -> None:
 
 def without_gradients() -> str:
     """Names of the methods that solve any problem without gradients."""
-    known = TUNING_METHODS.entries().items()
-    return ", ".join(name for name, each in known if each.solves_any_problem and not each.uses_gradients)
+    entries = TUNING_METHODS.entries().items()
+    return ", ".join(name for name, each in entries if each.solves_any_problem and not each.uses_gradients)

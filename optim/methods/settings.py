@@ -19,16 +19,14 @@ class SearchSettings:
 
 @dataclass(frozen=True)
 class EvolutionSettings(SearchSettings):
-    """How an evolutionary method is run; the defaults are the paper's.
+    """Settings of an evolutionary method; the defaults are the paper's.
 
-    Attributes
-    ----------
-    population, budget
-        Individuals, and rollouts in all: the paper has 150 generations and does not print the population.
-    crossover
-        Probability at the first and at the last generation (GA): 0.5 falling to 0.1-0.2 in the paper.
-    mutation
-        Probability of each gene to mutate (GA): 0.01-0.1 in the paper.
+    Attributes:
+        population, budget: Individuals, and rollouts in all: the paper has 150 generations and does not print
+            the population.
+        crossover: Probability at the first and at the last generation (GA): 0.5 falling to 0.1-0.2 in the
+            paper.
+        mutation: Probability of each gene to mutate (GA): 0.01-0.1 in the paper.
     """
 
     population: int = 50
@@ -39,18 +37,14 @@ class EvolutionSettings(SearchSettings):
 
 @dataclass(frozen=True)
 class NlpSettings(SearchSettings):
-    """How an NLP is solved.
+    """Settings of nonlinear programming.
 
-    Attributes
-    ----------
-    iterations
-        At most, from one start.
-    tolerance
-        Predicted fall of the objective, relative to its value, at which a descent ends.
-    screen
-        Points of a Sobol sequence that are tried for each start.
-    budget
-        Rollouts (gradients counted as four, slopes as three) after which the search ends; no limit if None.
+    Attributes:
+        iterations: At most, from one start.
+        tolerance: Predicted fall of the objective, relative to its value, at which a descent ends.
+        screen: Points of a Sobol sequence that are tried for each start.
+        budget: Rollouts (gradients counted as four, slopes as three) after which the search ends; no limit if
+            None.
     """
 
     iterations: int = 100
@@ -61,18 +55,14 @@ class NlpSettings(SearchSettings):
 
 @dataclass(frozen=True)
 class Effort:
-    """How much each method may do.
+    """Budget of each method.
 
-    Attributes
-    ----------
-    protocol, runs
-        Of the evolutionary methods.
-    baseline
-        Protocol of those that are not the GA.
-    nlp, starts, repeats
-        Settings of the NLP, its number of starts, and how often it is repeated with another seed.
-    seed
-        Seed of everything random.
+    Attributes:
+        protocol, runs: Of the evolutionary methods.
+        baseline: Protocol of those that are not the GA.
+        nlp, starts, repeats: Settings of the NLP, its number of starts, and how often it is repeated with
+            another seed.
+        seed: Seed of everything random.
     """
 
     protocol: EvolutionSettings = field(default_factory=EvolutionSettings)
@@ -87,24 +77,21 @@ class Effort:
 def effort_of(tuning: Tuning, **changes: int | None) -> Effort:
     """Effort that a tuning section asks for.
 
-    Parameters
-    ----------
-    tuning
-        The section.
-    **changes
-        ``budget``, ``baseline_budget``, ``runs``, ``starts``, ``seed`` and ``repeats`` in its place; None
-        leaves it.
+    Args:
+        tuning: The section.
+        **changes: ``budget``, ``baseline_budget``, ``runs``, ``starts``, ``seed`` and ``repeats`` in its
+            place; None leaves it.
     """
-    asked = {name: value for name, value in changes.items() if value is not None}
-    whole = EvolutionSettings(population=tuning.population, budget=asked.get("budget", tuning.budget))
-    baseline_budget = min(whole.budget, asked.get("baseline_budget", tuning.baseline_budget))
-    baseline = dataclasses.replace(whole, budget=baseline_budget)
+    settings = {name: value for name, value in changes.items() if value is not None}
+    evolution = EvolutionSettings(population=tuning.population, budget=settings.get("budget", tuning.budget))
+    baseline_budget = min(evolution.budget, settings.get("baseline_budget", tuning.baseline_budget))
+    baseline = dataclasses.replace(evolution, budget=baseline_budget)
     return Effort(
-        whole,
+        evolution,
         baseline,
-        asked.get("runs", tuning.runs),
+        settings.get("runs", tuning.runs),
         NlpSettings(iterations=tuning.iterations),
-        asked.get("starts", tuning.starts),
-        asked.get("seed", tuning.seed),
-        asked.get("repeats", 1),
+        settings.get("starts", tuning.starts),
+        settings.get("seed", tuning.seed),
+        settings.get("repeats", 1),
     )

@@ -36,16 +36,11 @@ class SearchFactory:
 class MethodRequest:
     """A problem for a method, and how much may be done.
 
-    Attributes
-    ----------
-    problem
-        The problem.
-    begin
-        Begins a search with a journal of its own.
-    effort
-        How much it may do.
-    first
-        Start in the unit cube (k,), of a method that starts from another one's best.
+    Attributes:
+        problem: The problem.
+        begin: Begins a search with a journal of its own.
+        effort: How much it may do.
+        first: Start in the unit cube (k,), of a method that starts from another one's best.
     """
 
     problem: OptimisationProblem
@@ -59,20 +54,13 @@ class TuningMethod:
 
     A method derives from this class, states its name, and is decorated with ``spacerobot.register``.
 
-    Attributes
-    ----------
-    name, title, place
-        In options and files, for people, and its place in lists.
-    uses_gradients
-        Whether it needs derivatives, which a Python function of a result has not.
-    solves_any_problem
-        Whether it solves any problem by itself.
-    is_ranked
-        Whether a comparison ranks it: one that does not keep to the bounds solves another problem.
-    starts_from
-        Method from whose best it starts.
-    shows_trials
-        Whether the log of its run is a table for people.
+    Attributes:
+        name, title, place: In options and files, for people, and its place in lists.
+        uses_gradients: Whether it needs derivatives, which a Python function of a result has not.
+        solves_any_problem: Whether it solves any problem by itself.
+        is_ranked: Whether a comparison ranks it: one that does not keep to the bounds solves another problem.
+        starts_from: Method from whose best it starts.
+        shows_trials: Whether the log of its run is a table for people.
     """
 
     registry: ClassVar[Registry] = TUNING_METHODS
@@ -89,9 +77,7 @@ class TuningMethod:
     def searches(self, request: MethodRequest) -> Sequence[Callable[[], SearchRun]]:
         """Independent runs, each a function without arguments; they may run at the same time.
 
-        Raises
-        ------
-        SpaceRobotError
-            If it cannot solve the problem, or lacks what it starts from.
+        Raises:
+            SpaceRobotError: If it cannot solve the problem, or lacks what it starts from.
         """
         raise NotImplementedError

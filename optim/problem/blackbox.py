@@ -69,10 +69,8 @@ class ResultProblem(OptimisationProblem):
     def linearise_all(self, u: Array) -> list[Linearisation]:
         """There is no gradient.
 
-        Raises
-        ------
-        SpaceRobotError
-            Always.
+        Raises:
+            SpaceRobotError: Always.
         """
         raise SpaceRobotError(f"a function of a result has no gradient (at {u[0].tolist()})")
 

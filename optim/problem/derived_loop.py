@@ -58,14 +58,10 @@ def tie(
 ) -> DerivedLoop:
     """The closed loop with each group of parameters replaced by one that has the group's name.
 
-    Parameters
-    ----------
-    loop
-        The closed loop.
-    tied
-        Paths by the name of the parameter that replaces them.
-    nominal
-        Nominal values of the new parameters, in the order of ``tied``.
+    Args:
+        loop: The closed loop.
+        tied: Paths by the name of the parameter that replaces them.
+        nominal: Nominal values of the new parameters, in the order of ``tied``.
     """
     owner = {path: name for name, paths in tied.items() for path in paths}
     untied_paths = [path for path in loop.parameter_paths if path not in owner]
@@ -90,14 +86,11 @@ def extend(
 ) -> DerivedLoop:
     """The closed loop with states added that begin at zero; the loop itself does not see them.
 
-    Parameters
-    ----------
-    loop
-        The closed loop.
-    names
-        Names of the new states, n of them.
-    rates
-        Function of (signals of the closed loop, new states (n,)) that gives the rates (n,) of the new states.
+    Args:
+        loop: The closed loop.
+        names: Names of the new states, n of them.
+        rates: Function of (signals of the closed loop, new states (n,)) that gives the rates (n,) of the new
+            states.
     """
     signals, states = Signals.of(loop), ca.SX.sym("added", len(names))
     rate = ca.SX(rates(signals, states))

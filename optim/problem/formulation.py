@@ -23,18 +23,12 @@ from spacerobot.scene import Scene
 class Formulation:
     """A closed loop whose variables are free, with what is measured of its rollouts.
 
-    Attributes
-    ----------
-    scene
-        The scene, the tuning problem's changes made.
-    loop
-        Closed loop whose variables are not tied yet.
-    variables
-        The free numbers.
-    terms
-        Objective and constraints.
-    rollout
-        Parameters are the variables by name, then everything else by dotted path.
+    Attributes:
+        scene: The scene, the tuning problem's changes made.
+        loop: Closed loop whose variables are not tied yet.
+        variables: The free numbers.
+        terms: Objective and constraints.
+        rollout: Parameters are the variables by name, then everything else by dotted path.
     """
 
     scene: Scene
@@ -82,14 +76,10 @@ class Formulation:
 def rollout_of(scene: Scene, loop: ClosedLoopFunctions, terms: ObjectiveTerms) -> Rollout:
     """Rollout of a closed loop by the step of the scene's tuning section, which gathers what is measured.
 
-    Parameters
-    ----------
-    scene
-        Gives the duration, the method and the step.
-    loop
-        Closed loop of the scene, variables tied or not.
-    terms
-        Measures and costs of the problem.
+    Args:
+        scene: Gives the duration, the method and the step.
+        loop: Closed loop of the scene, variables tied or not.
+        terms: Measures and costs of the problem.
     """
     simulation = scene.scenario.simulation
     return build_rollout(

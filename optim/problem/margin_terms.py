@@ -36,14 +36,10 @@ INFINITE = 1e3
 class MarginRow:
     """A margin of one loop at one instant.
 
-    Attributes
-    ----------
-    requirement
-        Requirement on the margin.
-    instant, label
-        Number of the instant, and its label: ``2.5 s``, or ``captured, after``.
-    loop
-        Break point.
+    Attributes:
+        requirement: Requirement on the margin.
+        instant, label: Number of the instant, and its label: ``2.5 s``, or ``captured, after``.
+        loop: Break point.
     """
 
     requirement: MarginRequirement
@@ -67,17 +63,12 @@ class MarginRow:
 class MarginTerms:
     """Margins that a tuning problem requires or weighs.
 
-    Attributes
-    ----------
-    rows
-        Margins that are computed.
-    at
-        Times [s] and events.
-    linear
-        Linearised closed loop as a function of the variables.
-    simulation
-        Rollout with the time as its last state, its parameters the variables; None where all instants are the
-        start, whose state follows the variables by itself.
+    Attributes:
+        rows: Margins that are computed.
+        at: Times [s] and events.
+        linear: Linearised closed loop as a function of the variables.
+        simulation: Rollout with the time as its last state, its parameters the variables; None where all
+            instants are the start, whose state follows the variables by itself.
     """
 
     rows: tuple[MarginRow, ...]
@@ -177,20 +168,14 @@ class MarginTerms:
 def build_margin_terms(scene: Scene, free: Variables) -> MarginTerms | None:
     """Margins of a scene's tuning section; None if it names none.
 
-    Parameters
-    ----------
-    scene
-        The scene, the tuning problem's changes made.
-    free
-        Variables of the problem.
+    Args:
+        scene: The scene, the tuning problem's changes made.
+        free: Variables of the problem.
 
-    Raises
-    ------
-    DivergedError
-        If the scenario's own simulation does not reach an instant.
-    ScenarioError
-        If there is no such instant or break point, a loop's margins are not defined since it varies in time,
-        or a weight is not that of one loop at one instant.
+    Raises:
+        DivergedError: If the scenario's own simulation does not reach an instant.
+        ScenarioError: If there is no such instant or break point, a loop's margins are not defined since it
+            varies in time, or a weight is not that of one loop at one instant.
     """
     tuning = scene.scenario.tuning
     if tuning is None or not tuning.margins:

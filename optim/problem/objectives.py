@@ -45,12 +45,9 @@ def reading(objective: Objective) -> tuple[str, float, str]:
 class ReducedObjective:
     """An objective made of a measure of several components.
 
-    Attributes
-    ----------
-    measure
-        Over the closed loop's outputs.
-    cost
-        Function of the measure's components, symbols (n,), that gives the objective.
+    Attributes:
+        measure: Over the closed loop's outputs.
+        cost: Function of the measure's components, symbols (n,), that gives the objective.
     """
 
     measure: Measure
@@ -65,19 +62,13 @@ UserObjective = Callable[[Signals], Measure | ReducedObjective]
 class ObjectiveTerms:
     """Measures of each rollout, and the objective and constraints made of them.
 
-    Attributes
-    ----------
-    measures
-        Measures, and one cost: the objective.
-    form
-        Form of the objective.
-    limits
-        Limit of each component of each constrained measure, by the measure's name.
-    residuals
-        ``squares``: outputs, factors w and entries of the outputs; the objective is the sum of w times the
-        integral of the squared entries.
-    margins
-        Stability margins that are required or weighed; none if None.
+    Attributes:
+        measures: Measures, and one cost: the objective.
+        form: Form of the objective.
+        limits: Limit of each component of each constrained measure, by the measure's name.
+        residuals: ``squares``: outputs, factors w and entries of the outputs; the objective is the sum of w
+            times the integral of the squared entries.
+        margins: Stability margins that are required or weighed; none if None.
     """
 
     measures: Measures
@@ -93,10 +84,8 @@ def extended_loop(loop: ClosedLoopFunctions, scene: Scene, objective: Objective)
     Eq. 45 reads e = exp(-t_a t) int exp(+-t_a s) (e_x + e_y) ds: a state e' = -t_a e + k (e_x + e_y), with
     k = 1 as it must be for a leaky integral, and k = exp(-2 t_a t) as printed.
 
-    Raises
-    ------
-    ScenarioError
-        If a tip has no amnesia controller, and so no t_a.
+    Raises:
+        ScenarioError: If a tip has no amnesia controller, and so no t_a.
     """
     weighed = [find_quantity(name) for name, weight in objective.given.items() if weight]
     loop = with_added_states(loop, scene, weighed, objective.jitter_frequency)
@@ -127,21 +116,14 @@ def build_terms(
 ) -> ObjectiveTerms:
     """Measures of a tuning problem.
 
-    Parameters
-    ----------
-    loop
-        The closed loop, from :func:`extended_loop`.
-    scene
-        Scene of the closed loop.
-    objective
-        The scenario's objective, or a function that gives a scalar measure.
-    constraints
-        Quantities with upper limits.
+    Args:
+        loop: The closed loop, from :func:`extended_loop`.
+        scene: Scene of the closed loop.
+        objective: The scenario's objective, or a function that gives a scalar measure.
+        constraints: Quantities with upper limits.
 
-    Raises
-    ------
-    ScenarioError
-        If the objective is not a scalar measure, or a term needs what the scene does not have.
+    Raises:
+        ScenarioError: If the objective is not a scalar measure, or a term needs what the scene does not have.
     """
     context = context_of(scene, loop)
     signals = context.signals

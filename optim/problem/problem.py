@@ -22,14 +22,10 @@ Form = Literal["smooth", "squares", "minimax"]
 class Evaluation:
     """Values at N points.
 
-    Attributes
-    ----------
-    objective
-        J, shape (N,); NaN where there is none (a diverged rollout).
-    constraints
-        g, shape (N, m); NaN likewise.
-    rows
-        Components of the objective, shape (N, n), where requested; see :class:`Linearisation`.
+    Attributes:
+        objective: J, shape (N,); NaN where there is none (a diverged rollout).
+        constraints: g, shape (N, m); NaN likewise.
+        rows: Components of the objective, shape (N, n), where requested; see :class:`Linearisation`.
     """
 
     objective: Array
@@ -47,17 +43,13 @@ class Evaluation:
 class Linearisation:
     """Values and exact first derivatives at one point.
 
-    Attributes
-    ----------
-    objective, gradient
-        J, and its derivative (k,). For a minimax problem the derivative is one of several at a kink.
-    constraints, constraint_jacobian
-        g (m,), and its derivative (m, k).
-    rows, rows_jacobian
-        ``squares``: r (n,) with J = sum(r^2) up to quadrature, for the Gauss-Newton Hessian; ``minimax``: r
-        with J = smooth + max(r); ``smooth``: empty. Derivative (n, k).
-    smooth, smooth_gradient
-        The part of a minimax objective beside max(r), and its derivative (k,).
+    Attributes:
+        objective, gradient: J, and its derivative (k,). For a minimax problem the derivative is one of
+            several at a kink.
+        constraints, constraint_jacobian: g (m,), and its derivative (m, k).
+        rows, rows_jacobian: ``squares``: r (n,) with J = sum(r^2) up to quadrature, for the Gauss-Newton
+            Hessian; ``minimax``: r with J = smooth + max(r); ``smooth``: empty. Derivative (n, k).
+        smooth, smooth_gradient: The part of a minimax objective beside max(r), and its derivative (k,).
     """
 
     objective: float
@@ -84,9 +76,9 @@ class Linearisation:
         return {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
 
     @classmethod
-    def of_arrays(cls, found: Mapping[str, Array]) -> Linearisation:
+    def of_arrays(cls, arrays: Mapping[str, Array]) -> Linearisation:
         """The inverse of :meth:`as_arrays`; further entries are ignored."""
-        named = {field.name: found[field.name] for field in fields(cls)}
+        named = {field.name: arrays[field.name] for field in fields(cls)}
         numbers = {name: float(named[name]) for name in ("objective", "smooth")}
         return cls(**named | numbers)  # type: ignore[arg-type]
 
@@ -95,16 +87,12 @@ class Linearisation:
 class EvaluationCost:
     """Number of evaluations by kind; a problem over several plants counts all of them as one.
 
-    Attributes
-    ----------
-    rollouts
-        Rollouts without derivatives.
-    samples
-        Rollouts that also keep what the objective is made of over time.
-    gradients
-        Rollouts with one gradient by the adjoint, whatever the number of variables.
-    slopes
-        Rollouts with the derivative along one direction by forward sensitivities; k of them make a Jacobian.
+    Attributes:
+        rollouts: Rollouts without derivatives.
+        samples: Rollouts that also keep what the objective is made of over time.
+        gradients: Rollouts with one gradient by the adjoint, whatever the number of variables.
+        slopes: Rollouts with the derivative along one direction by forward sensitivities; k of them make a
+            Jacobian.
     """
 
     rollouts: int = 0

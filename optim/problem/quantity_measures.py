@@ -32,14 +32,10 @@ def with_added_states(
 ) -> ClosedLoopFunctions:
     """The closed loop with the states that quantities need.
 
-    Parameters
-    ----------
-    loop, scene
-        The closed loop, and its scene.
-    quantities
-        Quantities to be measured.
-    frequency_hz
-        Corner frequency of high passes.
+    Args:
+        loop, scene: The closed loop, and its scene.
+        quantities: Quantities to be measured.
+        frequency_hz: Corner frequency of high passes.
     """
     for states in dict.fromkeys(each.states for each in quantities if each.states is not None):
         added = states(scene, frequency_hz)
@@ -67,14 +63,10 @@ def measures_of(quantity: Quantity, context: Context) -> tuple[Components, dict[
 def table_values(quantity: Quantity, measured: Mapping[str, Array], duration_s: float) -> Array:
     """Values (N, n) of a quantity's components; NaN where a rollout diverged or has no such value.
 
-    Parameters
-    ----------
-    quantity
-        The quantity.
-    measured
-        Values of the measures of :func:`measures_of` by name, each (N, n).
-    duration_s
-        Duration of the rollouts.
+    Args:
+        quantity: The quantity.
+        measured: Values of the measures of :func:`measures_of` by name, each (N, n).
+        duration_s: Duration of the rollouts.
     """
     values = np.asarray(quantity.reduced(np.array(measured[quantity.name]), duration_s))
     if quantity.exists is None:
@@ -97,10 +89,9 @@ def squared_output(quantity: Quantity, context: Context) -> tuple[str, list[int]
 def required_measure(quantity: Quantity, context: Context, where: str) -> Measure:
     """Measure of a quantity that a scenario names.
 
-    Raises
-    ------
-    ScenarioError
-        If the scene has nothing that the quantity describes; ``where`` is the place in the scenario.
+    Raises:
+        ScenarioError: If the scene has nothing that the quantity describes; ``where`` is the place in the
+            scenario.
     """
     components, reduced = measure(quantity, context)
     if not components.labels:

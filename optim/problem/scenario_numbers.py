@@ -16,14 +16,10 @@ from spacerobot.section import is_number
 class ScenarioNumber:
     """Number of a scenario that is varied.
 
-    Attributes
-    ----------
-    path
-        Dotted path of the number.
-    pattern
-        Pattern that matched the path.
-    value
-        The scenario's own.
+    Attributes:
+        path: Dotted path of the number.
+        pattern: Pattern that matched the path.
+        value: The scenario's own.
     """
 
     path: str
@@ -36,19 +32,13 @@ def find_numbers(
 ) -> dict[str, list[ScenarioNumber]]:
     """Numbers that patterns name, by who sets them; each once.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    named
-        Patterns by the name of what sets their numbers.
-    section
-        Section of the scenario that holds the names, for errors.
+    Args:
+        scene: The scene.
+        named: Patterns by the name of what sets their numbers.
+        section: Section of the scenario that holds the names, for errors.
 
-    Raises
-    ------
-    ScenarioError
-        If a path is not in the scenario, is no number, or is set by two names.
+    Raises:
+        ScenarioError: If a path is not in the scenario, is no number, or is set by two names.
     """
     document, owner = to_document(scene.scenario), dict[str, str]()
     numbers_by_name: dict[str, list[ScenarioNumber]] = {}

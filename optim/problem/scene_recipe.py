@@ -23,14 +23,10 @@ NewVariables = Mapping[str, tuple[str, float, float]]
 class SceneRecipe:
     """A scene as plain data that can be sent to another process.
 
-    Attributes
-    ----------
-    document
-        The scenario, resolved.
-    source
-        File that it came from, for its errors and the URDFs beside it.
-    plugins
-        Files that add the kinds of elements it may hold.
+    Attributes:
+        document: The scenario, resolved.
+        source: File that it came from, for its errors and the URDFs beside it.
+        plugins: Files that add the kinds of elements it may hold.
     """
 
     document: Mapping[str, Any]
@@ -55,14 +51,10 @@ class SceneRecipe:
 class BuildRecipe:
     """Recipe of an object of a scene, to be built in another process.
 
-    Attributes
-    ----------
-    scene
-        The scene.
-    make
-        Function of the scene and the options that makes it, of a module or a class.
-    options
-        Keyword arguments, plain data.
+    Attributes:
+        scene: The scene.
+        make: Function of the scene and the options that makes it, of a module or a class.
+        options: Keyword arguments, plain data.
     """
 
     scene: SceneRecipe
@@ -83,10 +75,8 @@ class BuildRecipe:
 def tuning_of(scene: Scene) -> Tuning:
     """The scene's tuning section.
 
-    Raises
-    ------
-    ScenarioError
-        If it has none.
+    Raises:
+        ScenarioError: If it has none.
     """
     if scene.scenario.tuning is None:
         raise scene.error(
@@ -100,10 +90,8 @@ def tuning_of(scene: Scene) -> Tuning:
 def changed_scene(scene: Scene, variant: str | None = None) -> Scene:
     """The scene with the tuning problem's changes, and those of one variant, made.
 
-    Raises
-    ------
-    ScenarioError
-        If there is no such variant, or a change leads nowhere.
+    Raises:
+        ScenarioError: If there is no such variant, or a change leads nowhere.
     """
     tuning = tuning_of(scene)
     changes = dict(tuning.changes)
@@ -118,10 +106,8 @@ def with_variables(
 ) -> tuple[Scene, Sequence[str] | None]:
     """The scene with new variables in its tuning section, and the names of those chosen.
 
-    Raises
-    ------
-    ScenarioError
-        If there is no such variable, or a new one is not as it must be.
+    Raises:
+        ScenarioError: If there is no such variable, or a new one is not as it must be.
     """
     section = scene.scenario.tuning
     if not isinstance(variables, Mapping):
@@ -132,13 +118,13 @@ def with_variables(
         if not (isinstance(bounds, tuple | list) and len(bounds) == 3 and isinstance(bounds[0], str)):
             message = f"found {bounds!r}, required: (dotted path, lower, upper)"
             raise ScenarioError(message, where=f"variables.{name}")
-    made = {name: {"paths": [p], "lower": a, "upper": b} for name, (p, a, b) in variables.items()}
-    changes: dict[str, object] = {"tuning.sets": {}, "tuning.variables": made}
+    sections = {name: {"paths": [p], "lower": a, "upper": b} for name, (p, a, b) in variables.items()}
+    changes: dict[str, object] = {"tuning.sets": {}, "tuning.variables": sections}
     if section is None:
-        changes = {"tuning": {"variables": made}}
-    return build_scene(scene.scenario, changes, source=scene.source), list(made)
+        changes = {"tuning": {"variables": sections}}
+    return build_scene(scene.scenario, changes, source=scene.source), list(sections)
 
 
-def _known(name: str, known: Iterable[str], what: str, scene: Scene) -> None:
-    if name not in known:
-        raise scene.error(f"no {what} {name!r}; {near_names(name, known)}")
+def _known(name: str, allowed: Iterable[str], what: str, scene: Scene) -> None:
+    if name not in allowed:
+        raise scene.error(f"no {what} {name!r}; {near_names(name, allowed)}")

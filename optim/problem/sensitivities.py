@@ -15,15 +15,12 @@ from spacerobot.arrays import Array
 class Sensitivity:
     """Sensitivities of the objective at some points.
 
-    Attributes
-    ----------
-    names
-        Variables (k).
-    relative
-        (p / J) dJ/dp by point, each (k,): the relative change of the objective for a relative change of p.
-    over_range
-        (upper - lower) / J dJ/dp, or the same in logs, by point, each (k,): how far, to first order, the
-        objective would move if the variable crossed all of its range.
+    Attributes:
+        names: Variables (k).
+        relative: (p / J) dJ/dp by point, each (k,): the relative change of the objective for a relative
+            change of p.
+        over_range: (upper - lower) / J dJ/dp, or the same in logs, by point, each (k,): how far, to first
+            order, the objective would move if the variable crossed all of its range.
     """
 
     names: tuple[str, ...]
@@ -34,12 +31,9 @@ class Sensitivity:
 def sensitivity(problem: TuningProblem, points: Mapping[str, Array]) -> Sensitivity:
     """Sensitivities of the objective at given points; NaN where the rollout diverges.
 
-    Parameters
-    ----------
-    problem
-        The tuning problem, of k variables.
-    points
-        Points of the unit cube (k,), by name.
+    Args:
+        problem: The tuning problem, of k variables.
+        points: Points of the unit cube (k,), by name.
     """
     relative, over_range = {}, {}
     for name, u in points.items():

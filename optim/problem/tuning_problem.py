@@ -22,9 +22,10 @@ from optim.problem.variables import variables_of
 from optim.workers import Arrays, Threads, Workers
 from optim.workers.workers import LANES
 from spacerobot.arrays import Array
+from spacerobot.files import StrPath
 from spacerobot.loop_cache import cached_closed_loop
 from spacerobot.rollout.gradient_accuracy import inaccurate
-from spacerobot.scene import Scene
+from spacerobot.scene import Scene, to_scene
 from spacerobot.scene.memory import check_size
 
 
@@ -32,16 +33,11 @@ from spacerobot.scene.memory import check_size
 class ProblemRecipe:
     """Settings that build a tuning problem in another process; see :func:`build_problem`.
 
-    Attributes
-    ----------
-    scene
-        Recipe of the scene.
-    chosen, variant, also_vary
-        See :func:`build_problem`.
-    objective
-        The user's objective, which must be picklable for other processes.
-    halvings
-        Number of times the step was halved.
+    Attributes:
+        scene: Recipe of the scene.
+        chosen, variant, also_vary: See :func:`build_problem`.
+        objective: The user's objective, which must be picklable for other processes.
+        halvings: Number of times the step was halved.
     """
 
     scene: SceneRecipe
@@ -77,12 +73,9 @@ class ProblemRecipe:
 class TuningProblem(Formulation, OptimisationProblem):
     """A formulation that is evaluated by workers.
 
-    Attributes
-    ----------
-    recipe
-        Recipe that builds the problem in another process.
-    workers
-        Who rolls out. Results do not depend on it.
+    Attributes:
+        recipe: Recipe that builds the problem in another process.
+        workers: Who rolls out. Results do not depend on it.
     """
 
     recipe: ProblemRecipe
@@ -95,16 +88,16 @@ class TuningProblem(Formulation, OptimisationProblem):
         return replace(self, rollout=rollout, recipe=replace(self.recipe, halvings=self.recipe.halvings + 1))
 
     def step_doubt(self, u: Array) -> str:
-        """Why derivatives at a point u (k,) are inaccurate, where half the step changes them; else empty.
+        """Reason why derivatives at a point u (k,) are inaccurate: half the step changes them. Else empty.
 
         Derivatives are those by the unit cube, of all that a descent uses.
         """
         at, finer = (problem.linearise_all(u[None])[0] for problem in (self, self.refined))
 
-        def of(found: Linearisation) -> dict[str, Array]:
-            objective = found.smooth_gradient if self.form == "minimax" else found.gradient
-            slopes = {"objective": objective, "constraints": found.constraint_jacobian}
-            return slopes | ({"errors": found.rows_jacobian} if self.form == "minimax" else {})
+        def of(linearisation: Linearisation) -> dict[str, Array]:
+            objective = linearisation.smooth_gradient if self.form == "minimax" else linearisation.gradient
+            slopes = {"objective": objective, "constraints": linearisation.constraint_jacobian}
+            return slopes | ({"errors": linearisation.rows_jacobian} if self.form == "minimax" else {})
 
         values = {"objective": np.array(at.objective), "constraints": at.constraints, "errors": at.rows}
         return inaccurate(of(at), of(finer), values, np.ones(len(u)), self.names)
@@ -160,12 +153,9 @@ class TuningProblem(Formulation, OptimisationProblem):
     def measure(self, u: Array, plants: Mapping[str, Array] | None = None) -> Arrays:
         """Objective and all measures at points u (N, k), each of shape (N,) or (N, n).
 
-        Parameters
-        ----------
-        u
-            Points of the unit cube; beyond its faces where a linear scale allows.
-        plants
-            Values (N,) of other parameters by dotted path.
+        Args:
+            u: Points of the unit cube; beyond its faces where a linear scale allows.
+            plants: Values (N,) of other parameters by dotted path.
         """
         values = self.variables.values(np.atleast_2d(u))
         others = dict(plants or {})
@@ -184,14 +174,14 @@ class TuningProblem(Formulation, OptimisationProblem):
             for i in range(len(u))
         ]
 
-    def _constraints(self, found: Mapping[str, Array], count: int) -> Array:
-        limits = [found[n] / limit - 1 for n, limit in self.terms.limits.items()]
-        margins = [] if self.terms.margins is None else [found[MARGINS]]
+    def _constraints(self, metrics: Mapping[str, Array], count: int) -> Array:
+        limits = [metrics[n] / limit - 1 for n, limit in self.terms.limits.items()]
+        margins = [] if self.terms.margins is None else [metrics[MARGINS]]
         return np.column_stack([np.empty((count, 0)), *limits, *margins])
 
 
 def build_problem(
-    scene: Scene,
+    scene: Scene | StrPath,
     *,
     variables: NewVariables | Sequence[str] | None = None,
     variant: str | None = None,
@@ -201,31 +191,23 @@ def build_problem(
 ) -> TuningProblem:
     """Tuning problem of a scene.
 
-    Parameters
-    ----------
-    scene
-        Scene to tune. Objective, constraints and variables are its tuning section's where not given here.
-    variables
-        Names of the section's variables, all of them if None; or new ones: (dotted path, lower, upper) by
-        name.
-    variant
-        Variant of the tuning section; none if None.
-    objective
-        The user's own: function of the closed loop's signals that gives a scalar measure,
-        ``lambda s: integral(ca.sumsqr(s["tip_error"]))``. Its gradients are exact. Weighed margins are added.
-    workers
-        Who rolls out: threads of this process if None, or from :func:`optim.workers.dask.open_workers`. The
-        answer does not depend on it.
-    also_vary
-        Further parameters that shall be kept although they are exactly zero.
+    Args:
+        scene: Scene to tune, or the name or file of its scenario. Objective, constraints and variables are
+            its tuning section's where not given here.
+        variables: Names of the section's variables, all of them if None; or new ones: (dotted path, lower,
+            upper) by name.
+        variant: Variant of the tuning section; none if None.
+        objective: The user's own: function of the closed loop's signals that gives a scalar measure, ``lambda
+            s: integral(ca.sumsqr(s["tip_error"]))``. Its gradients are exact. Weighed margins are added.
+        workers: Who rolls out: threads of this process if None, or from
+            :func:`optim.workers.dask.open_workers`. The answer does not depend on it.
+        also_vary: Further parameters that shall be kept although they are exactly zero.
 
-    Raises
-    ------
-    ScenarioError
-        If there is no such variable or variant, a variable leads nowhere, the closed loop does not depend on
-        it, or the memory does not hold what a design's result takes.
+    Raises:
+        ScenarioError: If there is no such variable or variant, a variable leads nowhere, the closed loop does
+            not depend on it, or the memory does not hold what a design's result takes.
     """
-    scene, chosen = with_variables(scene, variables)
+    scene, chosen = with_variables(to_scene(scene), variables)
     names = None if chosen is None else tuple(chosen)
     recipe = ProblemRecipe(SceneRecipe.of(scene), names, variant, tuple(also_vary), objective)
     scene = changed_scene(scene, variant)

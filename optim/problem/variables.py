@@ -19,18 +19,12 @@ NEAR_BOUND = 1e-3  # of the unit cube: nearer counts as being there
 class Variables:
     """k free numbers with bounds; every array has shape (k,) and is in the scenario's units.
 
-    Attributes
-    ----------
-    names
-        Names of the variables.
-    paths
-        Dotted paths that each one sets, patterns resolved.
-    lower, upper
-        Bounds.
-    log
-        Whether equal ratios count as equal distances.
-    start
-        The scenario's own values, the (geometric) mean where tied paths differ, moved into the bounds.
+    Attributes:
+        names: Names of the variables.
+        paths: Dotted paths that each one sets, patterns resolved.
+        lower, upper: Bounds.
+        log: Whether equal ratios count as equal distances.
+        start: The scenario's own values, the (geometric) mean where tied paths differ, moved into the bounds.
     """
 
     names: tuple[str, ...]
@@ -90,19 +84,13 @@ def variables_of(
 ) -> Variables:
     """Variables that a section names.
 
-    Parameters
-    ----------
-    scene
-        The scene, the section's changes made.
-    named
-        Variables by name.
-    section
-        Dotted path of the section.
+    Args:
+        scene: The scene, the section's changes made.
+        named: Variables by name.
+        section: Dotted path of the section.
 
-    Raises
-    ------
-    ScenarioError
-        If a path is not in the scenario, is no number, or stands in two variables.
+    Raises:
+        ScenarioError: If a path is not in the scenario, is no number, or stands in two variables.
     """
     numbers_by_name = find_numbers(scene, {name: variable.paths for name, variable in named.items()}, section)
     paths, start = [], []

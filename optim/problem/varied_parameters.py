@@ -6,9 +6,10 @@ import re
 from collections.abc import Sequence
 
 from spacerobot.errors import ScenarioError, near_names
+from spacerobot.files import StrPath
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import expand
-from spacerobot.scene import Scene, build_scene
+from spacerobot.scene import Scene, build_scene, to_scene
 from spacerobot.section import numbers
 
 PLACES = ("robots", "target", "grasps", "gravity", "environment")
@@ -18,22 +19,18 @@ LARGE_RATIO = 10.0
 RANGE = re.compile(r"(?P<path>[^=]+)=(?P<lower>[^=]+)\.\.(?P<upper>[^=]+)")
 
 
-def vary(scene: Scene, ranges: Sequence[str]) -> Scene:
+def vary(scene: Scene | StrPath, ranges: Sequence[str]) -> Scene:
     """The scene with a tuning section whose variables are these; what else stands in the section stays.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    ranges
-        ``path=lower..upper``. A path may begin anywhere: ``pid.kp`` stands for all paths that end so;
-        ``kp`` too, with one variable for each kind of section that has it (``pid.kp``, ``joint_pd.kp``).
+    Args:
+        scene: A scene, the path of a YAML file, or the name of a shipped scenario.
+        ranges: ``path=lower..upper``. A path may begin anywhere: ``pid.kp`` stands for all paths that end so;
+            ``kp`` too, with one variable for each kind of section that has it (``pid.kp``, ``joint_pd.kp``).
 
-    Raises
-    ------
-    ScenarioError
-        If one is no range, or finds no number.
+    Raises:
+        ScenarioError: If one is no range, or finds no number.
     """
+    scene = to_scene(scene)
     if not ranges:
         return scene
     variables: dict[str, dict[str, object]] = {}

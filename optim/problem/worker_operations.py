@@ -27,14 +27,16 @@ def samples(problem: Formulation, rows: Array, *, paths: Sequence[str]) -> Array
     return _with_margins(problem, rows, paths, arrays)
 
 
-def _with_margins(problem: Formulation, rows: Array, paths: Sequence[str], found: dict[str, Array]) -> Arrays:
+def _with_margins(
+    problem: Formulation, rows: Array, paths: Sequence[str], arrays: dict[str, Array]
+) -> Arrays:
     """Results of rollouts, and the margins' constraints and part of the objective; none on other plants."""
     terms = problem.terms.margins
     if terms is None or tuple(paths) != problem.names:
-        return found
+        return arrays
     values = np.array([[one.value for one in terms.values(row)] for row in rows])
-    found[OBJECTIVE] = found[OBJECTIVE] + terms.penalty(values)[0]
-    return found | {MARGINS: terms.constraints(values)[0]}
+    arrays[OBJECTIVE] = arrays[OBJECTIVE] + terms.penalty(values)[0]
+    return arrays | {MARGINS: terms.constraints(values)[0]}
 
 
 def gradients(problem: Formulation, rows: Array, *, paths: Sequence[str]) -> Arrays:

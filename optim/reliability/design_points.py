@@ -49,12 +49,9 @@ CONFIDENCE = 0.95
 class DesignPoint:
     """A most probable failure.
 
-    Attributes
-    ----------
-    z
-        Scores (k,), on the surface of the limit state.
-    direction
-        Unit vector (k,) along which the limit state falls there.
+    Attributes:
+        z: Scores (k,), on the surface of the limit state.
+        direction: Unit vector (k,) along which the limit state falls there.
     """
 
     z: Array
@@ -70,14 +67,10 @@ class DesignPoint:
 class DesignPointSearch:
     """Design points of a limit state and the effort of their search.
 
-    Attributes
-    ----------
-    points
-        Distinct design points, the most probable first.
-    starts, converged
-        Starts that were drawn, and those of them that converged.
-    quiet
-        Drawn starts that converged since one of them found a new design point.
+    Attributes:
+        points: Distinct design points, the most probable first.
+        starts, converged: Starts that were drawn, and those of them that converged.
+        quiet: Drawn starts that converged since one of them found a new design point.
     """
 
     points: tuple[DesignPoint, ...]
@@ -96,12 +89,9 @@ class DesignPointSearch:
 def search_design_points(state: LimitState, rng: np.random.Generator) -> DesignPointSearch:
     """Search for design points until several further starts find nothing new.
 
-    Parameters
-    ----------
-    state
-        The limit state.
-    rng
-        Generator of the starts.
+    Args:
+        state: The limit state.
+        rng: Generator of the starts.
     """
     k, points = len(state.names), list[DesignPoint]()
     starts = converged = quiet = 0
@@ -136,28 +126,24 @@ def add_distinct(points: list[DesignPoint], point: DesignPoint) -> bool:
     return True
 
 
-def converge(state: LimitState, starts: Array, known: Sequence[DesignPoint] = ()) -> list[DesignPoint | None]:
+def converge(
+    state: LimitState, starts: Array, others: Sequence[DesignPoint] = ()
+) -> list[DesignPoint | None]:
     """Design point to which the iteration converges from each start.
 
-    Parameters
-    ----------
-    state
-        The limit state.
-    starts
-        Scores (S, k) to begin from.
-    known
-        Design points at which the iteration ends as soon as it is nearer than :data:`APART`.
+    Args:
+        state: The limit state.
+        starts: Scores (S, k) to begin from.
+        others: Design points at which the iteration ends as soon as it is nearer than :data:`APART`.
 
-    Returns
-    -------
-    list
-        Design point of each start; None where the iteration does not converge.
+    Returns:
+        list: Design point of each start; None where the iteration does not converge.
     """
     z = np.atleast_2d(starts).copy()
     ends: list[DesignPoint | None] = [None] * len(z)
     places = np.arange(len(z))
     for _ in range(ITERATIONS):
-        for point in known:
+        for point in others:
             at = np.linalg.norm(z - point.z, axis=1) <= APART
             for place in places[at]:
                 ends[place] = point

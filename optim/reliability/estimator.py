@@ -17,14 +17,10 @@ from spacerobot.registry import ESTIMATORS, Registry, required
 class SamplingEffort:
     """Required accuracy of an estimate, and its budget.
 
-    Attributes
-    ----------
-    variation
-        Coefficient of variation (standard deviation over value) at which it ends.
-    budget
-        Rollouts at most.
-    seed
-        Seed of everything random.
+    Attributes:
+        variation: Coefficient of variation (standard deviation over value) at which it ends.
+        budget: Rollouts at most.
+        seed: Seed of everything random.
     """
 
     variation: float = 0.1
@@ -41,14 +37,11 @@ class SamplingEffort:
 class ProbabilityEstimate:
     """An estimate of a probability.
 
-    Attributes
-    ----------
-    probability, variation
-        The estimate and its coefficient of variation, infinite where no failure was found.
-    largest
-        Share of the estimate that the sample with the largest weight contributes.
-    points
-        Design points found from samples, in addition to those of the search.
+    Attributes:
+        probability, variation: The estimate and its coefficient of variation, infinite where no failure was
+            found.
+        largest: Share of the estimate that the sample with the largest weight contributes.
+        points: Design points found from samples, in addition to those of the search.
     """
 
     probability: float
@@ -62,12 +55,9 @@ class ProbabilityEstimator:
 
     One derives from this class, states its name, and is decorated with ``spacerobot.register``.
 
-    Attributes
-    ----------
-    name, title, place
-        Name in options and files, title for people, and position in lists.
-    needs_design_points
-        Whether it starts from the most probable failures, which takes gradients.
+    Attributes:
+        name, title, place: Name in options and files, title for people, and position in lists.
+        needs_design_points: Whether it starts from the most probable failures, which takes gradients.
     """
 
     registry: ClassVar[Registry] = ESTIMATORS
@@ -82,14 +72,10 @@ class ProbabilityEstimator:
     ) -> ProbabilityEstimate:
         """Probability that a limit state is negative under the standard normal distribution.
 
-        Parameters
-        ----------
-        state
-            The limit state.
-        points
-            Design points of the limit state; none unless the estimator needs them.
-        effort
-            Required accuracy, and budget.
+        Args:
+            state: The limit state.
+            points: Design points of the limit state; none unless the estimator needs them.
+            effort: Required accuracy, and budget.
         """
         raise NotImplementedError
 

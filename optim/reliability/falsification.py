@@ -25,8 +25,9 @@ from optim.reliability.limit_state import RolloutLimitState, build_limit_state
 from optim.search.session import SearchSession
 from spacerobot.arrays import Array
 from spacerobot.errors import DivergedError
-from spacerobot.notebook import html_table
-from spacerobot.scene import Scene, build_scene
+from spacerobot.files import StrPath
+from spacerobot.scene import Scene, build_scene, to_scene
+from spacerobot.tables import Table
 
 STARTS = 16
 SCORE = 3.0
@@ -37,12 +38,9 @@ SCORE = 3.0
 class WorstCaseProblem(OptimisationProblem):
     """The negative quantity over the box of the uncertain parameters, as an optimisation problem.
 
-    Attributes
-    ----------
-    state
-        Gives the quantity.
-    lower, upper
-        Ends of the box (k,), in the parameters' units.
+    Attributes:
+        state: Gives the quantity.
+        lower, upper: Ends of the box (k,), in the parameters' units.
     """
 
     state: RolloutLimitState
@@ -97,14 +95,11 @@ class WorstCaseProblem(OptimisationProblem):
 class WorstCase:
     """A local maximum of the quantity, or the best of a search.
 
-    Attributes
-    ----------
-    value
-        Value of the quantity.
-    parameters
-        Values of the uncertain parameters by name.
-    percentiles
-        Percentile of each value in its distribution, by name: 0 at the lower bound, 100 at the upper.
+    Attributes:
+        value: Value of the quantity.
+        parameters: Values of the uncertain parameters by name.
+        percentiles: Percentile of each value in its distribution, by name: 0 at the lower bound, 100 at the
+            upper.
     """
 
     value: float
@@ -116,20 +111,14 @@ class WorstCase:
 class Falsification(JsonResult):
     """Worst outcome that was found.
 
-    Attributes
-    ----------
-    quantity, unit, limit
-        Name, unit and limit of the quantity.
-    nominal
-        Value of the quantity at the medians of the parameters.
-    worst, random
-        Worst cases by gradients, and by random search at equal cost.
-    changes
-        Changes of the scenario that give the worst outcome, by dotted path.
-    cost
-        Cost of the search by gradients, and the budget of random search in plain rollouts.
-    diverged, diverged_at
-        Simulations of both searches that diverged, and the parameters of the first; None without any.
+    Attributes:
+        quantity, unit, limit: Name, unit and limit of the quantity.
+        nominal: Value of the quantity at the medians of the parameters.
+        worst, random: Worst cases by gradients, and by random search at equal cost.
+        changes: Changes of the scenario that give the worst outcome, by dotted path.
+        cost: Cost of the search by gradients, and the budget of random search in plain rollouts.
+        diverged, diverged_at: Simulations of both searches that diverged, and the parameters of the first;
+            None without any.
     """
 
     key: ClassVar[str] = "falsification"
@@ -175,12 +164,12 @@ class Falsification(JsonResult):
         ]
 
     @classmethod
-    def of_fields(cls, found: dict[str, Any]) -> Falsification:
+    def of_fields(cls, fields: dict[str, Any]) -> Falsification:
         """The result with the fields of a file."""
-        cases = {key: dict(found[key]) for key in ("worst", "random")}
+        cases = {key: dict(fields[key]) for key in ("worst", "random")}
         for case in cases.values():
             case["value"] = np.nan if case["value"] is None else case["value"]  # as JSON has it
-        return cls(**found | {key: WorstCase(**case) for key, case in cases.items()})
+        return cls(**fields | {key: WorstCase(**case) for key, case in cases.items()})
 
     def scene(self, scene: Scene) -> Scene:
         """The scene with the worst parameters."""
@@ -190,13 +179,13 @@ class Falsification(JsonResult):
         """The worst value and the limit, in one line."""
         return f"<Falsification {self.quantity}: at worst {self.worst.value:.4g}, limit {self.limit:g}>"
 
-    def _repr_html_(self) -> str:
-        """Table for notebooks."""
-        return html_table("Falsification", self.rows())
+    def content(self) -> list[Table]:
+        """Worst outcome and its parameters."""
+        return [Table.of_pairs("falsification", self.rows())]
 
 
 def falsify(
-    scene: Scene,
+    scene: Scene | StrPath,
     quantity: str | None = None,
     limit: float | None = None,
     *,
@@ -209,28 +198,19 @@ def falsify(
     A parameter varies between its bounds, without bounds within three standard deviations. A failure
     (``joint_failure`` and the like) takes part if its time is one of the parameters.
 
-    Parameters
-    ----------
-    scene
-        A scene whose scenario has a ``campaign`` section.
-    quantity, limit
-        Quantity and its limit, in its unit; those of ``campaign.limits`` if None.
-    effort
-        Starts, seed, and in ``nlp`` the budget; 16 starts without limit if None.
-    session
-        Journals, so that an interrupted search continues, and who is told of progress; none if None.
-    threads
-        Number of threads; one for each usable core if None; the numbers do not depend on it.
+    Args:
+        scene: A scene whose scenario has a ``campaign`` section, or the scenario's name or file.
+        quantity, limit: Quantity and its limit, in its unit; those of ``campaign.limits`` if None.
+        effort: Starts, seed, and in ``nlp`` the budget; 16 starts without limit if None.
+        session: Journals, so that an interrupted search continues, and who is told of progress; none if None.
+        threads: Number of threads; one for each usable core if None; the numbers do not depend on it.
 
-    Raises
-    ------
-    DivergedError
-        If every simulation diverged.
-    KeyboardInterrupt
-        If the search was interrupted; called again with the same journals, it continues.
-    ScenarioError
-        If the section is missing or does not fit; see :func:`.build_limit_state`.
+    Raises:
+        DivergedError: If every simulation diverged.
+        KeyboardInterrupt: If the search was interrupted; called again with the same journals, it continues.
+        ScenarioError: If the section is missing or does not fit; see :func:`.build_limit_state`.
     """
+    scene = to_scene(scene)
     state = build_limit_state(scene, quantity, limit, threads=threads)
     parameters = state.campaign.parameters.values()
     ends = [

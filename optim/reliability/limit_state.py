@@ -17,12 +17,12 @@ import numpy as np
 from optim.campaign.sampling.parameter_space import ParameterSpace, campaign_of, gain_set, resolve_space
 from optim.campaign.sampling.samplers import score_values
 from optim.evaluation import build_quantity_rollout
-from optim.planning.mpc.flown_scene import mpc_controllers
 from spacerobot.arrays import Array
 from spacerobot.quantities import Quantity, find_quantity
 from spacerobot.rollout import Rollout
 from spacerobot.scenario import Campaign
 from spacerobot.scene import Scene
+from spacerobot.updates.scheme import update_schemes
 
 MOST_SCORE = 8.0
 """Largest component of z that is evaluated: P(|z_i| > 8) is 1e-15."""
@@ -46,18 +46,12 @@ class LimitState(Protocol):
 class RolloutLimitState:
     """Limit minus a quantity of a simulation, over the uncertain parameters of its campaign.
 
-    Attributes
-    ----------
-    scene, campaign
-        The scene and its campaign section.
-    space
-        Map from draws to the scenario's numbers.
-    quantity, limit
-        Quantity and its limit, in the quantity's unit.
-    rollout
-        Rollout whose only cost is the quantity.
-    threads
-        Number of threads; one for each usable core if None; the numbers do not depend on it.
+    Attributes:
+        scene, campaign: The scene and its campaign section.
+        space: Map from draws to the scenario's numbers.
+        quantity, limit: Quantity and its limit, in the quantity's unit.
+        rollout: Rollout whose only cost is the quantity.
+        threads: Number of threads; one for each usable core if None; the numbers do not depend on it.
     """
 
     scene: Scene
@@ -124,12 +118,9 @@ class RolloutLimitState:
 class CountedLimitState:
     """A limit state that counts what is evaluated.
 
-    Attributes
-    ----------
-    state
-        The limit state.
-    rollouts, gradients
-        Evaluations so far.
+    Attributes:
+        state: The limit state.
+        rollouts, gradients: Evaluations so far.
     """
 
     state: LimitState
@@ -157,22 +148,15 @@ def build_limit_state(
 ) -> RolloutLimitState:
     """Limit state of a scene over the uncertain parameters of its ``campaign`` section.
 
-    Parameters
-    ----------
-    scene
-        A scene whose scenario has a ``campaign`` section.
-    quantity
-        Name of a registered quantity; the one that ``campaign.limits`` bounds if None.
-    limit
-        Largest value that is no failure, in the quantity's unit; that of ``campaign.limits`` if None.
-    threads
-        Number of threads; one for each usable core if None.
+    Args:
+        scene: A scene whose scenario has a ``campaign`` section.
+        quantity: Name of a registered quantity; the one that ``campaign.limits`` bounds if None.
+        limit: Largest value that is no failure, in the quantity's unit; that of ``campaign.limits`` if None.
+        threads: Number of threads; one for each usable core if None.
 
-    Raises
-    ------
-    ScenarioError
-        If the section is missing or does not fit, several quantities are bounded or none, the scene has
-        nothing that the quantity describes, or plans are solved in the rollout.
+    Raises:
+        ScenarioError: If the section is missing or does not fit, several quantities are bounded or none, the
+            scene has nothing that the quantity describes, or plans are solved in the rollout.
     """
     campaign = campaign_of(scene)
     limits = campaign.limits.given
@@ -188,9 +172,9 @@ def build_limit_state(
     if bound is None:
         raise scene.error(f"no limit of {chosen.name}; give one with --limit", "campaign.limits")
     scene = gain_set(scene, {})
-    if mpc_controllers(scene):
+    if update_schemes(scene):
         raise scene.error(
-            "a controller of kind mpc solves plans in each rollout, which has no exact gradient; use "
+            "a controller is updated in Python (kind mpc: by plans), which has no exact gradient; use "
             "`spacerobot campaign`",
             "robots",
         )

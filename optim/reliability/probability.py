@@ -12,14 +12,17 @@ from optim.json_result import JsonResult
 from optim.reliability.design_points import DesignPointSearch, search_design_points
 from optim.reliability.estimator import ProbabilityEstimate, ProbabilityEstimator, SamplingEffort
 from optim.reliability.limit_state import CountedLimitState, build_limit_state
-from spacerobot.notebook import html_table
+from spacerobot.files import StrPath
 from spacerobot.registry import ESTIMATORS
-from spacerobot.scene import Scene
+from spacerobot.scene import Scene, to_scene
+from spacerobot.tables import Content, Table
 
 LEAST = 1000  # rollouts of the estimator
 NORMAL = 1.96  # quantile of the 95 % interval
 UNSURE = 0.15
 """Probability that another start finds a new design point, above which a warning says so."""
+MOST_FAILURES = 3
+"""Number of most probable failures that are presented."""
 HEAVY = 0.2
 """Share of the estimate that one sample contributes, above which a warning says so."""
 
@@ -28,14 +31,12 @@ HEAVY = 0.2
 class MostProbableFailure:
     """A point of the limit that is nearer to the medians than its neighbours.
 
-    Attributes
-    ----------
-    beta
-        Reliability index: distance from the medians in standard deviations, negative where the medians fail.
-    parameters
-        Values of the uncertain parameters by name.
-    importance
-        Squared cosines of the direction by name: the share of the squared distance that each parameter takes.
+    Attributes:
+        beta: Reliability index: distance from the medians in standard deviations, negative where the medians
+            fail.
+        parameters: Values of the uncertain parameters by name.
+        importance: Squared cosines of the direction by name: the share of the squared distance that each
+            parameter takes.
     """
 
     beta: float
@@ -47,26 +48,18 @@ class MostProbableFailure:
 class FailureProbability(JsonResult):
     """Probability that a quantity exceeds its limit.
 
-    Attributes
-    ----------
-    quantity, unit, limit
-        Name, unit and limit of the quantity.
-    method
-        The estimator.
-    probability, variation
-        The estimate and its coefficient of variation; infinite where no failure was found.
-    rollouts, gradients
-        Simulations without and with a gradient that were spent.
-    failures
-        The most probable failures, in the order of their reliability index ``beta``, with ``parameters`` and
-        ``importance``; none with ``subset``, which does not search for them.
-    starts
-        Starts of the search for them, drawn at random.
-    undiscovered
-        Upper 95 % confidence limit of the probability that another start finds a new most probable failure;
-        None without a search (``subset``).
-    warnings
-        Reasons why the interval may be too narrow.
+    Attributes:
+        quantity, unit, limit: Name, unit and limit of the quantity.
+        method: The estimator.
+        probability, variation: The estimate and its coefficient of variation; infinite where no failure was
+            found.
+        rollouts, gradients: Simulations without and with a gradient that were spent.
+        failures: The most probable failures, in the order of their reliability index ``beta``, with
+            ``parameters`` and ``importance``; none with ``subset``, which does not search for them.
+        starts: Starts of the search for them, drawn at random.
+        undiscovered: Upper 95 % confidence limit of the probability that another start finds a new most
+            probable failure; None without a search (``subset``).
+        warnings: Reasons why the interval may be too narrow.
     """
 
     key: ClassVar[str] = "failure_probability"
@@ -118,14 +111,14 @@ class FailureProbability(JsonResult):
         return [("most probable failures", value)]
 
     @classmethod
-    def of_fields(cls, found: dict[str, Any]) -> FailureProbability:
+    def of_fields(cls, fields: dict[str, Any]) -> FailureProbability:
         """The result with the fields of a file."""
-        variation = np.inf if found["variation"] is None else found["variation"]
+        variation = np.inf if fields["variation"] is None else fields["variation"]
         lists = {
-            "failures": tuple(MostProbableFailure(**failure) for failure in found["failures"]),
-            "warnings": tuple(found.get("warnings", ())),
+            "failures": tuple(MostProbableFailure(**failure) for failure in fields["failures"]),
+            "warnings": tuple(fields.get("warnings", ())),
         }
-        return cls(**found | lists | {"variation": variation})
+        return cls(**fields | lists | {"variation": variation})
 
     def __repr__(self) -> str:
         """The probability and its coefficient of variation, in one line."""
@@ -134,13 +127,23 @@ class FailureProbability(JsonResult):
             f"c.o.v. {100 * self.variation:.2g} %>"
         )
 
-    def _repr_html_(self) -> str:
-        """Table for notebooks."""
-        return html_table("Failure probability", self.rows())
+    def content(self) -> list[Content]:
+        """Probability with its interval, and the most probable failures."""
+        content: list[Content] = [Table.of_pairs("failure probability", self.rows())]
+        for failure in self.failures[:MOST_FAILURES]:
+            content.append(
+                f"A most probable failure, {failure.beta:.3g} standard deviations from the medians:"
+            )
+            rows = [
+                (name, f"{value:.6g}", f"{100 * failure.importance[name]:.2g} %")
+                for name, value in failure.parameters.items()
+            ]
+            content.append(Table(None, ("parameter", "there", "importance"), rows))
+        return content
 
 
 def failure_probability(
-    scene: Scene,
+    scene: Scene | StrPath,
     quantity: str | None = None,
     limit: float | None = None,
     *,
@@ -153,28 +156,19 @@ def failure_probability(
     The most probable failures are searched for by exact gradients from several starts; the estimators sample
     about them or along them. A rollout that diverges counts as a failure.
 
-    Parameters
-    ----------
-    scene
-        A scene whose scenario has a ``campaign`` section.
-    quantity, limit
-        Quantity and its limit, in its unit; those of ``campaign.limits`` if None.
-    method
-        ``importance``, ``line`` or ``subset``.
-    effort
-        Required accuracy, and budget.
-    threads
-        Number of threads; one for each usable core if None; the numbers do not depend on it.
+    Args:
+        scene: A scene whose scenario has a ``campaign`` section, or the scenario's name or file.
+        quantity, limit: Quantity and its limit, in its unit; those of ``campaign.limits`` if None.
+        method: ``importance``, ``line`` or ``subset``.
+        effort: Required accuracy, and budget.
+        threads: Number of threads; one for each usable core if None; the numbers do not depend on it.
 
-    Raises
-    ------
-    ScenarioError
-        If the section is missing or does not fit; see :func:`.build_limit_state`.
-    SpaceRobotError
-        If there is no such method or quantity.
+    Raises:
+        ScenarioError: If the section is missing or does not fit; see :func:`.build_limit_state`.
+        SpaceRobotError: If there is no such method or quantity.
     """
     estimator: ProbabilityEstimator = ESTIMATORS.find(method)
-    state = build_limit_state(scene, quantity, limit, threads=threads)
+    state = build_limit_state(to_scene(scene), quantity, limit, threads=threads)
     counted = CountedLimitState(state)
     estimate, search = estimate_probability(counted, estimator, effort or SamplingEffort())
     points, names = sorted((*search.points, *estimate.points), key=lambda point: point.beta), state.names
@@ -207,14 +201,10 @@ def estimate_probability(
 ) -> tuple[ProbabilityEstimate, DesignPointSearch]:
     """Probability that a limit state is negative, and the search for its design points.
 
-    Parameters
-    ----------
-    state
-        The limit state.
-    estimator
-        Method of the estimate.
-    effort
-        Required accuracy, and budget.
+    Args:
+        state: The limit state.
+        estimator: Method of the estimate.
+        effort: Required accuracy, and budget.
     """
     search = DesignPointSearch((), 0, 0, 0)
     if estimator.needs_design_points:

@@ -27,7 +27,7 @@ from optim.campaign.sampling.parameter_space import (
 )
 from optim.campaign.sampling.samplers import draw
 from optim.json_values import plain
-from optim.methods.run_method import MethodOutcome, refuse_periods, run_method
+from optim.methods.run_method import MethodOutcome, refuse_periods, run_method, stored_number
 from optim.methods.settings import Effort, effort_of
 from optim.problem import worker_operations
 from optim.problem.objectives import OBJECTIVE
@@ -38,39 +38,44 @@ from optim.search.search import Progress
 from optim.search.session import SearchSession
 from optim.workers import Workers
 from spacerobot.arrays import Array
-from spacerobot.errors import SpaceRobotError
-from spacerobot.files import write_text
+from spacerobot.errors import ResultError, SpaceRobotError
+from spacerobot.files import StrPath, write_text
 from spacerobot.registry import TUNING_METHODS
-from spacerobot.result import Result
-from spacerobot.scene import Scene, build_scene
-from spacerobot.simulation import simulate
+from spacerobot.result import check_folder
+from spacerobot.result.store import SCENARIO
+from spacerobot.scenario.load import to_yaml
+from spacerobot.scene import Scene, build_scene, load_scene, to_scene
+from spacerobot.tables import Content, Table, Tabular
 
+FILE = "robust.json"
+"""File of a robust tuning's folder."""
 Kind = Literal["mean", "percentile", "worst"]
-SAMPLES = 64  # of the common set
-FRESH = 512  # that designs are judged by afterwards
-AT_ONCE = 8192  # rollouts of one batch
+PERCENT = 95.0
+"""Percentile that is minimised unless another is given."""
+SAMPLES = 64
+"""Number of common samples."""
+FRESH = 512
+"""Number of fresh samples by which designs are verified."""
+AT_ONCE = 8192
+"""Maximum number of rollouts of a batch."""
 
 
 @dataclass(frozen=True)
 class RobustProblem(OptimisationProblem):
     """A tuning problem over samples; a rollout of each of them counts as one.
 
-    Attributes
-    ----------
-    nominal
-        Nominal problem without uncertainty; its rollout has the uncertain numbers as parameters.
-    space, draws
-        Map from draws to the scenario's numbers, and the common draws (S, k).
-    kind, percent
-        Statistic of the samples' objectives: mean, percentile, or the largest. Constraints hold at every
-        sample.
+    Attributes:
+        nominal: Nominal problem without uncertainty; its rollout has the uncertain numbers as parameters.
+        space, draws: Map from draws to the scenario's numbers, and the common draws (S, k).
+        kind, percent: Statistic of the samples' objectives: mean, percentile, or the largest. Constraints
+            hold at every sample.
     """
 
     nominal: TuningProblem
     space: ParameterSpace
     draws: Array
     kind: Kind
-    percent: float = 95.0
+    percent: float = PERCENT
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -199,21 +204,18 @@ class RobustProblem(OptimisationProblem):
 class Statistic:
     """Statistic of the samples' objectives that is minimised.
 
-    Attributes
-    ----------
-    kind, percent
-        The mean, a percentile, or the largest.
-    samples
-        Number of common samples, drawn by the campaign's distributions and seed.
+    Attributes:
+        kind, percent: The mean, a percentile, or the largest.
+        samples: Number of common samples, drawn by the campaign's distributions and seed.
     """
 
     kind: Kind = "worst"
-    percent: float = 95.0
+    percent: float = PERCENT
     samples: int = SAMPLES
 
 
 def build_robust(
-    scene: Scene,
+    scene: Scene | StrPath,
     statistic: Statistic | None = None,
     *,
     variables: Sequence[str] | None = None,
@@ -222,20 +224,15 @@ def build_robust(
 ) -> RobustProblem:
     """Robust tuning problem of a scene with a ``tuning`` and a ``campaign`` section.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    statistic
-        Statistic of the samples' objectives to minimise; the largest if None.
-    variables, variant, workers
-        See :func:`optim.problem.tuning_problem.build_problem`.
+    Args:
+        scene: The scene, or the name or file of its scenario.
+        statistic: Statistic of the samples' objectives to minimise; the largest if None.
+        variables, variant, workers: See :func:`optim.problem.tuning_problem.build_problem`.
 
-    Raises
-    ------
-    ScenarioError
-        If a section is missing or does not fit, or an uncertain number is a variable as well.
+    Raises:
+        ScenarioError: If a section is missing or does not fit, or an uncertain number is a variable as well.
     """
+    scene = to_scene(scene)
     if tuning_of(scene).margins:
         raise scene.error("robust tuning knows no margins; `spacerobot tune` does", "tuning.margins")
     statistic = statistic or Statistic()
@@ -255,22 +252,19 @@ def build_robust(
 
 
 @dataclass(frozen=True)
-class RobustTuningResult:
+class RobustTuningResult(Tabular):
     """Result of robust tuning.
 
-    Attributes
-    ----------
-    gains
-        Best values by variable.
-    objective
-        There, over the common samples.
-    changes
-        Changes of the scenario for a design, by dotted path: a set of gains for a campaign.
-    outcome
-        Every run.
-    common, fresh
-        Objective of each common and of each fresh sample, by design: ``start``, ``nominal`` (tuned without
-        uncertainty), ``robust``; the same samples for all, each (S,), NaN where one diverged.
+    Attributes:
+        gains: Best values by variable.
+        objective: Objective at these values, over the common samples.
+        changes: Changes of the scenario for the design, by dotted path: a set of gains for a campaign.
+        outcome: Every run.
+        common, fresh: Objective of each common and of each fresh sample, by design: ``start``, ``nominal``
+            (tuned without uncertainty), ``robust``; the same samples for all, each (S,), NaN where one
+            diverged.
+        scene: The scene with these gains.
+        statistic: Statistic of the samples' objectives that was minimised.
     """
 
     gains: Mapping[str, float]
@@ -279,6 +273,85 @@ class RobustTuningResult:
     outcome: MethodOutcome
     common: Mapping[str, Array]
     fresh: Mapping[str, Array]
+    scene: Scene
+    statistic: Statistic
+
+    def save(self, folder: StrPath) -> None:
+        """Write ``robust.json``, and ``scenario.yaml`` with the gains unless a result of it is there.
+
+        The folder is then a set of gains for a campaign.
+
+        Raises:
+            ResultError: If the folder holds something else or cannot be written.
+        """
+        folder = Path(folder)
+        check_folder(folder, FILE)
+        data = {
+            "measure": self.statistic.kind,
+            "percent": self.statistic.percent if self.statistic.kind == "percentile" else None,
+            "samples": self.statistic.samples,
+            "objective": self.objective,
+            "gains": dict(self.gains),
+            "changes": dict(self.changes),
+            "common": describe(self.common),
+            "fresh": describe(self.fresh),
+            "objectives": {"common": dict(self.common), "fresh": dict(self.fresh)},
+            **self.outcome.to_data(),
+        }
+        if not (folder / SCENARIO).is_file():
+            write_text(folder / SCENARIO, to_yaml(self.scene.scenario))
+        write_text(folder / FILE, json.dumps(plain(data), indent=1, allow_nan=False) + "\n")
+
+    @classmethod
+    def load(cls, folder: StrPath) -> RobustTuningResult:
+        """Read what :meth:`save` wrote; the history of the runs is not kept.
+
+        Raises:
+            ResultError: If it cannot be read.
+        """
+        folder = Path(folder)
+        try:
+            data = json.loads((folder / FILE).read_text(encoding="utf-8"))
+            common, fresh = (
+                {name: np.array(values, dtype=float) for name, values in data["objectives"][key].items()}
+                for key in ("common", "fresh")
+            )
+            statistic = Statistic(data["measure"], data["percent"] or PERCENT, data["samples"])
+            numbers = data["gains"], stored_number(data["objective"]), data["changes"]
+            outcome = MethodOutcome.of_data(data)
+        except (OSError, ValueError, LookupError, TypeError, AttributeError) as fault:
+            message = f"holds no robust tuning that can be read: {fault}"
+            raise ResultError(message, source=folder / FILE) from None
+        scene = load_scene(folder / SCENARIO, expand_xacro=False)
+        return cls(*numbers, outcome, common, fresh, scene, statistic)
+
+    def content(self) -> list[Content]:
+        """Gains, how each run ended, and the objective of the samples by design."""
+        gains = [(name, f"{value:.6g}") for name, value in self.gains.items()]
+        title = f"{self.outcome.method}, {self.statistic.kind}: {self.objective:.6g}"
+        content: list[Content] = [Table.of_pairs(title, gains), *self.outcome.sentences()]
+        for words, designs in (("samples tuned for", self.common), ("fresh samples", self.fresh)):
+            rows = []
+            for name, entry in describe(designs).items():
+                means = {
+                    key: f"{entry[key]:.4g} ({entry[f'{key}_low']:.4g} to {entry[f'{key}_high']:.4g})"
+                    for key in ("mean", *(("change",) if entry["change"] else ()))
+                }
+                numbers = [f"{entry[key]:.4g}" for key in COLUMNS[1:-1]]
+                rows.append([name, means["mean"], *numbers, means.get("change", "")])
+            count = len(next(iter(designs.values())))
+            content.append(Table(f"objective on {count} {words}", ("tuned", *COLUMNS), rows))
+        return content
+
+    def __repr__(self) -> str:
+        """Statistic, objective and gains, in one line."""
+        gains = ", ".join(f"{name} {value:.4g}" for name, value in self.gains.items())
+        name = self.scene.scenario.name
+        return f"<RobustTuningResult {name}: {self.statistic.kind} {self.objective:.6g}; {gains}>"
+
+
+COLUMNS = ("mean (95 % interval)", "median", "95 %", "largest", "diverged", "change of the mean")
+"""Headings of a design's statistics."""
 
 
 def describe(designs: Mapping[str, Array]) -> dict[str, dict[str, float]]:
@@ -287,10 +360,8 @@ def describe(designs: Mapping[str, Array]) -> dict[str, dict[str, float]]:
     Mean, median, 95th percentile, largest, how many diverged, and ``change``: the mean difference of the same
     samples to the first design; ``_low`` and ``_high`` of a mean are its 95 % interval by Student's t.
 
-    Parameters
-    ----------
-    designs
-        Objective of each sample by design, each (S,), NaN where one diverged.
+    Args:
+        designs: Objective of each sample by design, each (S,), NaN where one diverged.
     """
     statistics, first = {}, next(iter(designs.values()))
     for name, each in designs.items():
@@ -312,43 +383,37 @@ def _mean(values: Array, name: str) -> dict[str, float]:
 
 
 def tune_robust(
-    problem: RobustProblem,
+    problem: RobustProblem | Scene | StrPath,
     method: str = "nlp",
     *,
     effort: Effort | None = None,
     fresh: int = FRESH,
-    folder: Path | None = None,
+    folder: StrPath | None = None,
     progress: Progress | None = None,
 ) -> RobustTuningResult:
     """Tune robustly and nominally by the same method, and evaluate both on fresh samples.
 
-    Parameters
-    ----------
-    problem
-        Problem of :func:`build_robust`.
-    method
-        ``ga``, ``de``, ``pso``, ``cmaes`` or ``nlp``.
-    effort
-        Budget; the tuning section's if None.
-    fresh
-        Number of fresh samples.
-    folder
-        Folder of the journals; a killed call, made again, resumes.
-    progress
-        Callback for progress.
+    Args:
+        problem: Problem of :func:`build_robust`; or a scene, or the name or file of its scenario, for the
+            worst case.
+        method: ``ga``, ``de``, ``pso``, ``cmaes`` or ``nlp``.
+        effort: Budget; the tuning section's if None.
+        fresh: Number of fresh samples.
+        folder: Folder of the journals; a killed call, made again, resumes.
+        progress: Callback for progress.
 
-    Raises
-    ------
-    SpaceRobotError
-        If there is no such method, or it cannot solve this problem, as periods by gradients.
+    Raises:
+        SpaceRobotError: If there is no such method, or it cannot solve this problem, as periods by gradients.
     """
+    if not isinstance(problem, RobustProblem):
+        problem = build_robust(to_scene(problem))
     able = [name for name, each in TUNING_METHODS.entries().items() if each.solves_any_problem]
     if method not in able:
         raise SpaceRobotError(f"no robust tuning by {method}; methods: {', '.join(able)}")
     refuse_periods(problem.nominal, method)
     scene = problem.nominal.scene
     effort = effort or effort_of(tuning_of(scene))
-    places = {name: None if folder is None else folder / name for name in ("robust", "nominal")}
+    places = {name: None if folder is None else Path(folder) / name for name in ("robust", "nominal")}
     sessions = {
         name: SearchSession(place, problem.nominal.workers, progress) for name, place in places.items()
     }
@@ -364,6 +429,8 @@ def tune_robust(
         outcome,
         {name: problem.objectives(u) for name, u in designs.items()},
         {name: problem.objectives(u, draws) for name, u in designs.items()},
+        build_scene(scene.scenario, problem.nominal.variables.as_changes(values), source=scene.source),
+        Statistic(problem.kind, problem.percent, len(problem.draws)),
     )
 
 
@@ -373,30 +440,3 @@ def _draws(scene: Scene, samples: int, offset: int) -> Array:
     design = campaign.design if campaign.sampler.has_any_size else "sobol"
     changes = {"samples": samples, "seed": campaign.seed + offset, "design": design}
     return draw(campaign.model_copy(update=changes))
-
-
-def save_robust(problem: RobustProblem, found: RobustTuningResult, folder: Path) -> Result:
-    """Simulate the robust design on the nominal plant, and save it together with ``robust.json``.
-
-    The folder is then a set of gains for a campaign. The status of the result says whether to trust it.
-
-    Raises
-    ------
-    ResultError
-        If the folder cannot be written.
-    """
-    scene = problem.nominal.scene
-    best = build_scene(scene.scenario, dict(found.changes), source=scene.source)
-    result = simulate(best).save(folder)
-    data = {
-        "measure": problem.kind,
-        "percent": problem.percent if problem.kind == "percentile" else None,
-        "samples": len(problem.draws),
-        "objective": found.objective,
-        "gains": dict(found.gains),
-        "changes": dict(found.changes),
-        "common": describe(found.common),
-        "fresh": describe(found.fresh),
-    }
-    write_text(folder / "robust.json", json.dumps(plain(data), indent=1, allow_nan=False) + "\n")
-    return result

@@ -19,10 +19,11 @@ from optim.problem.scene_recipe import changed_scene, tuning_of
 from optim.problem.variables import variables_of
 from spacerobot.arrays import Array
 from spacerobot.errors import DivergedError, ScenarioError, SpaceRobotError, near_names
+from spacerobot.files import StrPath
 from spacerobot.linear.margin_gradients import MARGINS, MarginValue, ParametricLinearisation
-from spacerobot.notebook import html_table
-from spacerobot.scene import Scene, build_scene
+from spacerobot.scene import Scene, build_scene, to_scene
 from spacerobot.simulation import Backend, Progress
+from spacerobot.tables import Table, Tabular
 
 STARTS = 4
 """Number of descents at each instant: from the best of the nominal point, corners and a Sobol' sequence."""
@@ -36,19 +37,13 @@ INFINITE = 1e3
 class WorstMargin:
     """Least margin at an instant.
 
-    Attributes
-    ----------
-    label, time_s
-        The instant.
-    nominal, nominal_loop
-        Least margin of the scenario's own numbers, and its break point.
-    value, loop
-        Least margin that was found; negative where the closed loop is unstable.
-    parameters
-        Values of the variables at the minimum, by name.
-    simulated
-        The loop's margin there at the state of a simulation with these parameters; NaN if it does not reach
-        the instant. The search keeps the nominal simulation's state.
+    Attributes:
+        label, time_s: The instant.
+        nominal, nominal_loop: Least margin of the scenario's own numbers, and its break point.
+        value, loop: Least margin that was found; negative where the closed loop is unstable.
+        parameters: Values of the variables at the minimum, by name.
+        simulated: The loop's margin there at the state of a simulation with these parameters; NaN if it does
+            not reach the instant. The search keeps the nominal simulation's state.
     """
 
     label: str
@@ -62,17 +57,13 @@ class WorstMargin:
 
 
 @dataclass(frozen=True)
-class WorstMargins:
+class WorstMargins(Tabular):
     """Least margins over uncertain parameters, one for each instant.
 
-    Attributes
-    ----------
-    margin, unit
-        Kind and unit of the margin; ``gain_down`` is negated.
-    cases
-        Smallest margin at each instant.
-    evaluations
-        Linearisations with gradients that the search took.
+    Attributes:
+        margin, unit: Kind and unit of the margin; ``gain_down`` is negated.
+        cases: Smallest margin at each instant.
+        evaluations: Linearisations with gradients that the search took.
     """
 
     margin: str
@@ -97,13 +88,13 @@ class WorstMargins:
             for case in self.cases
         ]
 
-    def _repr_html_(self) -> str:
-        """Table for notebooks."""
-        return html_table(f"Least {self.margin} margins [{self.unit}]", self.rows())
+    def content(self) -> list[Table]:
+        """Nominal and least margin of each instant."""
+        return [Table.of_pairs(f"least {self.margin} margins [{self.unit}]", self.rows())]
 
 
 def worst_margins(
-    scene: Scene,
+    scene: Scene | StrPath,
     at: Iterable[float | str] = (0.0,),
     *,
     margin: str = "disk",
@@ -113,32 +104,23 @@ def worst_margins(
 ) -> WorstMargins:
     """Least margin of a scene's loops over uncertain parameters.
 
-    Parameters
-    ----------
-    scene
-        The scene; its tuning section's variables are the uncertain parameters.
-    at
-        Instants, as of :func:`spacerobot.linearise`.
-    margin
-        ``disk``, ``gain_up``, ``gain_down``, ``phase`` or ``delay``.
-    loops
-        Break points, ``torque/*``.
-    backend, progress
-        See :func:`spacerobot.simulate`.
+    Args:
+        scene: The scene, or the name or file of its scenario; its tuning section's variables are the
+            uncertain parameters.
+        at: Instants, as of :func:`spacerobot.linearise`.
+        margin: ``disk``, ``gain_up``, ``gain_down``, ``phase`` or ``delay``.
+        loops: Break points, ``torque/*``.
+        backend, progress: See :func:`spacerobot.simulate`.
 
-    Raises
-    ------
-    DivergedError
-        If the nominal simulation does not reach an instant.
-    ScenarioError
-        If a variable leads nowhere, or an instant does not exist.
-    SpaceRobotError
-        If there is no such margin or loop.
+    Raises:
+        DivergedError: If the nominal simulation does not reach an instant.
+        ScenarioError: If a variable leads nowhere, or an instant does not exist.
+        SpaceRobotError: If there is no such margin or loop.
     """
     if margin not in MARGINS:
         raise SpaceRobotError(f"no margin '{margin}', {near_names(margin, MARGINS)}")
     tell, at = progress or (lambda _: None), tuple(at)
-    scene = changed_scene(scene)
+    scene = changed_scene(to_scene(scene))
     free = variables_of(scene, tuning_of(scene).variables)
     # refuse a range that no scenario may have, such as one of negative masses
     for end, u in (("lower", 0.0), ("upper", 1.0)):
@@ -206,10 +188,8 @@ def worst_margins(
 def chosen_loops(linearisation: ParametricLinearisation, pattern: str) -> list[str]:
     """Break points that a pattern names.
 
-    Raises
-    ------
-    SpaceRobotError
-        If there is none.
+    Raises:
+        SpaceRobotError: If there is none.
     """
     break_points = linearisation.lineariser.perturbed.inputs
     names = [name for name in break_points if fnmatchcase(name, pattern)]

@@ -28,17 +28,12 @@ _TITLE = b"spacerobot journal 1 "
 class Journal:
     """Evaluations of one search, kept in a file; or kept nowhere if there is no path.
 
-    Parameters
-    ----------
-    path
-        The file; made if it is not there. One that was written for another fingerprint is begun anew.
-    fingerprint
-        What the values depend on: problem, method and settings.
+    Args:
+        path: The file; made if it is not there. One that was written for another fingerprint is begun anew.
+        fingerprint: What the values depend on: problem, method and settings.
 
-    Raises
-    ------
-    ResultError
-        If the file cannot be written.
+    Raises:
+        ResultError: If the file cannot be written.
     """
 
     def __init__(self, path: Path | None, fingerprint: str = "") -> None:

@@ -20,16 +20,12 @@ KEPT_BYTES = 100_000  # larger samples and derivatives are not kept in journals 
 
 @dataclass(frozen=True)
 class HistoryPoint:
-    """How far a search was at one time.
+    """Best value of a search at one time.
 
-    Attributes
-    ----------
-    cost
-        Spent so far.
-    seconds
-        Spent so far, in evaluations and in the method itself.
-    objective
-        Best so far; infinite if nothing feasible was found yet.
+    Attributes:
+        cost: Spent so far.
+        seconds: Spent so far, in evaluations and in the method itself.
+        objective: Best so far; infinite if nothing feasible was found yet.
     """
 
     cost: EvaluationCost
@@ -41,28 +37,20 @@ class HistoryPoint:
 class SearchRun:
     """Outcome of one search.
 
-    Attributes
-    ----------
-    method, index, seed
-        Which search.
-    u
-        The best point found, in the unit cube (k,).
-    objective
-        There; NaN if every point diverged.
-    violation
-        Largest violation of a constraint there, relative to its limit; infinite if every point diverged.
-    cost, seconds
-        Spent.
-    status, message
-        How it ended, in a word and as the method says it.
-    history
-        Best so far after each point that improved it, and after each generation or iteration.
-    kkt
-        Residual of the first-order conditions at the best point (NLP only); see :mod:`optim.methods.kkt`.
-    log
-        Steps of a method that records them.
-    diverged, diverged_at
-        Number of points whose rollout diverged, and the first of them in the unit cube (k,), else None.
+    Attributes:
+        method, index, seed: Which search.
+        u: The best point found, in the unit cube (k,).
+        objective: There; NaN if every point diverged.
+        violation: Largest violation of a constraint there, relative to its limit; infinite if every point
+            diverged.
+        cost, seconds: Spent.
+        status, message: How it ended, in a word and as the method says it.
+        history: Best so far after each point that improved it, and after each generation or iteration.
+        kkt: Residual of the first-order conditions at the best point (NLP only); see
+            :mod:`optim.methods.kkt`.
+        log: Steps of a method that records them.
+        diverged, diverged_at: Number of points whose rollout diverged, and the first of them in the unit cube
+            (k,), else None.
     """
 
     method: str
@@ -97,16 +85,11 @@ class SearchRun:
 class SearchProgress:
     """Progress of one search.
 
-    Attributes
-    ----------
-    method, index
-        Which search.
-    done
-        Fraction of its budget.
-    objective
-        Best so far.
-    seconds, left_s
-        Spent, and likely left.
+    Attributes:
+        method, index: Which search.
+        done: Fraction of its budget.
+        objective: Best so far.
+        seconds, left_s: Spent, and likely left.
     """
 
     method: str
@@ -139,16 +122,11 @@ def better(objective: float, violation: float, than_objective: float, than_viola
 class Search:
     """Evaluates a problem for one method, through a journal, and counts what is spent.
 
-    Parameters
-    ----------
-    problem
-        The problem.
-    method, index, seed
-        Which search.
-    journal
-        Where evaluations are kept.
-    progress
-        Told after each evaluation.
+    Args:
+        problem: The problem.
+        method, index, seed: Which search.
+        journal: Where evaluations are kept.
+        progress: Told after each evaluation.
     """
 
     def __init__(
@@ -178,7 +156,7 @@ class Search:
         return self._values("values", self.problem.evaluate, u, EvaluationCost(rollouts=1))
 
     def sample(self, u: Array) -> Evaluation:
-        """Values and rows at points u (N, k), counted as the problem says."""
+        """Objectives and their residual rows at points u (N, k), at the cost that the problem states."""
         return self._values("samples", self.problem.sample, u, self.problem.sample_cost)
 
     def linearise(self, u: Array) -> Linearisation:
@@ -195,19 +173,21 @@ class Search:
                 number, space, key = name.partition(" ")
                 if space:
                     arrays[int(number)][key] = value
-            found = [Linearisation.of_arrays(each) for each in arrays]
+            linearisations = [Linearisation.of_arrays(each) for each in arrays]
         else:
-            found = self.problem.linearise_all(u)
+            linearisations = self.problem.linearise_all(u)
         if record is None:
-            kept = {f"{i} {name}": a for i, at in enumerate(found) for name, a in at.as_arrays().items()}
-            self._keep("linear", u, kept)
+            stored_arrays = {
+                f"{i} {name}": a for i, at in enumerate(linearisations) for name, a in at.as_arrays().items()
+            }
+            self._keep("linear", u, stored_arrays)
         else:
             self._resume(float(record["seconds"]))
-        values = [at.as_evaluation() for at in found]
+        values = [at.as_evaluation() for at in linearisations]
         objective = np.concatenate([each.objective for each in values])
         constraints = np.concatenate([each.constraints for each in values])
         self._note(u, Evaluation(objective, constraints), self.problem.linear_cost)
-        return found
+        return linearisations
 
     def _values(
         self, kind: str, ask: Callable[[Array], Evaluation], u: Array, each: EvaluationCost
@@ -215,16 +195,20 @@ class Search:
         u = np.ascontiguousarray(np.atleast_2d(u), dtype=float)
         record = self._journal.replay(kind, u)
         if record is not None and "objective" in record:
-            found = Evaluation(record["objective"], record["constraints"], record.get("rows"))
+            evaluation = Evaluation(record["objective"], record["constraints"], record.get("rows"))
         else:
-            found = ask(u)
+            evaluation = ask(u)
         if record is None:
-            values = {"objective": found.objective, "constraints": found.constraints, "rows": found.rows}
+            values = {
+                "objective": evaluation.objective,
+                "constraints": evaluation.constraints,
+                "rows": evaluation.rows,
+            }
             self._keep(kind, u, {name: value for name, value in values.items() if value is not None})
         else:
             self._resume(float(record["seconds"]))
-        self._note(u, found, each)
-        return found
+        self._note(u, evaluation, each)
+        return evaluation
 
     def _keep(self, kind: str, u: Array, arrays: Mapping[str, Array]) -> None:
         """Append to the journal; of what is too large only that it was asked for."""
@@ -235,10 +219,8 @@ class Search:
     def tell(self, share: float) -> None:
         """Say how much of the budget is spent, and report it.
 
-        Parameters
-        ----------
-        share
-            Between 0 and 1.
+        Args:
+            share: Between 0 and 1.
         """
         self.share = share
         if self._progress is not None:
@@ -259,14 +241,10 @@ class Search:
     def finish(self, status: str, message: str = "", **more: object) -> SearchRun:
         """Outcome of the search at its end.
 
-        Parameters
-        ----------
-        status
-            Status of the run.
-        message
-            Reason, for a reader.
-        **more
-            Further fields of :class:`SearchRun`.
+        Args:
+            status: Status of the run.
+            message: Reason, for a reader.
+            **more: Further fields of :class:`SearchRun`.
         """
         return SearchRun(
             self.method,
@@ -285,11 +263,11 @@ class Search:
             **more,  # type: ignore[arg-type]
         )
 
-    def _note(self, u: Array, found: Evaluation, each: EvaluationCost) -> None:
+    def _note(self, u: Array, evaluation: Evaluation, each: EvaluationCost) -> None:
         """Record points u (N, k), one after the other: the history tells at which of them it improved."""
-        violation, before = found.violation, self.cost
+        violation, before = evaluation.violation, self.cost
         for i in range(len(u)):
-            value, excess = float(found.objective[i]), float(violation[i])
+            value, excess = float(evaluation.objective[i]), float(violation[i])
             self.cost = before + each.times(i + 1)
             if np.isnan(value):
                 self.diverged += 1
@@ -298,8 +276,8 @@ class Search:
             if improved:
                 self.u, self.objective, self.violation = np.array(u[i]), value, excess
             if improved or i == len(u) - 1:
-                shown = self.objective if self.feasible else np.inf
-                self.history.append(HistoryPoint(self.cost, self.seconds, shown))
+                objective_shown = self.objective if self.feasible else np.inf
+                self.history.append(HistoryPoint(self.cost, self.seconds, objective_shown))
 
     def _resume(self, seconds: float) -> None:
         """Take over the time that an earlier process had spent here."""

@@ -15,16 +15,12 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True)
 class SearchSession:
-    """Who does searches, where they are kept and who is told of them.
+    """Workers of searches, folder of their journals and callback of their progress.
 
-    Attributes
-    ----------
-    folder
-        Where journals are kept, so that killed searches go on where they were; nowhere if None.
-    workers
-        Who rolls out. Only times depend on it.
-    progress, tell
-        Told how a search is getting on, and what begins.
+    Attributes:
+        folder: Where journals are kept, so that killed searches go on where they were; nowhere if None.
+        workers: Who rolls out. Only times depend on it.
+        progress, tell: Told how a search is getting on, and what begins.
     """
 
     folder: StrPath | None = None
@@ -34,5 +30,5 @@ class SearchSession:
 
     @property
     def place(self) -> Path | None:
-        """Where journals are kept, as a path."""
+        """Folder of the journals, as a path."""
         return None if self.folder is None else Path(self.folder)

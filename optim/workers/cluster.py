@@ -34,16 +34,12 @@ _lock = threading.Lock()
 def connect(address: str) -> Iterator[Any]:
     """Client of a cluster; one of this machine ends with it.
 
-    Parameters
-    ----------
-    address
-        ``local:N`` (so many processes of this machine), ``tcp://host:port`` (or another address that Dask
-        knows), or a scheduler file.
+    Args:
+        address: ``local:N`` (so many processes of this machine), ``tcp://host:port`` (or another address that
+            Dask knows), or a scheduler file.
 
-    Raises
-    ------
-    SpaceRobotError
-        If Dask is not installed, the address is not valid, or no scheduler answers there.
+    Raises:
+        SpaceRobotError: If Dask is not installed, the address is not valid, or no scheduler answers there.
     """
     distributed = distributed_module()
     with _quiet():
@@ -51,8 +47,8 @@ def connect(address: str) -> Iterator[Any]:
             # processes of this machine, which listen to it alone and end with the context
             count = address.removeprefix("local:")
             if not count.isdecimal() or int(count) < 1:
-                told = f"found {address!r}, allowed: local:N with N of 1 and more"
-                raise SpaceRobotError(told, where="--dask")
+                message = f"found {address!r}, allowed: local:N with N of 1 and more"
+                raise SpaceRobotError(message, where="--dask")
             options: dict[str, Any] = {"n_workers": int(count), "threads_per_worker": 1}
             places = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
             with _spared():
@@ -99,10 +95,8 @@ def _quiet() -> Iterator[None]:
 def threads_of(client: Any) -> int:
     """Threads of all workers together, at least one; waits for the first worker.
 
-    Raises
-    ------
-    SpaceRobotError
-        If none comes.
+    Raises:
+        SpaceRobotError: If none comes.
     """
     try:
         with faults_of("the work"):
@@ -122,10 +116,8 @@ def submit(client: Any, work: Any, recipe: Recipe, *arguments: Any) -> Any:
 def faults_of(what: str) -> Iterator[None]:
     """Say in one line that a cluster has lost some work.
 
-    Raises
-    ------
-    SpaceRobotError
-        If the work ended one worker after the other, or the scheduler is gone.
+    Raises:
+        SpaceRobotError: If the work ended one worker after the other, or the scheduler is gone.
     """
     distributed = distributed_module()
     try:
@@ -152,8 +144,8 @@ def _work(version: str, work: Any, recipe: Recipe, *arguments: Any) -> Any:
                 _built.pop(next(iter(_built)))
             with alone_on_this_machine():
                 _built[key] = recipe.build()
-        made = _built[key]
-    return work(made, *arguments)
+        operations = _built[key]
+    return work(operations, *arguments)
 
 
 @contextlib.contextmanager
@@ -172,10 +164,8 @@ def alone_on_this_machine() -> Iterator[None]:
 def distributed_module() -> Any:
     """The module ``distributed``.
 
-    Raises
-    ------
-    SpaceRobotError
-        If it is not installed.
+    Raises:
+        SpaceRobotError: If it is not installed.
     """
     try:
         return importlib.import_module("distributed")

@@ -36,10 +36,8 @@ class TurnLock:
     def away(self) -> Iterator[None]:
         """Let other searches compute while this one waits; nothing happens outside of :meth:`together`.
 
-        Raises
-        ------
-        KeyboardInterrupt
-            If everything shall stop.
+        Raises:
+            KeyboardInterrupt: If everything shall stop.
         """
         if not getattr(self._mine, "turn", False):
             yield
@@ -57,10 +55,8 @@ class TurnLock:
     def together(self, searches: Sequence[Callable[[], Ended]]) -> list[Ended]:
         """Do searches side by side and give how they ended, in order; see ``Workers.together``.
 
-        Raises
-        ------
-        Exception
-            The first that a search raised; the others are stopped then.
+        Raises:
+            Exception: The first that a search raised; the others are stopped then.
         """
         self._stop.clear()
         with ThreadPoolExecutor(max(1, len(searches))) as pool:
@@ -74,8 +70,8 @@ class TurnLock:
         ended: list[Ended] = []
         for future in futures:
             with suppress(KeyboardInterrupt):
-                found = future.result()
-                ended += [] if found is None else [found]
+                end = future.result()
+                ended += [] if end is None else [end]
         if self.stopped and not ended:
             raise KeyboardInterrupt
         return ended

@@ -37,12 +37,9 @@ _warm: set[tuple[str, str]] = set()
 class DaskWorkers:
     """Workers of a cluster; see :class:`optim.workers.Workers`.
 
-    Parameters
-    ----------
-    client
-        From :func:`optim.workers.cluster.connect`.
-    threads
-        Threads that this process itself may use; each usable core if None.
+    Args:
+        client: From :func:`optim.workers.cluster.connect`.
+        threads: Threads that this process itself may use; each usable core if None.
     """
 
     def __init__(self, client: Any, threads: int | None = None) -> None:
@@ -53,10 +50,8 @@ class DaskWorkers:
     def map(self, problem: Portable, operation: Operation, rows: Array, *, grain: int = LANES) -> Arrays:
         """Pieces sized to seconds, learnt from earlier ones; see :class:`optim.workers.Workers`.
 
-        Raises
-        ------
-        SpaceRobotError
-            If a piece ended one worker after the other.
+        Raises:
+            SpaceRobotError: If a piece ended one worker after the other.
         """
         recipe = problem.recipe
         learnt = (recipe.key, _name(operation))
@@ -70,9 +65,9 @@ class DaskWorkers:
             submit(self._client, run_piece, recipe, operation, part) for part in np.array_split(rows, count)
         ]
         with self._turns.away():
-            found = self._gather(futures)
-        self._row_s[learnt] = sum(seconds for _, seconds in found) / len(rows)
-        return joined([arrays for arrays, _ in found])
+            pieces = self._gather(futures)
+        self._row_s[learnt] = sum(seconds for _, seconds in pieces) / len(rows)
+        return joined([arrays for arrays, _ in pieces])
 
     def together(self, searches: Sequence[Callable[[], Ended]]) -> list[Ended]:
         """Side by side: one computes here while the others wait for workers."""
@@ -98,31 +93,26 @@ def run_piece(problem: Any, operation: Operation, rows: Array) -> tuple[Arrays, 
 
     The first time in this process a single row goes before, alone on this machine: it compiles.
     """
-    known = (problem.recipe.key, _name(operation))
-    if known not in _warm:
+    piece_key = (problem.recipe.key, _name(operation))
+    if piece_key not in _warm:
         with alone_on_this_machine():
             operation(problem, rows[:1])
-        _warm.add(known)
+        _warm.add(piece_key)
     since = time.perf_counter()
-    found = operation(problem, rows)
-    return found, time.perf_counter() - since
+    arrays = operation(problem, rows)
+    return arrays, time.perf_counter() - since
 
 
 @contextmanager
 def open_workers(threads: int | None = None, dask: str | None = None) -> Iterator[Workers]:
     """Threads of this process, or the workers of a cluster while the context lasts.
 
-    Parameters
-    ----------
-    threads
-        Threads that this process itself may use; each usable core if None.
-    dask
-        Address of a cluster as for :func:`optim.workers.cluster.connect`; none if None.
+    Args:
+        threads: Threads that this process itself may use; each usable core if None.
+        dask: Address of a cluster as for :func:`optim.workers.cluster.connect`; none if None.
 
-    Raises
-    ------
-    SpaceRobotError
-        If the cluster cannot be reached.
+    Raises:
+        SpaceRobotError: If the cluster cannot be reached.
     """
     if dask is None:
         yield Threads(threads)

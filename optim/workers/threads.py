@@ -17,10 +17,8 @@ from spacerobot.compiled import usable_cores
 class Threads:
     """Threads of this process.
 
-    Attributes
-    ----------
-    threads
-        How many; one for each usable core if None.
+    Attributes:
+        threads: How many; one for each usable core if None.
     """
 
     threads: int | None = None
@@ -28,28 +26,21 @@ class Threads:
     def map(self, problem: Portable, operation: Operation, rows: Array, *, grain: int = LANES) -> Arrays:
         """Results of an operation on rows, split evenly between threads; see :class:`optim.workers.Workers`.
 
-        Parameters
-        ----------
-        problem
-            Problem that the operation is applied to.
-        operation
-            Operation on rows, computed for each row.
-        rows
-            Rows, (N, n).
-        grain
-            Smallest number of rows per thread.
+        Args:
+            problem: Problem that the operation is applied to.
+            operation: Operation on rows, computed for each row.
+            rows: Rows, (N, n).
+            grain: Smallest number of rows per thread.
 
-        Returns
-        -------
-        Mapping
-            Arrays by name with N as their first axis.
+        Returns:
+            Mapping: Arrays by name with N as their first axis.
         """
         count = max(1, min(self.threads or usable_cores(), len(rows) // grain))
         if count == 1:
             return operation(problem, rows)
         with ThreadPoolExecutor(count) as pool:
-            found = list(pool.map(lambda share: operation(problem, share), np.array_split(rows, count)))
-        return joined(found)
+            results = list(pool.map(lambda share: operation(problem, share), np.array_split(rows, count)))
+        return joined(results)
 
     def together(self, searches: Sequence[Callable[[], Ended]]) -> list[Ended]:
         """One after the other, since each of them uses all threads."""

@@ -56,21 +56,14 @@ class Workers(Protocol):
     def map(self, problem: Portable, operation: Operation, rows: Array, *, grain: int = LANES) -> Arrays:
         """Results of an operation on rows, computed in pieces by the workers.
 
-        Parameters
-        ----------
-        problem
-            What is rolled out.
-        operation
-            What is computed for each row.
-        rows
-            Rows that it is applied to, (N, n).
-        grain
-            Rows that are done together, so that no piece is shorter.
+        Args:
+            problem: What is rolled out.
+            operation: What is computed for each row.
+            rows: Rows that it is applied to, (N, n).
+            grain: Rows that are done together, so that no piece is shorter.
 
-        Raises
-        ------
-        KeyboardInterrupt
-            If it was interrupted.
+        Raises:
+            KeyboardInterrupt: If it was interrupted.
         """
 
     def together(self, searches: Sequence[Callable[[], Ended]]) -> list[Ended]:

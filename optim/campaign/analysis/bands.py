@@ -22,21 +22,14 @@ PERCENT = (0.0, 5.0, 50.0, 95.0, 100.0)
 class QuantileBands:
     """Percentile bands of a recorded signal over the samples under one set of gains.
 
-    Attributes
-    ----------
-    name, unit
-        Name and unit of the signal.
-    components
-        Label of each of the signal's c numbers.
-    time
-        Times of recording (nt,) [s].
-    least, low, median, high, greatest
-        Over the samples: the least, 5 %, 50 %, 95 % and the greatest, each (nt, c). A rollout that diverged
-        counts until it did; NaN where none is left.
-    left
-        Samples that have not diverged yet (nt,).
-    sample, shown
-        Number of one sample, and its values over time (nt, c).
+    Attributes:
+        name, unit: Name and unit of the signal.
+        components: Label of each of the signal's c numbers.
+        time: Times of recording (nt,) [s].
+        least, low, median, high, greatest: Over the samples: the least, 5 %, 50 %, 95 % and the greatest,
+            each (nt, c). A rollout that diverged counts until it did; NaN where none is left.
+        left: Samples that have not diverged yet (nt,).
+        sample, shown: Number of one sample, and its values over time (nt, c).
     """
 
     name: str
@@ -56,21 +49,14 @@ class QuantileBands:
 def read_bands(folder: StrPath, name: str, gains: str, sample: int) -> QuantileBands:
     """Percentile bands of a series of a campaign.
 
-    Parameters
-    ----------
-    folder
-        A campaign's store.
-    name
-        The signal.
-    gains
-        The set of gains.
-    sample
-        Number of a sample whose own values are read too.
+    Args:
+        folder: A campaign's store.
+        name: The signal.
+        gains: The set of gains.
+        sample: Number of a sample whose own values are read too.
 
-    Raises
-    ------
-    ResultError
-        If it cannot be read, or there is no such series, set of gains or sample.
+    Raises:
+        ResultError: If it cannot be read, or there is no such series, set of gains or sample.
     """
     folder = Path(folder)
     try:

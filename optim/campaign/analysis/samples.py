@@ -12,7 +12,6 @@ import numpy as np
 
 from optim.campaign.rollouts.evaluator import CampaignEvaluator
 from optim.campaign.store.run_settings import Changes
-from optim.planning.mpc.simulation import simulate_mpc
 from spacerobot.arrays import Array
 from spacerobot.elements.core.registry import plugin_options
 from spacerobot.result import Result
@@ -27,18 +26,13 @@ def command_of(
 ) -> str:
     """Command that runs one sample again.
 
-    Parameters
-    ----------
-    evaluator
-        Evaluator of the campaign.
-    draw
-        Values of the uncertain parameters (k,).
-    gains
-        Name of the set of gains.
-    scenario
-        The scenario's name on the command line.
-    scenario_changes
-        Changes of the scenario, by dotted path; changes to the campaign section itself are left out.
+    Args:
+        evaluator: Evaluator of the campaign.
+        draw: Values of the uncertain parameters (k,).
+        gains: Name of the set of gains.
+        scenario: The scenario's name on the command line.
+        scenario_changes: Changes of the scenario, by dotted path; changes to the campaign section itself are
+            left out.
     """
     space = evaluator.member(gains).space
     values = space.values(draw)[0]
@@ -66,10 +60,8 @@ def command_of(
 def simulate_sample(evaluator: CampaignEvaluator, draw: Sequence[float], gains: str) -> Result:
     """Result of one sample, as its command gives it, named after the set of gains.
 
-    Parameters
-    ----------
-    evaluator, draw, gains
-        See :func:`command_of`.
+    Args:
+        evaluator, draw, gains: See :func:`command_of`.
     """
     member = evaluator.member(gains)
     values = member.space.values(np.asarray(draw, dtype=float))[0]
@@ -78,7 +70,7 @@ def simulate_sample(evaluator: CampaignEvaluator, draw: Sequence[float], gains: 
     changes |= _assumed(evaluator, gains)
     scenario = member.scene.scenario.model_copy(update={"name": gains})
     scene = build_scene(scenario, changes, source=member.scene.source)
-    return simulate_mpc(scene) if evaluator.solves_plans else simulate(scene)
+    return simulate(scene)
 
 
 def _assumed(evaluator: CampaignEvaluator, gains: str) -> dict[str, Any]:
@@ -86,6 +78,6 @@ def _assumed(evaluator: CampaignEvaluator, gains: str) -> dict[str, Any]:
     member = evaluator.member(gains)
     scenario, document = member.scene.scenario, to_document(member.scene.scenario)
     drawn = {path: get(document, path) for path in member.space.paths if ".links." in path}
-    if not drawn or not evaluator.solves_plans or scenario.plan is None:
+    if not drawn or not evaluator.has_updates or scenario.plan is None:
         return {}
     return {"plan.model": drawn | dict(scenario.plan.model)}

@@ -21,16 +21,11 @@ def what_matters(draws: Array, values: Array, campaign: Campaign, *, complete: b
     it, more of the metric), ``falls``, ``away`` (more of the metric on both sides of its middle),
     ``middle`` (less on both sides), or ``share`` (of the variance, by its total Sobol' index).
 
-    Parameters
-    ----------
-    draws
-        Values of k parameters (n, k).
-    values
-        The metric (n,), infinite where a rollout was not completed or has no such value.
-    campaign
-        Campaign section.
-    complete
-        Whether every sample is among them.
+    Args:
+        draws: Values of k parameters (n, k).
+        values: The metric (n,), infinite where a rollout was not completed or has no such value.
+        campaign: Campaign section.
+        complete: Whether every sample is among them.
     """
     names = list(campaign.parameters)
     plain = rank_correlations(draws, values)

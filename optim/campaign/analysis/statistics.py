@@ -10,19 +10,16 @@ import numpy as np
 from scipy import stats
 
 from spacerobot.arrays import Array
-from spacerobot.samplers import optional_module
+from spacerobot.optional import optional_module
 
 
 @dataclass(frozen=True)
 class Estimate:
     """A number and the interval that holds the true one with some confidence.
 
-    Attributes
-    ----------
-    value
-        The estimate.
-    low, high
-        The interval; an end is None where the samples do not bound it.
+    Attributes:
+        value: The estimate.
+        low, high: The interval; an end is None where the samples do not bound it.
     """
 
     value: float
@@ -36,14 +33,10 @@ def percentile(values: Array, percent: float, confidence: float) -> Estimate:
     The interval holds for any distribution: the number of samples below the true percentile is binomial. An
     end that would lie beyond the samples is None.
 
-    Parameters
-    ----------
-    values
-        Samples (n,); infinite ones are greater than any other.
-    percent
-        Between 0 and 100.
-    confidence
-        Minimum confidence of the interval.
+    Args:
+        values: Samples (n,); infinite ones are greater than any other.
+        percent: Between 0 and 100.
+        confidence: Minimum confidence of the interval.
     """
     ordered, share = np.sort(values), percent / 100
     n = len(ordered)
@@ -66,17 +59,12 @@ def percentile(values: Array, percent: float, confidence: float) -> Estimate:
 def share(hits: int, count: int, confidence: float) -> Estimate:
     """Estimate of an event's probability, with the interval of Clopper and Pearson.
 
-    Parameters
-    ----------
-    hits, count
-        Number of samples in which the event occurred, and of all samples.
-    confidence
-        Confidence level of the interval, between 0 and 1.
+    Args:
+        hits, count: Number of samples in which the event occurred, and of all samples.
+        confidence: Confidence level of the interval, between 0 and 1.
 
-    Returns
-    -------
-    Estimate
-        Probability with the ends of its interval.
+    Returns:
+        Estimate: Probability with the ends of its interval.
     """
     interval = stats.binomtest(hits, count).proportion_ci(confidence, method="exact")
     return Estimate(hits / count, float(interval.low), float(interval.high))
@@ -85,12 +73,9 @@ def share(hits: int, count: int, confidence: float) -> Estimate:
 def rank_correlations(draws: Array, values: Array) -> Array:
     """Spearman's rank correlation of each parameter with a metric (k,); NaN where either does not vary.
 
-    Parameters
-    ----------
-    draws
-        Values of k parameters (n, k).
-    values
-        The metric (n,); infinite ones have the highest rank.
+    Args:
+        draws: Values of k parameters (n, k).
+        values: The metric (n,); infinite ones have the highest rank.
     """
     ranks = np.column_stack([stats.rankdata(column) for column in (*draws.T, values)])
     ranks = ranks - ranks.mean(axis=0)
@@ -109,12 +94,9 @@ def rank_noise(count: int, confidence: float) -> float:
 class Indices:
     """Sobol' indices of k parameters, each with the half-width of its interval, all (k,).
 
-    Attributes
-    ----------
-    first, first_width
-        Share of the variance that goes away if the parameter becomes known.
-    total, total_width
-        Share that stays if all others become known.
+    Attributes:
+        first, first_width: Share of the variance that goes away if the parameter becomes known.
+        total, total_width: Share that stays if all others become known.
     """
 
     first: Array
@@ -126,19 +108,13 @@ class Indices:
 def sobol_indices(values: Array, names: Sequence[str], confidence: float, seed: int = 0) -> Indices | None:
     """Sobol' indices, by SALib, of a metric over the design ``saltelli``; None if it does not vary.
 
-    Parameters
-    ----------
-    values
-        The metric at all samples of the design, in order (n,), finite.
-    names
-        Names of the k parameters.
-    confidence, seed
-        Confidence of the intervals, and seed of their bootstrap.
+    Args:
+        values: The metric at all samples of the design, in order (n,), finite.
+        names: Names of the k parameters.
+        confidence, seed: Confidence of the intervals, and seed of their bootstrap.
 
-    Raises
-    ------
-    SpaceRobotError
-        If SALib is not installed.
+    Raises:
+        SpaceRobotError: If SALib is not installed.
     """
     if np.ptp(values) == 0:
         return None
@@ -147,6 +123,6 @@ def sobol_indices(values: Array, names: Sequence[str], confidence: float, seed: 
         "names": list(names),
         "bounds": [[0.0, 1.0]] * len(names),
     }
-    analyze = optional_module("SALib", "analyze.sobol", "saltelli").analyze
+    analyze = optional_module("SALib.analyze.sobol", "sobol", "the analysis of the design saltelli").analyze
     indices = analyze(problem, values, calc_second_order=False, conf_level=confidence, seed=seed)
     return Indices(*(np.asarray(indices[key], dtype=float) for key in ("S1", "S1_conf", "ST", "ST_conf")))

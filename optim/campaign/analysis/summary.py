@@ -39,20 +39,15 @@ WORST = 5  # samples that are told of each set of gains
 class SampleStatistics:
     """Statistics of the samples of one set of gains.
 
-    Attributes
-    ----------
-    metrics
-        Values (n, places) by name; infinite where a rollout was not completed or has no such value, such as
-        the time of a capture that was missed.
-    places, units
-        Label of each column of a metric, and unit of each metric.
-    failed
-        Mask of the samples that failed (n,), by cause.
-    unclosed
-        Grasp of each sample that did not close at the start, in words (n of them); empty where all did.
-    missed
-        Whether each sample left a grasp that begins open uncaptured, or was not completed (n,); None where
-        no grasp begins open.
+    Attributes:
+        metrics: Values (n, places) by name; infinite where a rollout was not completed or has no such value,
+            such as the time of a capture that was missed.
+        places, units: Label of each column of a metric, and unit of each metric.
+        failed: Mask of the samples that failed (n,), by cause.
+        unclosed: Grasp of each sample that did not close at the start, in words (n of them); empty where all
+            did.
+        missed: Whether each sample left a grasp that begins open uncaptured, or was not completed (n,); None
+            where no grasp begins open.
     """
 
     metrics: Mapping[str, Array]
@@ -119,20 +114,14 @@ def summarise(
 ) -> dict[str, Any]:
     """Percentiles, probabilities of failure, worst samples and what matters, written to ``summary.json``.
 
-    Parameters
-    ----------
-    folder
-        A campaign's store.
-    evaluator
-        Evaluator of the campaign; see :func:`optim.campaign.reopen`.
-    named
-        Scenario on the command line, for the commands that run samples again; as the store notes
-        it if None.
+    Args:
+        folder: A campaign's store.
+        evaluator: Evaluator of the campaign; see :func:`optim.campaign.reopen`.
+        named: Scenario on the command line, for the commands that run samples again; as the store notes it if
+            None.
 
-    Raises
-    ------
-    ResultError
-        If the store holds no sample, or cannot be read or written.
+    Raises:
+        ResultError: If the store holds no sample, or cannot be read or written.
     """
     folder = Path(folder)
     summary = summary_data(folder, evaluator, named)
@@ -145,19 +134,13 @@ def summary_data(
 ) -> dict[str, Any]:
     """Summary that :func:`summarise` writes, as plain data.
 
-    Parameters
-    ----------
-    folder
-        Folder of the campaign.
-    evaluator
-        Evaluator of the campaign.
-    named
-        Scenario that the commands of the summary name; by default that of the campaign's notes.
+    Args:
+        folder: Folder of the campaign.
+        evaluator: Evaluator of the campaign.
+        named: Scenario that the commands of the summary name; by default that of the campaign's notes.
 
-    Raises
-    ------
-    ResultError
-        If the campaign cannot be read, or holds no sample yet.
+    Raises:
+        ResultError: If the campaign cannot be read, or holds no sample yet.
     """
     folder = Path(folder)
     data, campaign = load_campaign(folder), evaluator.campaign

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from optim.campaign.rollouts.metrics import (
-    MPC_COLUMNS,
     CampaignMetrics,
     MetricColumn,
     build_campaign_metrics,
@@ -26,8 +25,6 @@ from optim.campaign.sampling.parameter_space import (
     resolve_space,
 )
 from optim.campaign.sampling.samplers import draw
-from optim.planning.mpc.batch import MpcRollout
-from optim.planning.mpc.flown_scene import FlownScene, mpc_controllers
 from optim.problem.quantity_measures import with_added_states
 from optim.problem.scene_recipe import BuildRecipe, SceneRecipe
 from spacerobot.arrays import Array
@@ -39,6 +36,7 @@ from spacerobot.rollout.build import Options
 from spacerobot.scenario import Campaign
 from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene
+from spacerobot.updates import UpdatedRollout, UpdatedScene
 
 Gains = Mapping[str, Mapping[str, Any]]
 NOMINAL = "scenario"
@@ -52,18 +50,12 @@ ASKED_AFTERWARDS = ("limits", "require_captures", "percentiles", "confidence", "
 class SampleTable:
     """Numbers of n samples under G sets of gains.
 
-    Attributes
-    ----------
-    draws
-        Values of the uncertain parameters (n, k).
-    metrics
-        Values of the columns (n, G, M); NaN where a rollout diverged or has no such value.
-    diverged_at_s
-        Time of the last good state (n, G); NaN where a rollout completed.
-    gaps
-        Initial gaps of the L grasps that may begin open (n, G, L) [m].
-    series
-        Signals over time by name, each (n, G, nt, c); NaN after divergence.
+    Attributes:
+        draws: Values of the uncertain parameters (n, k).
+        metrics: Values of the columns (n, G, M); NaN where a rollout diverged or has no such value.
+        diverged_at_s: Time of the last good state (n, G); NaN where a rollout completed.
+        gaps: Initial gaps of the L grasps that may begin open (n, G, L) [m].
+        series: Signals over time by name, each (n, G, nt, c); NaN after divergence.
     """
 
     draws: Array
@@ -104,28 +96,19 @@ class GainSet:
     space: ParameterSpace
     kept: CampaignMetrics
     recording: SignalRecording
-    rollout: Rollout | MpcRollout
-
-    @property
-    def continuous(self) -> Rollout:
-        """The rollout, or what carries the states from one plan to the next where plans are solved in it."""
-        return self.rollout.rollout if isinstance(self.rollout, MpcRollout) else self.rollout
+    rollout: Rollout | UpdatedRollout
+    updated: UpdatedScene | None = None
 
 
 @dataclass(frozen=True)
 class CampaignEvaluator:
     """A campaign ready to run.
 
-    Attributes
-    ----------
-    scene
-        The scenario's own scene.
-    campaign
-        Campaign section.
-    gains
-        Changes by name of the set.
-    members
-        Compiled form of each set of gains.
+    Attributes:
+        scene: The scenario's own scene.
+        campaign: Campaign section.
+        gains: Changes by name of the set.
+        members: Compiled form of each set of gains.
     """
 
     scene: Scene
@@ -154,9 +137,9 @@ class CampaignEvaluator:
         return self.members[0].rollout.kernel.closure.largest
 
     @property
-    def solves_plans(self) -> bool:
-        """Whether plans are solved in each rollout, which takes seconds."""
-        return any(isinstance(member.rollout, MpcRollout) for member in self.members)
+    def has_updates(self) -> bool:
+        """Whether controllers are updated in Python, as by plans, which may take seconds."""
+        return any(member.updated is not None for member in self.members)
 
     @property
     def bytes_per_sample(self) -> int:
@@ -175,10 +158,8 @@ class CampaignEvaluator:
     def identity(self, draws: Array) -> dict[str, Any]:
         """Data that determines the numbers: plain data with comparable leaves, and a hash of everything.
 
-        Parameters
-        ----------
-        draws
-            Draws of all samples (N, k).
+        Args:
+            draws: Draws of all samples (N, k).
         """
         document = to_document(self.scene.scenario)
         document.pop("tuning", None)
@@ -204,22 +185,15 @@ class CampaignEvaluator:
 
         The numbers of a draw depend neither on the others nor on the threads, not even by a bit.
 
-        Parameters
-        ----------
-        draws
-            Draws of k parameters, (n, k).
-        threads
-            Number of threads; one for each usable core if None.
+        Args:
+            draws: Draws of k parameters, (n, k).
+            threads: Number of threads; one for each usable core if None.
 
-        Returns
-        -------
-        SampleTable
-            Metrics, times of divergence, gaps and series of the draws.
+        Returns:
+            SampleTable: Metrics, times of divergence, gaps and series of the draws.
 
-        Raises
-        ------
-        KeyboardInterrupt
-            If the run was interrupted.
+        Raises:
+            KeyboardInterrupt: If the run was interrupted.
         """
         draws = np.ascontiguousarray(np.atleast_2d(draws), dtype=float)
         tables, times, gaps = [], [], []
@@ -244,49 +218,43 @@ class CampaignEvaluator:
 def build_evaluator(scene: Scene, gains: Gains | None = None, *, compiled: bool = True) -> CampaignEvaluator:
     """Campaign of a scene, built and compiled.
 
-    Parameters
-    ----------
-    scene
-        A scene whose scenario has a ``campaign`` section.
-    gains
-        Sets of gains: changes by dotted path, by name; the section's if None.
-    compiled
-        Whether it shall roll out many samples, or only say what a store is of.
+    Args:
+        scene: A scene whose scenario has a ``campaign`` section.
+        gains: Sets of gains: changes by dotted path, by name; the section's if None.
+        compiled: Whether it shall roll out many samples, or only say what a store is of.
 
-    Raises
-    ------
-    ScenarioError
-        If the section does not fit the scene: a path leads nowhere, the closed loop does not depend on it,
-        there is no such signal, or its series would not end.
+    Raises:
+        ScenarioError: If the section does not fit the scene: a path leads nowhere, the closed loop does not
+            depend on it, there is no such signal, or its series would not end.
     """
     campaign = campaign_of(scene)
     chosen: Gains = dict(campaign.gains if gains is None else gains) or {NOMINAL: {}}
-    made: list[GainSet] = []
+    gain_sets: list[GainSet] = []
     for name, changes in chosen.items():
         try:
-            made.append(_member(gain_set(scene, changes), campaign, len(chosen), compiled))
+            gain_sets.append(_member(gain_set(scene, changes), campaign, len(chosen), compiled))
         except ScenarioError as fault:
             where = f"gains {name}: {fault.where or ''}".rstrip(": ")
             raise ScenarioError(fault.message, source=fault.source or scene.source, where=where) from None
     if any(
-        member.kept.columns != made[0].kept.columns
-        or member.recording.series != made[0].recording.series
-        or member.rollout.kernel.closure.largest != made[0].rollout.kernel.closure.largest
-        for member in made
+        member.kept.columns != gain_sets[0].kept.columns
+        or member.recording.series != gain_sets[0].recording.series
+        or member.rollout.kernel.closure.largest != gain_sets[0].rollout.kernel.closure.largest
+        for member in gain_sets
     ):
         raise scene.error("sets of gains differ in robots, tips or grasps")
     campaign = campaign.model_copy(update={"gains": {n: dict(c) for n, c in chosen.items()}})
     scenario = scene.scenario.model_copy(update={"campaign": campaign})
-    return CampaignEvaluator(dataclasses.replace(scene, scenario=scenario), campaign, chosen, tuple(made))
+    return CampaignEvaluator(
+        dataclasses.replace(scene, scenario=scenario), campaign, chosen, tuple(gain_sets)
+    )
 
 
 def all_draws(evaluator: CampaignEvaluator) -> Array:
     """Every draw (N, k) of a campaign, judged.
 
-    Raises
-    ------
-    ScenarioError
-        If a draw holds what no scenario may.
+    Raises:
+        ScenarioError: If a draw holds what no scenario may.
     """
     draws = draw(evaluator.campaign)
     for member in evaluator.members:
@@ -295,12 +263,9 @@ def all_draws(evaluator: CampaignEvaluator) -> Array:
 
 
 def _member(scene: Scene, campaign: Campaign, sets: int, compiled: bool) -> GainSet:
-    space, flown = resolve_space(scene, campaign), None
-    if mpc_controllers(scene):
-        flown = FlownScene.of(scene, space.paths)
-        loop = cached_closed_loop(flown.scene, vary=space.paths)
-    else:
-        loop = cached_closed_loop(scene, vary=space.paths)
+    space = resolve_space(scene, campaign)
+    updated = UpdatedScene.of(scene, space.paths)
+    loop = cached_closed_loop(scene if updated is None else updated.scene, vary=space.paths)
     metric_quantities = [find_quantity(name) for name in campaign.metrics]
     rolled = with_added_states(loop, scene, metric_quantities, campaign.jitter_frequency)
     campaign_metrics = build_campaign_metrics(loop, scene, campaign.metrics, rolled)
@@ -317,7 +282,7 @@ def _member(scene: Scene, campaign: Campaign, sets: int, compiled: bool) -> Gain
         if name not in kinds:
             quantity = find_quantity(name)
             raise ScenarioError(quantity.absent, where=f"campaign.limits.{quantity.limit}")
-    duration = scene.scenario.simulation.duration if flown is None else flown.duration_s
+    duration = scene.scenario.simulation.duration if updated is None else updated.duration_s
     sample_s = series_step(campaign, duration)
     time = time_grid(duration, campaign.step, sample_s).time if sample_s else np.empty(0)
     recording = build_recording(loop, scene, campaign.series, time)
@@ -329,14 +294,15 @@ def _member(scene: Scene, campaign: Campaign, sets: int, compiled: bool) -> Gain
         "backend": "auto" if compiled else "interpreted",
         "many": True,
     }
-    rollout: Rollout | MpcRollout
-    if flown is None:
+    rollout: Rollout | UpdatedRollout
+    if updated is None:
         rollout = build_rollout(rolled, duration_s=duration, measures=campaign_metrics.measures, **options)
     else:
-        rollout = MpcRollout(
-            scene, flown, loop, rolled, campaign_metrics.measures, duration_s=duration, **options
+        rollout = UpdatedRollout(
+            updated, loop, rolled, campaign_metrics.measures, duration_s=duration, **options
         )
+        statistics = (MetricColumn(name, "total", unit) for name, unit in updated.measures.items())
         campaign_metrics = dataclasses.replace(
-            campaign_metrics, columns=(*campaign_metrics.columns, *MPC_COLUMNS)
+            campaign_metrics, columns=(*campaign_metrics.columns, *statistics)
         )
-    return GainSet(scene, space, campaign_metrics, recording, rollout)
+    return GainSet(scene, space, campaign_metrics, recording, rollout, updated)

@@ -20,24 +20,20 @@ NAMED = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,63}")  # as the campaign section h
 CONTROL = ("pid", "amnesia", "orientation_pid", "orientation_amnesia")
 
 
-def gain_sets(scene: Scene, asked: Sequence[str]) -> Gains | None:
+def gain_sets(scene: Scene, set_names: Sequence[str]) -> Gains | None:
     """Sets of gains that a user asks for; None for those of the campaign section.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    asked
-        ``NAME`` of the section's, ``scenario`` for the scenario's own, or ``NAME=DIR`` for a result's.
+    Args:
+        scene: The scene.
+        set_names: ``NAME`` of the section's, ``scenario`` for the scenario's own, or ``NAME=DIR`` for a
+            result's.
 
-    Raises
-    ------
-    ScenarioError
-        If there is no such set, or a result is of other robots.
+    Raises:
+        ScenarioError: If there is no such set, or a result is of other robots.
     """
     gains_by_name = {NOMINAL: {}, **campaign_of(scene).gains}
     chosen_gains: dict[str, dict[str, Any]] = {}
-    for text in asked:
+    for text in set_names:
         name, equals, folder = text.partition("=")
         if equals and not (NAMED.fullmatch(name) and folder):
             allowed = "NAME=DIR, the name of letters, digits, _ and -, at most 64"
@@ -59,10 +55,8 @@ def gain_sets(scene: Scene, asked: Sequence[str]) -> Gains | None:
 def controllers(scene: Scene, folder: Path) -> dict[str, Any]:
     """Controllers of a result, as changes to the scene's scenario by dotted path.
 
-    Raises
-    ------
-    ScenarioError
-        If the folder holds no scenario, or its robots have other tips.
+    Raises:
+        ScenarioError: If the folder holds no scenario, or its robots have other tips.
     """
     source = folder / SCENARIO
     other = validate(read_document(source), source=source)

@@ -47,14 +47,10 @@ SOLVE_TIMES = {"mpc_median_solve_s": "s", "mpc_longest_solve_s": "s"}
 class MetricColumn:
     """Scalar result of each rollout, one column of the table.
 
-    Attributes
-    ----------
-    metric
-        Name of the quantity in the scenario.
-    where
-        Label of the component: a tip and an axis, a tip, a robot, a grasp, the target, or the total.
-    unit
-        Unit of the column.
+    Attributes:
+        metric: Name of the quantity in the scenario.
+        where: Label of the component: a tip and an axis, a tip, a robot, a grasp, the target, or the total.
+        unit: Unit of the column.
     """
 
     metric: str
@@ -67,24 +63,16 @@ class MetricColumn:
         return f"{self.metric} {self.where}"
 
 
-MPC_COLUMNS = tuple(MetricColumn(name, "total", unit) for name, unit in (PLANS | SOLVE_TIMES).items())
-
-
 @dataclass(frozen=True)
 class CampaignMetrics:
     """Measures of a closed loop, and the columns that follow from them.
 
-    Attributes
-    ----------
-    measures
-        Measures of the rollout.
-    columns
-        M of them.
-    duration_s
-        Duration of a rollout [s].
-    labels
-        Label of each component of a quantity's measure, by quantity; components of one label make one
-        column, the largest of them.
+    Attributes:
+        measures: Measures of the rollout.
+        columns: M of them.
+        duration_s: Duration of a rollout [s].
+        labels: Label of each component of a quantity's measure, by quantity; components of one label make one
+            column, the largest of them.
     """
 
     measures: Measures
@@ -100,7 +88,7 @@ class CampaignMetrics:
             if name in LEDGER:
                 parts.append(LEDGER[name](np.asarray(measured[name])))
                 continue
-            if name in PLANS | SOLVE_TIMES:
+            if name not in registry:  # a statistic of the updates
                 parts.append(np.asarray(measured[name]))
                 continue
             values = table_values(registry[name], measured, self.duration_s)
@@ -113,28 +101,25 @@ class CampaignMetrics:
 
 
 def build_campaign_metrics(
-    loop: ClosedLoop, scene: Scene, wanted: Sequence[str], extended: ClosedLoopFunctions | None = None
+    loop: ClosedLoop, scene: Scene, names: Sequence[str], extended: ClosedLoopFunctions | None = None
 ) -> CampaignMetrics:
     """Metrics of a closed loop's rollouts; a metric that does not apply to the scene is left out.
 
     Columns are added that say which grasps were captured, and which rollouts to trust: the residual of the
     energy, the drift of the momenta where they are constant, and the indentation of contacts.
 
-    Parameters
-    ----------
-    loop, extended
-        The closed loop, and the one that is rolled out where it has states beside for what is measured.
-    scene
-        Scene of the closed loop.
-    wanted
-        Metrics by the names of the scenario's campaign section.
+    Args:
+        loop, extended: The closed loop, and the one that is rolled out where it has states beside for what is
+            measured.
+        scene: Scene of the closed loop.
+        names: Metrics by the names of the scenario's campaign section.
     """
     context = context_of(scene, extended or loop)
     named: dict[str, Measure] = {}
     columns: list[MetricColumn] = []
     labels: dict[str, tuple[str, ...]] = {}
     for name, quantity in quantities().items():
-        if name not in wanted:
+        if name not in names:
             continue
         components, measures_by_name = measures_of(quantity, context)
         if components.labels:

@@ -22,14 +22,11 @@ BYTES_EACH = 8  # double precision, so that bits compare
 class RecordedSignal:
     """A signal that is kept over time.
 
-    Attributes
-    ----------
-    name
-        Name among the closed loop's outputs.
-    components
-        Label of each of its c numbers: a tip and an axis, a joint, ...; empty for a single number.
-    unit
-        Unit of the numbers.
+    Attributes:
+        name: Name among the closed loop's outputs.
+        components: Label of each of its c numbers: a tip and an axis, a joint, ...; empty for a single
+            number.
+        unit: Unit of the numbers.
     """
 
     name: str
@@ -41,12 +38,9 @@ class RecordedSignal:
 class SignalRecording:
     """Signals that a campaign records over time.
 
-    Attributes
-    ----------
-    series
-        The signals.
-    time
-        Times of recording (nt,) [s].
+    Attributes:
+        series: The signals.
+        time: Times of recording (nt,) [s].
     """
 
     series: tuple[RecordedSignal, ...]
@@ -75,24 +69,17 @@ def series_step(campaign: Campaign, duration_s: float) -> float | None:
     return campaign.series_step or duration_s / 100
 
 
-def build_recording(loop: ClosedLoop, scene: Scene, wanted: Sequence[str], time_s: Array) -> SignalRecording:
+def build_recording(loop: ClosedLoop, scene: Scene, names: Sequence[str], time_s: Array) -> SignalRecording:
     """Signals of a closed loop's rollouts that are kept over time.
 
-    Parameters
-    ----------
-    loop
-        The closed loop.
-    scene
-        Scene of the closed loop.
-    wanted
-        Names of its outputs.
-    time_s
-        Times of recording (nt,) [s].
+    Args:
+        loop: The closed loop.
+        scene: Scene of the closed loop.
+        names: Names of its outputs.
+        time_s: Times of recording (nt,) [s].
 
-    Raises
-    ------
-    ScenarioError
-        If there is no such output, or this scene has nothing that it is of.
+    Raises:
+        ScenarioError: If there is no such output, or this scene has nothing that it is of.
     """
     sizes = {name: loop.outputs.numel_out(name) for name in loop.outputs.name_out()}
     variables = {variable.name: variable for variable in loop.variables}
@@ -100,7 +87,7 @@ def build_recording(loop: ClosedLoop, scene: Scene, wanted: Sequence[str], time_
     joint_names = [str(scene.model.names[joint]) for joint in joints]
     labels: Mapping[str, Sequence[str]] = {"joint": joint_names, "axis": AXES}
     recorded_signals = []
-    for name in wanted:
+    for name in names:
         if name not in sizes:
             raise ScenarioError(f"no signal {name!r}; {near_names(name, sizes)}", where="campaign.series")
         if not sizes[name]:
@@ -118,10 +105,8 @@ def build_recording(loop: ClosedLoop, scene: Scene, wanted: Sequence[str], time_
 def check_size(recording: SignalRecording, samples: int, sets: int) -> None:
     """Refuse series that would be too large to keep.
 
-    Raises
-    ------
-    ScenarioError
-        If they are too large; the message states the sizes.
+    Raises:
+        ScenarioError: If they are too large; the message states the sizes.
     """
     size_bytes = samples * sets * recording.bytes_per_rollout
     if size_bytes > MOST_BYTES:

@@ -80,10 +80,8 @@ def _begin(loop: ClosedLoop, signals: Signals) -> dict[str, ca.SX]:
 def drift_of(values: Array) -> Array:
     """Change of momentum, in parts of the largest of a body (N, 2): linear and angular.
 
-    Parameters
-    ----------
-    values
-        Values of :func:`drift_measure` (N, 8).
+    Args:
+        values: Values of :func:`drift_measure` (N, 8).
     """
     each = values.reshape(len(values), len(KINDS), 4)
     return np.asarray(np.linalg.norm(each[:, :, :3], axis=2) / np.maximum(each[:, :, 3], LEAST_MOMENTUM))
@@ -92,10 +90,8 @@ def drift_of(values: Array) -> Array:
 def residual_of(values: Array) -> Array:
     """Energy that no work explains, in parts of the largest energy (N, 1).
 
-    Parameters
-    ----------
-    values
-        Values of :func:`residual_measure` (N, 2).
+    Args:
+        values: Values of :func:`residual_measure` (N, 2).
     """
     return np.asarray(values[:, :1] / np.maximum(values[:, 1:], LEAST_ENERGY))
 
@@ -103,12 +99,9 @@ def residual_of(values: Array) -> Array:
 def untrusted(data: xr.Dataset, failed: Mapping[str, Mask]) -> dict[str, dict[str, Any]]:
     """Count the completed rollouts that are not to be trusted, with their largest errors, by set of gains.
 
-    Parameters
-    ----------
-    data
-        Dataset of a campaign's store.
-    failed
-        Whether each sample failed (n,), by set of gains.
+    Args:
+        data: Dataset of a campaign's store.
+        failed: Whether each sample failed (n,), by set of gains.
     """
     untrusted_sets = {}
     for name, lost in failed.items():
@@ -126,10 +119,10 @@ def untrusted(data: xr.Dataset, failed: Mapping[str, Mask]) -> dict[str, dict[st
     return untrusted_sets
 
 
-def doubts(found: Mapping[str, Mapping[str, Any]], campaign: Campaign) -> list[str]:
+def doubts(open_ledgers: Mapping[str, Mapping[str, Any]], campaign: Campaign) -> list[str]:
     """Warnings about open ledgers, in sentences; none where all are closed."""
     sentences = []
-    for name, entry in found.items():
+    for name, entry in open_ledgers.items():
         if entry["count"]:
             passing = entry["not_failed"]
             failing = (

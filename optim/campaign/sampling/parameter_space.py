@@ -22,18 +22,12 @@ from spacerobot.scene import Scene, build_scene
 class ParameterSpace:
     """Map from draws of k uncertain parameters to m numbers of the scenario.
 
-    Attributes
-    ----------
-    names
-        Names of the parameters.
-    paths
-        Dotted paths of the numbers, m of them.
-    patterns
-        Pattern in the section that names each number (m,).
-    owner
-        Index of the parameter that sets each number (m,).
-    factor, offset
-        Number = offset + factor times draw, each (m,).
+    Attributes:
+        names: Names of the parameters.
+        paths: Dotted paths of the numbers, m of them.
+        patterns: Pattern in the section that names each number (m,).
+        owner: Index of the parameter that sets each number (m,).
+        factor, offset: Number = offset + factor times draw, each (m,).
     """
 
     names: tuple[str, ...]
@@ -51,10 +45,8 @@ class ParameterSpace:
 def campaign_of(scene: Scene) -> Campaign:
     """The scene's campaign section.
 
-    Raises
-    ------
-    ScenarioError
-        If it has none.
+    Raises:
+        ScenarioError: If it has none.
     """
     if scene.scenario.campaign is None:
         raise scene.error(
@@ -68,27 +60,23 @@ def campaign_of(scene: Scene) -> Campaign:
 def gain_set(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     """The scene with one set of gains, and with sensors where a campaign makes their errors uncertain.
 
-    Raises
-    ------
-    ScenarioError
-        If a change leads nowhere or gives no valid scenario.
+    Raises:
+        ScenarioError: If a change leads nowhere or gives no valid scenario.
     """
-    made = build_scene(scene.scenario, changes, source=scene.source) if changes else scene
+    changed_scene = build_scene(scene.scenario, changes, source=scene.source) if changes else scene
     patterns = [p for parameter in campaign_of(scene).parameters.values() for p in parameter.paths]
     if not any(".sensors." in pattern for pattern in patterns):
-        return made
-    robots = made.scenario.robots
+        return changed_scene
+    robots = changed_scene.scenario.robots
     ideal: dict[str, Any] = {f"robots.{n}.sensors": {} for n, r in robots.items() if r.sensors is None}
-    return build_scene(made.scenario, ideal, source=scene.source) if ideal else made
+    return build_scene(changed_scene.scenario, ideal, source=scene.source) if ideal else changed_scene
 
 
 def resolve_space(scene: Scene, campaign: Campaign) -> ParameterSpace:
     """Resolve the parameters of a campaign to the scene's numbers.
 
-    Raises
-    ------
-    ScenarioError
-        If a path is not in the scenario, is no number, or stands in two parameters.
+    Raises:
+        ScenarioError: If a path is not in the scenario, is no number, or stands in two parameters.
     """
     named = {name: parameter.paths for name, parameter in campaign.parameters.items()}
     numbers_by_name = find_numbers(scene, named, "campaign.parameters")
@@ -128,17 +116,12 @@ def sensor_offsets(campaign: Campaign) -> list[str]:
 def check_range(scene: Scene, space: ParameterSpace, draws: Array) -> None:
     """Refuse draws that no scenario may hold, such as a negative mass.
 
-    Parameters
-    ----------
-    scene, space
-        The scene and where the draws go.
-    draws
-        Draws of all samples (N, k); their smallest and their largest values are checked.
+    Args:
+        scene, space: The scene and where the draws go.
+        draws: Draws of all samples (N, k); their smallest and their largest values are checked.
 
-    Raises
-    ------
-    ScenarioError
-        If a value is not allowed; the message names the number.
+    Raises:
+        ScenarioError: If a value is not allowed; the message names the number.
     """
     values = space.values(draws)
     plain = to_document(scene.scenario)

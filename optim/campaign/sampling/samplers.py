@@ -18,15 +18,11 @@ INSIDE = 2.0**-53  # nearest that a coordinate may come to 0 or 1: distributions
 def draw(campaign: Campaign) -> Array:
     """Values (N, k) of the uncertain parameters, in their order.
 
-    Parameters
-    ----------
-    campaign
-        Distributions, design, number of samples and seed.
+    Args:
+        campaign: Distributions, design, number of samples and seed.
 
-    Raises
-    ------
-    SpaceRobotError
-        If the design needs a package that is not installed.
+    Raises:
+        SpaceRobotError: If the design needs a package that is not installed.
     """
     u = campaign.sampler.points(campaign)
     if not campaign.sampler.reaches_bounds:

@@ -36,10 +36,8 @@ SERIES = "series."  # before the names of series in a chunk
 class CampaignStore:
     """Folder of one campaign, held by one process at a time; see :func:`open_store`.
 
-    Attributes
-    ----------
-    done
-        Samples that are there.
+    Attributes:
+        done: Samples that are there.
     """
 
     def __init__(self, folder: Path, count: int) -> None:
@@ -78,10 +76,8 @@ class CampaignStore:
     def add(self, begin: int, table: SampleTable) -> None:
         """Write a chunk.
 
-        Raises
-        ------
-        ResultError
-            If it cannot be written, or holds a sample that is there already.
+        Raises:
+            ResultError: If it cannot be written, or holds a sample that is there already.
         """
         end, buffer = begin + len(table), io.BytesIO()
         np.savez(
@@ -102,10 +98,8 @@ class CampaignStore:
     def merge(self, evaluator: CampaignEvaluator, about: str) -> None:
         """Make ``campaign.nc`` of what is there, chunk by chunk, and drop the chunks if nothing is missing.
 
-        Raises
-        ------
-        ResultError
-            If it cannot be written, or a chunk cannot be read.
+        Raises:
+            ResultError: If it cannot be written, or a chunk cannot be read.
         """
         path, complete = self.folder / DATA, not self.missing
         if complete and not self._chunks:
@@ -137,22 +131,15 @@ def open_store(
 ) -> Iterator[CampaignStore]:
     """The store of a campaign, made if it is not there, held until left.
 
-    Parameters
-    ----------
-    folder
-        Folder of the store.
-    identity
-        Settings that determine the numbers; see ``Evaluator.identity``.
-    count
-        Samples in all.
-    notes
-        Limits and metrics that are evaluated, and the command: these may change from call to call, and
-        is written anew; left as it is if None.
+    Args:
+        folder: Folder of the store.
+        identity: Settings that determine the numbers; see ``Evaluator.identity``.
+        count: Samples in all.
+        notes: Limits and metrics that are evaluated, and the command: these may change from call to call, and
+            is written anew; left as it is if None.
 
-    Raises
-    ------
-    ResultError
-        If the folder holds something else or another campaign, is in use, or cannot be written.
+    Raises:
+        ResultError: If the folder holds something else or another campaign, is in use, or cannot be written.
     """
     with _held(folder):
         head = folder / HEAD
@@ -181,10 +168,8 @@ def open_store(
 def load_head(folder: Path) -> dict[str, Any]:
     """Contents of ``campaign.json``.
 
-    Raises
-    ------
-    ResultError
-        If it cannot be read, or another version wrote it.
+    Raises:
+        ResultError: If it cannot be read, or another version wrote it.
     """
     path = folder / HEAD
     try:
@@ -204,12 +189,9 @@ def load_head(folder: Path) -> dict[str, Any]:
 def difference(head: Mapping[str, Any], identity: Mapping[str, Any]) -> str | None:
     """First difference between a folder's campaign and another one; empty if unknown, None if there is none.
 
-    Parameters
-    ----------
-    head
-        Contents of ``campaign.json``, as :func:`load_head` returns them.
-    identity
-        Settings that determine the other one's numbers.
+    Args:
+        head: Contents of ``campaign.json``, as :func:`load_head` returns them.
+        identity: Settings that determine the other one's numbers.
     """
     if head.get("fingerprint") == identity["fingerprint"]:
         return None
@@ -226,10 +208,8 @@ def difference(head: Mapping[str, Any], identity: Mapping[str, Any]) -> str | No
 def check_place(folder: Path) -> None:
     """Refuse, before any work is done, a folder that is none or holds something else.
 
-    Raises
-    ------
-    ResultError
-        If the folder holds something else; the message states the reason.
+    Raises:
+        ResultError: If the folder holds something else; the message states the reason.
     """
     if folder.exists() and not folder.is_dir():
         raise ResultError("is a file, not a folder", source=folder)

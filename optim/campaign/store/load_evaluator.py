@@ -20,16 +20,14 @@ AGAIN = "run the campaign again in another folder"
 def reopen(folder: StrPath) -> CampaignEvaluator:
     """Evaluator of the campaign in a folder, its store merged as far as it exists; nothing is compiled.
 
-    Parameters
-    ----------
-    folder
-        Folder that ``spacerobot campaign`` or :func:`optim.campaign.run_campaign` wrote, complete or not.
+    Args:
+        folder: Folder that ``spacerobot campaign`` or :func:`optim.campaign.run_campaign` wrote, complete or
+            not.
 
-    Raises
-    ------
-    ResultError
-        If it holds no campaign, no sample yet, or one that another process writes; or if it was made by
-        another version of the library or from URDFs that have changed since; or if its data are damaged.
+    Raises:
+        ResultError: If it holds no campaign, no sample yet, or one that another process writes; or if it was
+            made by another version of the library or from URDFs that have changed since; or if its data are
+            damaged.
     """
     folder = Path(folder)
     head = load_head(folder)

@@ -38,18 +38,12 @@ def write_tables(
 ) -> None:
     """Write a campaign's file.
 
-    Parameters
-    ----------
-    path
-        The file.
-    evaluator
-        Evaluator that made the tables.
-    tables
-        Tables with their first sample, in order.
-    about
-        Description of the run, in words.
-    complete
-        Whether every sample is among them.
+    Args:
+        path: The file.
+        evaluator: Evaluator that made the tables.
+        tables: Tables with their first sample, in order.
+        about: Description of the run, in words.
+        complete: Whether every sample is among them.
     """
     with netCDF4.Dataset(path, "w") as file:
         rows_of_block = block_rows(len(evaluator.gains), evaluator.recording)
@@ -73,10 +67,8 @@ def write_tables(
 def check_layout(path: Path, evaluator: CampaignEvaluator) -> None:
     """Refuse a file that lacks something of its campaign.
 
-    Raises
-    ------
-    ResultError
-        Naming what.
+    Raises:
+        ResultError: Naming what.
     """
     metrics = list(dict.fromkeys(column.metric for column in evaluator.columns))
     series = [one.name for one in evaluator.recording.series]
@@ -121,17 +113,12 @@ def is_complete(path: Path, count: int) -> bool:
 def load_campaign(folder: StrPath, series: Sequence[str] = ()) -> xr.Dataset:
     """Numbers of a campaign: its parameters, metrics and series by sample and set of gains.
 
-    Parameters
-    ----------
-    folder
-        Folder that ``spacerobot campaign`` or :func:`optim.campaign.run_campaign` wrote.
-    series
-        Names of the kept signals to read, each (sample, gains, time, component); they may be large.
+    Args:
+        folder: Folder that ``spacerobot campaign`` or :func:`optim.campaign.run_campaign` wrote.
+        series: Names of the kept signals to read, each (sample, gains, time, component); they may be large.
 
-    Raises
-    ------
-    ResultError
-        If there is no campaign, it cannot be read, or it kept no such signal.
+    Raises:
+        ResultError: If there is no campaign, it cannot be read, or it kept no such signal.
     """
     folder = Path(folder)
     path = folder / DATA

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from optim.campaign.rollouts.evaluator import CampaignEvaluator
+from spacerobot.scenario.catalogue import shipped
+from spacerobot.scene import Scene
 
 Changes = Sequence[tuple[str, Any]]
 ASKED = ("limits", "percentiles", "confidence")
@@ -18,12 +20,9 @@ ASKED = ("limits", "percentiles", "confidence")
 class ScenarioSource:
     """Scenario as named on the command line.
 
-    Attributes
-    ----------
-    scenario
-        File, or name of a shipped scenario.
-    changes
-        Changes of the scenario, by dotted path.
+    Attributes:
+        scenario: File, or name of a shipped scenario.
+        changes: Changes of the scenario, by dotted path.
     """
 
     scenario: str
@@ -33,20 +32,25 @@ class ScenarioSource:
 def notes_of(evaluator: CampaignEvaluator, named: ScenarioSource | None) -> dict[str, Any]:
     """Notes for the folder of a campaign, as plain data.
 
-    Parameters
-    ----------
-    evaluator
-        Evaluator of the campaign.
-    named
-        Scenario on the command line; its file if None.
+    Args:
+        evaluator: Evaluator of the campaign.
+        named: Scenario on the command line; the scene's own file and changes if None.
     """
     scene = evaluator.scene
-    named = named or ScenarioSource(scene.scenario.name if scene.source is None else str(scene.source))
+    named = named or ScenarioSource(_name_of(scene), scene.changes)
     about = "; ".join(dict.fromkeys(member.rollout.summary for member in evaluator.members))
-    asked = evaluator.campaign.model_dump(mode="json", include=set(ASKED))
+    settings = evaluator.campaign.model_dump(mode="json", include=set(ASKED))
     changes = [list(change) for change in named.changes]
-    notes = {"scenario": named.scenario, "changes": changes, "asked": asked, "about": about}
+    notes = {"scenario": named.scenario, "changes": changes, "asked": settings, "about": about}
     return dict(json.loads(json.dumps(notes)))
+
+
+def _name_of(scene: Scene) -> str:
+    """Name of a shipped scenario, or file of another one."""
+    if scene.source is None:
+        return scene.scenario.name
+    named = next((name for name, path in shipped().items() if path == scene.source), None)
+    return str(scene.source) if named is None else named
 
 
 def named_in(notes: Mapping[str, Any]) -> ScenarioSource:

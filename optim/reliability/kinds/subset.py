@@ -72,8 +72,8 @@ class SubsetSimulation(ProbabilityEstimator):
             # Markov chains below the level: states (steps, chains, k) and their values (steps, chains)
             path, chain_values = [seeds], [at]
             for _ in range(steps - 1):
-                drawn = rng.standard_normal(seeds.shape)
-                trial = CORRELATION * path[-1] + np.sqrt(1 - CORRELATION**2) * drawn
+                increments = rng.standard_normal(seeds.shape)
+                trial = CORRELATION * path[-1] + np.sqrt(1 - CORRELATION**2) * increments
                 trial = np.clip(trial, -MOST_SCORE, MOST_SCORE)
                 value = state.values(trial)
                 accepted = value < level

@@ -27,7 +27,7 @@ from optim.comparison.design_evaluator import build_design_evaluator
 from optim.comparison.report import to_data
 from optim.comparison.results import results_of, write
 from optim.comparison.statistics import statistics
-from optim.comparison.sweep import sweep
+from optim.comparison.sweep import run_sweep
 from optim.problem.sensitivities import sensitivity
 from optim.problem.tuning_problem import build_problem
 from optim.problem.variables import at_bound
@@ -187,7 +187,7 @@ def test_a_saved_comparison_is_loaded_and_copied(found, tmp_path):
     _, folder = found
     loaded = sr.load(folder)
     assert repr(loaded).endswith(": base-four>")
-    assert "conclusion" in loaded._repr_html_()
+    assert loaded.summary["conclusion"] in loaded._repr_html_()
     copied = loaded.save(tmp_path / "copy")
     assert sr.load(copied.folder).summary == loaded.summary == sr.ComparisonResult.load(folder).summary
     (tmp_path / "copy" / "comparison.json").write_text("{")
@@ -234,7 +234,7 @@ def test_new_variables_need_no_tuning_section(small, interpreted):
 
 
 def test_the_sweep_covers_probabilities_and_populations(small):
-    trials = list(sweep(quadratic(), protocol=EvolutionSettings(population=10, budget=60), runs=2))
+    trials = list(run_sweep(quadratic(), protocol=EvolutionSettings(population=10, budget=60), runs=2))
     settings = {(trial.setting, trial.value) for trial in trials}
     assert {("crossover", 0.1), ("crossover", 0.9), ("mutation", 0.9), ("population", 20)} <= settings
     assert all(len(trial.runs) == 2 and np.isfinite(trial.objectives).all() for trial in trials)

@@ -5,14 +5,15 @@ import pytest
 from scipy import stats
 
 import spacerobot as sr
+from optim.campaign.analysis.sentences import capturing, depends
 from optim.campaign.analysis.summary import summarise
+from optim.campaign.analysis.tables import campaign_content
 from optim.campaign.run import run_campaign
 from optim.campaign.store.netcdf import load_campaign
-from spacerobot.cli.campaign_tables import show
+from spacerobot.cli.output import show
 from tests.oracles.free_bodies import FLAT, free_bodies
 from viz.figures.campaign import SampleSpread, distributions
 from viz.report.campaign_section import CampaignReport, campaign_report
-from viz.report.campaign_text import capturing, depends
 from viz.report.sections import escape
 
 CAMPAIGN = {
@@ -98,13 +99,13 @@ def test_a_campaign_in_which_nothing_is_captured_fails_unless_captures_are_optio
     assert own["failure"]["any"]["count"] == failed
     assert own["captured"]["count"] == 0
     verdict = f"With the scenario's own gains, {failed} of 16 samples fail"
-    show(summary)
+    show(campaign_content(summary))
     printed = capsys.readouterr().out
     assert printed.startswith(verdict)
     assert ("16 by a capture that was missed" in printed) == required
     html = campaign_report(CampaignReport(summary, data, {}, {}))
     section_text = html[html.index("<h2") :]
-    assert section_text[section_text.index("<p>") :].startswith(f"<p>{escape(verdict)}")
+    assert section_text[section_text.index("<p ") :].startswith(f"<p class='outcome'>{escape(verdict)}")
 
 
 def test_a_late_capture_passes_its_limit_and_a_missed_one_is_missed(told, tmp_path):

@@ -7,12 +7,12 @@ import pytest
 from matplotlib.colors import same_color
 
 from optim.campaign.analysis.sensitivity import correlated, noise_of, what_matters
+from optim.campaign.analysis.sentences import depends, failing, failure_criteria, mixed, unfinished
 from optim.campaign.analysis.statistics import percentile
 from optim.campaign.sampling.samplers import draw
 from spacerobot.scenario import Campaign
 from viz.figures import SampleSpread, bands, distributions, moving_components, robustness
 from viz.figures.campaign import BAD
-from viz.report.campaign_text import depends, failing, mixed, unfinished
 
 UNIFORM = {"lower": -1, "upper": 3}
 PLAIN = {"parameters": {name: {"paths": name, **UNIFORM} for name in "abcd"}, "samples": 256}
@@ -94,6 +94,12 @@ def test_sentences_about_failures():
     assert text.endswith("is between 1 and 20 %, with 95 % confidence. Of them: 1 diverged, 2 by grip force.")
     assert unfinished(summary) is None
     assert "30 of 40 samples" in unfinished(summary | {"of": 40})
+
+
+def test_limits_have_units():
+    summary = {"limits": {"tip_error": 0.005, "base_rotation_deg": 2}, "gains": {"": {"failure": {}}}}
+    text = failure_criteria(summary)
+    assert "peak tip error (one axis) 5 mm, peak base rotation 2 deg" in text
 
 
 def test_a_percentile_that_falls_on_a_sample_is_that_sample():

@@ -9,14 +9,13 @@ import pytest
 from typer.testing import CliRunner
 
 from optim.campaign import LocalExecutor, load_campaign, reopen, run_campaign, simulate_sample, summarise
+from optim.campaign.analysis.sentences import stepping
 from optim.campaign.sampling.parameter_space import sensor_offsets
 from optim.campaign.store.run_settings import ScenarioSource
-from spacerobot.cli.campaign_page import campaign_page
-from spacerobot.cli.page_data import campaign_at_once
 from spacerobot.errors import DivergedError, ResultError
 from spacerobot.scenario import UncertainParameter
 from spacerobot.scene import load_scene
-from viz.report.campaign_text import stepping
+from viz.report.campaign_data import campaign_page, first_page
 
 ONE = {"soft": {"robots.*.tips.tip.pid.kp": 50}}
 """A single set of gains, where how many there are does not matter: each costs the page a simulation."""
@@ -45,7 +44,8 @@ def page(told):
 def test_the_page_says_what_the_summary_says(told, page):
     _, _, summary = told
     share = 100 * summary["gains"]["soft"]["failure"]["grip_force"]["value"]
-    assert f"{share:.3g} % (" in page
+    assert f"<td>{share:.3g} (" in page
+    assert "grip force [%]</th>" in page
     assert "100 of 100 samples" in page
     for gains in summary["gains"].values():
         command = gains["worst"][0]["command"]
@@ -68,7 +68,7 @@ def test_a_worst_sample_that_cannot_begin_is_told_by_its_fault_and_the_page_goes
             raise DivergedError(f"the rollout of {gains} diverged at the start, where v = 1e<300")
         return simulate_sample(own, draw, gains)
 
-    monkeypatch.setattr("optim.campaign.simulate_sample", simulate)
+    monkeypatch.setattr("viz.report.campaign_data.simulate_sample", simulate)
     made = campaign_page(folder, quiet, evaluator)
     for gains in which or summary["gains"]:
         sample = summary["gains"][gains]["worst"][0]["sample"]
@@ -80,7 +80,8 @@ def test_a_worst_sample_that_cannot_begin_is_told_by_its_fault_and_the_page_goes
 
 def test_what_a_folder_holds_is_shown_before_anything_is_compiled(told):
     folder, evaluator, _ = told
-    data, again = campaign_at_once(folder)
+    again = reopen(folder)
+    data = first_page(folder, again)
     spreads = data["panel"]["spreads"]
     assert [spread["name"] for spread in spreads] == list(evaluator.gains)
     peak = next(metric for metric in spreads[0]["metrics"] if metric["key"] == "tip_error_peak")

@@ -1,11 +1,14 @@
 """Designs, distributions and correlation against known statistics."""
 
+import sys
+
 import numpy as np
 import pytest
 from scipy import stats
 from scipy.stats import qmc
 
 from optim.campaign.sampling.samplers import draw
+from spacerobot.errors import SpaceRobotError
 from spacerobot.scenario import Campaign
 
 KINDS = {
@@ -86,6 +89,12 @@ def test_a_grid_is_every_combination_with_its_ends():
     assert sorted(set(found[:, 0])) == [-2, 2, 6]
     assert sorted(set(found[:, 1])) == pytest.approx(stats.norm(3, 2).ppf([1 / 6, 0.5, 5 / 6]))
     assert sorted(set(found[:, 2])) == [0, 4]
+
+
+def test_a_design_names_the_extra_that_it_needs(monkeypatch):
+    monkeypatch.setitem(sys.modules, "SALib.sample.sobol", None)
+    with pytest.raises(SpaceRobotError, match=r"design saltelli needs .* 'spacerobot\[sobol\]'"):
+        unit_points(campaign(design="saltelli", samples=8))
 
 
 def test_a_design_for_sobol_indices_has_its_blocks():

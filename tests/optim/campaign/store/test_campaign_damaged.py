@@ -10,8 +10,8 @@ import xarray as xr
 
 from optim.campaign.run import run_campaign
 from optim.campaign.store.load_evaluator import reopen
-from spacerobot.cli.campaign_page import campaign_page
 from spacerobot.errors import ResultError
+from viz.report.campaign_data import campaign_page
 
 
 @pytest.fixture(scope="module")
