@@ -18,6 +18,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
+from spacerobot.cli.command import GROUPS
 from spacerobot.cli.output import LEAST_WIDTH, print_error, warn
 from spacerobot.errors import SpaceRobotError, SpaceRobotWarning
 from spacerobot.interrupts import INTERRUPTED, minded, reason
@@ -26,8 +27,8 @@ from spacerobot.registry import COMMANDS
 EXAMPLE_INDENT = 4
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
+def _show_version(requested: bool) -> None:
+    if requested:
         from spacerobot.version import __version__
 
         typer.echo(__version__)
@@ -65,7 +66,7 @@ def application() -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.callback()(_options)
-    for command in COMMANDS.entries().values():
+    for command in sorted(COMMANDS.entries().values(), key=lambda command: GROUPS.index(command.group)):
         command.join(app)
     return app
 

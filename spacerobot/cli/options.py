@@ -8,19 +8,17 @@ from typing import Annotated, Any
 import typer
 
 
-def parse_changes(given: list[str] | None) -> list[tuple[str, Any]]:
+def parse_changes(texts: list[str] | None) -> list[tuple[str, Any]]:
     """Pairs of dotted path and value from ``path=value`` texts.
 
-    Raises
-    ------
-    ScenarioError
-        If one has no ``=``, or its value is not YAML.
+    Raises:
+        ScenarioError: If one has no ``=``, or its value is not YAML.
     """
     from spacerobot.errors import ScenarioError
     from spacerobot.scenario.document import parse_yaml
 
     changes = []
-    for text in given or []:
+    for text in texts or []:
         path, equals, value = text.partition("=")
         if not equals or not path.strip():
             raise ScenarioError(f"found {text!r}, allowed: PATH=VALUE", where="--set")
@@ -31,10 +29,8 @@ def parse_changes(given: list[str] | None) -> list[tuple[str, Any]]:
 def readable_changes(texts: list[str] | None) -> list[str] | None:
     """Texts ``path=value`` that can be read, checked before a command imports anything.
 
-    Raises
-    ------
-    ScenarioError
-        As :func:`parse_changes`.
+    Raises:
+        ScenarioError: As :func:`parse_changes`.
     """
     parse_changes(texts)
     return texts
@@ -43,10 +39,8 @@ def readable_changes(texts: list[str] | None) -> list[str] | None:
 def existing_scenario(name: str) -> str:
     """Name of a scenario that is there, checked before a command imports anything.
 
-    Raises
-    ------
-    ScenarioError
-        If it is no file and no shipped scenario.
+    Raises:
+        ScenarioError: If it is no file and no shipped scenario.
     """
     from spacerobot.scenario.catalogue import find_scenario
 

@@ -1,4 +1,4 @@
-"""How the command line prints: tables on stdout, progress and errors on stderr."""
+"""Output of the command line: tables on stdout, progress and errors on stderr."""
 
 from __future__ import annotations
 
@@ -6,17 +6,19 @@ import contextlib
 import os
 import sys
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from rich.box import SIMPLE_HEAD
 from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Table as RichTable
 from rich.text import Text
+from rich.tree import Tree as RichTree
 
 from spacerobot.progress import hearing
+from spacerobot.tables import Content, Tabular, Tree
 
 PLAIN_WIDTH = 140
 LEAST_WIDTH = 20
@@ -33,8 +35,8 @@ class _Console(Console):
 def console() -> Console:
     """Console for results, as wide as ``COLUMNS`` says, else as the terminal, else long enough for tables."""
     columns = os.environ.get("COLUMNS", "")
-    given = max(int(columns), LEAST_WIDTH) if columns.isdecimal() and int(columns) else None
-    return _Console(highlight=False, width=given or (None if sys.stdout.isatty() else PLAIN_WIDTH))
+    width = max(int(columns), LEAST_WIDTH) if columns.isdecimal() and int(columns) else None
+    return _Console(highlight=False, width=width or (None if sys.stdout.isatty() else PLAIN_WIDTH))
 
 
 def print_error(message: str) -> None:
@@ -56,16 +58,16 @@ def warn(message: str) -> None:
 @contextlib.contextmanager
 def progress(first: str) -> Iterator[Callable[[str], None]]:
     """Spinner on stderr that says what is being done and compiled; silent where stderr is no terminal."""
-    said = first
+    text = first
 
     def say(words: str) -> None:
-        nonlocal said
-        said = words
+        nonlocal text
+        text = words
         status.update(escape(words))
 
     def compiles(done: int, total: int) -> None:
         more = f" (compiling: {done} of {total} pieces done)" if done < total else ""
-        status.update(escape(f"{said}{more}"))
+        status.update(escape(f"{text}{more}"))
 
     with Console(stderr=True).status(escape(first)) as status, hearing(compiles):
         yield say
@@ -85,6 +87,35 @@ GAP = 3
 """Columns that a table needs beside each of its columns: padding on both sides and a separator."""
 
 
+def show(content: Tabular | Iterable[Content]) -> None:
+    """Print tables and sentences, and the warnings about what is presented."""
+    if isinstance(content, Tabular):
+        for text in content.notices():
+            warn(text)
+        content = content.content()
+    for part in content:
+        if isinstance(part, str):
+            prose(part)
+        elif isinstance(part, Tree):
+            console().print(tree(part))
+        elif part.has_headings:
+            console().print(table(part.title, part.headings, part.rows, keys=part.keys))
+        elif any(len(row) > 1 for row in part.rows):
+            console().print(pairs(part.title, part.rows))
+        else:
+            console().print(f"\n{escape(part.title or '')}", style="bold")
+            for (text,) in part.rows:
+                prose(text, indent=2)
+
+
+def tree(content: Tree) -> RichTree:
+    """Tree whose names are bold."""
+    rich_tree = RichTree(f"[bold]{escape(content.name)}[/] {escape(content.text)}".strip())
+    for branch in content.branches:
+        rich_tree.add(escape(branch) if isinstance(branch, str) else tree(branch))
+    return rich_tree
+
+
 def table(
     title: str | None, headings: Sequence[str], rows: Sequence[Sequence[str]], *, keys: int = 1
 ) -> TextTable:
@@ -99,16 +130,11 @@ class TextTable:
     Texts wrap between words. Where the columns do not fit side by side even so, the table is printed in
     blocks below one another, each of which begins with the first columns.
 
-    Attributes
-    ----------
-    title
-        Printed above it, if any.
-    headings
-        One for each column.
-    rows
-        As many cells each.
-    keys
-        How many of the first columns name a row; every block begins with them.
+    Attributes:
+        title: Printed above it, if any.
+        headings: One for each column.
+        rows: As many cells each.
+        keys: How many of the first columns name a row; every block begins with them.
     """
 
     title: str | None
@@ -134,29 +160,35 @@ class TextTable:
         for k, places in enumerate(blocks):
             room = options.max_width - 1 - GAP * len(places)
             block = [columns[place] for place in places]
-            made = Table(
+            rich_table = RichTable(
                 title=escape(self.title) if self.title and k == 0 else None,
                 title_justify="left",
                 header_style="bold",
                 box=SIMPLE_HEAD,
             )
             for column, width in zip(block, _shared([bounds[place] for place in places], room), strict=True):
-                made.add_column(escape(column[0]), overflow="fold", width=width)
+                rich_table.add_column(escape(column[0]), overflow="fold", width=width)
             for cells in zip(*(column[1:] for column in block), strict=True):
-                made.add_row(*map(escape, cells))
-            yield made
+                rich_table.add_row(*map(escape, cells))
+            yield rich_table
 
 
-def pairs(title: str, rows: Sequence[tuple[str, str]]) -> Table:
+def pairs(title: str | None, rows: Sequence[Sequence[str]]) -> RichTable:
     """Two columns without a heading: names and values."""
-    made = Table(title=escape(title), title_justify="left", show_header=False, box=None, pad_edge=False)
+    rich_table = RichTable(
+        title=escape(title) if title else None,
+        title_justify="left",
+        show_header=False,
+        box=None,
+        pad_edge=False,
+    )
     columns = [("", *(row[k] for row in rows)) for k in (0, 1)]
     names, values = _shared([_bounds(column) for column in columns], console().width - 1)
-    made.add_column(style="bold", overflow="fold", width=names)
-    made.add_column(overflow="fold", width=values)
+    rich_table.add_column(style="bold", overflow="fold", width=names)
+    rich_table.add_column(overflow="fold", width=values)
     for name, value in rows:
-        made.add_row(escape(name), escape(value))
-    return made
+        rich_table.add_row(escape(name), escape(value))
+    return rich_table
 
 
 def _bounds(column: Sequence[str], prose: int = LEAST_PROSE[0]) -> tuple[int, int, int]:

@@ -26,10 +26,9 @@ KEPT_IN = ("summary.json", "plan.json", "campaign.json")
 def load_plugins_of(folders: Iterable[Path]) -> None:
     """Run the plugins that results, plans and campaigns in folders were made with, those that are allowed.
 
-    Raises
-    ------
-    ResultError
-        If a folder is missing; if a plugin is not found as it was, or not allowed; says how to allow it.
+    Raises:
+        ResultError: If a folder is missing; if a plugin is not found as it was, or not allowed; says how to
+            allow it.
     """
     folders = list(folders)
     for folder in folders:

@@ -1,4 +1,4 @@
-"""Where the ``spacerobot`` command begins: Ctrl-C ends it with one line even while its libraries load."""
+"""Start of the ``spacerobot`` command: Ctrl-C ends it with one line even while its libraries load."""
 
 import gc
 import os

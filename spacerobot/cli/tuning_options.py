@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from spacerobot.cli.output import progress, prose, warn
+from spacerobot.cli.output import progress, warn
 from spacerobot.interrupts import keep
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from optim import MethodOutcome, SearchProgress, SearchRun
+    from optim import MethodOutcome, SearchProgress
     from optim.search.search import Progress
     from spacerobot.scenario import Tuning
 
@@ -40,19 +40,9 @@ Seed = Annotated[
 ]
 
 
-def chosen_variables(given: str | None, tuning: Tuning) -> list[str] | None:
+def chosen_variables(text: str | None, tuning: Tuning) -> list[str] | None:
     """Names of a set of the tuning section, or those between commas; None for all."""
-    return list(tuning.sets[given]) if given in tuning.sets else parts(given)
-
-
-def show_runs(runs: Sequence[SearchRun], factor: float = 1.0) -> None:
-    """Print what each run found, times a factor, what it spent and how it ended."""
-    for run in runs:
-        ended = f"{run.status}{': ' + run.message if run.message else ''}"
-        spent = f"{run.cost}, {run.seconds:.1f} s"
-        kkt = "" if run.kkt is None else f", first-order residual {run.kkt:.1e}"
-        line = f"{run.method} {run.index + 1}: {factor * run.objective:.6g}, {spent}{kkt}; {ended}"
-        prose(line)
+    return list(tuning.sets[text]) if text in tuning.sets else parts(text)
 
 
 def stop_if_interrupted(outcome: MethodOutcome) -> None:
@@ -63,12 +53,10 @@ def stop_if_interrupted(outcome: MethodOutcome) -> None:
 
 
 def journals(out: Path | None, job: str) -> Path | None:
-    """Where a job with an output folder keeps its journals.
+    """Folder of the journals of a job with an output folder.
 
-    Raises
-    ------
-    ResultError
-        If the folder holds something else; see ``spacerobot.result.check_folder``.
+    Raises:
+        ResultError: If the folder holds something else; see ``spacerobot.result.check_folder``.
     """
     from spacerobot.result import JOURNALS, check_folder
 

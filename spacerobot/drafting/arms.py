@@ -36,16 +36,11 @@ MOVES = 1e-3  # least singular value of a tip's Jacobian, lengths in units of it
 class RobotFiles:
     """URDFs of a robot.
 
-    Attributes
-    ----------
-    urdf
-        As the scenario names it.
-    description
-        Links and joints, with those of the arms that are mounted on it.
-    mounts
-        Sections of these arms, by name.
-    source
-        The scenario's file.
+    Attributes:
+        urdf: As the scenario names it.
+        description: Links and joints, with those of the arms that are mounted on it.
+        mounts: Sections of these arms, by name.
+        source: The scenario's file.
     """
 
     urdf: str
@@ -58,24 +53,15 @@ class RobotFiles:
 class DraftArm:
     """A robot of the draft.
 
-    Attributes
-    ----------
-    name
-        In the scenario.
-    files
-        Its URDFs.
-    tip
-        Link that holds the target.
-    chain
-        Moving joints from the base to the tip.
-    joints
-        Initial state by name, as the scenario says it; others than those of the chain are locked.
-    planar
-        Whether it moves in the x-y plane only.
-    turns
-        Whether the chain moves its tip in every direction and about every axis.
-    alternatives
-        The same in further postures, the better ones first.
+    Attributes:
+        name: In the scenario.
+        files: Its URDFs.
+        tip: Link that holds the target.
+        chain: Moving joints from the base to the tip.
+        joints: Initial state by name, as the scenario says it; others than those of the chain are locked.
+        planar: Whether it moves in the x-y plane only.
+        turns: Whether the chain moves its tip in every direction and about every axis.
+        alternatives: The same in further postures, the better ones first.
     """
 
     name: str
@@ -96,10 +82,8 @@ class DraftArm:
 def read(urdf: str, folder: Path) -> tuple[str, Description]:
     """A URDF, and how a scenario in ``folder`` names it.
 
-    Raises
-    ------
-    DescriptionError
-        If it is not found or cannot be used.
+    Raises:
+        DescriptionError: If it is not found or cannot be used.
     """
     path = find_urdf(urdf, Path.cwd())
     if path.parent == shipped_urdf_folder() and not (folder / path.name).is_file():
@@ -111,10 +95,8 @@ def read(urdf: str, folder: Path) -> tuple[str, Description]:
 def scene_of(document: Document, source: Path) -> Scene:
     """Scene of a drafted document that will stand in ``source``; xacro files are the user's own.
 
-    Raises
-    ------
-    ScenarioError, DescriptionError
-        If it cannot be simulated.
+    Raises:
+        ScenarioError, DescriptionError: If it cannot be simulated.
     """
     return build_scene(validate(document, source=source), source=source, expand_xacro=True)
 
@@ -135,27 +117,20 @@ def ends(description: Description) -> list[str]:
 def make_arm(name: str, files: RobotFiles, tip: str | None) -> DraftArm:
     """Arm with a chain and a posture.
 
-    Parameters
-    ----------
-    name
-        Of the robot in the scenario.
-    files
-        Its URDFs.
-    tip
-        Link that holds the target; the only end of its chains if None.
+    Args:
+        name: Of the robot in the scenario.
+        files: Its URDFs.
+        tip: Link that holds the target; the only end of its chains if None.
 
-    Raises
-    ------
-    ScenarioError, DescriptionError
-        If it has no such tip, or the URDF cannot be simulated.
+    Raises:
+        ScenarioError, DescriptionError: If it has no such tip, or the URDF cannot be simulated.
     """
     description = files.description
     file = description.path.name
     if tip is None:
         found = ends(description)
         if len(found) != 1:
-            shown = ", ".join(found[:12]) + (", ..." if len(found) > 12 else "")
-            message = f"name the link of {file} that holds the target; its ends: {shown}"
+            message = f"name the link of {file} that holds the target; its ends: {', '.join(found)}"
             raise ScenarioError(message, where="--tip")
         link = found[0]
     else:

@@ -20,7 +20,7 @@ until a draft captures.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -51,6 +51,33 @@ DRIFT, TURN_DEG = 0.1, 2.0
 ENVELOPE = 1.5
 """Closing speed that the capture allows, in parts of the greatest one of the approach: the tip enters the
 envelope, a fifth of the way from the standoff, at 0.73 of that."""
+TORQUE = 1e-3
+"""Largest weight of torques in a plan, in parts of that of joint accelerations."""
+
+
+def plan_costs(duration_s: float, dampings: Sequence[float]) -> Document:
+    """Weights of torques and joint accelerations in a plan, relative to the base's rotation.
+
+    In a time T, a joint moves by one radian or metre with rates up to 1.5/T and accelerations up to 6/T^2.
+    Its acceleration costs as much as one radian of base rotation if its weight is w_a = (T^2/6)^2. With
+    weights that ignore T, a slow arm moves all of its joints to keep the base still, and collides with
+    itself.
+
+    Torques of joints with the damping d [N m s/rad or N s/m] cost w_u (d v)^2, so that optimal rates change
+    within (w_a/w_u)^(1/2)/d. For a torso of 1000 N s/m this was 0.03 s of a motion of a minute. Equal costs
+    of damping and acceleration, w_u = (T/1.5/d)^2, make it T/4.
+
+    Args:
+        duration_s: Duration of the plan [s].
+        dampings: Damping of each joint that moves.
+
+    Returns:
+        dict: Weights of ``torque`` and ``joint_acceleration``.
+    """
+    acceleration = (duration_s**2 / 6) ** 2
+    damped = (duration_s / 1.5 / max([*dampings, 1e-9])) ** 2
+    torque = min(TORQUE * acceleration, damped)
+    return {"torque": short(torque, 1), "joint_acceleration": short(acceleration, 1)}
 
 
 def surface_point(target: str, point: Sequence[float], file: StrPath) -> tuple[str, str]:
@@ -59,24 +86,16 @@ def surface_point(target: str, point: Sequence[float], file: StrPath) -> tuple[s
     The frame's x axis points into the object: from the point to the root link's centre of mass, along the
     nearest of the root link's axes.
 
-    Parameters
-    ----------
-    target
-        URDF of the object.
-    point
-        In the axes of its root link (3,) [m].
-    file
-        Scenario beside which it will lie.
+    Args:
+        target: URDF of the object.
+        point: In the axes of its root link (3,) [m].
+        file: Scenario beside which it will lie.
 
-    Returns
-    -------
-    tuple
-        File name and text.
+    Returns:
+        tuple: File name and text.
 
-    Raises
-    ------
-    ScenarioError
-        If the point is the centre of mass.
+    Raises:
+        ScenarioError: If the point is the centre of mass.
     """
     file = Path(file)
     _, description = read(target, file.absolute().parent)
@@ -103,17 +122,13 @@ def draft_capture(order: DraftRequest, file: StrPath) -> tuple[str, Scene]:
 
     Nothing is written, and nothing is simulated: see :func:`spacerobot.drafting.draft`.
 
-    Parameters
-    ----------
-    order
-        One robot and its object, and what is chosen.
-    file
-        Where the text will be written; URDFs are named relative to it.
+    Args:
+        order: One robot and its object, and what is chosen.
+        file: Where the text will be written; URDFs are named relative to it.
 
-    Raises
-    ------
-    ScenarioError, DescriptionError
-        If a URDF cannot be used, a link is not there, or the object has no mating frame.
+    Raises:
+        ScenarioError, DescriptionError: If a URDF cannot be used, a link is not there, or the object has no
+            mating frame.
     """
     return CaptureGeometry.of(order, file).scenario()
 
@@ -122,29 +137,19 @@ def draft_capture(order: DraftRequest, file: StrPath) -> tuple[str, Scene]:
 class CaptureGeometry:
     """Poses of a capture, and the numbers of its motion and controllers at slowdown 1.
 
-    Attributes
-    ----------
-    file
-        Where the scenario will stand.
-    arm, bare, held
-        The robot, the scenario without gains and its scene in which the arm holds the object.
-    spacecraft
-        Sensors, controllers and actuators of the base, and what follows from them.
-    gain
-        Bandwidth of the tip [rad/s].
-    payload
-        Keys of the object as payload.
-    direction, axis, mated_deg
-        Direction of approach in the world (3,), the same in the mating frame (3,), and roll, pitch, yaw of
-        the tip in the mating frame where mated [deg].
-    way
-        Distance of the tip from its mating point at the start [m].
-    approach_time
-        Time to the standoff [s].
-    place
-        Of the object's root link when the arm holds it, in the world (3,) [m].
-    lever
-        Distance of the mating frame from it [m].
+    Attributes:
+        file: Where the scenario will stand.
+        arm, bare, held: The robot, the scenario without gains and its scene in which the arm holds the
+            object.
+        spacecraft: Sensors, controllers and actuators of the base, and what follows from them.
+        gain: Bandwidth of the tip [rad/s].
+        payload: Keys of the object as payload.
+        direction, axis, mated_deg: Direction of approach in the world (3,), the same in the mating frame
+            (3,), and roll, pitch, yaw of the tip in the mating frame where mated [deg].
+        way: Distance of the tip from its mating point at the start [m].
+        approach_time: Time to the standoff [s].
+        place: Of the object's root link when the arm holds it, in the world (3,) [m].
+        lever: Distance of the mating frame from it [m].
     """
 
     file: Path
@@ -163,13 +168,18 @@ class CaptureGeometry:
     lever: float
 
     @classmethod
-    def of(cls, order: DraftRequest, file: StrPath) -> CaptureGeometry:
+    def of(
+        cls, order: DraftRequest, file: StrPath, progress: Callable[[str], None] | None = None
+    ) -> CaptureGeometry:
         """Find the poses.
 
-        Raises
-        ------
-        ScenarioError, DescriptionError
-            As :func:`draft_capture`.
+        Args:
+            order: Robot and object, and what is chosen.
+            file: Where the scenario will be written; URDFs are named relative to it.
+            progress: As of :func:`spacerobot.drafting.held.held_scene`.
+
+        Raises:
+            ScenarioError, DescriptionError: As :func:`draft_capture`.
         """
         file = Path(file)
         count = len(order.robots)
@@ -179,7 +189,7 @@ class CaptureGeometry:
                 f"found {count + (order.bus is not None)} robots, allowed with --capture: {allowed}",
                 where="--robot",
             )
-        (arm,), bare, held = held_scene(order, file.absolute())
+        (arm,), bare, held = held_scene(order, file.absolute(), progress)
         grasp, target = held.grasps[0], held.bodies[-1]
         if grasp.config.frame == target.description.root:
             raise ScenarioError(
@@ -261,7 +271,7 @@ class CaptureGeometry:
         latest_stop = short(max(20.0, 20 / gain), 2)
         goal = {"tip": tip, "frame": link, **at, "orientation": arm.turns, "settled": True}
         floating = self.bare["robots"][arm.name]["base"]["joint"] != "fixed"
-        costs: Document = {"torque": 1e-3, "joint_acceleration": 1}
+        costs = plan_costs(until, [joint.damping for joint in arm.chain if joint.name in arm.joints])
         costs |= {"base_rotation": 1} if floating else {}
         brake = {"kind": "brake", "deceleration": 0.01, "spin_deceleration_deg": 0.5}
         approach = {"tips": {arm.tip_name: {"reference": reference}}}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -29,19 +29,15 @@ BASES = ("free_flyer", "planar", "fixed")
 class DraftRequest:
     """Request for a draft of a scenario.
 
-    Attributes
-    ----------
-    robots, target
-        URDF files, or names of shipped ones.
-    tips, frames
-        A link of each robot, or one for all, and of the target for each robot; chosen where none is given.
-    base
-        How bases are connected to the world; ``planar`` if every robot is, else ``free_flyer``, if None.
-    bus, mounts
-        URDF of a spacecraft, in place of robots, and its arms as :func:`read_mounts` reads them; the first
-        one holds the target, joints of the others are locked.
-    include
-        Equipment of the spacecraft, for a capture: ``wheels``, ``thrusters``, ``filters``.
+    Attributes:
+        robots, target: URDF files, or names of shipped ones.
+        tips, frames: A link of each robot, or one for all, and of the target for each robot; chosen where
+            none is given.
+        base: How bases are connected to the world; ``planar`` if every robot is, else ``free_flyer``, if
+            None.
+        bus, mounts: URDF of a spacecraft, in place of robots, and its arms as :func:`read_mounts` reads them;
+            the first one holds the target, joints of the others are locked.
+        include: Equipment of the spacecraft, for a capture: ``wheels``, ``thrusters``, ``filters``.
     """
 
     robots: Sequence[str]
@@ -54,26 +50,28 @@ class DraftRequest:
     include: Sequence[str] = ()
 
 
-def draft_scenario(order: DraftRequest, file: StrPath, slowdown: float = 1.0) -> tuple[str, Scene]:
+def draft_scenario(
+    order: DraftRequest,
+    file: StrPath,
+    slowdown: float = 1.0,
+    *,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[str, Scene]:
     """Text of a scenario that will stand in ``file``, and its scene; nothing is written.
 
-    Parameters
-    ----------
-    order
-        Robots and their object, and what is chosen.
-    file
-        Where the text will be written; URDFs are named relative to it.
-    slowdown
-        Factor by which bandwidths are divided, and with which the motion becomes slower.
+    Args:
+        order: Robots and their object, and what is chosen.
+        file: Where the text will be written; URDFs are named relative to it.
+        slowdown: Factor by which bandwidths are divided, and with which the motion becomes slower.
+        progress: As of :func:`held_scene`.
 
-    Raises
-    ------
-    ScenarioError, DescriptionError
-        If a URDF cannot be used, a link is not there, or no such scene can be simulated.
+    Raises:
+        ScenarioError, DescriptionError: If a URDF cannot be used, a link is not there, or no such scene can
+            be simulated.
     """
     file = Path(file)
     source = file.absolute()
-    arms, bare, scene = held_scene(order, source)
+    arms, bare, scene = held_scene(order, source, progress)
     numbers = DraftNumbers(scene, {arm.name: arm for arm in arms})
     gains = {tip.label: numbers.gains(tip).slowed(slowdown) for tip in scene.tips}
     move = numbers.move(min(found.bandwidth / slowdown for found in gains.values()))
@@ -84,13 +82,18 @@ def draft_scenario(order: DraftRequest, file: StrPath, slowdown: float = 1.0) ->
     return text, scene_of(parse_yaml(text, source=source), source)
 
 
-def held_scene(order: DraftRequest, source: Path) -> tuple[list[DraftArm], Document, Scene]:
+def held_scene(
+    order: DraftRequest, source: Path, progress: Callable[[str], None] | None = None
+) -> tuple[list[DraftArm], Document, Scene]:
     """Arms, scenario without gains, and its scene, in which the tips hold the target away from the arms.
 
-    Raises
-    ------
-    ScenarioError, DescriptionError
-        As :func:`draft_scenario`.
+    Args:
+        order: Robots and their object, and what is chosen.
+        source: Absolute path of the scenario; URDFs are named relative to it.
+        progress: Called with a few words whenever a step that may take a while begins.
+
+    Raises:
+        ScenarioError, DescriptionError: As :func:`draft_scenario`.
     """
     if order.base is not None and order.base not in BASES:
         raise ScenarioError(f"found {order.base!r}; {near_names(order.base, BASES)}", where="--base")
@@ -98,6 +101,8 @@ def held_scene(order: DraftRequest, source: Path) -> tuple[list[DraftArm], Docum
         raise ScenarioError(
             "one robot alone may be fixed; the others are placed by their grasps", where="--base"
         )
+    tell = progress or (lambda _: None)
+    tell("choosing a posture")
     arms = _arms(order, source)
     urdf, description = read(order.target, source.parent)
     # mating frame of each robot: those asked for, else massless ends of the target, else its root
@@ -113,7 +118,7 @@ def held_scene(order: DraftRequest, source: Path) -> tuple[list[DraftArm], Docum
     else:
         if len(found) < count or (wanted and len(wanted) != count):
             raise ScenarioError(
-                f"name one link of {file} for each of the {count} robots; its links: {', '.join(names[:12])}",
+                f"name one link of {file} for each of the {count} robots; its links: {', '.join(names)}",
                 where="--frame",
             )
         frames = found[:count]
@@ -124,11 +129,13 @@ def held_scene(order: DraftRequest, source: Path) -> tuple[list[DraftArm], Docum
     object_base = "planar" if planar and base != "free_flyer" else "free_flyer"
     object_mass = sum(link.mass for link in description.links)
     placed = partial(_placed, frames=frames, bases=(base, object_base, urdf), object_mass=object_mass)
+    tell("placing the object")
     bare, scene = placed(arms, source=source)
     if len(arms) == 1 and overlaps(scene):
         # the best posture in which the object does not begin inside the robot, if there is one
         (arm,) = arms
-        for other in arm.alternatives:
+        for k, other in enumerate(arm.alternatives, start=1):
+            tell(f"choosing a posture in which nothing overlaps: {k} of {len(arm.alternatives)}")
             clear = replace(other, turns=other.turns and arm.turns)
             there, clear_scene = placed([clear], source=source)
             if not overlaps(clear_scene):
@@ -160,8 +167,11 @@ def _placed(
     turns = [(roll, pitch, yaw) for roll in tilts for pitch in tilts[:3] for yaw in (0, 90, -90, 180)]
     tried = [tip.rotation @ pin.rpy.rpyToMatrix(np.radians(t)) @ held.rotation.T for t in turns]
     places = [tip.translation - rotation @ held.translation for rotation in tried]
-    spaces = [np.linalg.norm(arm - place, axis=1).min() for place in places]
-    best = tried[int(np.argmax(np.round(spaces, 6)))]
+    # farthest from the nearest joint; where the tip lies on the last joint, as a flange does, that one is
+    # equally far from all, and the mean distance tells which of them points away from the arm
+    spaces = [np.linalg.norm(arm - place, axis=1) for place in places]
+    scores = [(round(float(space.min()), 6), round(float(space.mean()), 6)) for space in spaces]
+    best = tried[scores.index(max(scores))]
     bare["target"]["base"]["rotation_deg"] = (
         [0.0, 0.0, round(float(np.degrees(np.arctan2(best[1, 0], best[0, 0]))), 3) + 0.0]
         if scene.planar
@@ -186,7 +196,7 @@ def _arms(order: DraftRequest, source: Path) -> list[DraftArm]:
         if tip is None and len(ends(first.description)) == 1:
             (tip,) = ends(first.description)
         if tip not in links:
-            known = near_names(tip, links) if tip else f"its ends: {', '.join(ends(first.description)[:12])}"
+            known = near_names(tip, links) if tip else f"its ends: {', '.join(ends(first.description))}"
             lacks = f"no link {tip!r} in" if tip else "name the link of"
             raise ScenarioError(f"{lacks} {first.description.path.name}; {known}", where="--tip")
         sections = {mount.name: mount.section() for mount in mounts}

@@ -22,16 +22,11 @@ FORM = "[NAME=]URDF[@x,y,z[,roll,pitch,yaw]]"
 class DraftMount:
     """An arm on a bus.
 
-    Attributes
-    ----------
-    name
-        Prefix of its links and joints.
-    urdf
-        As the scenario names it.
-    description
-        The URDF.
-    position, rotation_deg
-        Of its root link in the bus's root link: [m], and roll, pitch, yaw [deg].
+    Attributes:
+        name: Prefix of its links and joints.
+        urdf: As the scenario names it.
+        description: The URDF.
+        position, rotation_deg: Of its root link in the bus's root link: [m], and roll, pitch, yaw [deg].
     """
 
     name: str
@@ -49,18 +44,14 @@ class DraftMount:
 def read_mounts(texts: Sequence[str], folder: Path) -> list[DraftMount]:
     """Arms of a bus, with names that differ.
 
-    Parameters
-    ----------
-    texts
-        ``[NAME=]URDF[@x,y,z[,roll,pitch,yaw]]`` each: [m] and [deg]; named after the URDF, and placed at the
-        origin of the bus, where that is left out.
-    folder
-        Of the scenario.
+    Args:
+        texts: ``[NAME=]URDF[@x,y,z[,roll,pitch,yaw]]`` each: [m] and [deg]; named after the URDF, and placed
+            at the origin of the bus, where that is left out.
+        folder: Of the scenario.
 
-    Raises
-    ------
-    ScenarioError, DescriptionError
-        If a text is none of these, two names are the same, or a URDF cannot be used.
+    Raises:
+        ScenarioError, DescriptionError: If a text is none of these, two names are the same, or a URDF cannot
+            be used.
     """
     found = list[DraftMount]()
     for text in texts:
@@ -91,10 +82,8 @@ def read_mounts(texts: Sequence[str], folder: Path) -> list[DraftMount]:
 def equipped(bus: Description, mounts: Sequence[DraftMount]) -> Description:
     """The bus with its arms as one description.
 
-    Raises
-    ------
-    DescriptionError
-        If a name is there twice.
+    Raises:
+        DescriptionError: If a name is there twice.
     """
     for mount in mounts:
         placement = np.eye(4)

@@ -36,17 +36,14 @@ SPAN = 10.0
 class Gains:
     """Proposed gains of one arm.
 
-    Attributes
-    ----------
-    bandwidth
-        Rate at which the arm's slowest joint comes to its greatest speed by its greatest effort [rad/s].
-    mass, inertia
-        Effective mass [kg] and inertia [kg m^2] at the tip; the latter None if orientation is not controlled.
-    joint_inertia
-        Least effective inertia of a joint, for damping in the null space that makes no joint faster than the
-        bandwidth; None if there is no null space.
-    slowdown
-        Factor by which the bandwidth is divided in what follows from it.
+    Attributes:
+        bandwidth: Rate at which the arm's slowest joint comes to its greatest speed by its greatest effort
+            [rad/s].
+        mass, inertia: Effective mass [kg] and inertia [kg m^2] at the tip; the latter None if orientation is
+            not controlled.
+        joint_inertia: Least effective inertia of a joint, for damping in the null space that makes no joint
+            faster than the bandwidth; None if there is no null space.
+        slowdown: Factor by which the bandwidth is divided in what follows from it.
     """
 
     bandwidth: float
@@ -81,12 +78,9 @@ class DraftMotion:
 class DraftNumbers:
     """Basis of the draft's numbers: the scene's initial state.
 
-    Parameters
-    ----------
-    scene
-        The scene, its controllers without gains.
-    arms
-        Its robots by name.
+    Args:
+        scene: The scene, its controllers without gains.
+        arms: Its robots by name.
     """
 
     def __init__(self, scene: Scene, arms: Mapping[str, DraftArm]) -> None:

@@ -1,16 +1,19 @@
-"""Templates of plugins: the examples, written with the file's own name in the command that uses them."""
+"""Templates of plugins and their tests: the examples, written with the names of the user's files."""
 
 from __future__ import annotations
 
+import json
 import shlex
+from dataclasses import dataclass
 from pathlib import Path
 
-from spacerobot.errors import SpaceRobotError, near_names
+from spacerobot.errors import ScenarioError, SpaceRobotError, near_names
+from spacerobot.files import StrPath, write_text
 
 TEMPLATES = {
     "sensor": "thermal",
     "actuator": "reaction_wheel",
-    "controller": "impedance",
+    "controller": "bounded_spring",
     "reference": "lemniscate",
     "shape": "ellipsoid",
     "quantity": "tip_speed",
@@ -19,29 +22,89 @@ TEMPLATES = {
 """Example of each family, by name."""
 
 
+@dataclass(frozen=True)
+class PluginDraft:
+    """A plugin that runs, and its test.
+
+    Attributes:
+        file: The plugin.
+        test: Its test, which pytest runs.
+        command: Command that uses the plugin.
+    """
+
+    file: Path
+    test: Path
+    command: str
+
+
+def draft_plugin(family: str, file: StrPath) -> PluginDraft:
+    """Write a plugin that runs, ready to edit, and its test.
+
+    Args:
+        family: Family of its kind: a sensor, actuator, controller, reference, shape, quantity or goal.
+        file: Python file to write; the test is ``test_FILE`` in its folder. Neither may exist.
+
+    Returns:
+        PluginDraft: The files, and the command that uses the plugin.
+
+    Raises:
+        ScenarioError: If one of the files exists.
+        SpaceRobotError: If there is no template of the family.
+    """
+    file = Path(file)
+    text, test = plugin_template(family, file), plugin_test_file(file)
+    for each in (file, test):
+        if each.exists():
+            raise ScenarioError("exists already; name another file by --out", source=each)
+    write_text(file, text)
+    write_text(test, plugin_test(family, file))
+    return PluginDraft(file, test, plugin_command(text))
+
+
 def plugin_template(family: str, file: Path) -> str:
     """Text of a plugin, with the command that uses it in its first lines.
 
-    Parameters
-    ----------
-    family
-        A key of :data:`TEMPLATES`.
-    file
-        File that it is written to; the command names it.
+    Args:
+        family: A key of :data:`TEMPLATES`.
+        file: File that it is written to; the command names it.
 
-    Raises
-    ------
-    SpaceRobotError
-        If there is no template of that family, or the examples are missing.
+    Raises:
+        SpaceRobotError: If there is no template of that family, or the examples are missing.
     """
+    example = f"{_example(family)}.py"
+    return _text(example).replace(f"--plugin {example}", f"--plugin {shlex.quote(str(file))}")
+
+
+def plugin_test(family: str, file: Path) -> str:
+    """Text of a test of a plugin, which pytest runs from the plugin's folder or any other.
+
+    Args:
+        family: A key of :data:`TEMPLATES`.
+        file: File of the plugin; the test is in the same folder.
+
+    Raises:
+        SpaceRobotError: As :func:`plugin_template`.
+    """
+    example = _example(family)
+    return _text(f"tests/test_{example}.py").replace(f'"{example}.py"', json.dumps(file.name))
+
+
+def plugin_test_file(file: Path) -> Path:
+    """Place of the test of a plugin."""
+    return file.with_name(f"test_{file.name}")
+
+
+def _example(family: str) -> str:
     if family not in TEMPLATES:
         raise SpaceRobotError(f"family {family!r}, {near_names(family, TEMPLATES)}", where="--plugin")
+    return TEMPLATES[family]
+
+
+def _text(name: str) -> str:
     package = Path(__file__).resolve().parents[1]
-    example = f"{TEMPLATES[family]}.py"
     for folder in (package / "_plugins", package.parent / "examples" / "plugins"):  # wheel, checkout
-        if (folder / example).is_file():
-            text = (folder / example).read_text(encoding="utf-8")
-            return text.replace(f"--plugin {example}", f"--plugin {shlex.quote(str(file))}")
+        if (folder / name).is_file():
+            return (folder / name).read_text(encoding="utf-8")
     raise SpaceRobotError("the templates are missing; install spacerobot again", source=package)
 
 

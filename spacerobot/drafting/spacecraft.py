@@ -35,18 +35,13 @@ THRUST_ACCELERATION = 2e-3
 class Spacecraft:
     """Equipment of the robot's base, as lines of its section, and what it means for the capture.
 
-    Attributes
-    ----------
-    controllers, equipment
-        Lines inside ``controllers``; sections of actuators, sensors and estimators.
-    wait_s
-        Time at the standoff in which filters settle [s].
-    least_envelope_m, least_speed_m_s
-        Smallest envelope of a capture that errors of the sensors allow [m], [m/s].
-    plan_limits
-        Further limits of plans.
-    noise
-        Whether sensors draw noise.
+    Attributes:
+        controllers, equipment: Lines inside ``controllers``; sections of actuators, sensors and estimators.
+        wait_s: Time at the standoff in which filters settle [s].
+        least_envelope_m, least_speed_m_s: Smallest envelope of a capture that errors of the sensors allow
+            [m], [m/s].
+        plan_limits: Further limits of plans.
+        noise: Whether sensors draw noise.
     """
 
     controllers: tuple[str, ...] = ()
@@ -61,10 +56,8 @@ class Spacecraft:
 def check_include(include: Collection[str]) -> None:
     """Refuse what ``--with`` does not know.
 
-    Raises
-    ------
-    ScenarioError
-        Naming near names.
+    Raises:
+        ScenarioError: Naming near names.
     """
     for name in include:
         if name not in (*EQUIPMENT, *SECTIONS):
@@ -76,19 +69,13 @@ def check_include(include: Collection[str]) -> None:
 def spacecraft(include: Collection[str], scene: Scene, arm: DraftArm) -> Spacecraft:
     """Equipment for the base of a robot.
 
-    Parameters
-    ----------
-    include
-        Of :data:`EQUIPMENT`; :data:`SECTIONS` are left to the scenario.
-    scene
-        The robot at the start, holding the object.
-    arm
-        The robot.
+    Args:
+        include: Of :data:`EQUIPMENT`; :data:`SECTIONS` are left to the scenario.
+        scene: The robot at the start, holding the object.
+        arm: The robot.
 
-    Raises
-    ------
-    ScenarioError
-        If there is no such equipment, or the base is fixed and cannot have any.
+    Raises:
+        ScenarioError: If there is no such equipment, or the base is fixed and cannot have any.
     """
     check_include(include)
     robot = scene.robots[0]

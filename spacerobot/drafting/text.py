@@ -19,20 +19,13 @@ from spacerobot.scenario.yaml_text import Dumper
 class DraftText:
     """All that the text says.
 
-    Attributes
-    ----------
-    name
-        Of the scenario.
-    arms, bare
-        The robots, and the scenario without gains.
-    gains
-        By the tips' labels.
-    move
-        The target's reference.
-    steps
-        That of rollouts with these gains, and with gains up to their upper bounds [s].
-    payload
-        Keys of the object as payload of the only arm; None where several arms share it.
+    Attributes:
+        name: Of the scenario.
+        arms, bare: The robots, and the scenario without gains.
+        gains: By the tips' labels.
+        move: The target's reference.
+        steps: That of rollouts with these gains, and with gains up to their upper bounds [s].
+        payload: Keys of the object as payload of the only arm; None where several arms share it.
     """
 
     name: str

@@ -27,6 +27,7 @@ from spacerobot.loop_cache import cached_closed_loop
 from spacerobot.result import Result
 from spacerobot.result.missed_captures import SHOWN, envelope_quantities
 from spacerobot.scene import Scene
+from spacerobot.scene.overlaps import overlaps
 from spacerobot.simulation import Progress, prepare_simulation
 
 SLOWDOWNS = (1.0, 2.0, 4.0, 8.0)
@@ -45,18 +46,12 @@ SHORTEST = 5.0  # [s] for which the loop counts as staying as it is
 class Draft:
     """A drafted scenario.
 
-    Attributes
-    ----------
-    file
-        Where the text belongs: URDFs are named relative to it.
-    text
-        The scenario as YAML, with comments.
-    scene
-        The same, ready to simulate.
-    problems
-        Why it does not capture, or hold; empty if it does.
-    checks
-        Results of the simulation and linearisation, a sentence each; empty if nothing was simulated.
+    Attributes:
+        file: Where the text belongs: URDFs are named relative to it.
+        text: The scenario as YAML, with comments.
+        scene: The same, ready to simulate.
+        problems: Why it does not capture, or hold; empty if it does.
+        checks: Results of the simulation and linearisation, a sentence each; empty if nothing was simulated.
     """
 
     file: Path
@@ -64,6 +59,11 @@ class Draft:
     scene: Scene
     problems: tuple[str, ...] = ()
     checks: tuple[str, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings of the scene, and bodies that overlap at the start."""
+        return (*self.scene.warnings, *overlaps(self.scene))
 
     @property
     def is_verified(self) -> bool:
@@ -89,38 +89,28 @@ def draft(
 ) -> Draft:
     """Draft a scenario from URDFs, and simulate it before it is written; nothing is written here.
 
-    Parameters
-    ----------
-    request
-        URDFs, and what is chosen.
-    file
-        Where the text will be written; URDFs are named relative to it.
-    capture
-        Whether the object is approached, captured and stopped by one robot, or held from the start.
-    simulate
-        Whether it is simulated and linearised, and a capture slowed down until it succeeds.
-    progress
-        Called with a few words whenever a step that may take a while begins.
+    Args:
+        request: URDFs, and what is chosen.
+        file: Where the text will be written; URDFs are named relative to it.
+        capture: Whether the object is approached, captured and stopped by one robot, or held from the start.
+        simulate: Whether it is simulated and linearised, and a capture slowed down until it succeeds.
+        progress: Called with a few words whenever a step that may take a while begins.
 
-    Returns
-    -------
-    Draft
-        Also of a scenario that does not work; its problems say why, in the text too.
+    Returns:
+        Draft: Also of a scenario that does not work; its problems say why, in the text too.
 
-    Raises
-    ------
-    ScenarioError, DescriptionError
-        If a URDF cannot be used, a link is not there, or no such scene can be simulated.
+    Raises:
+        ScenarioError, DescriptionError: If a URDF cannot be used, a link is not there, or no such scene can
+            be simulated.
     """
     tell = progress or (lambda _: None)
     place = Path(file)
-    tell("choosing a posture")
     if capture:
-        geometry = CaptureGeometry.of(request, place)
+        geometry = CaptureGeometry.of(request, place, tell)
         write: Callable[[float], tuple[str, Scene]] = geometry.scenario
         verify = verify_capture
     else:
-        write, verify = partial(draft_scenario, request, place), verify_held
+        write, verify = partial(draft_scenario, request, place, progress=tell), verify_held
     if not simulate:
         text, scene = write(1.0)
         return Draft(place, _headed(text, ["Not simulated yet."]), scene)
@@ -151,12 +141,9 @@ def _headed(text: str, lines: Sequence[str]) -> str:
 def verify_held(scene: Scene, progress: Progress | None = None) -> Verification:
     """Simulate a scene in which the object is held from the start, and linearise it at its start and end.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    progress
-        As of :func:`spacerobot.simulate`.
+    Args:
+        scene: The scene.
+        progress: As of :func:`spacerobot.simulate`.
     """
     loop = cached_closed_loop(scene)
     try:
@@ -189,12 +176,9 @@ def verify_held(scene: Scene, progress: Progress | None = None) -> Verification:
 def verify_capture(scene: Scene, progress: Progress | None = None) -> Verification:
     """Simulate a scene with one capture, and linearise it at the start, at the capture and at the end.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    progress
-        As of :func:`spacerobot.simulate`.
+    Args:
+        scene: The scene.
+        progress: As of :func:`spacerobot.simulate`.
     """
     loop, grasp = cached_closed_loop(scene), scene.grasps[0]
     try:
@@ -265,8 +249,8 @@ def _joints(scene: Scene, result: Result) -> Iterator[str]:
                 share = float(np.nanmax(np.abs(data[array].values[:, k]))) / limit
                 largest[word] = max(largest.get(word, (0.0, "")), (share, joint.name))
     if largest:
-        told = (f"{word} {share:.2g} ({joint})" for word, (share, joint) in largest.items())
-        yield f"largest parts of the URDF's limits: {', '.join(told)}."
+        told = (f"{word} {100 * share:.2g} % ({joint})" for word, (share, joint) in largest.items())
+        yield f"of the URDF's limits, joints use at most: {', '.join(told)}."
 
 
 def _fast_poles(loop: ClosedLoop, instant: Instant, lasts_s: float) -> Array:
@@ -287,10 +271,11 @@ def _unstable(loop: ClosedLoop, at: Mapping[float, Instant]) -> Iterator[str]:
 def _slowest(loop: ClosedLoop, at: Mapping[float, Instant]) -> str:
     """Poles in a sentence."""
     found = np.concatenate([_fast_poles(loop, instant, lasts_s) for lasts_s, instant in at.items()])
-    where = ", ".join(instant.label for instant in at.values())
+    where = "; ".join(instant.label for instant in at.values())
     if not found.size:
-        return f"no pole at {where} is faster than the motion."
+        return f"linearised at {where}: no pole is faster than the motion."
     damping = -found.real / np.abs(found)
     return (
-        f"poles at {where}: fastest {np.abs(found).max():.3g} 1/s, least damping ratio {damping.min():.2g}."
+        f"linearised at {where}: fastest pole {np.abs(found).max():.3g} 1/s, "
+        f"least damping ratio {damping.min():.2g}."
     )

@@ -146,8 +146,10 @@ def plan_folder(whole, tmp_path):
     }
     labels = {"joint": ["arm/a"], "tip": ["arm/tip"], "axis": ["x", "y", "z"]}
     xr.Dataset(variables, labels).to_netcdf(folder / "plan.nc", engine="netcdf4")
-    verification = {"residual": 0.0, "second_order": "solved", "violations": []}
-    numbers = {"duration_s": 1.0, "cost": 1.0, "terms": {}, "choices": [], "solver_runs": []}
+    errors = {"replay_error_m": {}, "followed_error_m": {}, "tolerance_m": 1e-3}
+    verification = {"residual": 0.0, "second_order": "solved", "violations": [], **errors}
+    numbers = {"duration_s": 1.0, "cost": 1.0, "intervals": 1, "order": 2, "unknowns": 1, "phases": []}
+    numbers |= {"terms": {}, "choices": [], "solver_runs": []}
     summary = {"scenario": "s", **numbers, "verification": verification, "collision_avoidance": {}}
     (folder / "plan.json").write_text(json.dumps(summary))
     for name in ("scenario.yaml", "followed.yaml"):

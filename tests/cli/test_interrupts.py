@@ -9,6 +9,7 @@ import sys
 import time
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -138,10 +139,9 @@ def test_an_interrupt_lost_while_simulating_still_ends_the_run(monkeypatch, caps
 @pytest.mark.parametrize("kept", [False, True], ids=["without a folder", "with a folder"])
 def test_an_interrupted_plan_ends_in_the_same_line_wherever_it_is(kept, place, monkeypatch, capsys, tmp_path):
     """One error line and exit code 130; with a folder it says how to resume, once the scene is loaded."""
-    import optim.planning.output.plan_folder as plan_folder
     import optim.planning.search.make_plan as planning
     import spacerobot.scene as scenes
-    import viz.figures.plan as figures
+    from spacerobot.api.results import PlanResult
 
     def interrupting(*_, **__):
         signal.raise_signal(signal.SIGINT)
@@ -165,13 +165,12 @@ def test_an_interrupted_plan_ends_in_the_same_line_wherever_it_is(kept, place, m
         "search": (planning, "make_plan", interrupting),
         "swallowed": (planning, "make_plan", swallowing),
         "twice": (planning, "make_plan", twice),
-        "written": (planning, "make_plan", lambda *_, **__: None),
+        "written": (PlanResult, "of", lambda *_: SimpleNamespace(save=interrupting)),
     }[place]
+    if place == "written":
+        monkeypatch.setattr(planning, "make_plan", lambda *_, **__: None)
+        monkeypatch.setattr("spacerobot.cli.commands.plan.show", interrupting)
     monkeypatch.setattr(target, name, replacement)
-    monkeypatch.setattr(plan_folder, "write", interrupting)
-    monkeypatch.setattr(figures, "write_plan_figures", interrupting)
-    if place == "written" and not kept:
-        monkeypatch.setattr("spacerobot.cli.commands.plan._show", interrupting)
     folder = ("--out", tmp_path / "plan") if kept else ()
     assert run(monkeypatch, "plan", "docking", *folder) == 130
     advice = ": the same command resumes the search" if kept and place != "load" else ""

@@ -34,7 +34,7 @@ def test_tables_and_diagrams_at_instants(margins, tmp_path):
     assert "6 poles at zero" in out
     names = {path.name for path in (tmp_path / "figures").iterdir()}
     assert names == {
-        f"{kind}_{k}.{form}" for kind in ("bode", "nichols") for k in (1, 2) for form in ("pdf", "png")
+        f"{kind}_{k}.{form}" for kind in ("bode", "nichols") for k in (1, 2) for form in ("pdf", "png", "svg")
     }
     assert xr.load_dataset(tmp_path / "margins.nc").phase.sel(loop="torque/arm/joint_1").size == 2
 

@@ -12,16 +12,24 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
-from spacerobot.cli import app, campaign_tables, design, front, output
-from spacerobot.cli.commands import compare, paper, plan, robust, run, sweep, tune
-from spacerobot.paper import VARIANTS
-from spacerobot.registry import COMMANDS
+from optim.campaign.analysis import tables as campaign_tables
+from optim.comparison.sweep import SweepResult
+from optim.methods.run_method import MethodOutcome
+from optim.planning.output.front_folder import front_table
+from optim.planning.output.plan_tables import sensitivity_table, solver_table
+from optim.planning.output.study_folder import study_tables
+from optim.robust.problem import RobustTuningResult, Statistic
+from spacerobot.cli import app, output
+from spacerobot.cli.commands import compare
+from spacerobot.paper import VARIANTS, PaperComparison
 from spacerobot.result.events import HEADINGS, event_rows
+from spacerobot.tables import Table
 
 REPOSITORY = Path(__file__).parents[2]
 WIDTHS = (80, 100)
@@ -40,11 +48,8 @@ def tables(monkeypatch):
         made.append(((), rows))
         return pairs(title, rows)
 
-    commands = [sys.modules[f"{COMMANDS.package}.{name.replace('-', '_')}"] for name in COMMANDS.names()]
-    for module in (*commands, campaign_tables, design, front):
-        for name, replacement in (("table", recorded), ("pairs", noted)):
-            if hasattr(module, name):
-                monkeypatch.setattr(module, name, replacement)
+    monkeypatch.setattr(output, "table", recorded)
+    monkeypatch.setattr(output, "pairs", noted)
     return made
 
 
@@ -171,17 +176,23 @@ RUN = SimpleNamespace(summary={"target": {"max_rotation_deg": 123.4}})
 
 
 def shown_comparison(name):
-    return lambda: compare.show(json.loads((REPOSITORY / "docs" / "data" / name).read_text()))
+    return lambda: compare.show_comparison(json.loads((REPOSITORY / "docs" / "data" / name).read_text()))
+
+
+def shown(*content):
+    return lambda: output.show(content)
 
 
 def shown_campaign():
-    for heading, made in (
-        ("failures", campaign_tables._failures(CAMPAIGN)),
-        ("percentiles", campaign_tables._percentiles(CAMPAIGN["gains"]["scenario"])),
-        ("map", campaign_tables._map(CAMPAIGN["gains"]["scenario"]["map"], CAMPAIGN["parameters"])),
-        ("against", campaign_tables._against(CAMPAIGN)),
-    ):
-        output.console().print(campaign_tables.table(heading, *made))
+    own = CAMPAIGN["gains"]["scenario"]
+    output.show(
+        [
+            campaign_tables.failure_table(CAMPAIGN),
+            campaign_tables.percentile_table("scenario", own, CAMPAIGN),
+            campaign_tables.outcome_table("scenario", own["map"], CAMPAIGN["parameters"]),
+            campaign_tables.pair_table(CAMPAIGN),
+        ]
+    )
 
 
 def shown_paper():
@@ -190,38 +201,39 @@ def shown_paper():
         "target": {"max_rotation_deg": 123.4},
         "tip_error": {"rpr1/tip": error, "rpr2/tip": error},
     }
-    output.console().print(paper.comparison([(VARIANTS[-1], SimpleNamespace(summary=summary))]))
+    output.show(PaperComparison({VARIANTS[-1]: SimpleNamespace(summary=summary)}))
 
 
-def shown_rows(module, heads, *rows):
-    return lambda: output.console().print(module.table("title", heads, rows))
+def shown_robust():
+    designs = {name: np.array([1.23457e-5, np.nan, 2.34561e-5]) for name in ("start", "nominal", "robust")}
+    outcome = MethodOutcome("nlp", ())
+    output.show(RobustTuningResult({LONG: 1.0}, 1.0, {}, outcome, designs, designs, None, Statistic()))
 
 
 def shown_command(*arguments):
     return lambda: app.command_line()(arguments, standalone_mode=False)
 
 
-SOLVE = ("9", "128", "12345.678901", "3000", "123.456", "maximum cpu time exceeded")
+SOLVE = {"start": 8, "intervals": 128, "cost": 12345.678901, "iterations": 3000, "seconds": 123.456}
+SETTING = {"setting": "crossover", "value": 0.5} | dict.fromkeys(("best", "median", "worst"), 1.23457e-5)
 TABLES = {
     "campaign": shown_campaign,
     "compare": shown_comparison("comparison-paper.json"),
     "compare suite": shown_comparison("comparison-suite.json"),
-    "design": lambda: design.show(DESIGN),
-    "front": lambda: front.show(FRONT),
+    "design": shown(*study_tables(DESIGN)),
+    "front": shown(front_table(FRONT)),
     "kinds": shown_command("kinds"),
     "kinds of one": shown_command("kinds", "thrusters"),
     "paper": shown_paper,
-    "plan": shown_rows(plan, ("start", "intervals", "cost", "iterations", "time [s]", "status"), SOLVE),
-    "plan slopes": shown_rows(plan, ("number", "by one unit of it"), (LONG, "-1.23456e-05")),
-    "robust": shown_rows(robust, ("tuned", "mean", "percentile", "worst"), ("nominal", *["1.23457e-05"] * 3)),
+    "plan": shown(solver_table({"solver_runs": [SOLVE | {"status": "Maximum_CpuTime_Exceeded"}]})),
+    "plan slopes": shown(sensitivity_table({"cost_sensitivities": {LONG: -1.23456e-05}})),
+    "robust": shown_robust,
     "run": shown_command("run", "drift", "--backend=interpreted", "--set", "simulation.duration=5"),
-    "run events": shown_rows(run, HEADINGS, *event_rows([EVENT])),
+    "run events": shown(Table("events", HEADINGS, event_rows([EVENT]))),
     "scenarios": shown_command("scenarios"),
-    "sweep": shown_rows(
-        sweep, ("setting", "value", "best", "median", "worst"), ("crossover", "0.5", *["1.23457e-05"] * 3)
-    ),
-    "tune": lambda: tune._show_trials(
-        SimpleNamespace(outcome=SimpleNamespace(best=SimpleNamespace(log=[TRIAL])))
+    "sweep": lambda: output.show(SweepResult((SETTING,))),
+    "tune": shown(
+        MethodOutcome("manual", (SimpleNamespace(method="manual", log=[TRIAL], objective=1.0),)).trials()
     ),
 }
 
@@ -237,13 +249,11 @@ def test_no_table_loses_a_column(tables, monkeypatch, capsys, name, width):
         check_shown(lines, width, headings, rows)
 
 
-def test_every_command_that_prints_a_table_is_above():
-    named = {name.split()[0] for name in TABLES}
-    for path in (REPOSITORY / "spacerobot" / "cli").glob("*.py"):
-        calls = [node.func for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
-        called = {call.id for call in calls if isinstance(call, ast.Name)}
-        assert path.name == "output.py" or "Table" not in called, f"{path.name}: output.table fits the width"
-        assert "table" not in called or path.stem.removesuffix("_tables") in named | {"output"}, path.name
+def test_every_command_prints_tables_in_the_way_that_fits_the_width():
+    for path in (REPOSITORY / "spacerobot" / "cli").rglob("*.py"):
+        if path.name != "output.py":
+            imports = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.ImportFrom)]
+            assert not any(str(n.module).startswith("rich.t") for n in imports), path.name
 
 
 @pytest.mark.parametrize("width", WIDTHS)

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from spacerobot.cli.page_data import to_play
+from spacerobot.api.pictures import playback
 from spacerobot.errors import ResultError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
@@ -29,10 +29,10 @@ def test_a_comparison_is_played_by_its_designs_the_untuned_one_first(arm, tmp_pa
     }
     (tmp_path / "comparison.json").write_text(json.dumps({"name": "small", "problems": [benchmark]}))
     with pytest.raises(ResultError, match="no motion to play"):
-        to_play([tmp_path], lambda _: None)
+        playback([tmp_path])
     for name in ("baseline", "ga", "nlp"):
         result.save(tmp_path / "base" / name)
-    played = to_play([tmp_path], lambda _: None)
+    played = playback([tmp_path])
     assert [design["name"] for design in played.data["panel"]["designs"]] == ["baseline", "nlp", "ga"]
     assert len(played.data["runs"]) == 3
     assert played.data["panel"]["first"] == 2
@@ -40,6 +40,6 @@ def test_a_comparison_is_played_by_its_designs_the_untuned_one_first(arm, tmp_pa
 
 def test_results_are_played_together(arm):
     folder, _ = arm
-    played = to_play([folder / "alone", folder / "alone"], lambda _: None)
+    played = playback([folder / "alone", folder / "alone"])
     assert [design["name"] for design in played.data["panel"]["designs"]] == ["alone (1)", "alone (2)"]
     assert played.data["panel"]["designs"][0]["numbers"] == {}

@@ -42,6 +42,9 @@ def attempt(*arguments, folder):
         (("passive-safety", "missing"), "missing: no such folder"),
         (("report", "missing"), "missing: no such folder"),
         (("compare", "papper"), "did you mean paper?"),
+        (("export",), "as in `spacerobot export out/paper paper.csv`"),
+        (("export", "papper", "paper.csv"), "did you mean paper?"),
+        (("export", "plant", "papper", "--out", "paper.fmu"), "did you mean paper?"),
     ],
     ids=lambda one: " ".join(one) if isinstance(one, tuple) else None,
 )

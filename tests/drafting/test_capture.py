@@ -8,7 +8,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from optim.planning.search.make_plan import make_plan
+from spacerobot.description.find import find_urdf
 from spacerobot.drafting import DraftRequest, draft_capture, surface_point
+from spacerobot.drafting.capture import plan_costs
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.scene.checks import gap
@@ -92,3 +95,30 @@ def test_what_cannot_be_drafted_is_refused(tmp_path):
     ):
         with pytest.raises(ScenarioError, match=told):
             draft_capture(order, tmp_path / "mine.yaml")
+
+
+@pytest.mark.parametrize("damping", [100.0, 10_000.0])
+def test_the_plan_of_a_damped_arm_needs_no_finer_mesh_at_its_ends(tmp_path, damping):
+    """With weights that ignore damping, rates change within a part of an interval: 60 and 48 intervals."""
+    text = (
+        (find_urdf("short_arm.urdf", tmp_path))
+        .read_text()
+        .replace('damping="0.1"', f'damping="{damping}"', 1)
+    )
+    (tmp_path / "damped.urdf").write_text(text)
+    order = dataclasses.replace(FLAT, robots=[str(tmp_path / "damped.urdf")])
+    plan = make_plan(drafted(order, tmp_path / "mine.yaml"), backend="interpreted")
+    assert not plan.verification.failures()
+    assert plan.motion.intervals <= 12
+
+
+def test_a_radian_of_a_joint_costs_a_plan_as_much_as_one_of_the_base():
+    """The cubic q(t) = 3 (t/T)^2 - 2 (t/T)^3, from rest to rest, has accelerations up to 6/T^2."""
+    duration = 20.0
+    weights = plan_costs(duration, [0.0])
+    assert weights["joint_acceleration"] * (6 / duration**2) ** 2 == pytest.approx(1, rel=0.1)
+    assert weights["torque"] == pytest.approx(1e-3 * weights["joint_acceleration"], rel=0.1)
+    # damping torques at the largest rate, 1.5/T, cost no more
+    damped = plan_costs(duration, [0.5, 300.0])
+    assert damped["joint_acceleration"] == weights["joint_acceleration"]
+    assert damped["torque"] * (300 * 1.5 / duration) ** 2 == pytest.approx(1, rel=0.1)

@@ -1,8 +1,10 @@
 """Drafted scenarios: they load, run, and their numbers suit the arm."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from spacerobot.drafting import DraftRequest, draft_scenario
@@ -52,6 +54,22 @@ def test_the_target_lies_away_from_the_arm(tmp_path):
         assert overlaps(scene) == []
 
 
+@pytest.mark.parametrize("link", ["panda_link5", "panda_link7"])
+def test_a_flange_on_the_last_joint_holds_the_target_away_from_the_arm(link, tmp_path):
+    """The last joint is then equally far from the target in all orientations, also across the arm."""
+    order = DraftRequest(["panda_arm.urdf"], "satellite_box.urdf", [link])
+    _, scene = draft_scenario(order, tmp_path / "x.yaml")
+    data = scene.model.createData()
+    pin.framesForwardKinematics(scene.model, data, scene.q)
+    origins = np.array([data.oMi[joint].translation for joint in scene.robots[0].joints])
+    tip, box = data.oMf[scene.tips[0].frame].translation, data.oMf[scene.target.root_frame].translation
+    np.testing.assert_allclose(tip, origins[-1], atol=1e-9)
+    axes = data.oMf[scene.tips[0].frame].rotation.T
+    places = [tip + sign * np.linalg.norm(box - tip) * axis for axis in axes for sign in (1, -1)]
+    distances = [np.linalg.norm(origins - place, axis=1).mean() for place in places]
+    assert np.linalg.norm(origins - box, axis=1).mean() == pytest.approx(max(distances), abs=1e-6)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -68,3 +86,32 @@ def test_what_cannot_be_drafted_is_refused_by_name(tmp_path, change, words):
     with pytest.raises(SpaceRobotError) as refused:
         draft_scenario(dataclasses.replace(PLANAR, **change), tmp_path / "x.yaml")
     assert words in str(refused.value)
+
+
+def test_messages_list_every_link(tmp_path):
+    """Ends of an arm, and links of an object, however many there are."""
+    inertia = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    parts = [
+        f'<link name="finger_{i:02}"><inertial><mass value="1"/>{inertia}</inertial></link>'
+        for i in range(15)
+    ]
+    parts += [
+        f'<joint name="j{i}" type="fixed"><parent link="finger_00"/><child link="finger_{i:02}"/></joint>'
+        for i in range(1, 15)
+    ]
+    hand = str(tmp_path / "hand.urdf")
+    Path(hand).write_text(f'<robot name="hand">{"".join(parts)}</robot>')
+    for change, first in (({"robots": [hand]}, 1), ({"robots": ["planar_arm.urdf"] * 3, "target": hand}, 0)):
+        with pytest.raises(SpaceRobotError) as refused:
+            draft_scenario(dataclasses.replace(PLANAR, **change), tmp_path / "x.yaml")
+        assert ", ".join(f"finger_{i:02}" for i in range(first, 15)) in str(refused.value)
+
+
+def test_progress_counts_the_postures_that_are_compared(tmp_path, monkeypatch):
+    """Each is a scene of its own, which takes a while for meshes."""
+    monkeypatch.setattr("spacerobot.drafting.held.overlaps", lambda scene: ["overlap"])
+    words = []
+    draft_scenario(PLANAR, tmp_path / "mine.yaml", progress=words.append)
+    assert words[:2] == ["choosing a posture", "placing the object"]
+    assert words[2].startswith("choosing a posture in which nothing overlaps: 1 of ")
+    assert len(words) == 2 + int(words[-1].split()[-1])

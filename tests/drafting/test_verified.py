@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 from spacerobot.closedloop import build_closed_loop
@@ -27,6 +29,11 @@ def test_a_drafted_docking_captures_and_stops_at_the_first_run(tmp_path):
     assert [e["kind"] for e in result.summary["events"]] == ["entered", "captured", "phase", "end"]
     assert result.summary["status"]["trusted"]
     assert "# Simulated and linearised before it was written:\n#   captured after" in drafted.text
+    limits, poles = drafted.text.split("Units are SI")[0].splitlines()[3:5]
+    assert re.fullmatch(
+        r"#   of the URDF's limits, joints use at most: torque [\d.]+ % \(joint_\d\), .*", limits
+    )
+    assert re.match(r"#   linearised at 0 s; approach.captured, after; [\d.]+ s: fastest pole ", poles)
 
 
 def test_a_draft_is_slowed_down_until_it_works(tmp_path, monkeypatch):

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from spacerobot.cli.command import Command
+import spacerobot as sr
+from spacerobot.cli.command import LOOK, Command
 from spacerobot.cli.options import Port
 from spacerobot.cli.output import console, progress
-from spacerobot.cli.page_data import campaign, campaign_at_once, is_campaign, to_play
 from spacerobot.cli.plugins import load_plugins_of
 from spacerobot.interrupts import keep
 
@@ -43,7 +44,7 @@ At = Annotated[
 NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Only print the address.")]
 
 
-@Command.of("animate", place=4)
+@Command.of("animate", place=2, group=LOOK)
 def command(
     folders: Folders,
     compare: Compare = None,
@@ -76,58 +77,26 @@ def command(
     """
     folders = [*folders, *([compare] if compare else [])]
     load_plugins_of(folders)
-    from spacerobot.files import write_text
-    from spacerobot.result import note_derived
-    from viz.page.page import page
-
-    if html is None and record is None and is_campaign(folders):
-        serve_campaign(folders[0], port, open_browser=not no_browser)
+    if html is None and record is None:
+        serve(folders, port, open_browser=not no_browser)
         return
     with progress("reading") as tell:
-        shown = to_play(folders, tell)
-    if html is not None:
-        with progress("writing the page"):
-            write_text(html, page(shown.data))
-            note_derived([result.folder for result in shown.results], [html])
-        console().print(f"page in {html}", markup=False, soft_wrap=True)
-    if record is not None:
-        from viz.record import write_poster, write_recording
-
-        with progress("recording") as tell:
-            if record.suffix.lower() == ".png":
-                write_poster(shown.results[0], record, at=at)
-            else:
-                write_recording(shown.results[0], record, speed=speed, progress=tell)
-        console().print(f"recording in {record}", markup=False, soft_wrap=True)
-    if html is None and record is None:
-        serve(shown.data, port, open_browser=not no_browser)
+        for file in (html, record):
+            if file is not None:
+                sr.animate(folders, file, speed=speed, at=at, progress=tell)
+    for kind, file in (("page", html), ("recording", record)):
+        if file is not None:
+            console().print(f"{kind} in {file}", markup=False, soft_wrap=True)
 
 
-def serve(data: dict[str, Any], port: int, *, open_browser: bool = True) -> None:
-    """Play a page's data until Ctrl-C."""
-    from viz.page.live import LiveViewer
+def serve(folders: Sequence[Path], port: int, *, open_browser: bool = True) -> None:
+    """Play results, or one comparison, campaign or plan, until Ctrl-C."""
 
-    with LiveViewer(port) as viewer:
-        _begin(viewer, data, open_browser)
+    def begin(viewer: LiveViewer) -> None:
+        console().print(f"playing at {viewer.url} (Ctrl-C ends it)", markup=False, soft_wrap=True)
+        if open_browser:
+            viewer.open()
+
+    with sr.view(folders, port=port, on_start=begin) as viewer:
         keep()
         viewer.wait()
-
-
-def serve_campaign(folder: Path, port: int, *, open_browser: bool = True) -> None:
-    """Show what a campaign's folder holds, its worst samples once they are simulated, until Ctrl-C."""
-    from viz.page.live import LiveViewer
-
-    with progress("opening the campaign"):
-        data, evaluator = campaign_at_once(folder)
-    with LiveViewer(port) as viewer:
-        _begin(viewer, data, open_browser)
-        viewer.show_data(campaign(folder, viewer.tell, evaluator).data)
-        keep()
-        viewer.wait()
-
-
-def _begin(viewer: LiveViewer, data: dict[str, Any], open_browser: bool) -> None:
-    viewer.show_data(data)
-    console().print(f"playing at {viewer.url} (Ctrl-C ends it)", markup=False, soft_wrap=True)
-    if open_browser:
-        viewer.open()

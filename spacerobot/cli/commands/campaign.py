@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from spacerobot.cli import page_data as playing
-from spacerobot.cli.campaign_page import campaign_page
-from spacerobot.cli.campaign_tables import show
-from spacerobot.cli.command import Command
+import spacerobot as sr
+from spacerobot.cli.command import TUNE, Command
 from spacerobot.cli.commands.animate import serve
 from spacerobot.cli.options import Changes, Machines, Port, ScenarioName, Threads, View, parse_changes
-from spacerobot.cli.output import console, progress, warn
+from spacerobot.cli.output import console, progress, show, warn
+from spacerobot.errors import ScenarioError
 from spacerobot.interrupts import keep
 
 if TYPE_CHECKING:
@@ -47,7 +46,7 @@ Page = Annotated[
 ]
 
 
-@Command.of("campaign", place=12)
+@Command.of("campaign", place=3, group=TUNE)
 def command(
     scenario: ScenarioName,
     out: Folder,
@@ -75,57 +74,42 @@ def command(
 
         spacerobot campaign paper --out out/both --gains scenario --gains tuned=out/tuned
     """
-    from optim.campaign import ROLLING_OUT, LocalExecutor, ScenarioSource, run_campaign, summarise
-    from optim.campaign.cluster import DaskExecutor
-    from optim.campaign.rollouts.gain_sets import gain_sets
+    from optim.campaign import ROLLING_OUT
     from optim.campaign.sampling.parameter_space import campaign_of
-    from spacerobot.errors import ScenarioError
-    from spacerobot.files import write_text
-    from spacerobot.scene import build_scene, load_scene
 
-    given = parse_changes(changes)
-    scene = load_scene(scenario, given)
+    path_changes = parse_changes(changes)
+    scene = sr.load_scene(scenario, path_changes)
     section = campaign_of(scene)
     if samples is not None:
         if section.sampler.is_factorial:
             message = f"a grid's samples follow from its levels: here {section.count}; set campaign.levels"
             raise ScenarioError(message, source=scene.source, where="--samples")
-        scene = build_scene(scene.scenario, {"campaign.samples": samples}, source=scene.source)
-    chosen = gain_sets(scene, gains or [])
+        scene = sr.load_scene(scenario, [*path_changes, ("campaign.samples", samples)])
     with progress("reading") as tell:
 
         def report(now: CampaignProgress) -> None:
-            """Say what is being done; what is rolled out is kept."""
+            """State the progress; samples that are rolled out are kept."""
             keep(now.phase == ROLLING_OUT)
             tell(str(now))
 
-        found = run_campaign(
-            scene,
-            out,
-            gains=chosen,
-            executor=LocalExecutor(threads) if dask is None else DaskExecutor(dask),
-            progress=report,
-            named=ScenarioSource(scenario, given),
-        )
-        summary = None
-        if found.done:
-            keep(False)
-            tell("computing statistics")
-            summary = summarise(out, found.evaluator)
-            if page:
-                write_text(out / "report.html", campaign_page(out, tell, found.evaluator))
+        result = sr.campaign(scene, out, gains=gains, progress=report, threads=threads, dask=dask)
+        keep(False)
+        tell("computing statistics")
+        summary = result.summary if result.done else None
+        if summary is not None and page:
+            sr.report(result, out / "report.html", progress=tell)
     if summary is not None:
-        show(summary)
-    console().print(f"{found.done} of {found.total} samples in {out}", markup=False, soft_wrap=True)
+        show(result)
+        console().print()
+        for statistics in summary["gains"].values():  # commands are copied as one line
+            console().print(f"reproduce: {statistics['worst'][0]['command']}\n", markup=False, soft_wrap=True)
+    console().print(f"{result.done} of {result.total} samples in {out}", markup=False, soft_wrap=True)
     if summary is not None:
-        line = (
-            f"report in {out / 'report.html'}" if page else f"`spacerobot report {out}` makes a page of them"
-        )
+        report_file = out / "report.html"
+        line = f"report in {report_file}" if page else f"`spacerobot report {out}` makes a page of them"
         console().print(line, markup=False, soft_wrap=True)
-    if found.interrupted:
+    if not result.is_complete:
         warn("interrupted: the same command resumes the campaign")
         raise typer.Exit(130)
     if view:
-        with progress("simulating the worst samples") as tell:
-            played = playing.campaign(out, tell, found.evaluator)
-        serve(played.data, port)
+        serve([out], port)

@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.markup import escape
 
-from spacerobot.cli import page_data as playing
-from spacerobot.cli.command import Command
+import spacerobot as sr
+from spacerobot.cli.command import TUNE, Command
 from spacerobot.cli.commands.animate import serve
 from spacerobot.cli.options import (
     Changes,
@@ -21,11 +20,11 @@ from spacerobot.cli.options import (
     existing_scenario,
     parse_changes,
 )
-from spacerobot.cli.output import console, table, warn
-from spacerobot.cli.tuning_options import Budget, Runs, Seed, Starts, journals, parts, shown
+from spacerobot.cli.output import console, show, warn
+from spacerobot.cli.tuning_options import Budget, Runs, Seed, Starts, parts, shown
 
 if TYPE_CHECKING:
-    from optim.comparison.tables import ComparisonTable
+    from spacerobot.api.options import SearchOptions
 
 SUITE = "suite"
 
@@ -68,15 +67,7 @@ Page = Annotated[
 ]
 
 
-LEGEND = (
-    "Targets: relative gap to the best known value over all methods and runs of the problem. Expected "
-    "running time: total cost of all runs divided by the number of runs that reached the target. Costs are "
-    "in rollouts, of all runs together in the column spent. nlp_ga is charged all runs of the GA that it "
-    "starts from. manual knows no bounds and is not ranked. Times are of this machine, under its load."
-)
-
-
-@Command.of("compare", place=10)
+@Command.of("compare", place=6, group=TUNE)
 def command(
     scenario: Name,
     out: Out = None,
@@ -110,89 +101,62 @@ def command(
 
         spacerobot compare my.yaml --methods ga,nlp --runs 3 --budget 2000
     """
-    from optim.comparison import SearchSession, compare
-    from optim.comparison.compare import even_effort
-    from optim.comparison.report import to_data
-    from optim.comparison.results import write
-    from optim.comparison.suite import compare_suite
-    from optim.comparison.tables import markdown
-    from optim.problem.scene_recipe import tuning_of
-    from optim.workers.dask import open_workers
-    from spacerobot.files import write_text
-    from spacerobot.scene import load_scene
-    from viz.figures.comparison import write_figures
-    from viz.report.comparison_section import comparison_report
-
-    for asked_for, name in ((page, "--report"), (view, "--view")):
-        if asked_for and out is None:
+    for is_named, name in ((page, "--report"), (view, "--view")):
+        if is_named and out is None:
             raise typer.BadParameter("needs --out DIR, where what it shows is written", param_hint=name)
-    asked = {"budget": budget, "runs": runs, "starts": starts, "seed": seed}
-    with shown() as (tell, report), open_workers(threads, dask) as workers:
-        session = SearchSession(journals(out, "comparison.json"), workers, report, tell)
+    settings = {"budget": budget, "runs": runs, "starts": starts, "seed": seed}
+    with shown() as (tell, report), sr.open_workers(threads, dask) as workers:
+        options: SearchOptions = {"workers": workers, "progress": report, "notify": tell}
         if scenario == SUITE:
-            _refuse(
-                "suite", {"--variants": variants, "--sets": sets, "--set": changes, "--full": full or None}
+            others = {"--variants": variants, "--sets": sets, "--set": changes, "--full": full or None}
+            _refuse("suite", others)
+            compared = sr.compare_suite(
+                out, problems=parts(problems), methods=parts(methods), effort=settings, **options
             )
-            found = compare_suite(parts(problems), methods=parts(methods), effort=asked, session=session)
         else:
             _refuse("scenario", {"--problems": problems})
-            picked: dict[str, Any] = {
-                "methods": parts(methods),
-                "variants": parts(variants),
-                "sets": parts(sets),
-            }
-            scene = load_scene(scenario, parse_changes(changes))
-            effort = even_effort(tuning_of(scene), asked, full=full)
-            found = compare(scene, **picked, effort=effort, session=session)
-        if out is None:
-            data = to_data(found)
-        else:
-            tell("simulating and saving the best designs")
-            data = write(found, out)
-            write_text(out / "comparison.md", markdown(data))
-            tell("drawing")
-            write_figures(data, out)
-            if page:
-                tell("writing the report")
-                write_text(out / "report.html", comparison_report(out))
-    show(data)
-    console().print(f"\n{found.wall_s:.0f} s in all", markup=False)
+            from optim.comparison.compare import even_effort
+            from optim.problem.scene_recipe import tuning_of
+
+            scene = sr.load_scene(scenario, parse_changes(changes))
+            compared = sr.compare(
+                scene,
+                out,
+                methods=parts(methods),
+                variants=parts(variants),
+                sets=parts(sets),
+                effort=even_effort(tuning_of(scene), settings, full=full),
+                **options,
+            )
+        if page and out is not None:
+            tell("writing the report")
+            sr.report(compared, out / "report.html")
+    show_comparison(compared.summary)
+    for warning in compared.notices():
+        warn(warning)
     if out is not None:
         what = "report.html, comparison.json and figures" if page else "comparison.json and figures"
         console().print(f"{what} in {out}", markup=False, soft_wrap=True)
-    if found.interrupted:
+    if compared.summary["interrupted"]:
         warn("interrupted: the results so far are kept")
         raise typer.Exit(130)
     if view and out is not None:
-        serve(playing.comparison(out, print).data, port)
+        serve([out], port)
 
 
-ROOMY = 96  # columns from which on intervals stand beside running times
+NARROW = 96
+"""Columns below which running times are printed without their intervals."""
 
 
-def _refuse(what: str, given: Mapping[str, object]) -> None:
+def show_comparison(data: Mapping[str, Any]) -> None:
+    """Print a comparison as wide as the terminal allows."""
+    from optim.comparison.tables import comparison_content
+
+    show(comparison_content(data, narrow=console().width < NARROW))
+
+
+def _refuse(kind: str, options: Mapping[str, object]) -> None:
     """Refuse options that do not fit what is compared."""
-    for name, value in given.items():
+    for name, value in options.items():
         if value:
-            raise typer.BadParameter(f"does not go with a {what}", param_hint=name)
-
-
-def show(data: Mapping[str, Any]) -> None:
-    """Print a comparison: the conclusion, all problems in one table, then each problem's tables."""
-    from optim.comparison import tables
-
-    console().print(f"\n{data['conclusion']}\n", markup=False, style="bold")
-    _print(tables.summary_table(data), keys=2)
-    for benchmark in data["problems"]:
-        console().rule(escape(tables.heading(benchmark)), align="left", style="dim")
-        console().print(tables.prices(benchmark), markup=False)
-        narrow = console().width < ROOMY
-        for made in tables.tables_of(benchmark, data["precisions"], narrow=narrow):
-            _print(made)
-        for doubt in tables.doubts(benchmark):
-            warn(doubt)
-    console().print(LEGEND, markup=False)
-
-
-def _print(made: ComparisonTable, keys: int = 1) -> None:
-    console().print(table(made.title, made.headings, made.rows, keys=keys))
+            raise typer.BadParameter(f"does not go with a {kind}", param_hint=name)

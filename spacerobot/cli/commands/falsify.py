@@ -6,9 +6,10 @@ from typing import Annotated
 
 import typer
 
-from spacerobot.cli.command import Command
+import spacerobot as sr
+from spacerobot.cli.command import TUNE, Command
 from spacerobot.cli.options import Changes, Out, ScenarioName, Threads, parse_changes
-from spacerobot.cli.output import console, pairs
+from spacerobot.cli.output import console, show
 from spacerobot.cli.tuning_options import Seed, journals, shown
 
 Metric = Annotated[
@@ -23,7 +24,7 @@ Limit = Annotated[
 ]
 
 
-@Command.of("falsify", place=13)
+@Command.of("falsify", place=5, group=TUNE)
 def command(
     scenario: ScenarioName,
     out: Out = None,
@@ -50,29 +51,25 @@ def command(
 
         spacerobot falsify paper --metric grip_force_peak --limit 25 --starts 32
     """
-    from spacerobot.scene import load_scene
-
-    scene = load_scene(scenario, parse_changes(changes))
-    from optim.methods.settings import Effort, NlpSettings
-    from optim.reliability.falsification import falsify
+    scene = sr.load_scene(scenario, parse_changes(changes))
+    from optim.methods.settings import NlpSettings
     from optim.search.session import SearchSession
-    from spacerobot.simulation import simulate
 
     folder = journals(out, "falsify.json")
     with shown() as (tell, report):
         tell("building and compiling")
-        found = falsify(
+        worst = sr.falsify(
             scene,
             metric,
             limit,
-            effort=Effort(nlp=NlpSettings(budget=budget), starts=starts, seed=seed or 0),
+            effort=sr.Effort(nlp=NlpSettings(budget=budget), starts=starts, seed=seed or 0),
             session=SearchSession(folder, progress=report),
             threads=threads,
         )
         if out is not None:
             tell("simulating and saving the worst case")
-            simulate(found.scene(scene)).save(out)
-            found.save(out / "falsify.json")
-    console().print(pairs(scene.scenario.name, found.rows()))
+            sr.simulate(worst.scene(scene)).save(out)
+            worst.save(out / "falsify.json")
+    show(worst)
     if out is not None:
         console().print(f"worst case in {out}", markup=False, soft_wrap=True)

@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from spacerobot.cli.command import Command
+import spacerobot as sr
+from spacerobot.cli.command import LOOK, Command
 from spacerobot.cli.output import console, progress
 from spacerobot.cli.plugins import load_plugins_of
 
@@ -30,7 +31,7 @@ Width = Annotated[
 ]
 
 
-@Command.of("figures", place=5)
+@Command.of("figures", place=4, group=LOOK)
 def command(
     result: ResultFolder,
     compare: Compare = None,
@@ -52,28 +53,9 @@ def command(
         spacerobot figures out/plan --compare out/flown
     """
     load_plugins_of([folder for folder in (result, compare) if folder is not None])
-    from optim.planning.output.constraint_values import with_flown
-    from optim.planning.output.plan_folder import SCENARIO, is_plan, read
-    from spacerobot.errors import ResultError
-    from spacerobot.result import Result
-    from spacerobot.scene import load_scene
-    from viz.figures import save_figures
-    from viz.figures.plan import write_plan_figures
-
+    folders = [one for one in (result, compare) if one is not None]
     folder = out or result / "figures"
-    wanted = [form.strip() for form in formats.split(",") if form.strip()]
-    if is_plan(result):
-        if only:
-            raise ResultError("the figures of a plan are drawn together; leave out --only", source=result)
-        with progress("drawing"):
-            plan, summary = read(result)
-            flown = None if compare is None else Result.load(compare)
-            if flown is not None and "constraint" in plan:
-                plan = with_flown(plan, load_scene(result / SCENARIO, expand_xacro=False), flown.data)
-            drawn = write_plan_figures(plan, summary, folder, flown=flown, formats=wanted, width=width)
-        console().print(f"{len(drawn)} files in {folder}", markup=False, soft_wrap=True)
-        return
-    results = [Result.load(folder) for folder in (result, compare) if folder is not None]
+    file_formats = [form.strip() for form in formats.split(",") if form.strip()]
     with progress("drawing"):
-        written = save_figures(results[0], folder, *results[1:], formats=wanted, names=only, width=width)
-    console().print(f"{len(written)} files in {folder}", markup=False, soft_wrap=True)
+        drawings = sr.figures(folders, folder, names=only, formats=file_formats, width=width)
+    console().print(f"{len(drawings) * len(file_formats)} files in {folder}", markup=False, soft_wrap=True)

@@ -7,12 +7,13 @@ from typing import Annotated
 
 import typer
 
-from spacerobot.cli.command import Command
-from spacerobot.cli.output import console, progress, table
+import spacerobot as sr
+from spacerobot.cli.command import SIMULATE, Command
+from spacerobot.cli.output import progress, show
 from spacerobot.cli.plugins import load_plugins_of
 
 
-@Command.of("identify", place=6)
+@Command.of("identify", place=4, group=SIMULATE)
 def command(
     result: Annotated[Path, typer.Argument(metavar="RESULT", help="Folder of a result.")],
     since: Annotated[
@@ -38,16 +39,7 @@ def command(
         spacerobot identify out/servicer --noise 1 --since 5
     """
     load_plugins_of([result])
-    from optim.identification import SensorNoise, identify
-    from spacerobot.result import Result
-
     with progress("identifying"):
-        found = identify(
-            Result.load(result), since=since, noise=SensorNoise().scaled(noise) if noise else None, seed=seed
-        )
-    title = ("", "estimate", "std. deviation", "simulated", "error")
-    console().print(table(f"{found.body}, {found.samples} samples", title, found.rows()))
-    if found.is_projected:
-        console().print(
-            "the estimate was no body's and was moved to the nearest that is: more motion is needed"
-        )
+        sensors = sr.SensorNoise().scaled(noise) if noise else None
+        identified = sr.identify(sr.Result.load(result), since=since, noise=sensors, seed=seed)
+    show(identified)

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from spacerobot.cli.command import Command
+import spacerobot as sr
+from spacerobot.cli.command import BEGIN, Command
 from spacerobot.cli.output import console
 from spacerobot.registry import COMMANDS
+
+if TYPE_CHECKING:
+    from spacerobot.description import Description
 
 app = typer.Typer(
     name="make-arm",
@@ -44,16 +48,9 @@ def arm(
     damping: Annotated[float, typer.Option(help="Joint resistance [N m s/rad].")] = 0.1,
 ) -> None:
     """Write a floating base with a chain of links in the x-y plane; by default the paper's robot."""
-    from spacerobot.description.planar import PlanarBase, PlanarLink, planar_arm_urdf
-
-    text = planar_arm_urdf(
-        links,
-        PlanarLink(link_length, link_mass, tuple(link_inertia or PlanarLink.inertia_kg_m2)),
-        PlanarBase(base_mass, base_inertia, base_radius),
-        damping=damping,
-        name=file.stem,
-    )
-    _write(file, text)
+    link = sr.PlanarLink(link_length, link_mass, tuple(link_inertia or sr.PlanarLink.inertia_kg_m2))
+    base = sr.PlanarBase(base_mass, base_inertia, base_radius)
+    _show(file, sr.make_arm(file, links, link, base, damping=damping))
 
 
 @app.command("rectangle")
@@ -65,28 +62,16 @@ def rectangle(
     inertia: Annotated[float, typer.Option(help="Inertia about z [kg m^2].")] = 2.25,
 ) -> None:
     """Write a rectangle with mating points at -+d cos(alpha) on its x axis (Eq. 14, 15)."""
-    from spacerobot.description.planar import rectangle_urdf
-
-    text = rectangle_urdf(
-        half_diagonal_m=half_diagonal,
-        alpha_deg=alpha,
-        mass_kg=mass,
-        inertia_kg_m2=inertia,
-        name=file.stem,
-    )
-    _write(file, text)
+    _show(file, sr.make_rectangle(file, half_diagonal, alpha, mass, inertia))
 
 
-def _write(file: Path, text: str) -> None:
-    """Write a URDF and read it back, so that what is written can be used."""
-    from spacerobot.description.read import read_description
-    from spacerobot.files import write_text
-
-    write_text(file, text)
-    description = read_description(file)
+def _show(file: Path, description: Description) -> None:
+    """Print the number of joints and the mass of a URDF."""
     moving = [joint for joint in description.joints if joint.kind != "fixed"]
     mass = sum(link.mass for link in description.links)
     console().print(f"{file}: {len(moving)} joints, {mass:g} kg", markup=False, soft_wrap=True)
 
 
-COMMANDS.add(Command("make_arm", lambda parent: parent.add_typer(app), place=17), __name__)
+COMMANDS.add(
+    Command("make_arm", lambda parent: parent.add_typer(app, rich_help_panel=BEGIN), 2, BEGIN), __name__
+)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from spacerobot.cli.command import Command
+import spacerobot as sr
+from spacerobot.cli.command import BEGIN, Command
 from spacerobot.cli.output import console, progress, warn
 from spacerobot.errors import ScenarioError
 from spacerobot.files import write_text
@@ -81,8 +83,8 @@ Plugin = Annotated[
     typer.Option(
         "--plugin",
         metavar="FAMILY",
-        help="Write a plugin that runs, in place of a scenario: a sensor, actuator, controller, reference, "
-        "shape, quantity or goal.",
+        help="Write a plugin that runs and its test, in place of a scenario: a sensor, actuator, controller, "
+        "reference, shape, quantity or goal.",
     ),
 ]
 Out = Annotated[
@@ -93,7 +95,7 @@ Out = Annotated[
 ]
 
 
-@Command.of("new", place=16)
+@Command.of("new", place=1, group=BEGIN)
 def command(
     robot: Robots = None,
     target: Target = None,
@@ -129,11 +131,13 @@ def command(
         if robot or target or bus:
             message = "a plugin has no robot or target; write the scenario by a command of its own"
             raise ScenarioError(message, where="--plugin")
-        write_plugin(plugin, out or Path(f"{plugin}.py"))
+        drafted_plugin = sr.draft_plugin(plugin, out or Path(f"{plugin}.py"))
+        lines = f"{drafted_plugin.file}: written; use it by\n{drafted_plugin.command}\n"
+        lines += f"{drafted_plugin.test}: its test; run it by\npytest {shlex.quote(str(drafted_plugin.test))}"
+        console().print(lines, markup=False, soft_wrap=True)
         return
-    from spacerobot.drafting import DraftRequest, draft, surface_point
+    from spacerobot.drafting import surface_point
     from spacerobot.drafting.capture import POINT
-    from spacerobot.scene.overlaps import overlaps
 
     if target is None or not (robot or bus):
         lacks = "--target" if target is None else "--robot"
@@ -160,7 +164,7 @@ def command(
             raise ScenarioError("exists already; name another file by --out", source=object_file)
         write_text(object_file, object_text)
         target, frame = str(object_file), [POINT]
-    request = DraftRequest(
+    request = sr.DraftRequest(
         robot or (),
         target,
         tip or (),
@@ -172,13 +176,13 @@ def command(
     )
     try:
         with progress("drafting") as tell:
-            drafted = draft(request, file, capture=capture, simulate=simulate, progress=tell)
+            drafted = sr.draft(request, file, capture=capture, simulate=simulate, progress=tell)
     except BaseException:
         if object_file is not None:
             object_file.unlink(missing_ok=True)
         raise
     write_text(file, drafted.text)
-    for warning in (*drafted.scene.warnings, *overlaps(drafted.scene)):
+    for warning in drafted.warnings:
         warn(warning)
     for grasp in drafted.scene.grasps:
         verb = "captures" if capture else "holds"
@@ -189,31 +193,7 @@ def command(
     for problem in drafted.problems:
         warn(f"{file} does not work yet: {problem}")
     following = "`plan`, `tune` and `campaign`" if capture else "`tune` and `campaign`"
-    done = "simulated; show it by" if drafted.is_verified else "written; simulate it by"
-    console().print(f"{file}: {done} `spacerobot run {file}`, then {following}", markup=False, soft_wrap=True)
-
-
-def write_plugin(family: str, file: Path) -> None:
-    """Write a plugin that runs, and print the command that uses it.
-
-    Parameters
-    ----------
-    family
-        Family of its kind, as ``sensor``.
-    file
-        Python file to write; there must be none of that name.
-
-    Raises
-    ------
-    ScenarioError
-        If the file exists.
-    SpaceRobotError
-        If there is no template of the family.
-    """
-    from spacerobot.drafting.plugins import plugin_command, plugin_template
-
-    text = plugin_template(family, file)
-    if file.exists():
-        raise ScenarioError("exists already; name another file by --out", source=file)
-    write_text(file, text)
-    console().print(f"{file}: written; use it by\n{plugin_command(text)}", markup=False, soft_wrap=True)
+    state = "simulated; show it by" if drafted.is_verified else "written; simulate it by"
+    console().print(
+        f"{file}: {state} `spacerobot run {file}`, then {following}", markup=False, soft_wrap=True
+    )

@@ -7,12 +7,14 @@ from typing import Annotated
 
 import typer
 
-from spacerobot.cli.command import Command
-from spacerobot.cli.output import console, pairs, progress
+import spacerobot as sr
+from spacerobot.cli.command import SIMULATE, Command
+from spacerobot.cli.output import progress, show
 from spacerobot.cli.plugins import load_plugins_of
+from spacerobot.tables import Table
 
 
-@Command.of("passive-safety", place=6)
+@Command.of("passive-safety", place=5, group=SIMULATE)
 def command(
     result: Annotated[Path, typer.Argument(metavar="RESULT", help="Folder of a result.")],
     drift: Annotated[float, typer.Option("--drift", help="Length of the drift [s].")] = 600.0,
@@ -33,22 +35,9 @@ def command(
         spacerobot passive-safety out/docking --drift 600 --clearance 0.5
     """
     load_plugins_of([result])
-    from spacerobot.abort_drift import passive_safety
-    from spacerobot.result import Result
-
-    loaded = Result.load(result)
+    loaded = sr.Result.load(result)
     with progress("drifting") as tell:
-        found = passive_safety(loaded, duration_s=drift, until_s=until, progress=tell)
-    unsafe = [] if clearance is None else found.unsafe(clearance).tolist()
-    k = found.worst
-    rows = [
-        ("aborts", f"{len(found.time_s)}, {found.time_s[0]:g} s to {found.time_s[-1]:g} s"),
-        ("least distance", f"{found.distance_m[k]:.4g} m: {' and '.join(found.pairs[k])}"),
-        ("abort at", f"{found.time_s[k]:g} s, least {found.drift_s[k]:.4g} s later"),
-    ]
-    if clearance is not None:
-        told = f"{len(unsafe)} aborts, the first at {unsafe[0]:g} s" if len(unsafe) else "none"
-        rows.append((f"nearer than {clearance:g} m", told))
-    console().print(pairs(loaded.scenario.name, rows))
-    if len(unsafe):
+        safety = sr.passive_safety(loaded, duration_s=drift, until_s=until, progress=tell)
+    show([Table.of_pairs(loaded.scenario.name, safety.rows(clearance))])
+    if clearance is not None and len(safety.unsafe(clearance)):
         raise typer.Exit(1)

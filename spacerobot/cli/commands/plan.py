@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from spacerobot.cli import page_data as playing
-from spacerobot.cli.command import Command
+import spacerobot as sr
+from spacerobot.cli.command import PLAN, Command
 from spacerobot.cli.commands.animate import serve
 from spacerobot.cli.options import Changes, Machines, Out, Port, ScenarioName, View, parse_changes
-from spacerobot.cli.output import console, pairs, progress, table, warn
+from spacerobot.cli.output import console, progress, show, warn
 from spacerobot.interrupts import advise
 
 if TYPE_CHECKING:
-    from optim.planning.search.make_plan import PlanSolution
-    from spacerobot.scene import Scene
+    from spacerobot.api.options import PlanOptions
 
 Backend = Annotated[
     Literal["auto", "compiled", "interpreted"],
@@ -61,7 +59,7 @@ From = Annotated[
 ]
 
 
-@Command.of("plan", place=13)
+@Command.of("plan", place=1, group=PLAN)
 def command(
     scenario: ScenarioName,
     out: Out = None,
@@ -96,9 +94,6 @@ def command(
 
         spacerobot plan mine.yaml --pareto time,base_rotation --points 9 --dask local:2 --out out/front
     """
-    from spacerobot.result import JOURNALS
-    from spacerobot.scene import load_scene
-
     if view and out is None:
         raise typer.BadParameter("needs --out DIR, where the plan is written", param_hint="--view")
     if sensitivities and pareto is not None:
@@ -114,196 +109,31 @@ def command(
         raise typer.BadParameter(f"does not go with {other}", param_hint="--design")
     if warm_start is not None and (pareto is not None or design):
         raise typer.BadParameter("does not go with --pareto or --design", param_hint="--from")
-    scene = load_scene(scenario, parse_changes(changes))
+    scene = sr.load_scene(scenario, parse_changes(changes))
     for warning in scene.warnings:
         warn(warning)
-    folder = None if out is None else out / JOURNALS
-    if folder is not None:  # where completed searches are kept
+    if out is not None:  # where completed searches are kept
         advise("the same command resumes the search")
     with progress("formulating the problem") as tell:
-        how: dict[str, Any] = {"backend": backend, "progress": tell, "folder": folder, "dask": dask}
+        options: PlanOptions = {"backend": backend, "progress": tell, "dask": dask}
+        result: sr.PlanResult | sr.ParetoFrontResult | sr.DesignStudyResult
         if design:
-            show = _design(scene, points, out, how)
-        elif pareto is None:
-            show = _plan(scene, out, how | {"warm_start": warm_start}, sensitivities)
+            result = sr.design_study(scene, out, points=points, **options)
+            files = "design.json, figures/design.png and the plan of the design that was found"
+        elif pareto is not None:
+            terms = [part.strip() for part in pareto.split(",")]
+            result = sr.pareto_front(scene, terms, out, points=points, **options)
+            files = "front.json, figures/front.png and a plan for each point"
         else:
-            show = _front(scene, pareto, points, out, how)
+            paths = [path.strip() for path in sensitivities.split(",")] if sensitivities else ()
+            result = sr.plan(scene, out, warm_start=warm_start, sensitivities=paths, **options)
+            files = "plan.nc, plan.json, followed.yaml and figures"
+        if out is not None:
+            tell("drawing")
+            sr.figures(result, out / "figures")
     advise("")
-    show()
+    show(result)
+    if out is not None:
+        console().print(f"\n{files} in {out}", markup=False, soft_wrap=True)
     if view and out is not None:
-        with progress("following the plan") as tell:
-            played = playing.plan(out, tell)
-        serve(played.data, port)
-
-
-def _plan(
-    scene: Scene, out: Path | None, how: dict[str, Any], sensitivities: str | None
-) -> Callable[[], None]:
-    """Make a plan, and write it if a folder is given; what shows it."""
-    from optim.planning.output.following_scenario import PLAN, handover_warnings
-    from optim.planning.output.plan_folder import FOLLOWED, SUMMARY, read, write
-    from optim.planning.search.make_plan import make_plan
-    from spacerobot.result import check_folder
-
-    if out is not None:
-        check_folder(out, SUMMARY)
-    planned, found = make_plan(scene, **how), {}
-    if sensitivities is not None:
-        from optim.planning.studies.cost_sensitivities import cost_sensitivities
-
-        found = cost_sensitivities(planned, [path.strip() for path in sensitivities.split(",")])
-    if out is not None:
-        from viz.figures.plan import write_plan_figures
-
-        write(planned, out, found)
-        how["progress"]("drawing")
-        write_plan_figures(*read(out), out / "figures")
-
-    def show() -> None:
-        """Print it."""
-        _show(planned)
-        for words in handover_warnings(planned):
-            warn(words)
-        if found:
-            rows = [[path, f"{slope:+.6g}"] for path, slope in found.items()]
-            console().print(table("sensitivities of the optimal cost", ["parameter", "per unit"], rows))
-        if out is not None:
-            words = f"\n{PLAN}, {SUMMARY}, {FOLLOWED} and figures in {out}"
-            console().print(words, markup=False, soft_wrap=True)
-
-    return show
-
-
-def _design(scene: Scene, points: int, out: Path | None, how: dict[str, Any]) -> Callable[[], None]:
-    """Make a design study, likewise."""
-    from optim.planning.output.plan_folder import SUMMARY, read
-    from optim.planning.output.study_folder import DESIGN, to_data, write
-    from optim.planning.studies.design_study import make_study
-    from spacerobot.cli.design import show
-    from spacerobot.result import check_folder
-
-    if out is not None:
-        check_folder(out, SUMMARY)
-    study = make_study(scene, points, **how)
-    if out is None:
-        data = to_data(study)
-    else:
-        from viz.figures.design_study import study as drawn
-        from viz.figures.plan import write_plan_figures
-        from viz.figures.style import write_drawings
-
-        how["progress"]("writing the design and its plan")
-        data = write(study, out)
-        write_drawings([("design", drawn(data))], out / "figures")
-        write_plan_figures(*read(out), out / "figures")
-
-    def shown() -> None:
-        """Print it."""
-        _show(study.plan)
-        show(data)
-        if out is not None:
-            words = f"\n{DESIGN}, figures/design.png and the plan of the design that was found in {out}"
-            console().print(words, markup=False, soft_wrap=True)
-
-    return shown
-
-
-def _front(
-    scene: Scene, terms: str, points: int, out: Path | None, how: dict[str, Any]
-) -> Callable[[], None]:
-    """Make a front, likewise."""
-    from optim.planning.output.front_folder import FRONT, to_data, write
-    from optim.planning.studies.pareto_front import FrontRequest, make_front
-    from spacerobot.cli.front import show
-    from spacerobot.errors import ScenarioError
-    from spacerobot.result import check_folder
-
-    names = tuple(part.strip() for part in terms.split(","))
-    if len(names) != 2:
-        message = f"found {terms!r}, allowed: two terms of the cost, as time,base_rotation"
-        raise ScenarioError(message, where="--pareto")
-    if out is not None:
-        check_folder(out, FRONT)
-    front = make_front(scene, FrontRequest(names, points), **how)
-    if out is None:
-        data = to_data(front)
-    else:
-        from viz.figures.pareto_front import front as drawn
-        from viz.figures.style import write_drawings
-
-        how["progress"]("writing the plans")
-        data = write(front, out)
-        write_drawings([("front", drawn(data))], out / "figures")
-
-    def shown() -> None:
-        """Print it."""
-        show(data)
-        if out is not None:
-            words = f"\n{FRONT}, figures/front.png and a plan for each point in {out}"
-            console().print(words, markup=False, soft_wrap=True)
-
-    return shown
-
-
-def _show(planned: PlanSolution) -> None:
-    """Print the plan, its verification, and each run of the solver."""
-    from optim.planning.formulation.base_actuation import limiting_actuators
-    from optim.planning.formulation.formulate import plan_section
-
-    phased_motion, verification = planned.phased_motion, planned.verification
-    order = 2 * planned.motion.lobatto.points - 2
-    intervals = sum(motion.intervals for motion in phased_motion.motions)
-    phases = zip(planned.names, phased_motion.motions, strict=True)
-    replayed, followed = f"{verification.replay_error_m:.1e} m", f"{verification.followed_error_m:.1e} m"
-    allowed = f" (allowed {verification.tolerance_m:g} m)"
-    # the greatest violation between the points, in words
-    if not planned.verification.violations:
-        violation = "none"
-    else:
-        worst = planned.verification.violations[0]
-        violation = f"{worst.amount:.1e} {worst.unit}, {worst.name} (allowed {worst.allowed:.1e})"
-    # pairs of links that were checked, and those that needed a constraint
-    apart = ", ".join(" and ".join(names) for names in planned.kept_apart)
-    avoided = f"{planned.pairs} pairs of links apart" + (f", by a constraint {apart}" if apart else "")
-    candidates = []
-    for one in planned.candidates:
-        chosen = ", ".join(f"{name} {value}" for name, value in one.chosen.items())
-        candidates.append(
-            (f"candidate {chosen}", one.failure if one.cost is None else f"cost {one.cost:.6g}")
-        )
-    rows = [
-        ("duration", f"{phased_motion.duration_s:.6g} s"),
-        *((f"  {name}", f"{motion.duration_s:.6g} s") for name, motion in phases if name),
-        ("mesh", f"{intervals} intervals of order {order}, {len(phased_motion.unknowns)} unknowns"),
-        *candidates,
-        *(
-            (f"base of {name}", f"within the limits of {own}")
-            for name, own in limiting_actuators(
-                planned.scene, plan_section(planned.scene).by_phase.values()
-            ).items()
-        ),
-        *((("collision avoidance", avoided),) if planned.pairs else ()),
-        ("cost", f"{planned.cost:.6g}"),
-        *((f"  {name.replace('_', ' ')}", f"{value:.6g}") for name, value in planned.terms.items()),
-        ("first-order residual", f"{verification.residual:.1e}"),
-        ("second-order conditions", verification.status),
-        ("replay error, open loop", replayed + (allowed if verification.open_loop else "")),
-        ("  with feedback", followed + ("" if verification.open_loop else allowed)),
-        ("greatest violation", violation),
-    ]
-    console().print(pairs(f"plan of {planned.scene.scenario.name}", rows))
-    if verification.saddle:
-        warn("the plan is a saddle point: nearby motions cost less; raise `plan.starts`")
-    cells = [
-        [
-            f"{one.start + 1}",
-            f"{one.intervals}",
-            f"{one.cost:.6g}",
-            f"{one.iterations}",
-            f"{one.seconds:.3g}",
-            one.status.replace("_", " ").lower(),
-        ]
-        for one in planned.runs
-    ]
-    heads = ["start", "intervals", "cost", "iterations", "time [s]", "status"]
-    console().print(table("runs of IPOPT", heads, cells))
+        serve([out], port)

@@ -7,15 +7,16 @@ from typing import Annotated
 
 import typer
 
-from spacerobot.cli.command import Command
+import spacerobot as sr
+from spacerobot.cli.command import TUNE, Command
 from spacerobot.cli.commands.falsify import Limit, Metric
 from spacerobot.cli.options import Changes, ScenarioName, Threads, parse_changes
-from spacerobot.cli.output import console, pairs, progress, prose, table
+from spacerobot.cli.output import console, progress, show
 from spacerobot.cli.tuning_options import Seed
 from spacerobot.registry import ESTIMATORS
 
 
-@Command.of("reliability", place=14)
+@Command.of("reliability", place=4, group=TUNE)
 def command(
     scenario: ScenarioName,
     out: Annotated[
@@ -49,32 +50,18 @@ def command(
 
         spacerobot reliability paper --metric grip_force_peak --limit 30 --method line --out out/rare.json
     """
-    from spacerobot.scene import load_scene
-
-    scene = load_scene(scenario, parse_changes(changes))
-    from optim.reliability.estimator import SamplingEffort
-    from optim.reliability.probability import failure_probability
-
+    scene = sr.load_scene(scenario, parse_changes(changes))
     ESTIMATORS.find(method)
-
     with progress("building and simulating"):
-        found = failure_probability(
+        probability = sr.failure_probability(
             scene,
             metric,
             limit,
             method=method,
-            effort=SamplingEffort(variation, budget, seed or 0),
+            effort=sr.SamplingEffort(variation, budget, seed or 0),
             threads=threads,
         )
-    console().print(pairs(scene.scenario.name, found.rows()))
-    for failure in found.failures[:3]:
-        rows = [
-            (name, f"{value:.6g}", f"{100 * failure.importance[name]:.2g} %")
-            for name, value in failure.parameters.items()
-        ]
-        console().print()
-        prose(f"A most probable failure, {failure.beta:.3g} standard deviations from the medians:")
-        console().print(table(None, ("parameter", "there", "importance"), rows))
+    show(probability)
     if out is not None:
-        found.save(out)
+        probability.save(out)
         console().print(f"result in {out}", markup=False, soft_wrap=True)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from spacerobot.cli.command import Command
-from spacerobot.cli.output import console, prose, table
+import spacerobot as sr
+from spacerobot.cli.command import BEGIN, Command
+from spacerobot.cli.output import show
 
 
-@Command.of("scenarios", place=14)
+@Command.of("scenarios", place=3, group=BEGIN)
 def command() -> None:
     """List the shipped scenarios and URDFs.
 
@@ -14,14 +15,4 @@ def command() -> None:
 
         spacerobot scenarios
     """
-    from spacerobot.description.find import shipped_names, shipped_urdf_folder
-    from spacerobot.scenario.catalogue import shipped
-    from spacerobot.scenario.document import read_document
-
-    rows = [
-        (name, " ".join(str(read_document(path).get("description", "")).split()))
-        for name, path in shipped().items()
-    ]
-    console().print(table("scenarios", ["name", "description"], rows))
-    console().print()
-    prose(f"URDFs in {shipped_urdf_folder()}: {', '.join(shipped_names())}")
+    show(sr.list_scenarios())

@@ -7,10 +7,11 @@ from typing import Annotated
 
 import typer
 
-from spacerobot.cli.command import Command
+import spacerobot as sr
+from spacerobot.cli.command import EXCHANGE, Command
 
 
-@Command.of("schema", place=18)
+@Command.of("schema", place=3, group=EXCHANGE)
 def command(
     file: Annotated[Path | None, typer.Argument(help="File to write; standard output if not given.")] = None,
 ) -> None:
@@ -22,9 +23,7 @@ def command(
     """
     import json
 
-    from spacerobot.scenario.load import json_schema
-
-    text = json.dumps(json_schema(), indent=2)
+    text = json.dumps(sr.scenario_schema(), indent=2)
     if file is None:
         typer.echo(text)
     else:

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from spacerobot.cli.command import Command
+import spacerobot as sr
+from spacerobot.cli.command import LOOK, Command
 from spacerobot.cli.options import Changes, Port, ScenarioName, parse_changes
 from spacerobot.cli.output import console, progress, warn
 
@@ -19,7 +20,7 @@ NoBrowser = Annotated[
 ]
 
 
-@Command.of("studio", place=3)
+@Command.of("studio", place=1, group=LOOK)
 def command(
     scenario: ScenarioName,
     changes: Changes = None,
@@ -35,18 +36,25 @@ def command(
 
         spacerobot studio my.yaml --set simulation.duration=20 --out out/trials
     """
-    from spacerobot.scene import load_scene
-    from viz.studio.prepared_design import Origin
-    from viz.studio.server import Studio
+    from viz.studio.waiting import WaitingPage
 
-    given = parse_changes(changes)
-    scene = load_scene(scenario, given)
-    for warning in scene.warnings:
-        warn(warning)
-    with progress("building the closed loop") as tell:
-        studio = Studio(Origin(scene, scenario, tuple(given)), out, port, tell)
-    with studio:
-        opened = not no_browser and studio.open()
+    path_changes = parse_changes(changes)
+    with WaitingPage(scenario, port) as waiting:
+        # the address can be opened at once: its page says what the studio waits for, then becomes the studio
+        opened = not no_browser and waiting.open()
         say = "opened in the browser" if opened else "open this address in a browser"
-        console().print(f"{say}: {studio.url} (Ctrl-C ends it)", markup=False, soft_wrap=True)
+        console().print(f"{say}: {waiting.url} (Ctrl-C ends it)", markup=False, soft_wrap=True)
+        with progress("loading the studio's libraries and the scenario"):
+            from viz.studio.prepared_design import Origin
+            from viz.studio.server import Studio
+
+            scene = sr.load_scene(scenario, path_changes)
+        for warning in scene.warnings:
+            warn(warning)
+        with progress("building the closed loop") as tell:
+            origin = Origin(scene, scenario, tuple(path_changes))
+            studio = Studio(origin, out, waiting.port, waiting.telling(tell), waiting)
+    with studio:
+        if studio.port != waiting.port:
+            console().print(f"the address has changed: {studio.url}", markup=False, soft_wrap=True)
         studio.wait()

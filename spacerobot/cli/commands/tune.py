@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from spacerobot.cli.command import Command
+import spacerobot as sr
+from spacerobot.cli.command import TUNE, Command
 from spacerobot.cli.commands.run import fail_if_diverged
 from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, parse_changes
-from spacerobot.cli.output import console, pairs, table
+from spacerobot.cli.output import console, show
 from spacerobot.cli.tuning_options import (
     Budget,
     Runs,
@@ -19,14 +20,11 @@ from spacerobot.cli.tuning_options import (
     Variant,
     chosen_variables,
     journals,
-    show_runs,
     shown,
     stop_if_interrupted,
 )
 from spacerobot.registry import TUNING_METHODS
-
-if TYPE_CHECKING:
-    from optim import TuningResult
+from spacerobot.tables import Table
 
 Method = Annotated[
     str,
@@ -43,7 +41,7 @@ Vary = Annotated[
 ]
 
 
-@Command.of("tune", place=8)
+@Command.of("tune", place=1, group=TUNE)
 def command(
     scenario: ScenarioName,
     out: Out = None,
@@ -71,55 +69,26 @@ def command(
 
         spacerobot tune my.yaml --method ga --budget 2000 --runs 3 --dask local:4
     """
-    from optim import build_problem, effort_of, tune
-    from optim.problem.objectives import reading
+    scene = sr.vary(sr.load_scene(scenario, parse_changes(changes)), vary or [])
+    from optim import effort_of
     from optim.problem.scene_recipe import tuning_of
-    from optim.problem.variables import at_bound
-    from optim.problem.varied_parameters import vary as varied
-    from optim.workers.dask import open_workers
-    from spacerobot.scene import load_scene
-    from spacerobot.simulation import simulate
 
-    scene = varied(load_scene(scenario, parse_changes(changes)), vary or [])
     tuning = tuning_of(scene)
     effort = effort_of(tuning, budget=budget, baseline_budget=budget, runs=runs, starts=starts, seed=seed)
-    with shown() as (tell, report), open_workers(threads, dask) as workers:
+    with shown() as (tell, report), sr.open_workers(threads, dask) as workers:
         tell("building and compiling")
         chosen = chosen_variables(variables, tuning)
-        problem = build_problem(scene, variables=chosen, variant=variant, workers=workers)
-        found = tune(problem, method, effort=effort, folder=journals(out, "tuning.json"), progress=report)
+        problem = sr.build_problem(scene, variables=chosen, variant=variant, workers=workers)
+        folder = journals(out, "tuning.json")
+        tuned = sr.tune(problem, method, effort=effort, folder=folder, progress=report)
         tell("simulating the best design")
-        result = simulate(found.scene)
+        result = sr.simulate(tuned.scene)
         if out is not None:
             result = result.save(out)
-            found.save(out)
-    told = {name: f", {end}" for name, end in at_bound(list(found.gains), found.outcome.best.u).items()}
-    rows = [(name, f"{value:.6g}{told.get(name, '')}") for name, value in found.gains.items()]
-    name, factor, unit = reading(tuning.objective)
-    console().print(f"{method}: {name} {factor * found.objective:.6g} {unit}", markup=False)
-    console().print(pairs("gains", rows))
-    if found.margins:
-        console().print(pairs("margins", list(found.margins.items())))
-    show_runs(found.outcome.runs, factor)
-    if TUNING_METHODS.find(method).shows_trials:
-        _show_trials(found)
-    console().print(pairs("the best design", result.headline()))
+            tuned.save(out)
+    show(tuned)
+    show([Table.of_pairs("the best design", result.headline())])
     if out is not None:
         console().print(f"\nresult and tuning.json in {out}", markup=False, soft_wrap=True)
-    stop_if_interrupted(found.outcome)
+    stop_if_interrupted(tuned.outcome)
     fail_if_diverged(result)
-
-
-HEADS = {"largest_error_m": "largest error [m]", "swings_hz": "swings [1/s]"}
-
-
-def _show_trials(found: TuningResult) -> None:
-    """Print the trials of the manual procedure."""
-    log = found.outcome.best.log
-    heads = list(log[0])
-    shown = [HEADS.get(head, head) for head in heads]
-    cells = []
-    for row in log:
-        told = [f"{row[h]:.4g}" if isinstance(row[h], float) else str(row[h]) for h in heads]
-        cells.append(["-" if row[h] is None else text for h, text in zip(heads, told, strict=True)])
-    console().print(table("the manual procedure, step by step", shown, cells))

@@ -1,0 +1,442 @@
+"""Figures, animations and reports of everything that is simulated, tuned, planned or compared."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from spacerobot.api.load import load
+from spacerobot.api.results import CampaignResult, ComparisonResult, PlanResult
+from spacerobot.api.studies import DesignStudyResult, ParetoFrontResult
+from spacerobot.errors import ResultError
+from spacerobot.files import StrPath
+from spacerobot.result import Result
+from spacerobot.simulation import Progress, simulate
+from spacerobot.tables import Tabular
+
+if TYPE_CHECKING:
+    from viz.figures import Drawing
+    from viz.page.live import LiveViewer
+    from viz.page.notebook import EmbeddedPage
+
+Study = CampaignResult | ComparisonResult | PlanResult | ParetoFrontResult | DesignStudyResult
+"""Result that is no single simulation."""
+Source = Result | Study
+Sources = Source | StrPath | Sequence[Source | StrPath]
+"""Results, or the folders that hold them."""
+STUDY_NAMES: dict[type[Study], str] = {
+    CampaignResult: "campaign",
+    ComparisonResult: "comparison",
+    PlanResult: "plan",
+    ParetoFrontResult: "Pareto front",
+    DesignStudyResult: "design study",
+}
+STUDY_FILES = {
+    "campaign.json": "campaign",
+    "comparison.json": "comparison",
+    "front.json": "Pareto front",
+    "design.json": "design study",
+    "plan.json": "plan",
+}
+"""Files by which folders of studies are known."""
+
+
+def figures(
+    results: Sources,
+    folder: StrPath | None = None,
+    *,
+    names: Sequence[str] | None = None,
+    formats: Sequence[str] = ("pdf", "png"),
+    width: str = "double",
+) -> dict[str, Drawing]:
+    """Draw the figures of a result, of several compared, of a plan, or of a study of plans.
+
+    Args:
+        results: One result or several, or their folders; a plan, alone or with the result that follows it; a
+            Pareto front; a design study.
+        folder: Folder for the files ``NAME.FORMAT``; nothing is written if None.
+        names: Names of the figures, as in :func:`viz.figures.figure_kinds`; all that apply if None.
+        formats: Formats of the files: ``pdf``, ``svg``, ``png``.
+        width: ``single`` (89 mm) or ``double`` (183 mm) column of a journal.
+
+    Returns:
+        dict: Matplotlib figures by name; each shows itself in a notebook.
+
+    Raises:
+        ResultError: If a name, a format or the width is unknown, the results cannot be compared, or a file
+            cannot be written.
+    """
+    from spacerobot.result import note_derived
+    from viz.figures import draw_all
+    from viz.figures.style import check_formats, drawn_for, write_drawings
+
+    check_formats(formats)
+    first, *others = opened(results)
+    with drawn_for(width):
+        if isinstance(first, Result):
+            simulated = _only_results([first, *others])
+            drawings = {name: drawing for name, _, drawing in draw_all(*simulated, names=names)}
+        else:
+            simulated = _only_results(others)
+            if names:
+                name = STUDY_NAMES[type(first)]
+                message = f"the figures of a {name} are drawn together; leave out --only (names)"
+                raise ResultError(message, source=first.folder)
+            drawings = _study_figures(first, simulated)
+        if folder is not None:
+            written = write_drawings(drawings.items(), Path(folder), formats)
+            note_derived([result.folder for result in simulated], written)
+    return drawings
+
+
+def _study_figures(study: Study, flown: Sequence[Result]) -> dict[str, Drawing]:
+    """Figures of a plan, with the result that follows it if there is one, or of a study of plans."""
+    from optim.planning.output.constraint_values import with_flown
+    from viz.figures.design_study import study as draw_study
+    from viz.figures.pareto_front import front as draw_front
+    from viz.figures.plan import plan_figures
+
+    if isinstance(study, ParetoFrontResult):
+        return {"front": draw_front(study.summary)}
+    if isinstance(study, DesignStudyResult):
+        return {"design": draw_study(study.summary), **_study_figures(study.plan, flown)}
+    if isinstance(study, PlanResult):
+        result, data = next(iter(flown), None), study.data
+        if result is not None and "constraint" in data:
+            data = with_flown(data, study.problem_scene(), result.data)
+        return dict(plan_figures(data, study.summary, result))
+    message = "has no figures of its own; `spacerobot report` makes a page of it"
+    raise ResultError(f"a {STUDY_NAMES[type(study)]} {message}", source=study.folder)
+
+
+def animate(
+    results: Sources,
+    path: StrPath | None = None,
+    *,
+    title: str | None = None,
+    speed: float | None = None,
+    at: float | None = None,
+    progress: Progress | None = None,
+) -> EmbeddedPage | None:
+    """Animate a result, several side by side, a plan and its simulation, a comparison, or a campaign.
+
+    Args:
+        results: One result or several, or their folders; one campaign, comparison or plan; a result and its
+            plan.
+        path: File to write: ``.html`` (a page that works offline), ``.gif``, ``.mp4`` (needs ffmpeg) or
+            ``.png`` (one picture) of the first result. If None, the animation is returned and shows itself in
+            a notebook's cell.
+        title: Title of the page.
+        speed: Speed of a recording relative to real time; such that it lasts at most 20 s if None.
+        at: Time of a picture [s]; the first capture if None.
+        progress: Called with a few words whenever a step that may take a while begins.
+
+    Raises:
+        ResultError: If the format is unknown, the results cannot be compared, or the file cannot be written.
+    """
+    from spacerobot.files import write_text
+    from spacerobot.result import note_derived
+    from viz.page.notebook import EmbeddedPage
+    from viz.page.page import page
+
+    sources, target = opened(results), None if path is None else Path(path)
+    is_page = target is None or target.suffix.lower() in (".html", ".htm")
+    if not is_page and len(sources) == 1 and isinstance(sources[0], Result):
+        played = Playback({}, _only_results(sources))  # a recording needs no data of a page
+    else:
+        played = playback(sources, progress, title)
+    if target is None:
+        return EmbeddedPage(page(played.data | {"autoplay": False}))
+    if is_page:
+        write_text(target, page(played.data))
+        note_derived([result.folder for result in played.results], [target])
+    elif target.suffix.lower() == ".png":
+        from viz.record import write_poster
+
+        write_poster(played.results[0], target, at=at)
+    else:
+        from viz.record import write_recording
+
+        write_recording(played.results[0], target, speed=speed, progress=progress)
+    return None
+
+
+def view(
+    results: Sources,
+    *,
+    port: int = 7000,
+    on_start: Callable[[LiveViewer], object] | None = None,
+) -> LiveViewer:
+    """Serve the animation of :func:`animate` to a browser on this computer.
+
+    Args:
+        results: As of :func:`animate`.
+        port: First port to try; busy ports are skipped.
+        on_start: Called with the viewer as soon as its page can be opened. A campaign's page shows the spread
+            of the metrics then; its worst samples follow when they are simulated.
+
+    Returns:
+        LiveViewer: Server, until its ``close`` or the end of its ``with`` block; ``open`` opens a browser.
+
+    Raises:
+        ResultError: If the results cannot be compared or played.
+        SpaceRobotError: If no port is free.
+    """
+    from viz.page.live import LiveViewer
+
+    sources = opened(results)
+    first: dict[str, Any] | None = None
+    if len(sources) == 1 and isinstance(sources[0], CampaignResult):
+        from viz.report.campaign_data import first_page
+
+        first = first_page(sources[0].folder, sources[0].evaluator)
+    else:
+        data = playback(sources).data
+    viewer = LiveViewer(port)
+    try:
+        viewer.show_data(data if first is None else first)
+        if on_start is not None:
+            on_start(viewer)
+        if first is not None:
+            viewer.show_data(playback(sources, viewer.tell).data)
+    except BaseException:
+        viewer.close()
+        raise
+    return viewer
+
+
+def report(
+    results: Sources | Tabular, path: StrPath, *, title: str | None = None, progress: Progress | None = None
+) -> None:
+    """Write one self-contained page: numbers, figures, animation, ledger, warnings.
+
+    Args:
+        results: One result or several compared, or their folders, of which each may hold several; or one
+            campaign, comparison or plan; or the file or folder of margins, a batch, a gradient, a failure
+            probability, a falsification or an identification.
+        path: The page, ``.html``.
+        title: Heading of a page about results; made of their names if None.
+        progress: Called with a few words whenever a step that may take a while begins.
+
+    Raises:
+        ResultError: If the results cannot be compared or the file cannot be written.
+    """
+    from spacerobot.files import write_text
+    from spacerobot.result import note_derived
+    from viz.report.report import report as results_page
+
+    if isinstance(results, Tabular) and not isinstance(results, Source):
+        write_text(Path(path), _tables_page(results, title or _heading(results)))
+        return
+    named = _listed(results)
+    tabular = _tabular(named)
+    if tabular is not None:
+        write_text(Path(path), _tables_page(*tabular) if title is None else _tables_page(tabular[0], title))
+        return
+    for source in named:
+        name = _study_name(source)
+        if name and len(named) > 1:
+            folder = Path(source) if isinstance(source, str | os.PathLike) else source.folder
+            raise ResultError(f"a {name} has a page of its own; name it alone", source=folder)
+    sources = opened(named, several=True)
+    study = sources[0]
+    if not isinstance(study, Result):
+        write_text(Path(path), _study_page(study, progress or (lambda _: None)))
+        return
+    results_shown = _only_results(sources)
+    write_text(Path(path), results_page(*results_shown, title=title))
+    note_derived([result.folder for result in results_shown], [path])
+
+
+def _tables_page(result: Tabular, title: str) -> str:
+    """Page with the tables and figures of what has no page of its own."""
+    from viz.report.tables_report import tables_report
+
+    return tables_report(result, title)
+
+
+def _tabular(named: Sequence[Source | StrPath]) -> tuple[Tabular, str] | None:
+    """Result that presents itself by tables, read from a file or a folder of margins, and its heading.
+
+    None where nothing of that sort is named.
+
+    Raises:
+        ResultError: If it is named with others.
+    """
+    for source in named:
+        if not isinstance(source, str | os.PathLike):
+            continue
+        if not (Path(source).is_file() or (Path(source) / "margins.nc").is_file()):
+            continue
+        loaded = load(source)
+        if isinstance(loaded, Source):
+            continue
+        if len(named) > 1:
+            raise ResultError(f"{loaded!r} has a page of its own; name it alone", source=Path(source))
+        return loaded, f"{_heading(loaded)}: {Path(source).stem}"
+    return None
+
+
+def _heading(result: Tabular) -> str:
+    """Name of a result's class in words."""
+    words = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", type(result).__name__.removesuffix("Result")).lower()
+    words = {"saved margins": "stability margins", "margin analysis": "stability margins"}.get(words, words)
+    return f"{words[:1].upper()}{words[1:]}"
+
+
+def _study_page(study: Study, progress: Progress) -> str:
+    """Page about a campaign, a comparison or a plan."""
+    if isinstance(study, CampaignResult):
+        from viz.report.campaign_data import campaign_page
+
+        return campaign_page(study.folder, progress, study.evaluator)
+    if isinstance(study, ComparisonResult):
+        from viz.report.comparison_section import comparison_report
+
+        return comparison_report(_folder(study))
+    if isinstance(study, ParetoFrontResult):
+        raise ResultError("a Pareto front has no page; name the plan of a point", source=study.folder)
+    from viz.report.plan_section import plan_report
+
+    plan = study.plan if isinstance(study, DesignStudyResult) else study
+    played = playback(plan, progress)
+    return plan_report(plan.data, plan.summary, played.results[0], played.data)
+
+
+@dataclass(frozen=True)
+class Playback:
+    """Data of an animated page, and the results in it."""
+
+    data: dict[str, Any]
+    results: Sequence[Result]
+
+
+def playback(sources: Sources, progress: Progress | None = None, title: str | None = None) -> Playback:
+    """Data of the animated page for results, or for one campaign, comparison or plan.
+
+    Raises:
+        ResultError: If the results cannot be compared or played.
+    """
+    from viz.page.animation import animation
+
+    tell = progress or (lambda _: None)
+    inputs = opened(sources)
+    first, last = inputs[0], inputs[-1]
+    if len(inputs) == 2 and isinstance(first, Result) and isinstance(last, PlanResult):
+        return _over_its_plan(first, last)
+    if isinstance(first, Result) or len(inputs) > 1:
+        results = _only_results(inputs)
+        return Playback(animation(*results, title=title), results)
+    if isinstance(first, CampaignResult):
+        from viz.report.campaign_data import campaign_data
+        from viz.report.campaign_section import animated_worst
+
+        campaign = campaign_data(first.folder, tell, first.evaluator)
+        if not campaign.worst:
+            fault = next(iter(campaign.faults.values()))
+            raise ResultError(f"no worst sample can be simulated: {fault}", source=first.folder)
+        return Playback(animated_worst(campaign), list(campaign.worst.values()))
+    if isinstance(first, ComparisonResult):
+        from viz.report.comparison_section import designs_of
+
+        heading, named = designs_of(_folder(first))
+        results = list(named.values())
+        return Playback(animation(*results, names=list(named), title=title or heading), results)
+    if isinstance(first, ParetoFrontResult):
+        raise ResultError(
+            "a Pareto front has no motion to play; name the plan of a point", source=first.folder
+        )
+    plan = first.plan if isinstance(first, DesignStudyResult) else first
+    return _over_its_plan(simulate(plan.scene(), progress=progress), plan)
+
+
+def _over_its_plan(flown: Result, plan: PlanResult) -> Playback:
+    """Playback of a result, with the plan that it follows drawn pale underneath."""
+    from viz.page.plan_overlay import beside_its_plan
+
+    return Playback(beside_its_plan(flown, plan.problem_scene(), plan.data), [flown])
+
+
+def opened(sources: Sources, *, several: bool = False) -> list[Source]:
+    """Results of folders; what is no folder stays as it is.
+
+    Args:
+        sources: Results or folders, one or several.
+        several: Whether a folder may hold several results in folders of its own.
+
+    Raises:
+        ResultError: If a folder holds nothing that can be shown.
+    """
+    opened_sources: list[Source] = []
+    for source in _listed(sources):
+        if isinstance(source, Source):
+            opened_sources.append(source)
+        elif several and _holds_results(Path(source)):
+            from viz.report.report import find_results
+
+            opened_sources += find_results([source])
+        else:
+            result = load(source)
+            opened_sources.append(result if isinstance(result, Source) else Result.load(source))
+    if not opened_sources:
+        raise ResultError("no results named")
+    return opened_sources
+
+
+def _listed(sources: Sources) -> Sequence[Source | StrPath]:
+    """Results and folders as a list."""
+    return [sources] if isinstance(sources, Source | str | os.PathLike) else list(sources)
+
+
+def _study_name(source: Source | StrPath) -> str | None:
+    """Kind of study that a result or a folder is; None for a result of a simulation."""
+    if isinstance(source, Source):
+        return None if isinstance(source, Result) else STUDY_NAMES[type(source)]
+    return next((name for file, name in STUDY_FILES.items() if (Path(source) / file).is_file()), None)
+
+
+def _holds_results(folder: Path) -> bool:
+    """Whether a folder is no result, campaign, comparison or plan itself but holds results.
+
+    Raises:
+        ResultError: If it holds one of the others as well.
+    """
+    from spacerobot.result.store import DATA, JOBS
+
+    if not folder.is_dir() or (folder / DATA).is_file() or any((folder / file).is_file() for file in JOBS):
+        return False
+    for inside in sorted(folder.glob("*/")):
+        if (name := _study_name(inside)) is not None:
+            message = f"holds a {name}, {inside.name}, among results; name the results, or it alone"
+            raise ResultError(message, source=folder)
+    return True
+
+
+def _only_results(sources: Sequence[Source]) -> list[Result]:
+    """Results of single simulations.
+
+    Raises:
+        ResultError: If anything else is among them.
+    """
+    for source in sources:
+        if not isinstance(source, Result):
+            raise ResultError(
+                f"a {STUDY_NAMES[type(source)]} cannot be shown with others; name it alone",
+                source=source.folder,
+            )
+    return [source for source in sources if isinstance(source, Result)]
+
+
+def _folder(study: ComparisonResult) -> Path:
+    """Folder of a comparison.
+
+    Raises:
+        ResultError: If it is not saved.
+    """
+    if study.folder is None:
+        raise ResultError("a comparison is shown from its files; save it first")
+    return study.folder

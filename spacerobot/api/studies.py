@@ -1,0 +1,248 @@
+"""Studies of a plan: the Pareto front of two terms of its cost, and the design that minimises it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self, Unpack
+
+from spacerobot.api.options import PlanOptions, journals
+from spacerobot.api.results import PlanResult, copied
+from spacerobot.errors import ResultError, ScenarioError
+from spacerobot.files import StrPath
+from spacerobot.result import check_folder
+from spacerobot.scene import Scene, to_scene
+from spacerobot.tables import Content, Tabular
+
+if TYPE_CHECKING:
+    from optim.planning.studies.design_study import DesignStudy
+    from optim.planning.studies.pareto_front import ParetoFront
+
+
+@dataclass(frozen=True)
+class ParetoFrontResult(Tabular):
+    """Pareto front of two terms of a plan's cost.
+
+    Attributes:
+        summary: Terms, units and points, as in ``front.json``: each point has its ``values`` by term in SI
+            units, its ``status`` (``efficient``, ``dominated`` or ``refused``), the ``changes`` of the
+            scenario that give it, and the summary of its plan.
+        folder: Folder that it was read from or written to, if it was.
+        front: The solved problems, from :func:`spacerobot.pareto_front`; None if it was read from files.
+    """
+
+    summary: Mapping[str, Any]
+    folder: Path | None = None
+    front: ParetoFront | None = field(default=None, repr=False)
+
+    @property
+    def points(self) -> Sequence[Mapping[str, Any]]:
+        """Points from one end of the front to the other."""
+        points: Sequence[Mapping[str, Any]] = self.summary["points"]
+        return points
+
+    def plan(self, name: str) -> PlanResult:
+        """Plan of a point.
+
+        Args:
+            name: Name of the point, such as ``point_3``.
+
+        Raises:
+            ResultError: If there is no such point, or it has no plan.
+        """
+        if self.front is None:
+            assert self.folder is not None
+            return PlanResult.load(self.folder / name)
+        plans = {point.name: point.plan for point in self.front.points if point.plan is not None}
+        if name not in plans:
+            raise ResultError(f"no plan of a point {name!r}; allowed: {', '.join(plans)}")
+        return PlanResult.of(plans[name])
+
+    def save(self, path: StrPath) -> ParetoFrontResult:
+        """Write ``front.json``, and the plan of each point into a folder of its own.
+
+        Raises:
+            ResultError: If the folder holds something else or cannot be written.
+        """
+        from optim.planning.output.front_folder import FRONT, write
+
+        if self.front is None:
+            assert self.folder is not None
+            return replace(self, folder=copied(self.folder, path))
+        check_folder(path, FRONT)
+        return replace(self, summary=write(self.front, path), folder=Path(path))
+
+    @classmethod
+    def load(cls, path: StrPath) -> Self:
+        """Read the folder of a front.
+
+        Raises:
+            ResultError: If it holds none.
+        """
+        from optim.planning.output.front_folder import FRONT
+
+        return cls(_read(Path(path) / FRONT, "points"), Path(path))
+
+    def content(self) -> Sequence[Content]:
+        """Values and cost of each point, and the reason for a refused one."""
+        from optim.planning.output.front_folder import front_table
+
+        return [front_table(self.summary)]
+
+    def __repr__(self) -> str:
+        """Scenario, terms and number of points, in one line."""
+        terms = " and ".join(self.summary["terms"])
+        return f"<ParetoFrontResult {self.summary['scenario']}: {terms}, {len(self.points)} points>"
+
+
+@dataclass(frozen=True)
+class DesignStudyResult(Tabular):
+    """Design that minimises a plan's optimal cost, and that cost around it.
+
+    Attributes:
+        summary: Variables, designs and sweeps, as in ``design.json``.
+        plan: Plan of the optimal design, refined and verified.
+        folder: Folder that it was read from or written to, if it was.
+        study: All designs, from :func:`spacerobot.design_study`; None if it was read from files.
+    """
+
+    summary: Mapping[str, Any]
+    plan: PlanResult
+    folder: Path | None = None
+    study: DesignStudy | None = field(default=None, repr=False)
+
+    @property
+    def design(self) -> dict[str, float]:
+        """Optimal values of the variables, in the scenario's units."""
+        return {name: one["found"] for name, one in self.summary["variables"].items()}
+
+    def save(self, path: StrPath) -> DesignStudyResult:
+        """Write ``design.json`` and the plan of the optimal design.
+
+        Raises:
+            ResultError: If the folder holds something else or cannot be written.
+        """
+        from optim.planning.output.plan_folder import SUMMARY
+        from optim.planning.output.study_folder import write
+
+        if self.study is None:
+            assert self.folder is not None
+            return replace(self, folder=copied(self.folder, path))
+        check_folder(path, SUMMARY)
+        summary = write(self.study, path)
+        return replace(self, summary=summary, plan=replace(self.plan, folder=Path(path)), folder=Path(path))
+
+    @classmethod
+    def load(cls, path: StrPath) -> Self:
+        """Read the folder of a design study.
+
+        Raises:
+            ResultError: If it holds none.
+        """
+        from optim.planning.output.study_folder import DESIGN
+
+        return cls(_read(Path(path) / DESIGN, "variables"), PlanResult.load(path), Path(path))
+
+    def content(self) -> Sequence[Content]:
+        """Plan of the optimum, the variables, and the optimal cost over each of them."""
+        from optim.planning.output.study_folder import study_tables
+
+        return [*self.plan.content(), *study_tables(self.summary)]
+
+    def notices(self) -> Sequence[str]:
+        """Warnings about the plan."""
+        return self.plan.notices()
+
+    def __repr__(self) -> str:
+        """Scenario and optimal values, in one line."""
+        values = ", ".join(f"{name} {value:.4g}" for name, value in self.design.items())
+        return f"<DesignStudyResult {self.summary['scenario']}: {values}>"
+
+
+def pareto_front(
+    scene: Scene | StrPath,
+    terms: Sequence[str] = ("time", "base_rotation"),
+    folder: StrPath | None = None,
+    *,
+    points: int = 9,
+    **options: Unpack[PlanOptions],
+) -> ParetoFrontResult:
+    """Trade two terms of a plan's cost against each other.
+
+    Args:
+        scene: A scene whose scenario has a ``plan`` section, or the scenario's name or file.
+        terms: Names of the two terms. With ``time`` the duration is swept, else the ratio of the two weights.
+        folder: Folder for ``front.json`` and the plan of each point; an interrupted front continues there.
+            Nothing is written if None.
+        points: Number of points.
+        **options: See :class:`~spacerobot.api.options.PlanOptions`.
+
+    Raises:
+        ScenarioError: If the terms have no weights, or the duration that is to be swept is fixed.
+        ResultError: If the folder holds something else or cannot be written.
+    """
+    from optim.planning.output.front_folder import FRONT, to_data
+    from optim.planning.studies.pareto_front import FrontRequest, make_front
+
+    if len(terms) != 2:
+        message = f"found {','.join(terms)!r}, allowed: two terms of the cost, as time,base_rotation"
+        raise ScenarioError(message, where="--pareto")
+    if folder is not None:
+        check_folder(folder, FRONT)
+    front = make_front(
+        to_scene(scene),
+        FrontRequest((terms[0], terms[1]), points),
+        folder=journals(folder),
+        **options,
+    )
+    result = ParetoFrontResult(to_data(front), None, front)
+    return result if folder is None else result.save(folder)
+
+
+def design_study(
+    scene: Scene | StrPath,
+    folder: StrPath | None = None,
+    *,
+    points: int = 9,
+    **options: Unpack[PlanOptions],
+) -> DesignStudyResult:
+    """Optimise the numbers that ``plan.design`` names together with the motion, and sweep each of them.
+
+    Args:
+        scene: A scene whose ``plan`` section names ``design`` variables, or the scenario's name or file.
+        folder: Folder for ``design.json`` and the plan of the optimal design; an interrupted study continues
+            there. Nothing is written if None.
+        points: Number of designs of each sweep, from bound to bound.
+        **options: See :class:`~spacerobot.api.options.PlanOptions`; the cluster plans for the first design.
+
+    Raises:
+        ScenarioError: If the section names no variables, or unknown numbers.
+        NoPlanError: If the scenario's own design, or the optimal one, has no plan that holds.
+        ResultError: If the folder holds something else or cannot be written.
+    """
+    from optim.planning.output.plan_folder import SUMMARY
+    from optim.planning.output.study_folder import to_data
+    from optim.planning.studies.design_study import make_study
+
+    if folder is not None:
+        check_folder(folder, SUMMARY)
+    study = make_study(to_scene(scene), points, folder=journals(folder), **options)
+    result = DesignStudyResult(to_data(study), PlanResult.of(study.plan), None, study)
+    return result if folder is None else result.save(folder)
+
+
+def _read(file: Path, key: str) -> Mapping[str, Any]:
+    """Content of a JSON file that has a key.
+
+    Raises:
+        ResultError: If it cannot be read.
+    """
+    try:
+        data: Any = json.loads(file.read_text(encoding="utf-8"))
+        if key not in data:
+            raise ValueError(f"no {key!r}")
+    except (OSError, ValueError, TypeError) as fault:
+        raise ResultError(f"cannot be read: {fault}", source=file) from None
+    return dict(data)
