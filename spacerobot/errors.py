@@ -14,14 +14,10 @@ from pathlib import Path
 class SpaceRobotError(Exception):
     """Base of every error caused by input or surroundings rather than by a defect.
 
-    Parameters
-    ----------
-    message
-        What was found and what is allowed, in one line.
-    source
-        File that holds the fault, if one does.
-    where
-        Place in that file: a scenario's dotted path or a URDF element.
+    Args:
+        message: What was found and what is allowed, in one line.
+        source: File that holds the fault, if one does.
+        where: Place in that file: a scenario's dotted path or a URDF element.
     """
 
     exit_code = 2
@@ -93,12 +89,9 @@ MOST_NAMES, SOME_NAMES = 60, 12
 def near_names(name: str, allowed: Iterable[str]) -> str:
     """Sentence that helps after a wrong name: its new name, else near ones, else all, or some of very many.
 
-    Parameters
-    ----------
-    name
-        What was found.
-    allowed
-        What would have been valid.
+    Args:
+        name: What was found.
+        allowed: What would have been valid.
     """
     names = sorted(allowed)
     if FORMER_NAMES.get(name) in names:

@@ -27,10 +27,8 @@ STAGE = ".spacerobot-"
 def write_text(path: StrPath, text: str) -> None:
     """Write a text file atomically.
 
-    Raises
-    ------
-    ResultError
-        If it cannot be written; what was there before is then still there.
+    Raises:
+        ResultError: If it cannot be written; what was there before is then still there.
     """
     write_bytes(path, text.encode("utf-8"))
 

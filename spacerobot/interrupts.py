@@ -83,10 +83,8 @@ _endings: list[Callable[[], None]] = []
 def at_end(call: Callable[[], None]) -> None:
     """Have something called when this process ends, by itself or by Ctrl-C, whatever its threads do then.
 
-    Parameters
-    ----------
-    call
-        Called once at least, in any thread; returns soon.
+    Args:
+        call: Called once at least, in any thread; returns soon.
     """
     _endings.append(call)
     atexit.register(call)
@@ -116,10 +114,8 @@ def minded() -> Iterator[None]:
     Only the main thread may ask for it; inside another such block it watches nothing anew. Where something
     else than Python's own handler is set (a shell has a job in the background ignore Ctrl-C), that stays.
 
-    Raises
-    ------
-    KeyboardInterrupt
-        If Ctrl-C came, and not to a search that keeps what it found.
+    Raises:
+        KeyboardInterrupt: If Ctrl-C came, and not to a search that keeps what it found.
     """
     before = signal.getsignal(signal.SIGINT)
     guard = before if isinstance(before, _Guard) else None
@@ -166,10 +162,8 @@ def keep(wanted: bool = True) -> None:
 def advise(advice: str) -> None:
     """Set what the line of a command that Ctrl-C ends says in addition, until the command ends.
 
-    Parameters
-    ----------
-    advice
-        How to resume the command, for example; empty for none.
+    Args:
+        advice: How to resume the command, for example; empty for none.
     """
     global _advice  # noqa: PLW0603 (there is one command in a process, and one line)
     _advice = advice
@@ -186,10 +180,8 @@ def uninterrupted() -> Iterator[None]:
 
     Elsewhere than in the main thread, which alone is interrupted, nothing has to be done.
 
-    Raises
-    ------
-    KeyboardInterrupt
-        Before the block, if Ctrl-C came and was swallowed; behind it, if it came in it.
+    Raises:
+        KeyboardInterrupt: Before the block, if Ctrl-C came and was swallowed; behind it, if it came in it.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

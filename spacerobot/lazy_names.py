@@ -18,18 +18,13 @@ def lazy_names(package: str, file: str) -> tuple[Callable[[str], Any], Callable[
     :pep:`562` and the stubs of scientific Python's ``lazy_loader``, which accepts relative imports only, are
     the model.
 
-    Parameters
-    ----------
-    package
-        The package's ``__name__``.
-    file
-        The package's ``__file__``; the stub is in the same folder.
+    Args:
+        package: The package's ``__name__``.
+        file: The package's ``__file__``; the stub is in the same folder.
 
-    Returns
-    -------
-    tuple
-        The package's ``__getattr__``, ``__dir__`` and ``__all__``. No name may be that of a module of the
-        package, which would hide it.
+    Returns:
+        tuple: The package's ``__getattr__``, ``__dir__`` and ``__all__``. No name may be that of a module of
+            the package, which would hide it.
     """
     stub = Path(file).with_suffix(".pyi").read_text(encoding="utf-8")
     modules = {name: module for module, name in IMPORT.findall(stub)}
@@ -37,6 +32,10 @@ def lazy_names(package: str, file: str) -> tuple[Callable[[str], Any], Callable[
     def load(name: str) -> Any:
         if name not in modules:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        return getattr(importlib.import_module(modules[name]), name)
+        module = importlib.import_module(modules[name])
+        try:
+            return getattr(module, name)
+        except AttributeError:  # a module of that package, as in the statement
+            return importlib.import_module(f"{modules[name]}.{name}")
 
     return load, lambda: sorted(modules), list(modules)

@@ -23,6 +23,7 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.closedloop import ClosedLoop, build_closed_loop
+from spacerobot.closedloop.loop_builder import LoopBuilder
 from spacerobot.compiled import cache
 from spacerobot.elements.core.registry import only_shipped
 from spacerobot.scenario.load import to_document
@@ -31,24 +32,23 @@ from spacerobot.scene import Scene
 SUFFIX = ".loop"
 
 
-def cached_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
+def cached_closed_loop(
+    scene: Scene, vary: Collection[str] = (), kind: type[LoopBuilder] = LoopBuilder
+) -> ClosedLoop:
     """The same as :func:`build_closed_loop`, to the bit, but kept for the next time.
 
     It is always built where a user's own kinds of elements are registered, whose source is not known.
 
-    Parameters
-    ----------
-    scene, vary
-        As for :func:`build_closed_loop`.
+    Args:
+        scene, vary, kind: As for :func:`build_closed_loop`.
 
-    Raises
-    ------
-    ScenarioError
-        As :func:`build_closed_loop`.
+    Raises:
+        ScenarioError: As :func:`build_closed_loop`.
     """
     if not only_shipped():
-        return build_closed_loop(scene, vary)
-    key = hashlib.sha256(f"{SceneContent(scene).key} {sorted(vary)}".encode()).hexdigest()[:32]
+        return build_closed_loop(scene, vary, kind)
+    content = f"{SceneContent(scene).key} {sorted(vary)} {kind.__name__}"
+    key = hashlib.sha256(content.encode()).hexdigest()[:32]
     folder = cache.cache_folder()
     path = cache.find(folder, key, SUFFIX)
     if path is not None:
@@ -59,7 +59,7 @@ def cached_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
                 return cached
         with contextlib.suppress(OSError):
             path.unlink()
-    loop = build_closed_loop(scene, vary)
+    loop = build_closed_loop(scene, vary, kind)
     with contextlib.suppress(OSError):  # a full disk must not end a simulation
         # write a closed loop beside its place, then move it there
         handle, place = tempfile.mkstemp(prefix="built-", suffix=".tmp", dir=folder)
@@ -75,16 +75,12 @@ def cached_closed_loop(scene: Scene, vary: Collection[str] = ()) -> ClosedLoop:
 class SceneContent:
     """A scene that equals any other one from which the same closed loop is built.
 
-    Parameters
-    ----------
-    scene
-        The scene. Where a user's own kinds of elements are registered, whose source is not known, it equals
-        itself alone.
+    Args:
+        scene: The scene. Where a user's own kinds of elements are registered, whose source is not known, it
+            equals itself alone.
 
-    Attributes
-    ----------
-    key
-        Hash of everything that the closed loop is built from.
+    Attributes:
+        key: Hash of everything that the closed loop is built from.
     """
 
     def __init__(self, scene: Scene) -> None:

@@ -21,15 +21,11 @@ class NumericFunction:
     function itself takes 1 us. Here they pass through buffers that belong to this object: threads must not
     share one.
 
-    Parameters
-    ----------
-    function
-        Function with dense inputs and outputs.
+    Args:
+        function: Function with dense inputs and outputs.
 
-    Raises
-    ------
-    ValueError
-        An input or output is sparse.
+    Raises:
+        ValueError: An input or output is sparse.
     """
 
     def __init__(self, function: ca.Function) -> None:
@@ -40,40 +36,35 @@ class NumericFunction:
         self._buffer: Any  # must outlive the calls
         self._buffer, self._evaluate = function.buffer()
         self._given = [np.zeros(function.numel_in(i)) for i in inputs]
-        found = [np.zeros(function.numel_out(i)) for i in outputs]
-        for give, arrays in ((self._buffer.set_arg, self._given), (self._buffer.set_res, found)):
+        results = [np.zeros(function.numel_out(i)) for i in outputs]
+        for give, arrays in ((self._buffer.set_arg, self._given), (self._buffer.set_res, results)):
             for i, array in enumerate(arrays):
                 if array.size:
                     give(i, memoryview(array))  # type: ignore[arg-type]
         # CasADi stores a matrix column by column
         sizes = [function.size_out(i) for i in outputs]
         self._found = [
-            result.reshape(columns, rows).T for result, (rows, columns) in zip(found, sizes, strict=True)
+            result.reshape(columns, rows).T for result, (rows, columns) in zip(results, sizes, strict=True)
         ]
 
     def __call__(self, *arguments: npt.ArrayLike) -> list[Array]:
         """Evaluate.
 
-        Parameters
-        ----------
-        arguments
-            One for each input: shape (n,), or a number for every entry; a matrix column by column.
+        Args:
+            arguments: One for each input: shape (n,), or a number for every entry; a matrix column by column.
 
-        Returns
-        -------
-        list of arrays
-            New arrays, one for each output: shape (n,) of a column, (rows, columns) of another matrix.
+        Returns:
+            list of arrays: New arrays, one for each output: shape (n,) of a column, (rows, columns) of
+                another matrix.
 
-        Raises
-        ------
-        ValueError
-            The number of arguments, or the length of one, is wrong.
+        Raises:
+            ValueError: The number of arguments, or the length of one, is wrong.
         """
-        return [found[:, 0] if found.shape[1] == 1 else found for found in self.matrices(*arguments)]
+        return [matrix[:, 0] if matrix.shape[1] == 1 else matrix for matrix in self.matrices(*arguments)]
 
     def matrices(self, *arguments: npt.ArrayLike) -> list[Array]:
         """Evaluate as :meth:`__call__`, each output of shape (rows, columns)."""
         for place, argument in zip(self._given, arguments, strict=True):
             place[:] = argument
         self._evaluate()
-        return [found.copy() for found in self._found]
+        return [matrix.copy() for matrix in self._found]

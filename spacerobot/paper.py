@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from spacerobot.result import Result
+from spacerobot.files import StrPath
+from spacerobot.result import Result, check_folder
 from spacerobot.scene import Scene, load_scene
+from spacerobot.simulation import simulate
+from spacerobot.tables import Content, Table, Tabular
 
 AXES = (("rpr1/tip", "x"), ("rpr1/tip", "y"), ("rpr2/tip", "x"), ("rpr2/tip", "y"))
 """Columns of the paper's results."""
@@ -57,7 +61,7 @@ class Variant:
         return changes if self.amnesia else changes | {"robots.*.tips.tip.amnesia": None}
 
     def scene(self) -> Scene:
-        """Its scene."""
+        """Scene of the variant."""
         return load_scene("paper", self.changes)
 
 
@@ -72,10 +76,82 @@ VARIANTS = (
 )
 
 
-def run_variants(simulate: Callable[[Scene], Result]) -> Iterator[tuple[Variant, Result]]:
-    """Results of all variants, one after the other."""
+LEGEND = (
+    "Tip errors are reference minus position, least .. greatest over 10 s, in mm. base: the PID feeds back "
+    "the velocity seen from the robot's own base; inertial: the true velocity. The paper does not say which, "
+    "and states R = 0.1 m in Table 1 but 0.15 m in the text. held: both bases are held where they begin. See "
+    "docs/validation/paper.md and docs/validation/planning.md."
+)
+"""Explanation of the table of :class:`PaperComparison`."""
+
+
+@dataclass(frozen=True)
+class PaperComparison(Tabular):
+    """Results of every variant of the paper's scenario, compared with the figures of the paper.
+
+    Attributes:
+        results: Result of each variant.
+    """
+
+    results: Mapping[Variant, Result]
+
+    def content(self) -> list[Content]:
+        """Tip errors of the paper and of each variant [mm]."""
+        headings = ("variant", "robot 1 x", "robot 1 y", "robot 2 x", "robot 2 y", "object turns", "note")
+        rows = [
+            [
+                "paper: PID only",
+                f"{PID_ONLY_MM:g}",
+                "",
+                "",
+                "",
+                "visibly",
+                "section 5; tip and axis not said",
+            ],
+            ["paper: PID + amnesia", *map(_span, FIGURE_7_MM), "near zero", "Fig. 7"],
+            ["paper: the same, GA-tuned", *map(_span, FIGURE_10_MM), "", "Fig. 10"],
+        ]
+        for variant, result in self.results.items():
+            target = result.summary["target"]
+            rotation = "" if target is None else f"{target['max_rotation_deg']:.2g} deg"
+            spans = map(_span, error_bands_mm(result.summary))
+            rows.append([variant.name, *spans, rotation, note(variant, result.summary)])
+        return [Table("the paper and this toolkit [mm]", headings, rows), LEGEND]
+
+    def __repr__(self) -> str:
+        """Number of variants, in one line."""
+        return f"<PaperComparison of {len(self.results)} variants>"
+
+
+def reproduce_paper(
+    folder: StrPath | None = None, *, progress: Callable[[str], object] | None = None
+) -> PaperComparison:
+    """Simulate every variant of the paper's scenario.
+
+    The variants have PID alone or PID and amnesia controller, both velocity feedbacks, both radii, and bases
+    that float or are held.
+
+    Args:
+        folder: Folder for the result of each variant, under its name; nothing is written if None.
+        progress: Called with a few words after each variant.
+
+    Raises:
+        ResultError: If a folder holds something else or cannot be written.
+    """
+    tell = progress or (lambda _: None)
+    if folder is not None:
+        for variant in VARIANTS:
+            check_folder(Path(folder) / variant.name)
+    results: dict[Variant, Result] = {}
     for variant in VARIANTS:
-        yield variant, simulate(variant.scene())
+        result = simulate(variant.scene())
+        results[variant] = result if folder is None else result.save(Path(folder) / variant.name)
+        tell(f"{variant.name} done")
+    return PaperComparison(results)
+
+
+def _span(band: tuple[float, float]) -> str:
+    return " .. ".join(f"{end:.2f}" if abs(end) >= 0.095 else f"{end:.1g}" for end in band)
 
 
 def is_of_the_paper(result: Result) -> bool:
@@ -91,7 +167,7 @@ def error_bands_mm(summary: Mapping[str, Any]) -> list[tuple[float, float]]:
 
 
 def note(variant: Variant, summary: Mapping[str, Any]) -> str:
-    """How a variant stands to the paper, in a few words."""
+    """Relation of a variant to the paper, in a few words."""
     largest = max(abs(value) for band in error_bands_mm(summary) for value in band)
     if not variant.amnesia:
         times = largest / PID_ONLY_MM

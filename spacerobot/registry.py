@@ -5,6 +5,7 @@ Names come from the files of a package, so that help texts and the schema list t
 
 from __future__ import annotations
 
+import functools
 import importlib
 import importlib.util
 import inspect
@@ -24,12 +25,10 @@ _REQUIREMENT = "__required__"
 class Requirement:
     """Condition under which a class that is registered has to define a method of its base class.
 
-    Attributes
-    ----------
-    condition
-        Class attribute that is set, as ``has_springs``, or not set, as ``not is_halfspace``; always if empty.
-    instead
-        Method whose definition serves as well; none if empty.
+    Attributes:
+        condition: Class attribute that is set, as ``has_springs``, or not set, as ``not is_halfspace``;
+            always if empty.
+        instead: Method whose definition serves as well; none if empty.
     """
 
     condition: str = ""
@@ -66,22 +65,30 @@ def required(condition: str = "", instead: str = "") -> Callable[[Method], Metho
 
 def requirement(kind: type[Any], name: str) -> Requirement | None:
     """Requirement on a method that a class does not define; None for one that is defined or optional."""
-    member = inspect.getattr_static(kind, name)
+    return _mark_of(inspect.getattr_static(kind, name))
+
+
+def _mark_of(member: Any) -> Requirement | None:
     function = member.fget if isinstance(member, property) else getattr(member, "__func__", member)
     return getattr(function, _REQUIREMENT, None)
+
+
+@functools.cache
+def _marked_names(base: type[Any]) -> tuple[str, ...]:
+    """Names of the members that a class itself marks as required."""
+    return tuple(name for name, member in vars(base).items() if isinstance(_mark_of(member), Requirement))
 
 
 def check_methods(kind: type[Any]) -> None:
     """Refuse a class that lacks a required method.
 
-    Raises
-    ------
-    SpaceRobotError
-        With the methods' names.
+    Raises:
+        SpaceRobotError: With the methods' names.
     """
     missing = []
-    for name in dir(kind):
-        lacking = None if name.startswith("__") else requirement(kind, name)
+    # only what a base class marks is looked up: the check runs at every start, for every kind that ships
+    for name in sorted({name for base in kind.__mro__[1:] for name in _marked_names(base)}):
+        lacking = requirement(kind, name)
         if lacking is not None and lacking.applies(kind, name):
             missing.append(f"{name}{lacking}")
     if missing:
@@ -94,21 +101,18 @@ def check_methods(kind: type[Any]) -> None:
 class Entry(Protocol):
     """An entry of a registry.
 
-    Attributes
-    ----------
-    name
-        In scenarios, options and files; for an entry that ships also that of its module.
-    place
-        Lists show entries in this order, then by name.
+    Attributes:
+        name: In scenarios, options and files; for an entry that ships also that of its module.
+        place: Lists show entries in this order, then by name.
     """
 
     @property
     def name(self) -> str:
-        """Its name."""
+        """Name of the entry."""
 
     @property
     def place(self) -> float:
-        """Its place in lists."""
+        """Position of the entry in lists."""
 
 
 Registered = TypeVar("Registered", bound=Entry)
@@ -117,14 +121,11 @@ Registered = TypeVar("Registered", bound=Entry)
 class Registry:
     """A family of entries: each module of a package registers one, and plugins add theirs.
 
-    Parameters
-    ----------
-    family
-        Its name in messages, in the singular.
-    package
-        Whose modules hold the entries that ship.
-    named_by_file
-        Whether each of these modules holds one entry, which has its name; else all are loaded for the names.
+    Args:
+        family: Its name in messages, in the singular.
+        package: Whose modules hold the entries that ship.
+        named_by_file: Whether each of these modules holds one entry, which has its name; else all are loaded
+            for the names.
     """
 
     def __init__(self, family: str, package: str, *, named_by_file: bool = True) -> None:
@@ -136,22 +137,17 @@ class Registry:
     def add(self, entry: Registered, module: str | None = None) -> Registered:
         """Add an entry.
 
-        Parameters
-        ----------
-        entry
-            The entry.
-        module
-            Module that defines it; that of its class if None.
+        Args:
+            entry: The entry.
+            module: Module that defines it; that of its class if None.
 
-        Raises
-        ------
-        SpaceRobotError
-            If an entry of another module has its name.
+        Raises:
+            SpaceRobotError: If an entry of another module has its name.
         """
         module = module or type(entry).__module__
         own = module.startswith(f"{self.package}.")
-        taken = not own and entry.name not in self._entries and entry.name in self.names()
-        if taken or self._modules.get(entry.name, module) != module:
+        is_foreign_duplicate = not own and entry.name not in self._entries and entry.name in self.names()
+        if is_foreign_duplicate or self._modules.get(entry.name, module) != module:
             raise SpaceRobotError(f"the {self.family} {entry.name!r} is registered already")
         self._entries[entry.name], self._modules[entry.name] = entry, module
         return entry
@@ -177,10 +173,8 @@ class Registry:
     def find(self, name: str) -> Any:
         """The entry of a name.
 
-        Raises
-        ------
-        SpaceRobotError
-            If there is none; with the near names.
+        Raises:
+            SpaceRobotError: If there is none; with the near names.
         """
         if name not in self._entries and self.named_by_file and name in self._shipped():
             importlib.import_module(f"{self.package}.{name}")
@@ -203,10 +197,8 @@ Class = TypeVar("Class", bound=type[Any])
 def registered(kind: Class) -> Class:
     """Add an instance of a class to the registry that its base class names; use it as a decorator.
 
-    Raises
-    ------
-    SpaceRobotError
-        If another entry has its name, or the class lacks a required method.
+    Raises:
+        SpaceRobotError: If another entry has its name, or the class lacks a required method.
     """
     check_methods(kind)
     kind.registry.add(kind())
@@ -227,3 +219,6 @@ ESTIMATORS = Registry("estimator", "optim.reliability.kinds")
 
 COMMANDS = Registry("command", "spacerobot.cli.commands")
 """Commands of the command line: :class:`spacerobot.cli.command.Command`."""
+
+EXPORT_FORMATS = Registry("format", "spacerobot.exports.formats")
+"""Formats of other tools: :class:`spacerobot.exports.ExportFormat`."""

@@ -61,17 +61,12 @@ class Section(BaseModel):
     def unit_of(cls, key: str, *, rotation: bool = False) -> str | None:
         """Unit of a key's number; None if its field states none.
 
-        Parameters
-        ----------
-        key
-            Key of the section.
-        rotation
-            Whether the section controls a rotation, whose unit may differ.
+        Args:
+            key: Key of the section.
+            rotation: Whether the section controls a rotation, whose unit may differ.
 
-        Raises
-        ------
-        KeyError
-            If the section has no such key.
+        Raises:
+            KeyError: If the section has no such key.
         """
         extra = cls.model_fields[key].json_schema_extra
         if not isinstance(extra, dict):
@@ -102,10 +97,8 @@ class Section(BaseModel):
 class OneOf:
     """Annotation of a text: one of the names that are registered when it is read.
 
-    Attributes
-    ----------
-    names
-        Returns them.
+    Attributes:
+        names: Returns them.
     """
 
     names: Callable[[], Iterable[str]]
@@ -141,10 +134,8 @@ class OneOf:
 def _check_size(key: str, value: Any) -> None:
     """Refuse numbers, also in lists, that are finite and yet too large to compute with.
 
-    Raises
-    ------
-    ValueError
-        Its text begins with the key.
+    Raises:
+        ValueError: Its text begins with the key.
     """
     if isinstance(value, list | tuple):
         for item in value:
@@ -170,18 +161,12 @@ def quantity(
 ) -> Any:
     """Pydantic field of a physical quantity; ``options`` go to :func:`pydantic.Field`.
 
-    Parameters
-    ----------
-    unit
-        Unit as written in the documentation, ``1`` for a pure number.
-    description
-        What it is.
-    rotation
-        Unit where the section is that of a controller of rotation; the same if None.
-    recurs
-        Of a period or step [s]: how often it may fit into the simulated time, as :data:`MAX_SAMPLES`.
-    **options
-        ``default``, ``ge``, ``gt``, ``le``, ... as for :func:`pydantic.Field`.
+    Args:
+        unit: Unit as written in the documentation, ``1`` for a pure number.
+        description: What it is.
+        rotation: Unit where the section is that of a controller of rotation; the same if None.
+        recurs: Of a period or step [s]: how often it may fit into the simulated time, as :data:`MAX_SAMPLES`.
+        **options: ``default``, ``ge``, ``gt``, ``le``, ... as for :func:`pydantic.Field`.
     """
     units: dict[str, Any] = {"unit": unit} | ({"unit_of_rotation": rotation} if rotation else {})
     units |= {} if recurs is None else {RECURS: recurs}

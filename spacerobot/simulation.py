@@ -7,12 +7,15 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 import numpy as np
 
 from spacerobot.closedloop import ClosedLoop, find_fastest_rate
+from spacerobot.closedloop.loop_builder import LoopBuilder
+from spacerobot.closedloop.onboard_ports import OnboardLoopBuilder
 from spacerobot.errors import DivergedError
+from spacerobot.files import StrPath
 from spacerobot.loop_cache import cached_closed_loop
 from spacerobot.result import Result
 from spacerobot.result.dataset import build_dataset
@@ -21,24 +24,23 @@ from spacerobot.result.metrics import fastest_joint
 from spacerobot.result.summary import build_summary
 from spacerobot.result.trust import fast_words
 from spacerobot.rollout import (
-    FiredEvent,
     Measures,
     Rollout,
     TimeGrid,
     Trajectory,
     build_rollout,
 )
+from spacerobot.rollout.resumable_loop import resumed
 from spacerobot.rollout.step_choice import NoStepError
 from spacerobot.scene import Scene, build_scene
 from spacerobot.scene.memory import check_size
+from spacerobot.updates import UpdatedScene, run_updates
+from spacerobot.updates.plant import CheckedPlant, SinglePlant
 
 if TYPE_CHECKING:
-    from spacerobot.pinocchio_engine import PinocchioTrajectory
+    from spacerobot.flightcode.controller_library import OnboardController
 
 Progress = Callable[[str], None]
-CHECKING_TOLERANCE = 1e-2
-"""The same of the independent engine, of order 8: a docking then errs by a hundredth of its tolerance."""
-
 LARGEST = 1e150
 """Largest finite magnitude of a state or output that is kept: its square is still a number."""
 
@@ -60,43 +62,54 @@ TOUCH_SHARE = 0.02
 Backend = Literal["auto", "compiled", "interpreted"]
 
 
-def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | None = None) -> Result:
+def simulate(
+    scene: Scene,
+    *,
+    backend: Backend = "auto",
+    progress: Progress | None = None,
+    controller: StrPath | OnboardController | None = None,
+) -> Result:
     """Simulate a scene by the engine its scenario names.
 
-    Parameters
-    ----------
-    scene
-        What to simulate.
-    backend
-        ``auto``, ``compiled`` or ``interpreted``, for the ``casadi`` engine.
-    progress
-        Called with a few words whenever something that may take a while begins.
+    Args:
+        scene: What to simulate.
+        backend: ``auto``, ``compiled`` or ``interpreted``, for the ``casadi`` engine.
+        progress: Called with a few words whenever something that may take a while begins.
+        controller: Exported flight code that takes the place of the periodic controllers, estimators and
+            detections: a shared library, or a controller behind a link. A library runs with the rights of
+            this process.
 
-    Returns
-    -------
-    Result
-        Also of a rollout that diverged, up to where it went; its summary's status says so.
+    Returns:
+        Result: Also of a rollout that diverged, up to where it went; its summary's status says so.
 
-    Raises
-    ------
-    CompileError
-        If a compiled backend was asked for and there is none.
-    DivergedError
-        If the rollout has no finite sample at all; if the step was to be chosen and none keeps to the
-        tolerance; if a grasp does not close.
-    ScenarioError
-        If the memory does not hold the result; if the engine finds no events but the scenario has some.
+    Raises:
+        CompileError: If a compiled backend was asked for and there is none.
+        DivergedError: If the rollout has no finite sample at all; if the step was to be chosen and none keeps
+            to the tolerance; if a grasp does not close.
+        NoPlanError: If model predictive control finds no first plan.
+        ScenarioError: If the memory does not hold the result; if the engine finds no events but the scenario
+            has some; if controllers with a Python update do not fit the scene.
     """
     tell = progress or (lambda _: None)
     begin = time.perf_counter()
     check_size(scene)
     tell("building the closed loop")
-    loop = cached_closed_loop(scene)
+    updated = UpdatedScene.of(scene if controller is None else _flyable(scene))
+    prepared = scene if updated is None else updated.scene
+    loop = cached_closed_loop(prepared, kind=LoopBuilder if controller is None else OnboardLoopBuilder)
     built = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # a rollout that diverges says so by its status
         simulation = scene.scenario.simulation
-        if simulation.engine == "pinocchio":
+        flown = None
+        if controller is not None:
+            from spacerobot.flightcode.controller_library import loaded_controller
+
+            flown = loaded_controller(controller, prepared, loop)
+        if updated is not None:
+            run = _updated(updated, loop, backend, tell, flown)
+        elif simulation.engine == "pinocchio":
             from spacerobot.pinocchio_engine import simulate as check
+            from spacerobot.pinocchio_engine.simulate import CHECKING_TOLERANCE, fired_events
 
             # the independent engine, which takes long enough to say how far it is
             tell(words := "simulating with Pinocchio's own algorithms")
@@ -109,7 +122,7 @@ def simulate(scene: Scene, *, backend: Backend = "auto", progress: Progress | No
         else:
             rollout = _ready(scene, loop, tell, backend=backend, rollouts=1)
             tell("rolling out")
-            run = _rolled(scene, rollout, {})
+            run = _rolled(scene, rollout, {}, flown)
     return _result(run, loop, begin, built)
 
 
@@ -120,17 +133,12 @@ def simulate_designs(
 
     Each result is what :func:`simulate` gives for the scene with these values.
 
-    Parameters
-    ----------
-    scene, loop
-        The scene, and a closed loop of it that depends on what the designs change.
-    designs
-        Parameters that differ from the scene's, by dotted path, for each name.
+    Args:
+        scene, loop: The scene, and a closed loop of it that depends on what the designs change.
+        designs: Parameters that differ from the scene's, by dotted path, for each name.
 
-    Raises
-    ------
-    DivergedError
-        As :func:`simulate`.
+    Raises:
+        DivergedError: As :func:`simulate`.
     """
     ready = prepare_simulation(scene, loop, rollouts=1)  # as each would be simulated alone
     for name, design in designs.items():
@@ -151,10 +159,8 @@ class PreparedSimulation:
 
         ``scene`` is the one that has these values.
 
-        Raises
-        ------
-        DivergedError
-            As :func:`simulate`.
+        Raises:
+            DivergedError: As :func:`simulate`.
         """
         begin = time.perf_counter()
         with np.errstate(over="ignore", invalid="ignore"):
@@ -179,21 +185,14 @@ def prepare_simulation(
 ) -> PreparedSimulation:
     """Make a closed loop of a scene ready to run.
 
-    Parameters
-    ----------
-    scene, loop
-        The scene, and a closed loop of it.
-    measures
-        What each rollout is reduced to beside its result.
-    progress
-        As for :func:`simulate`.
-    **request
-        As :class:`SimulationRequest` has it.
+    Args:
+        scene, loop: The scene, and a closed loop of it.
+        measures: What each rollout is reduced to beside its result.
+        progress: As for :func:`simulate`.
+        **request: As :class:`SimulationRequest` has it.
 
-    Raises
-    ------
-    DivergedError
-        If the step was to be chosen and none keeps to the tolerance.
+    Raises:
+        DivergedError: If the step was to be chosen and none keeps to the tolerance.
     """
     return PreparedSimulation(
         scene, loop, _ready(scene, loop, progress or (lambda _: None), measures, **request)
@@ -238,6 +237,7 @@ def _result(run: _Run, loop: ClosedLoop, begin: float, built: float) -> Result:
     }
     events = build_events(run.scene, loop, trajectory.events)
     summary = build_summary(run.scene, data, trajectory, timing, run.notes, events)
+    summary.update(run.entries)  # type: ignore[typeddict-item]
     samples = data if run.every == 1 else data.isel(time=slice(None, None, run.every))
     return Result(run.scene.scenario, samples, summary)
 
@@ -246,7 +246,8 @@ def _result(run: _Run, loop: ClosedLoop, begin: float, built: float) -> Result:
 class _Run:
     """Scene with the step that was taken, time at which everything was ready, trajectory, notes on how.
 
-    Every so many instants of the trajectory are kept; the headline numbers see all of them.
+    Every so many instants of the trajectory are kept; the headline numbers see all of them. ``entries`` are
+    further entries of the summary.
     """
 
     scene: Scene
@@ -254,14 +255,67 @@ class _Run:
     trajectory: Trajectory
     every: int = 1
     notes: Mapping[str, str] = field(default_factory=dict)
+    entries: Mapping[str, Any] = field(default_factory=dict)
 
 
-def _rolled(scene: Scene, rollout: Rollout, design: Mapping[str, float]) -> _Run:
+def _flyable(scene: Scene) -> Scene:
+    """Scene whose controllers are flown as exported code."""
+    from spacerobot.flightcode.flyable import flyable
+
+    return flyable(scene)
+
+
+def _updated(
+    updated: UpdatedScene, loop: ClosedLoop, backend: Backend, tell: Progress, flown: OnboardController | None
+) -> _Run:
+    """One rollout in pieces, between which Python updates the controllers."""
+    scene, simulation = updated.original, updated.scene.scenario.simulation
+    rollout = _ready(
+        updated.scene, resumed(loop), tell, None, updated.period_s, backend=backend, rollouts=updated.pieces
+    )
+    scene, notes = _with_choice(scene, rollout)
+    ready = time.perf_counter()
+    if simulation.engine == "pinocchio":
+        plant: SinglePlant = CheckedPlant(loop, rollout, updated.scene)
+    elif flown is not None:
+        from spacerobot.flightcode.flight import ControlledPlant
+
+        plant = ControlledPlant(loop, rollout, simulation.output_step, flown)
+    else:
+        plant = SinglePlant(loop, rollout, simulation.output_step)
+    updates = [scheme.start(plant, 1, backend, tell) for scheme in updated.schemes]
+    run_updates(plant, updates, updated.duration_s)
+    for each in updates:
+        for fault in filter(None, each.faults):
+            raise fault
+    trajectory = plant.trajectory
+    scene = _warned(scene, rollout, trajectory, notes)
+    entries = {key: value for each in updates for key, value in each.summary().items()}
+    return _Run(scene, ready, trajectory, notes=notes, entries=entries)
+
+
+def _rolled(
+    scene: Scene, rollout: Rollout, design: Mapping[str, float], flown: OnboardController | None = None
+) -> _Run:
     """One rollout of the fixed-step engine, seen at every step."""
+    scene, notes = _with_choice(scene, rollout)
+    ready = time.perf_counter()
+    fine = sampled_steps(rollout.grid)
+    every = rollout.grid.every // fine.every
+    if flown is None:
+        trajectory = dataclasses.replace(rollout, grid=fine).run(design, estimate=True)
+    else:
+        from spacerobot.flightcode.flight import fly
+
+        trajectory = fly(scene, rollout, fine, flown)
+    return _Run(_warned(scene, rollout, trajectory, notes), ready, trajectory, every, notes)
+
+
+def _with_choice(scene: Scene, rollout: Rollout) -> tuple[Scene, dict[str, str]]:
+    """Scene whose scenario has the chosen step, so that it runs again to the same result, and notes on it."""
     because = {"interpreted_because": rollout.fallback} if rollout.fallback else {}
     notes = {"toolchain": rollout.summary, **because}
     if rollout.choice is not None:
-        # scene whose scenario says the step that was chosen, so that it runs again to the same result
         simulation = scene.scenario.simulation.model_copy(update={"step": rollout.choice.step_s})
         scene = dataclasses.replace(
             scene, scenario=scene.scenario.model_copy(update={"simulation": simulation})
@@ -269,46 +323,33 @@ def _rolled(scene: Scene, rollout: Rollout, design: Mapping[str, float]) -> _Run
         choice = rollout.choice
         errors = f"error {choice.error:.1e}, of a single step {choice.step_error:.1e}"
         notes["step_chosen"] = f"{errors}, tolerance {choice.tolerance:g}"
-    ready = time.perf_counter()
-    # the same steps with a sample at each, or at as many as there is room for
-    grid = rollout.grid
+    return scene, notes
+
+
+def sampled_steps(grid: TimeGrid) -> TimeGrid:
+    """The same steps with a sample at each, or at as many as there is room for.
+
+    Args:
+        grid: Steps, and samples at which results are kept.
+    """
     fewest = math.ceil(grid.steps / MOST_INSTANTS)
     stride = next(n for n in range(min(fewest, grid.every), grid.every + 1) if grid.every % n == 0)
-    every = grid.every // stride
-    fine = TimeGrid(grid.duration_s, grid.intervals * every, stride)
-    trajectory = dataclasses.replace(rollout, grid=fine).run(design, estimate=True)
-    if rollout.choice is None:
-        notes["step_error"] = f"{trajectory.step_error:.1e}"
-        # a rollout that diverged has more to say than that its step is too long
-        if trajectory.status == "completed" and trajectory.step_error > STEP_ERROR_LIMIT:
-            message = (
-                f"simulation.step: a single step errs by up to {trajectory.step_error:.1e}, above "
-                f"{STEP_ERROR_LIMIT:g}; give a shorter one, or none to have it chosen"
-            )
-            scene = dataclasses.replace(scene, warnings=(*scene.warnings, message))
-    return _Run(scene, ready, trajectory, every, notes)
+    return TimeGrid(grid.duration_s, grid.intervals * (grid.every // stride), stride)
 
 
-def fired_events(loop: ClosedLoop, checked: PinocchioTrajectory) -> tuple[FiredEvent, ...]:
-    """Events of the independent engine as the closed loop's, whose states are the same.
-
-    Parameters
-    ----------
-    loop
-        The closed loop.
-    checked
-        Rollout of the same scene by the independent engine.
-    """
-    switches = loop.setup(loop.parameter_values)[1].full().ravel()[list(loop.switches)]
-    rules = {rule.name: place for place, rule in enumerate(loop.events)}
-    fired = []
-    for event in checked.happened:
-        number = rules[event.name]
-        for place, value in loop.events[number].sets:
-            switches[place] = float(value)
-        if not loop.events[number].silent:
-            fired.append(FiredEvent(event.time_s, number, event.before, event.after, switches.copy()))
-    return tuple(fired)
+def _warned(scene: Scene, rollout: Rollout, trajectory: Trajectory, notes: dict[str, str]) -> Scene:
+    """Scene with a warning of the scenario's step if it is too long; the error is noted."""
+    if rollout.choice is not None:
+        return scene
+    notes["step_error"] = f"{trajectory.step_error:.1e}"
+    # a rollout that diverged has more to say than that its step is too long
+    if trajectory.status != "completed" or trajectory.step_error <= STEP_ERROR_LIMIT:
+        return scene
+    message = (
+        f"simulation.step: a single step errs by up to {trajectory.step_error:.1e}, above "
+        f"{STEP_ERROR_LIMIT:g}; give a shorter one, or none to have it chosen"
+    )
+    return dataclasses.replace(scene, warnings=(*scene.warnings, message))
 
 
 def _ready(
@@ -316,6 +357,7 @@ def _ready(
     loop: ClosedLoop,
     tell: Progress,
     measures: Measures | None = None,
+    duration_s: float | None = None,
     **request: Unpack[SimulationRequest],
 ) -> Rollout:
     """Compiled or interpreted rollout, its step chosen if the scenario gives none."""
@@ -324,7 +366,7 @@ def _ready(
     try:
         return build_rollout(
             loop,
-            duration_s=simulation.duration,
+            duration_s=simulation.duration if duration_s is None else duration_s,
             step_s=simulation.step,
             output_step_s=simulation.output_step,
             tolerance=simulation.tolerance,

@@ -140,18 +140,18 @@ _ENERGY = dict.fromkeys(
 )
 
 
-def _missing(wanted: Any, found: Any, path: str) -> str | None:
+def _missing(expected: Any, actual: Any, path: str) -> str | None:
     """First place at which something else is found than wanted."""
-    if not isinstance(wanted, dict):
-        right = isinstance(found, wanted) and not (isinstance(found, bool) and wanted is not bool)
-        return None if right else f"{path}: found {str(found)[:40]!r}, which it cannot be"
-    if not isinstance(found, Mapping):
-        return f"{path}: found {str(found)[:40]!r}, allowed: a mapping"
-    for key, inner in wanted.items():
+    if not isinstance(expected, dict):
+        right = isinstance(actual, expected) and not (isinstance(actual, bool) and expected is not bool)
+        return None if right else f"{path}: found {str(actual)[:40]!r}, which it cannot be"
+    if not isinstance(actual, Mapping):
+        return f"{path}: found {str(actual)[:40]!r}, allowed: a mapping"
+    for key, inner in expected.items():
         place = f"{path}.{key}" if path else key
-        if key not in found:
+        if key not in actual:
             return f"no {place}"
-        message = _missing(inner, found[key], place)
+        message = _missing(inner, actual[key], place)
         if message is not None:
             return message
     return None

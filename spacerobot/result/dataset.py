@@ -23,14 +23,10 @@ AXES = ("x", "y", "z")
 def build_dataset(scene: Scene, trajectory: Trajectory, loop: ClosedLoop) -> xr.Dataset:
     """Dataset of a trajectory.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    trajectory
-        States and outputs over time.
-    loop
-        What says which variables there are.
+    Args:
+        scene: The scene.
+        trajectory: States and outputs over time.
+        loop: What says which variables there are.
     """
     nq, nv, names = scene.model.nq, scene.model.nv, loop.state_names
     q, v, z = np.split(trajectory.state, [nq, nq + nv], axis=1)
@@ -44,6 +40,7 @@ def build_dataset(scene: Scene, trajectory: Trajectory, loop: ClosedLoop) -> xr.
         ),
         "z": _array(z, ("time", "controller"), "SI", "states of controllers and energy balance"),
     }
+    variables = {name: _unplotted(array) for name, array in variables.items()}
     for variable in loop.variables:
         shape = (
             len(trajectory.time),
@@ -51,7 +48,8 @@ def build_dataset(scene: Scene, trajectory: Trajectory, loop: ClosedLoop) -> xr.
         )
         values = trajectory.outputs[variable.name].reshape(shape)
         unit = _unit(scene, variable.unit) if "joint" in variable.dims else variable.unit
-        variables[variable.name] = _array(values, ("time", *variable.dims), unit, variable.text)
+        array = _array(values, ("time", *variable.dims), unit, variable.text)
+        variables[variable.name] = array if variable.plotted else _unplotted(array)
     for name, sign in loop.works.items():
         variables[f"work_{name}"].attrs["sign"] = sign
     # quaternions of the root links and, in a planar scene, their unwrapped angle about z
@@ -72,7 +70,7 @@ def build_dataset(scene: Scene, trajectory: Trajectory, loop: ClosedLoop) -> xr.
             angle[:, i] = np.radians(body.base.rotation_deg[2])
     dims = ("time", "body", "quaternion")
     orientations = {
-        "body_orientation": _array(quaternion, dims, "1", "orientation of root links, quaternion")
+        "body_orientation": _unplotted(_array(quaternion, dims, "1", "orientation of root links, quaternion"))
     }
     if scene.planar:
         orientations["body_angle"] = _array(
@@ -101,6 +99,11 @@ def build_dataset(scene: Scene, trajectory: Trajectory, loop: ClosedLoop) -> xr.
         if variable.labels:
             coordinates.setdefault(variable.dims[0], list(variable.labels))
     return xr.Dataset(variables, coordinates, {"outside": ", ".join(loop.outside)})
+
+
+def _unplotted(array: xr.Variable) -> xr.Variable:
+    """Variable that pages do not plot over time."""
+    return xr.Variable(array.dims, array.data, {**array.attrs, "plotted": 0})
 
 
 def _array(values: Array, dims: tuple[str, ...], unit: str, text: str) -> xr.Variable:

@@ -17,17 +17,12 @@ DERIVED = "derived.json"
 def note_derived(folders: Iterable[StrPath | None], paths: Iterable[StrPath]) -> None:
     """Record which files were made from results.
 
-    Parameters
-    ----------
-    folders
-        Folders of the results; None for a result that was not saved, which has nothing to record.
-    paths
-        Files; those outside of a result's folder are not recorded for it.
+    Args:
+        folders: Folders of the results; None for a result that was not saved, which has nothing to record.
+        paths: Files; those outside of a result's folder are not recorded for it.
 
-    Raises
-    ------
-    ResultError
-        If the list cannot be written.
+    Raises:
+        ResultError: If the list cannot be written.
     """
     resolved = [Path(path).resolve() for path in paths]
     for folder in (Path(folder).resolve() for folder in folders if folder is not None):
@@ -42,10 +37,8 @@ def note_derived(folders: Iterable[StrPath | None], paths: Iterable[StrPath]) ->
 def remove_derived(folder: Path) -> None:
     """Remove what was made from a folder's result; files changed since are somebody's own and stay.
 
-    Raises
-    ------
-    OSError
-        If a file cannot be removed.
+    Raises:
+        OSError: If a file cannot be removed.
     """
     home = folder.resolve()
     for name, sha256 in _read(folder).items():

@@ -12,6 +12,7 @@ from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.rollout import FiredEvent
 from spacerobot.scene import Scene, SceneGrasp
+from spacerobot.tables import Table
 
 INNER = ("reference", "eased", "settling", "moving", "control", "cut", "measured", "clipped", "unclipped")
 """Kinds of events that are not told: a motion's time has come, a body moves slowly while a phase waits, a
@@ -70,16 +71,16 @@ def build_events(scene: Scene, loop: ClosedLoop, happened: Sequence[FiredEvent])
             failed = [e["time_s"] for e in records if e["kind"] == "failed" and e["who"] == rule.who]
             record |= {"delay_s": one.time_s - failed[-1]} if failed else {}
         # impulses of grasps and energy that an event took, where they are not zero
-        taken: dict[str, Any] = {}
+        fields: dict[str, Any] = {}
         if "grasp_impulse" in after:
             change = np.nan_to_num(after["grasp_impulse"] - before["grasp_impulse"]).reshape(-1, 3)
             impulses = {
                 g.name: row.tolist() for g, row in zip(scene.grasps, change, strict=True) if row.any()
             }
-            taken |= {"impulses_n_s": impulses} if impulses else {}
+            fields |= {"impulses_n_s": impulses} if impulses else {}
         if "work_event" in after:
             lost = float(after["work_event"][0] - before["work_event"][0])
-            taken |= {"energy_lost_j": lost} if lost else {}
+            fields |= {"energy_lost_j": lost} if lost else {}
         # greatest change of the whole's momentum, in parts of the largest of a body; 0 where nothing moves
         parts = []
         for kind in ("linear", "angular"):
@@ -87,7 +88,7 @@ def build_events(scene: Scene, loop: ClosedLoop, happened: Sequence[FiredEvent])
             largest = float(np.linalg.norm(partial.reshape(-1, 3), axis=1).max())
             moved = float(np.linalg.norm(after[f"momentum_{kind}"] - before[f"momentum_{kind}"]))
             parts.append(moved / largest if largest else 0.0)
-        records.append(record | taken | {"momentum_change": max(parts)})
+        records.append(record | fields | {"momentum_change": max(parts)})
     return records
 
 
@@ -110,7 +111,7 @@ def _outputs(loop: ClosedLoop, time: float, x: Array, c: Array) -> dict[str, Arr
 
 
 def outcome_of(scene: Scene, events: Sequence[Mapping[str, Any]]) -> str | None:
-    """How a docking came out; None where no grasp begins open.
+    """Outcome of a docking; None where no grasp begins open.
 
     ``captured`` if every such grasp was; ``broke away`` if one was, and not captured again; ``released at
     once`` if one was let go at the instant of its capture; ``collided`` if one was not captured and something
@@ -157,6 +158,13 @@ def event_rows(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
             )
         )
     return rows
+
+
+def event_table(events: Sequence[Mapping[str, Any]], title: str | None = None) -> Table:
+    """Table of events; a column that is empty for all of them is left out."""
+    rows = event_rows(events)
+    filled = [k for k in range(len(HEADINGS)) if any(row[k] for row in rows)]
+    return Table(title, [HEADINGS[k] for k in filled], [[row[k] for k in filled] for row in rows])
 
 
 def what_happened(event: Mapping[str, Any]) -> str:

@@ -24,18 +24,13 @@ QUANTITIES = {
 def beyond_limits(scene: Scene, data: xr.Dataset) -> list[dict[str, Any]]:
     """Find joints beyond the limits of position, rate and torque that their URDFs give.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    data
-        Of the whole rollout.
+    Args:
+        scene: The scene.
+        data: Of the whole rollout.
 
-    Returns
-    -------
-    list of dict
-        For each: ``joint``, ``quantity``, ``unit``, the ``limit`` that is passed, ``from_s`` (when first),
-        the greatest ``excess`` beyond it and ``time_s``, when that is.
+    Returns:
+        list of dict: For each: ``joint``, ``quantity``, ``unit``, the ``limit`` that is passed, ``from_s``
+            (when first), the greatest ``excess`` beyond it and ``time_s``, when that is.
     """
     labels, time = [str(joint) for joint in data["joint"].values], data["time"].values
     violations = []

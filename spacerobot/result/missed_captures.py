@@ -1,4 +1,4 @@
-"""Why a docking was missed: closest approach, and the limits of the capture envelope that were violated."""
+"""Reasons for a missed docking: closest approach, and violated limits of the capture envelope."""
 
 from __future__ import annotations
 
@@ -33,23 +33,17 @@ def missed_captures(
 ) -> dict[str, dict[str, Any]]:
     """Find out why grasps that begin open were never captured.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    data
-        Of the whole rollout, at every step.
-    events
-        Of the rollout, as in a summary.
+    Args:
+        scene: The scene.
+        data: Of the whole rollout, at every step.
+        events: Of the rollout, as in a summary.
 
-    Returns
-    -------
-    dict
-        By grasp: ``closest``, the closest approach (``time_s`` and the envelope's five quantities, in the
-        units of its limits); ``inside_s``, the longest time for which all limits held; ``violated``, the
-        limits that were violated, the first one first, while the tip was within ``distance`` and longest so
-        (behind the longest time inside if there is one): ``limit``, ``allowed``, ``found`` (the worst),
-        ``from_s``, ``for_s``; and ``words``, one sentence.
+    Returns:
+        dict: By grasp: ``closest``, the closest approach (``time_s`` and the envelope's five quantities, in
+            the units of its limits); ``inside_s``, the longest time for which all limits held; ``violated``,
+            the limits that were violated, the first one first, while the tip was within ``distance`` and
+            longest so (behind the longest time inside if there is one): ``limit``, ``allowed``, ``found``
+            (the worst), ``from_s``, ``for_s``; and ``words``, one sentence.
     """
     captured = {event["who"] for event in events if event["kind"] == "captured"}
     causes = {}
@@ -61,9 +55,9 @@ def missed_captures(
         # instants at which the phase lets it close (nt,)
         phases = scene.scenario.phases
         allowed = np.full(len(time), not phases)
-        begun = [(next(iter(phases)), -np.inf)] if phases else []
-        begun += [(event["who"], event["time_s"]) for event in events if event["kind"] == "phase"]
-        for (name, begin), (_, end) in pairwise([*begun, ("", np.inf)]):
+        phase_starts = [(next(iter(phases)), -np.inf)] if phases else []
+        phase_starts += [(event["who"], event["time_s"]) for event in events if event["kind"] == "phase"]
+        for (name, begin), (_, end) in pairwise([*phase_starts, ("", np.inf)]):
             captures = phases[name].captures
             if captures is None or grasp.name in captures:
                 allowed |= (time >= begin) & (time <= end)
@@ -111,7 +105,7 @@ def _why(
     good = ~np.any([*over.values(), np.zeros(len(rows), bool)], axis=0)
 
     def lasts(run: slice) -> float:
-        """How long a stretch of rows is [s]."""
+        """Duration of a stretch of rows [s]."""
         return float(time[rows[run.stop - 1]] - time[rows[run.start]])
 
     passes = [*_runs(np.ones(len(rows), bool), rows, close)]
@@ -172,19 +166,13 @@ def envelope_quantities(
 ) -> dict[str, Array]:
     """Evaluate the quantities of a capture envelope.
 
-    Parameters
-    ----------
-    scene, grasp, capture
-        The scene, a grasp of it that begins open, and its envelope.
-    data
-        Of a rollout.
-    rows
-        Places of n instants in it.
+    Args:
+        scene, grasp, capture: The scene, a grasp of it that begins open, and its envelope.
+        data: Of a rollout.
+        rows: Places of n instants in it.
 
-    Returns
-    -------
-    dict
-        Each quantity (n,) of :data:`ENVELOPE`, in the unit of its limit.
+    Returns:
+        dict: Each quantity (n,) of :data:`ENVELOPE`, in the unit of its limit.
     """
     model, axes = scene.model, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     kinematics = model.createData()
@@ -216,22 +204,22 @@ def shown(name: str, value: float) -> str:
     return f"{value * factor:.3g} {unit}"
 
 
-def _words(capture: Any, told: Mapping[str, Any]) -> str:
+def _words(capture: Any, event: Mapping[str, Any]) -> str:
     """One sentence: the limits that were violated, then the closest approach."""
     parts = []
-    if told["inside_s"]:
-        stay = f"{told['inside_s']:.3g} s of the dwell of {capture.dwell:g} s"
+    if event["inside_s"]:
+        stay = f"{event['inside_s']:.3g} s of the dwell of {capture.dwell:g} s"
         parts.append(f"inside its envelope for {stay}, then")
     limits = [
         f"{SHOWN[one['limit']][0]} {shown(one['limit'], one['found'])}, allowed "
         f"{shown(one['limit'], one['allowed'])}, from {one['from_s']:.4g} s for {one['for_s']:.3g} s"
-        for one in told["violated"]
+        for one in event["violated"]
     ]
-    if told["violated"] and told["violated"][0]["limit"] == "distance" and not told["inside_s"]:
-        one = told["violated"][0]
+    if event["violated"] and event["violated"][0]["limit"] == "distance" and not event["inside_s"]:
+        one = event["violated"][0]
         limits = [f"never within {shown('distance', one['allowed'])} in {one['for_s']:.3g} s"]
     parts.append("; ".join(limits) or "the simulation ended before the dwell was over")
-    near = told["closest"]
+    near = event["closest"]
     rest = ", ".join(f"{SHOWN[name][0]} {shown(name, near[name])}" for name in ENVELOPE[1:])
     when = f"{shown('distance', near['distance'])} at {near['time_s']:.4g} s"
     return f"{' '.join(parts)}; closest approach {when} ({rest})"

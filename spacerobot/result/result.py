@@ -11,29 +11,24 @@ import xarray as xr
 
 from spacerobot.arrays import Array
 from spacerobot.files import StrPath
-from spacerobot.notebook import html_table
 from spacerobot.result.store import read_result, write_result
 from spacerobot.result.summary_types import Summary
-from spacerobot.result.table import Row, headline, status_text
+from spacerobot.result.table import Row, headline, result_tables, status_text
 from spacerobot.scenario import Scenario
 from spacerobot.scene import Scene, build_scene
+from spacerobot.tables import Table, Tabular
 
 
 @dataclass(frozen=True)
-class Result:
+class Result(Tabular):
     """Result of one simulation.
 
-    Attributes
-    ----------
-    scenario
-        The resolved scenario; running it again gives the same result.
-    data
-        Everything over time, labelled and with units; see :mod:`spacerobot.result.dataset`.
-    summary
-        Numbers and status, as in ``summary.json``; see
-        :class:`spacerobot.result.summary_types.Summary`.
-    folder
-        Where it was read from or written to, if it was.
+    Attributes:
+        scenario: The resolved scenario; running it again gives the same result.
+        data: Everything over time, labelled and with units; see :mod:`spacerobot.result.dataset`.
+        summary: Numbers and status, as in ``summary.json``; see
+            :class:`spacerobot.result.summary_types.Summary`.
+        folder: Where it was read from or written to, if it was.
     """
 
     scenario: Scenario
@@ -44,17 +39,12 @@ class Result:
     def save(self, folder: StrPath) -> Result:
         """Write it; a result that is there already is replaced, with the pages and figures made from it.
 
-        Returns
-        -------
-        Result
-            The same, knowing its folder.
+        Returns:
+            Result: The same, knowing its folder.
 
-        Raises
-        ------
-        ResultError
-            If the folder cannot be written; what was there before is then still there.
-        KeyboardInterrupt
-            If Ctrl-C came meanwhile; the result is then written all the same.
+        Raises:
+            ResultError: If the folder cannot be written; what was there before is then still there.
+            KeyboardInterrupt: If Ctrl-C came meanwhile; the result is then written all the same.
         """
         write_result(Path(folder), self.scenario, self.data, self.summary)
         return dataclasses.replace(self, folder=Path(folder))
@@ -63,10 +53,8 @@ class Result:
     def load(cls, folder: StrPath) -> Result:
         """Read the folder of a result.
 
-        Raises
-        ------
-        ResultError
-            If it is not a complete result, or one of another version's layout.
+        Raises:
+            ResultError: If it is not a complete result, or one of another version's layout.
         """
         return cls(*read_result(Path(folder)), Path(folder))
 
@@ -91,12 +79,12 @@ class Result:
 
     def headline(self) -> list[Row]:
         """Main figures of the result, as rows of two texts."""
-        return headline(self.summary, self.data)
+        return headline(self.summary, self.data, self.scenario.body_label("target"))
 
     def __repr__(self) -> str:
         """Name and status, in one line."""
         return f"<Result {self.scenario.name}: {status_text(self.summary['status'])}>"
 
-    def _repr_html_(self) -> str:
-        """Summary table for notebooks."""
-        return html_table(self.scenario.name, self.headline())
+    def content(self) -> list[Table]:
+        """Main figures, events, and the plans of model predictive control."""
+        return result_tables(self.scenario, self.summary, self.data)

@@ -48,17 +48,12 @@ JOURNALS = "journals"
 def check_folder(folder: StrPath, job: str | None = None) -> None:
     """Refuse, before any work is done, a folder that could not be written or that holds something else.
 
-    Parameters
-    ----------
-    folder
-        Where files shall be written.
-    job
-        One of :data:`JOBS` that writes there; a result alone if None.
+    Args:
+        folder: Where files shall be written.
+        job: One of :data:`JOBS` that writes there; a result alone if None.
 
-    Raises
-    ------
-    ResultError
-        With the reason.
+    Raises:
+        ResultError: With the reason.
     """
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
@@ -82,19 +77,13 @@ def check_folder(folder: StrPath, job: str | None = None) -> None:
 def write_result(folder: Path, scenario: Scenario, data: xr.Dataset, summary: Summary) -> None:
     """Write a result's files; those that are there already are replaced, and what was made of them goes.
 
-    Parameters
-    ----------
-    folder
-        Where.
-    scenario, data, summary
-        What a result consists of.
+    Args:
+        folder: Where.
+        scenario, data, summary: What a result consists of.
 
-    Raises
-    ------
-    ResultError
-        If the folder cannot be written; its earlier content is then still there.
-    KeyboardInterrupt
-        If Ctrl-C came meanwhile; the result is then written all the same.
+    Raises:
+        ResultError: If the folder cannot be written; its earlier content is then still there.
+        KeyboardInterrupt: If Ctrl-C came meanwhile; the result is then written all the same.
     """
     from spacerobot.scenario.load import to_yaml
 
@@ -115,10 +104,8 @@ def write_result(folder: Path, scenario: Scenario, data: xr.Dataset, summary: Su
 def check_files(folder: Path) -> None:
     """Refuse a folder that does not have the files of a result; none of them is read.
 
-    Raises
-    ------
-    ResultError
-        With the names of those that are missing.
+    Raises:
+        ResultError: With the names of those that are missing.
     """
     if not folder.is_dir():
         raise ResultError("no such folder", source=folder)
@@ -131,10 +118,8 @@ def check_files(folder: Path) -> None:
 def read_result(folder: Path) -> tuple[Scenario, xr.Dataset, Summary]:
     """Scenario, data and summary of a result's folder.
 
-    Raises
-    ------
-    ResultError
-        If it is not a complete result, or one of another version's layout.
+    Raises:
+        ResultError: If it is not a complete result, or one of another version's layout.
     """
     check_files(folder)
     import xarray as xr
@@ -189,12 +174,12 @@ def _writing(folder: Path) -> Any:
 def _stage(folder: Path) -> Any:
     """Temporary folder on the same file system, gone afterwards."""
     home = folder if folder.is_dir() else folder.parent
-    made = [path for path in (home, *home.parents) if not path.exists()]
+    new_folders = [path for path in (home, *home.parents) if not path.exists()]
     home.mkdir(parents=True, exist_ok=True)
     try:
         with staged(home) as stage:
             yield stage
     finally:
-        for path in made:
+        for path in new_folders:
             with contextlib.suppress(OSError):
                 path.rmdir()  # only where nothing was put into it

@@ -1,4 +1,4 @@
-"""A result's headline numbers as rows of text, for the terminal and for notebooks."""
+"""Tables of a result: its main figures, events and plans, for the terminal, pages and notebooks."""
 
 from __future__ import annotations
 
@@ -8,16 +8,54 @@ from typing import Any
 
 import xarray as xr
 
+from spacerobot.result.events import event_table
 from spacerobot.result.summary_types import Summary
 from spacerobot.result.trust import open_words
+from spacerobot.scenario import Scenario
+from spacerobot.tables import Table
 
 Row = tuple[str, str]
 FINEST = 1e-4
 """Ranges of axes below it, in the unit of their row, are written with powers of ten."""
 
 
-def headline(summary: Summary, data: xr.Dataset) -> list[Row]:
-    """Main figures of a result, one row each."""
+def result_tables(scenario: Scenario, summary: Summary, data: xr.Dataset) -> list[Table]:
+    """Main figures of a result, its events, and the plans of model predictive control.
+
+    Args:
+        scenario, summary, data: Parts of the result.
+    """
+    robots = scenario.robots.values()
+    counts = {"robot": len(robots), "tip": sum(len(r.tips) for r in robots), "grasp": len(scenario.grasps)}
+    texts = (f"{count} {name}{'' if count == 1 else 's'}" for name, count in counts.items())
+    about = ", ".join(("planar" if "body_angle" in data else "spatial", *texts))
+    tables = [
+        Table.of_pairs(f"{scenario.name}: {about}", headline(summary, data, scenario.body_label("target")))
+    ]
+    if events := summary.get("events"):
+        tables.append(event_table(events, "events"))
+    if "mpc" in summary:
+        tables.append(Table.of_pairs("model predictive control", _plan_rows(summary["mpc"])))
+    return tables
+
+
+def _plan_rows(plans: Mapping[str, Any]) -> list[Row]:
+    """Number of plans of model predictive control, and their solution times against the period."""
+    missed = f", {plans['missed']} without a plan" if plans["missed"] else ""
+    times = f"median {plans['median_solve_s']:.3g} s, the longest {plans['longest_solve_s']:.3g} s"
+    within = "delay" if plans["delay_s"] else "period"
+    return [
+        ("period", f"{plans['period_s']:g} s, applied {plans['delay_s']:g} s after the measurement"),
+        ("plans", f"{plans['plans']}{missed}; the first in {plans['first_solve_s']:.3g} s"),
+        (
+            "solution time of the others",
+            f"{times}; {plans['in_time']} of {plans['plans'] - 1} within the {within}",
+        ),
+    ]
+
+
+def headline(summary: Summary, data: xr.Dataset, target: str = "object") -> list[Row]:
+    """Main figures of a result, one row each; ``target`` is the displayed name of the target."""
     rows = [("status", status_text(summary["status"]))]
     if summary["outcome"]:
         rows.append(("outcome", summary["outcome"]))
@@ -33,7 +71,7 @@ def headline(summary: Summary, data: xr.Dataset) -> list[Row]:
         )
         rows.append((f"{error} {tip}", f"{spans} {unit} (rms {axes['norm']['rms_m'] * factor:.3f} {unit})"))
     if summary["target"] is not None:
-        rows.append(("object turned by at most", f"{summary['target']['max_rotation_deg']:.4g} deg"))
+        rows.append((f"{target} turned by at most", f"{summary['target']['max_rotation_deg']:.4g} deg"))
     for base, motion in summary["bases"].items():
         moved = f"{motion['max_rotation_deg']:.4g} deg, {motion['max_travel_m'] * 1e3:.4g} mm"
         rows.append((f"base {base} moved by at most", moved))
@@ -52,12 +90,6 @@ def headline(summary: Summary, data: xr.Dataset) -> list[Row]:
         left = wheel["least_margin"]
         margin = "" if left is None else f", {max(left, 0):.0%} of its speed limit left"
         rows.append(("fastest wheel", _peak(wheel, "speed_rad_s", "rad/s", "wheel") + margin))
-    engine, timing = summary["engine"], summary["timing_s"]
-    step = f", steps of {engine['step_s'] * 1e3:g} ms" if engine["step_s"] else ""
-    why = f"; {engine['interpreted_because']}" if engine.get("interpreted_because") else ""
-    engine_words = (
-        f"{engine['name']} ({engine['backend']}){step}, {timing['rollout'] * 1e3:.0f} ms for the rollout{why}"
-    )
     ledger = summary["ledger"]
     momentum, energy = ledger["momentum"], ledger["energy"]
     if momentum["conserved"]:
@@ -67,7 +99,17 @@ def headline(summary: Summary, data: xr.Dataset) -> list[Row]:
         drift = f"not conserved: {momentum['reason']}"
     balance = f"open by {energy['relative_residual']:.1e} (of the largest energy)"
     conserved = [("momentum drift", drift), ("energy balance", balance)]
-    return rows + conserved + [("engine", engine_words)]
+    return rows + conserved + [("engine", engine_text(summary))]
+
+
+def engine_text(summary: Summary) -> str:
+    """Engine, backend, step and time of a rollout in words."""
+    engine, timing = summary["engine"], summary["timing_s"]
+    step = f", steps of {engine['step_s'] * 1e3:g} ms" if engine["step_s"] else ""
+    why = f"; {engine['interpreted_because']}" if engine.get("interpreted_because") else ""
+    return (
+        f"{engine['name']} ({engine['backend']}){step}, {timing['rollout'] * 1e3:.0f} ms for the rollout{why}"
+    )
 
 
 def _span(low: float, high: float) -> str:
@@ -102,7 +144,7 @@ def status_text(status: Mapping[str, Any]) -> str:
 
 
 def cause_words(status: Mapping[str, Any]) -> str:
-    """Why a rollout ended, as it follows its status; empty where nothing is known."""
+    """Cause of a rollout's end, written after its status; empty where none is known."""
     return f": {status['cause']}" if status.get("cause") else ""
 
 

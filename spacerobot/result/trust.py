@@ -39,22 +39,15 @@ def judge(
 ) -> dict[str, Any]:
     """Verdict on a rollout, as it stands in a summary's status.
 
-    Parameters
-    ----------
-    completed
-        Whether the rollout reached its end; one that diverged needs no further doubt.
-    ledger
-        As :func:`spacerobot.result.ledger.build_ledger` makes it.
-    advice
-        What to do where the ledger is open.
-    deep
-        As :func:`deep_contacts` finds them.
+    Args:
+        completed: Whether the rollout reached its end; one that diverged needs no further doubt.
+        ledger: As :func:`spacerobot.result.ledger.build_ledger` makes it.
+        advice: What to do where the ledger is open.
+        deep: As :func:`deep_contacts` finds them.
 
-    Returns
-    -------
-    dict
-        ``trusted``, what is ``open`` in words, which contacts are too ``deep`` if any, ``advice`` (None where
-        it is trusted).
+    Returns:
+        dict: ``trusted``, what is ``open`` in words, which contacts are too ``deep`` if any, ``advice`` (None
+            where it is trusted).
     """
     open_balances = list[str]()
     if completed:
@@ -80,12 +73,9 @@ def judge(
 def deep_contacts(contacts: Sequence[SceneContact], data: xr.Dataset) -> list[str]:
     """Contacts whose shapes are pressed into each other beyond what their law means, in words.
 
-    Parameters
-    ----------
-    contacts
-        Of the scene.
-    data
-        A result's dataset, with the gap of each contact's nearest pair of shapes [m].
+    Args:
+        contacts: Of the scene.
+        data: A result's dataset, with the gap of each contact's nearest pair of shapes [m].
     """
     warnings = []
     for contact in contacts:
@@ -108,10 +98,8 @@ def contact_size(contact: SceneContact) -> float:
 def least_between(values: Array, time: Array) -> float:
     """Least value of a signal, also between its samples: that of the parabola through the three lowest.
 
-    Parameters
-    ----------
-    values, time
-        The signal (n,), and when it was sampled (n,) [s].
+    Args:
+        values, time: The signal (n,), and when it was sampled (n,) [s].
     """
     k = int(np.argmin(values))
     if not 0 < k < len(values) - 1:
@@ -128,14 +116,10 @@ def least_between(values: Array, time: Array) -> float:
 def advise(engine: Mapping[str, Any], tolerance: float, fastest: Mapping[str, Any]) -> str:
     """Advice about an open ledger, in words.
 
-    Parameters
-    ----------
-    engine
-        As in a summary.
-    tolerance
-        Of the scenario.
-    fastest
-        Joint with the greatest rate, as in a summary.
+    Args:
+        engine: As in a summary.
+        tolerance: Of the scenario.
+        fastest: Joint with the greatest rate, as in a summary.
     """
     if not engine["step_s"]:
         what = f"take a simulation.tolerance smaller than {tolerance:g}"
@@ -147,7 +131,7 @@ def advise(engine: Mapping[str, Any], tolerance: float, fastest: Mapping[str, An
 
 
 def fast_words(fastest: Mapping[str, Any]) -> str:
-    """Which joint is the fastest, how fast and when; empty where there is none."""
+    """Fastest joint, its rate and the time; empty where there is none."""
     if fastest["joint"] is None:
         return ""
     speed = f"{fastest['rate']:.3g} {fastest['unit']}"
@@ -165,7 +149,7 @@ def open_words(status: Mapping[str, Any]) -> str:
 
 
 def _doubts(status: Mapping[str, Any], limits: str = "") -> list[str]:
-    """Why a rollout is not trusted."""
+    """Reasons not to trust a rollout."""
     deep = [f"bodies pass into each other: {'; '.join(status['deep'])}"] if status.get("deep") else []
     opened = "; ".join(status["open"])
     balance = (

@@ -1,0 +1,29 @@
+"""Packages of extras, imported where they are used."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from spacerobot.errors import SpaceRobotError
+
+
+def optional_module(module: str, extra: str, purpose: str) -> Any:
+    """Import a module of a package that an extra installs.
+
+    Args:
+        module: Dotted name of the module.
+        extra: Name of the extra in ``pip install 'spacerobot[EXTRA]'``.
+        purpose: What needs it, subject of the message: ``the format mcap``.
+
+    Raises:
+        SpaceRobotError: If it is not installed; names the extra.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        missing = error.name or module
+        raise SpaceRobotError(
+            f"{purpose} needs the package {missing.partition('.')[0]}, which is not installed: "
+            f"pip install 'spacerobot[{extra}]'"
+        ) from None

@@ -1,0 +1,25 @@
+"""Result of a trajectory that another program stepped."""
+
+from __future__ import annotations
+
+from spacerobot.closedloop import ClosedLoop
+from spacerobot.result.dataset import build_dataset
+from spacerobot.result.events import build_events
+from spacerobot.result.result import Result
+from spacerobot.result.summary import build_summary
+from spacerobot.rollout import Trajectory
+from spacerobot.scene import Scene
+
+
+def build_result(scene: Scene, loop: ClosedLoop, trajectory: Trajectory) -> Result:
+    """Result with data, events and summary; its timing holds the rollout alone.
+
+    Args:
+        scene: Scene with the numbers of the trajectory.
+        loop: Its closed loop, with the same numbers as parameters.
+        trajectory: The rollout.
+    """
+    data, wall = build_dataset(scene, trajectory, loop), trajectory.wall_s
+    timing = {"closed_loop": 0.0, "compile_or_load": 0.0, "rollout": wall, "total": wall}
+    events = build_events(scene, loop, trajectory.events)
+    return Result(scene.scenario, data, build_summary(scene, data, trajectory, timing, {}, events))

@@ -1,0 +1,120 @@
+"""Tables and sentences in which results present themselves: in the terminal, on pages and in notebooks."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Table:
+    """Table of texts.
+
+    Attributes:
+        title: Title of the table, if any.
+        headings: Heading of each column; empty for names and values, which need none.
+        rows: Cells of each row.
+        keys: Number of the first columns that name a row.
+    """
+
+    title: str | None
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    keys: int = 1
+
+    @classmethod
+    def of_pairs(cls, title: str | None, rows: Iterable[tuple[str, object]]) -> Table:
+        """Table of names and values, written by ``str``; names with an empty value are left out.
+
+        Args:
+            title: Title of the table.
+            rows: Names and their values.
+        """
+        return cls(title, (), [(name, str(value)) for name, value in rows if value != ""])
+
+    @property
+    def has_headings(self) -> bool:
+        """Whether any column has a heading."""
+        return any(self.headings)
+
+    def html(self) -> str:
+        """HTML of the table; all texts are escaped."""
+
+        def cells(tag: str, scope: str, texts: Iterable[str]) -> str:
+            attributes = f" scope='{scope}' style='text-align:left'" if scope else ""
+            return "".join(f"<{tag}{attributes}>{escape(text)}</{tag}>" for text in texts)
+
+        caption = f"<caption><span>{escape(self.title)}</span></caption>" if self.title else ""
+        head = f"<thead><tr>{cells('th', 'col', self.headings)}</tr></thead>" if self.has_headings else ""
+        body = "".join(
+            f"<tr>{cells('th', 'row', [first])}{cells('td', '', others)}</tr>" for first, *others in self.rows
+        )
+        return f"<div class='wide'><table>{caption}{head}<tbody>{body}</tbody></table></div>"
+
+    def markdown(self) -> str:
+        """Markdown of the table, without its title."""
+        lines = [self.headings, ("---",) * len(self.headings), *self.rows]
+        return "\n".join(
+            "| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines
+        )
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Tree of texts.
+
+    Attributes:
+        name: Name of the root, emphasised.
+        text: Text after the name.
+        branches: Subtrees and texts below it.
+    """
+
+    name: str
+    text: str = ""
+    branches: Sequence[Tree | str] = ()
+
+    def html(self) -> str:
+        """HTML of the tree; all texts are escaped."""
+        items = "".join(
+            f"<li>{escape(one) if isinstance(one, str) else one.html()}</li>" for one in self.branches
+        )
+        return f"<b>{escape(self.name)}</b> {escape(self.text)}" + (f"<ul>{items}</ul>" if items else "")
+
+
+Content = Table | Tree | str
+"""Table, tree, or sentence as plain text."""
+
+
+class Tabular:
+    """Base class of what presents itself as tables: printed by the command line, HTML in notebooks."""
+
+    def content(self) -> Sequence[Content]:
+        """Tables and sentences, the most important first."""
+        raise NotImplementedError
+
+    def notices(self) -> Sequence[str]:
+        """Warnings about it."""
+        return ()
+
+    def _repr_html_(self) -> str:
+        """HTML of the content, for notebooks."""
+        return content_html([*self.content(), *(f"warning: {text}" for text in self.notices())])
+
+
+def content_html(content: Iterable[Content]) -> str:
+    """HTML of tables and sentences; all texts are escaped."""
+    return "".join(f"<p>{escape(part)}</p>" if isinstance(part, str) else part.html() for part in content)
+
+
+def unit_scale(unit: str) -> tuple[float, str]:
+    """Factor and unit in which engineers read values of an SI unit: mm and degrees."""
+    degrees = 180 / math.pi
+    scales = {"m": (1e3, "mm"), "rad": (degrees, "deg"), "rad/s": (degrees, "deg/s")}
+    return scales.get(unit, (1.0, unit))
+
+
+def escape(text: str) -> str:
+    """Text that HTML shows literally."""
+    return html.escape(str(text), quote=True)
