@@ -74,19 +74,17 @@ class Browser:
 
     def evaluate(self, expression: str) -> Any:
         """Value of an expression, awaited."""
-        found = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
-        if "exceptionDetails" in found:
-            about = found["exceptionDetails"]
+        reply = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        if "exceptionDetails" in reply:
+            about = reply["exceptionDetails"]
             raise SpaceRobotError(f"a script of the page failed: {about.get('exception', about)}")
-        return found["result"].get("value")
+        return reply["result"].get("value")
 
     def wait_for(self, expression: str, timeout_s: float = 300.0) -> None:
         """Wait until an expression is true.
 
-        Raises
-        ------
-        TimeoutError
-            If it is not.
+        Raises:
+            TimeoutError: If it is not.
         """
         end = time.monotonic() + timeout_s
         while not self.evaluate(expression):

@@ -28,23 +28,15 @@ def page_pictures(
 ) -> Iterator[bytes]:
     """Encoded pictures of a page's scene at some times, without its words and curves.
 
-    Parameters
-    ----------
-    payload
-        As :func:`viz.page.animation.animation` makes it.
-    times
-        Of the simulation, s.
-    size_px
-        Width and height.
-    level
-        How finely it is drawn, 0 is the finest.
-    kind
-        ``jpeg`` or ``png``.
+    Args:
+        payload: As :func:`viz.page.animation.animation` makes it.
+        times: Of the simulation, s.
+        size_px: Width and height.
+        level: How finely it is drawn, 0 is the finest.
+        kind: ``jpeg`` or ``png``.
 
-    Raises
-    ------
-    ResultError
-        If there is no Chromium, or it cannot draw in three dimensions.
+    Raises:
+        ResultError: If there is no Chromium, or it cannot draw in three dimensions.
     """
     width, height = size_px
     with tempfile.TemporaryDirectory() as folder, chromium() as browser:
@@ -63,5 +55,5 @@ def page_pictures(
             )
         browser.evaluate(f"spacerobotFilm.begin({level})")
         for time in times:
-            found = browser.evaluate(f"spacerobotFilm.picture({time:.9g}, {width}, 'image/{kind}')")
-            yield base64.b64decode(found.partition(",")[2])
+            picture = browser.evaluate(f"spacerobotFilm.picture({time:.9g}, {width}, 'image/{kind}')")
+            yield base64.b64decode(picture.partition(",")[2])

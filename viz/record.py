@@ -69,23 +69,15 @@ def write_recording(
 ) -> None:
     """Write a recording of a result.
 
-    Parameters
-    ----------
-    result
-        What to record; an unfinished one up to where it went.
-    path
-        ``.gif``, or ``.mp4``, which needs ffmpeg.
-    frames_per_s, size_px
-        Of the recording; those of :data:`USUAL` if not given.
-    speed
-        Simulated seconds per second; so that it lasts at most 20 s if not given.
-    progress
-        Told in a few words how far it is.
+    Args:
+        result: What to record; an unfinished one up to where it went.
+        path: ``.gif``, or ``.mp4``, which needs ffmpeg.
+        frames_per_s, size_px: Of the recording; those of :data:`USUAL` if not given.
+        speed: Simulated seconds per second; so that it lasts at most 20 s if not given.
+        progress: Told in a few words how far it is.
 
-    Raises
-    ------
-    ResultError
-        If the format is not known, ffmpeg is missing or fails, or the file cannot be written.
+    Raises:
+        ResultError: If the format is not known, ffmpeg is missing or fails, or the file cannot be written.
     """
     path = Path(path)
     kind = path.suffix.lower()
@@ -100,8 +92,8 @@ def write_recording(
     encoded: Iterable[bytes]
     pictures: Iterator[Image.Image]
     if browser_program() is None:
-        drawn = frames(result, rate_hz=per_s / pace, size_px=size, speed=pace)
-        pictures = _counted(drawn, len(drawn), progress)
+        film_frames = frames(result, rate_hz=per_s / pace, size_px=size, speed=pace)
+        pictures = _counted(film_frames, len(film_frames), progress)
         encoded = (picture.tobytes() for picture in pictures)
         form = ["-f", "rawvideo", "-pixel_format", "rgb24", "-video_size", f"{size[0]}x{size[1]}"]
     else:
@@ -119,21 +111,14 @@ def write_poster(
 ) -> None:
     """Write one picture of a result as PNG, drawn as finely as can be.
 
-    Parameters
-    ----------
-    result
-        What is shown.
-    path
-        ``.png``.
-    at
-        Time [s]; that of the first capture if not given, else the middle.
-    size_px
-        Width and height.
+    Args:
+        result: What is shown.
+        path: ``.png``.
+        at: Time [s]; that of the first capture if not given, else the middle.
+        size_px: Width and height.
 
-    Raises
-    ------
-    ResultError
-        If the file cannot be written.
+    Raises:
+        ResultError: If the file cannot be written.
     """
     duration = float(result.data.time.values[-1])
     captures = [e["time_s"] for e in result.summary.get("events", ()) if e["kind"] == "captured"]
@@ -141,8 +126,8 @@ def write_poster(
     if browser_program() is not None:
         (content,) = page_pictures(animation(result), [time], size_px, level=FINE, kind="png")
     else:
-        drawn, buffer = frames(result, rate_hz=1e6, size_px=size_px), io.BytesIO()
-        drawn.picture(int(np.abs(drawn.motion.time - time).argmin())).save(buffer, "PNG")
+        pictures, buffer = frames(result, rate_hz=1e6, size_px=size_px), io.BytesIO()
+        pictures.picture(int(np.abs(pictures.motion.time - time).argmin())).save(buffer, "PNG")
         content = buffer.getvalue()
     write_bytes(path, content)
     note_derived([result.folder], [Path(path)])
@@ -169,16 +154,11 @@ def frames(
 class Frames:
     """Pictures, each drawn when it is asked for.
 
-    Attributes
-    ----------
-    result, motion, view
-        What is shown, where it is, and how it is looked at.
-    points
-        What all pictures must hold (k, 3), m.
-    size_px
-        Width and height.
-    speed
-        Simulated seconds per second.
+    Attributes:
+        result, motion, view: What is shown, where it is, and how it is looked at.
+        points: What all pictures must hold (k, 3), m.
+        size_px: Width and height.
+        speed: Simulated seconds per second.
     """
 
     result: Result
@@ -202,6 +182,11 @@ class Frames:
         canvas: Any = FigureCanvasAgg(figure)
         panel = figure.add_axes((0, 0, 1, 1))
         fit(panel, self.points, self.view, shape=height / width)
+        # what room there is beside the scene is at the left, where the texts are
+        right = float(self.view.flat(self.points)[:, 0].max())
+        low, high = panel.get_xlim()
+        spare = max(0.0, high - right - 0.04 * (high - low))
+        panel.set_xlim(low - spare, high - spare)
         draw_frame(panel, self.result, self.motion, index, self.view, width / WIDTH_IN)
         longest = _LONGEST_ARROW * float(np.linalg.norm(np.ptp(self.points, axis=0)))
         draw_plumes(panel, self.result, self.motion, index, self.view, longest)
@@ -210,7 +195,8 @@ class Frames:
         draw_names(panel, self.motion, index, self.view)
         panel.set_axis_off()
         # Time, tip errors, what is drawn, and whether it ended here.
-        at: dict[str, Any] = {"transform": panel.transAxes, "va": "top"}
+        at: dict[str, Any] = {"transform": panel.transAxes, "va": "top", "zorder": 10}
+        at["bbox"] = {"facecolor": "white", "alpha": 0.75, "linewidth": 0, "pad": 1.5}
         pace = "" if self.speed == 1 else f"   {self.speed:g} × real time"
         panel.text(0.015, 0.97, f"t = {self.motion.time[index]:.1f} s{pace}", fontsize=12, **at)
         row, data = int(self.motion.rows[index]), self.result.data
@@ -218,12 +204,12 @@ class Frames:
             error = np.linalg.norm(data.tip_error.sel(tip=tip).values[row]) * 1e3
             text = f"{tip} error {error:.2f} mm"
             panel.text(0.015, 0.89 - 0.055 * k, text, fontsize=9, color=COLOURS[k % 2], **at)
-        drawn = "dashed: where bodies began" + (" and references of tips" if self.result.led_tips else "")
+        legend = "dashed: where bodies began" + (" and references of tips" if self.result.led_tips else "")
         kinds = [kind for kind in ("grasp", "contact") if data.sizes.get(kind)]
         what = " and ".join(kinds).replace("grasp", "grip")
         arrows = f"; arrows: {what} forces, at most {self.newtons:.3g} N" if self.newtons > 0 else ""
         plumes = "; cones: plumes of thrusters" if "thruster" in data.dims else ""
-        panel.text(0.015, 0.045, drawn + arrows + plumes, fontsize=7.5, color="0.35", **at)
+        panel.text(0.015, 0.045, legend + arrows + plumes, fontsize=7.5, color="0.35", **at)
         if not self.result.completed and index == len(self) - 1:
             end: dict[str, Any] = {"ha": "center", "color": "#B00020", "fontsize": 20}
             panel.text(0.5, 0.5, "diverged", transform=panel.transAxes, **end)
@@ -254,34 +240,36 @@ def _gif(pictures: Iterator[Image.Image], frames_per_s: float) -> bytes:
 
 def palette_of(picture: Image.Image, counts: Mapping[Image.Quantize, int]) -> Image.Image:
     """Image with the palette of a picture's colours, so many chosen in each way."""
-    palette, found = Image.new("P", (1, 1)), list[int]()
+    palette, colours = Image.new("P", (1, 1)), list[int]()
     for method, count in counts.items():
         entries = picture.quantize(count, method=method).getpalette() or []
-        found += (entries + 3 * count * [0])[: 3 * count]
-    palette.putpalette(found)
+        colours += (entries + 3 * count * [0])[: 3 * count]
+    palette.putpalette(colours)
     return palette
 
 
 def steady(pictures: Iterable[Image.Image]) -> Iterator[Image.Image]:
     """Pictures in which what has hardly changed since it was last drawn, as by compression, stays."""
-    shown: Image.Image | None = None
+    previous: Image.Image | None = None
     for picture in pictures:
-        if shown is None:
-            shown = picture
+        if previous is None:
+            previous = picture
         else:
-            red, green, blue = ImageChops.difference(picture, shown).split()
+            red, green, blue = ImageChops.difference(picture, previous).split()
             most = ImageChops.lighter(ImageChops.lighter(red, green), blue)
-            shown = Image.composite(picture, shown, most.point([255 * (v > _UNSEEN) for v in range(256)]))
-        yield shown
+            previous = Image.composite(
+                picture, previous, most.point([255 * (v > _UNSEEN) for v in range(256)])
+            )
+        yield previous
 
 
 def _mp4(program: str, pictures: Iterable[bytes], form: list[str], frames_per_s: float, path: Path) -> bytes:
     """H.264 that browsers play, the last picture held for a second; ``form``: of the pictures, for ffmpeg."""
     with tempfile.TemporaryDirectory() as folder:
-        made, errors = Path(folder) / "made.mp4", Path(folder) / "errors.txt"
+        film, errors = Path(folder) / "made.mp4", Path(folder) / "errors.txt"
         command = [program, "-loglevel", "error", *form, "-framerate", f"{frames_per_s:g}"]
         command += ["-i", "pipe:0", "-vf", _MP4_FILTERS, "-preset", "veryfast"]
-        command += ["-crf", "20", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(made)]
+        command += ["-crf", "20", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(film)]
         with errors.open("wb") as stderr:
             process = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=stderr
@@ -298,6 +286,6 @@ def _mp4(program: str, pictures: Iterable[bytes], form: list[str], frames_per_s:
                     process.kill()
                     process.wait()
         if process.returncode:
-            said = errors.read_text(encoding="utf-8", errors="replace").strip()
-            raise ResultError(f"ffmpeg failed: {said[-300:]}", source=path)
-        return made.read_bytes()
+            message = errors.read_text(encoding="utf-8", errors="replace").strip()
+            raise ResultError(f"ffmpeg failed: {message[-300:]}", source=path)
+        return film.read_bytes()

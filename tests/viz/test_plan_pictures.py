@@ -15,8 +15,8 @@ from optim.planning.output.constraint_values import with_flown
 from optim.planning.output.plan_folder import SCENARIO, read, write
 from optim.planning.search.make_plan import make_plan
 from spacerobot import simulation
+from spacerobot.api.pictures import playback
 from spacerobot.cli.app import app
-from spacerobot.cli.page_data import to_play
 from spacerobot.errors import ResultError
 from spacerobot.result import Result
 from spacerobot.scene import load_scene
@@ -172,7 +172,7 @@ def test_a_flight_is_played_over_its_plan(folders, tmp_path, monkeypatch):
     assert ran.exit_code == 0, ran.output
     assert '"label":"plan"' in html.read_text()
     monkeypatch.setattr(simulation, "simulate", lambda *_, **__: Result.load(folders[1]))
-    played = to_play([folders[0]], lambda _: None)
+    played = playback([folders[0]])
     assert played.data["title"] == "reach: the plan, followed"
     assert played.data["panel"]["metrics"][0]["key"] == "tip_error_peak"
 
@@ -200,6 +200,9 @@ def test_a_report_of_a_plan_says_where_limits_bind_and_what_the_cost_depends_on(
     """Active limits are those that the multipliers of the optimum say: the torque bounds are not."""
     plan, summary = read(folders[0])
     found = {name: periods for name, _, periods in binding(plan)}
+    limits = {name: limit for name, limit, _ in binding(plan)}
+    (rotation,) = (limit for name, limit in limits.items() if "rotation of one's base" in name)
+    assert rotation.endswith(" deg")
     assert any("rotation of one's base" in name for name in found)
     for periods in found.values():
         assert all(0 <= begin <= end <= 2 for begin, end in periods)

@@ -19,10 +19,8 @@ def faces(geometry: Geometry) -> list[Array]:
 
     Of a cylinder these are its two ends; other shapes have none.
 
-    Returns
-    -------
-    list of arrays (k, 3)
-        Corners in the shape's frame, m.
+    Returns:
+        list of arrays (k, 3): Corners in the shape's frame, m.
     """
     if geometry.kind == "box":
         corners = _CORNERS * geometry.size

@@ -20,7 +20,7 @@ Indices = NDArray[np.int64]
 Colours = NDArray[np.uint8]
 
 MOST_TRIANGLES = 60_000
-"""Of all the different meshes of a scene together."""
+"""Maximum number of triangles of all different meshes of a scene together."""
 
 _FINEST = 1 / 300  # of the longest mesh: the first edge of cells that is tried
 _FEWEST_CELLS = 10  # across any mesh, however small it is beside others
@@ -30,14 +30,10 @@ _PULL = 1e-3  # towards the mean of a cell's vertices, in directions in which it
 class TriangleMesh(NamedTuple):
     """A surface.
 
-    Attributes
-    ----------
-    vertices
-        (n, 3), m.
-    triangles
-        (m, 3), counter-clockwise seen from outside.
-    colours
-        Red, green, blue (m, 3) of the triangles, 0 to 255; None where the file gives none.
+    Attributes:
+        vertices: (n, 3), m.
+        triangles: (m, 3), counter-clockwise seen from outside.
+        colours: Red, green, blue (m, 3) of the triangles, 0 to 255; None where the file gives none.
     """
 
     vertices: Array
@@ -99,8 +95,8 @@ def _coloured(file: MeshFile, plain: TriangleMesh) -> TriangleMesh | None:
     import trimesh  # comes with yourdfpy; only meshes that may have colours pay for its import
 
     try:
-        whole: Any = trimesh.load_scene(file.path).dump()
-        parts = [part for part in whole if part.visual.defined]
+        bodies: Any = trimesh.load_scene(file.path).dump()
+        parts = [part for part in bodies if part.visual.defined]
         # colours (m, 3) of each part's triangles, 0 to 255: of its faces, vertices, texture or material
         colours = []
         for part in parts:
@@ -124,12 +120,12 @@ def _coloured(file: MeshFile, plain: TriangleMesh) -> TriangleMesh | None:
     starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
     vertices = np.concatenate([part.vertices for part in parts])
     triangles = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
-    wanted: Array = np.ptp(plain.vertices / np.array(file.scale), axis=0)
+    extents: Array = np.ptp(plain.vertices / np.array(file.scale), axis=0)
     fits: list[tuple[float, float]] = []
     for turn in _TURNS:
         spans: Array = np.ptp(vertices @ turn.T, axis=0)
-        factor = float(np.linalg.norm(wanted)) / max(float(np.linalg.norm(spans)), 1e-12)
-        fits.append((float(np.abs(wanted - factor * spans).sum()), factor))
+        factor = float(np.linalg.norm(extents)) / max(float(np.linalg.norm(spans)), 1e-12)
+        fits.append((float(np.abs(extents - factor * spans).sum()), factor))
     best = int(np.argmin([misfit for misfit, _ in fits]))
     placed = vertices @ _TURNS[best].T * fits[best][1] * file.scale
     return TriangleMesh(placed, triangles.astype(np.int64), np.concatenate(colours).astype(np.uint8))
@@ -142,14 +138,14 @@ def shown_meshes(files: Iterable[MeshFile]) -> dict[MeshFile, TriangleMesh]:
 
 @lru_cache(maxsize=16)
 def _shown_meshes(files: tuple[MeshFile, ...]) -> dict[MeshFile, TriangleMesh]:
-    whole = {file: load_mesh(file) for file in files}
-    extents = {file: float(np.ptp(s.vertices, axis=0).max(initial=0.0)) for file, s in whole.items()}
-    shown, cell, before = whole, _FINEST * max(extents.values(), default=0.0), 0
-    while MOST_TRIANGLES < (count := sum(len(s.triangles) for s in shown.values())) != before:
+    full = {file: load_mesh(file) for file in files}
+    extents = {file: float(np.ptp(s.vertices, axis=0).max(initial=0.0)) for file, s in full.items()}
+    meshes, cell, before = full, _FINEST * max(extents.values(), default=0.0), 0
+    while MOST_TRIANGLES < (count := sum(len(s.triangles) for s in meshes.values())) != before:
         cell *= max(1.1, count / MOST_TRIANGLES) if before else 1.0
-        shown = {f: simplified(s, min(cell, extents[f] / _FEWEST_CELLS)) for f, s in whole.items()}
+        meshes = {f: simplified(s, min(cell, extents[f] / _FEWEST_CELLS)) for f, s in full.items()}
         before = count
-    return shown
+    return meshes
 
 
 def simplified(surface: TriangleMesh, cell: float) -> TriangleMesh:
@@ -158,12 +154,9 @@ def simplified(surface: TriangleMesh, cell: float) -> TriangleMesh:
     It lies where the planes of the cell's faces meet as nearly as can be (least squares), so that edges and
     corners stay, and within the cell: nothing moves by more than the cell's diagonal.
 
-    Parameters
-    ----------
-    surface
-        What to simplify.
-    cell
-        Edge of the grid's cells, m.
+    Args:
+        surface: What to simplify.
+        cell: Edge of the grid's cells, m.
     """
     vertices, triangles, colours = surface
     place = np.floor((vertices - vertices.min(axis=0)) / cell).astype(np.int64)
@@ -171,10 +164,10 @@ def simplified(surface: TriangleMesh, cell: float) -> TriangleMesh:
     size = int(owner.max()) + 1
     mean = _sums(owner, vertices, size) / np.bincount(owner, minlength=size)[:, None]
     merged = owner[triangles]
-    kept = (merged != np.roll(merged, 1, axis=1)).all(axis=1)
-    _, first = np.unique(_numbered(np.sort(merged[kept], axis=1)), return_index=True)
+    is_triangle = (merged != np.roll(merged, 1, axis=1)).all(axis=1)
+    _, first = np.unique(_numbered(np.sort(merged[is_triangle], axis=1)), return_index=True)
     best = mean + np.clip(_meeting_points(surface, owner, mean), -cell / 2, cell / 2)
-    left = np.flatnonzero(kept)[np.sort(first)]
+    left = np.flatnonzero(is_triangle)[np.sort(first)]
     return _compact(best, merged[left], None if colours is None else colours[left])
 
 
@@ -198,10 +191,10 @@ def _meeting_points(surface: TriangleMesh, owner: Indices, mean: Array) -> Array
 
 def _numbered(rows: Indices) -> Indices:
     """A number (n,) from 0 for each different row (n, c) of numbers from 0."""
-    found = np.zeros(len(rows), dtype=np.int64)
+    numbers = np.zeros(len(rows), dtype=np.int64)
     for column in rows.T:
-        _, found = np.unique(found * (column.max(initial=0) + 1) + column, return_inverse=True)
-    return found
+        _, numbers = np.unique(numbers * (column.max(initial=0) + 1) + column, return_inverse=True)
+    return numbers
 
 
 def _sums(owner: Indices, values: Array, size: int) -> Array:

@@ -1,4 +1,4 @@
-"""Where everything that can be seen is, over time."""
+"""Poses over time of everything visible."""
 
 from __future__ import annotations
 
@@ -45,16 +45,11 @@ def finish_of(material: str) -> str:
 class DrawnSolid:
     """A shape fixed to a node.
 
-    Attributes
-    ----------
-    placement
-        Shape frame in the node's frame, homogeneous (4, 4), m.
-    geometry
-        What is there.
-    rgba
-        Colour and opacity (4,), 0 to 1.
-    finish
-        How its surface looks; see :data:`FINISHES`.
+    Attributes:
+        placement: Shape frame in the node's frame, homogeneous (4, 4), m.
+        geometry: What is there.
+        rgba: Colour and opacity (4,), 0 to 1.
+        finish: How its surface looks; see :data:`FINISHES`.
     """
 
     placement: Array
@@ -67,20 +62,17 @@ class DrawnSolid:
 class Node:
     """Shapes that move as one: those of all links behind one joint.
 
-    Attributes
-    ----------
-    joint
-        Id of the joint in the scene's model; 0 for what stands still.
-    body
-        Robot or ``target`` that it belongs to.
-    is_base
-        Whether it is the body's root.
-    solids
-        Its shapes.
+    Attributes:
+        joint: Id of the joint in the scene's model; 0 for what stands still.
+        body: Robot or ``target`` that it belongs to.
+        label: Name of the body that people read.
+        is_base: Whether it is the body's root.
+        solids: Its shapes.
     """
 
     joint: int
     body: str
+    label: str
     is_base: bool
     solids: tuple[DrawnSolid, ...]
 
@@ -89,22 +81,14 @@ class Node:
 class BodyMotion:
     """Placements of all nodes at some times.
 
-    Attributes
-    ----------
-    nodes
-        What can be seen.
-    rows
-        Rows of the result's data that were taken (nt,).
-    time
-        s (nt,).
-    position
-        Of the nodes' frames in the world (nt, nodes, 3), m.
-    quaternion
-        From node to world (nt, nodes, 4), x y z w; neighbours in time lie on the same side.
-    mates
-        Mating frames of the grasps in the world (nt, grasps, 3), m.
-    joints
-        Of all joints' frames.
+    Attributes:
+        nodes: What can be seen.
+        rows: Rows of the result's data that were taken (nt,).
+        time: s (nt,).
+        position: Of the nodes' frames in the world (nt, nodes, 3), m.
+        quaternion: From node to world (nt, nodes, 4), x y z w; neighbours in time lie on the same side.
+        mates: Mating frames of the grasps in the world (nt, grasps, 3), m.
+        joints: Of all joints' frames.
     """
 
     nodes: tuple[Node, ...]
@@ -117,13 +101,13 @@ class BodyMotion:
 
     def placements(self, frame: int) -> list[Array]:
         """Node to world at a frame, homogeneous (4, 4) each."""
-        found = []
+        frame_placements = []
         for position, quaternion in zip(self.position[frame], self.quaternion[frame], strict=True):
             placement = np.eye(4)
             placement[:3, :3] = pin.Quaternion(quaternion).toRotationMatrix()
             placement[:3, 3] = position
-            found.append(placement)
-        return found
+            frame_placements.append(placement)
+        return frame_placements
 
 
 def scene_nodes(scene: Scene) -> tuple[Node, ...]:
@@ -140,11 +124,11 @@ def scene_nodes(scene: Scene) -> tuple[Node, ...]:
         pads += [(owner, pad.joint, solid) for solid in pad_solids(scene, pad, pairs)]
     for body in scene.bodies:
         links = body.description.links
-        seen = any(link.visuals for link in links)
+        has_visuals = any(link.visuals for link in links)
         by_joint: dict[int, list[DrawnSolid]] = {}
         for link in links:
             frame = scene.model.frames[scene.model.getFrameId(f"{body.name}/{link.name}", pin.FrameType.BODY)]
-            for shape in link.visuals if seen else link.collisions:
+            for shape in link.visuals if has_visuals else link.collisions:
                 placement = frame.placement.homogeneous @ shape.placement
                 rgba = GREY if shape.rgba is None else shape.rgba
                 solid = DrawnSolid(placement, shape.geometry, rgba, finish_of(shape.material))
@@ -155,7 +139,10 @@ def scene_nodes(scene: Scene) -> tuple[Node, ...]:
         root = int(scene.model.frames[body.root_frame].parentJoint)
         for joint in {root} if by_joint else {root, *body.joints}:
             by_joint.setdefault(int(joint), [])
-        nodes += [Node(j, body.name, j == root, tuple(solids)) for j, solids in sorted(by_joint.items())]
+        label = scene.scenario.body_label(body.name)
+        nodes += [
+            Node(j, body.name, label, j == root, tuple(solids)) for j, solids in sorted(by_joint.items())
+        ]
     return tuple(nodes)
 
 
@@ -172,30 +159,30 @@ def pad_solids(
         there = data.oMf[other.frame] * pin.SE3(other.placement)
         away = float(np.linalg.norm(here.actInv(there.translation)[:2]))
         reach = max(reach, away + other.config.extent()[1])
-    found = []
+    pad = []
     for part in shape.config.drawing(reach):
         moved = placement.copy()
         moved[:3, 3] += part.along * placement[:3, 2]
-        found.append(DrawnSolid(moved, part.geometry, np.array([*PAD[:3], part.opacity])))
-    return found
+        pad.append(DrawnSolid(moved, part.geometry, np.array([*PAD[:3], part.opacity])))
+    return pad
 
 
 def only(motion: BodyMotion, body: str) -> BodyMotion:
     """A motion of one body alone, by name."""
-    kept = [k for k, node in enumerate(motion.nodes) if node.body == body]
-    nodes = tuple(motion.nodes[k] for k in kept)
+    places = [k for k, node in enumerate(motion.nodes) if node.body == body]
+    nodes = tuple(motion.nodes[k] for k in places)
     return replace(
-        motion, nodes=nodes, position=motion.position[:, kept], quaternion=motion.quaternion[:, kept]
+        motion, nodes=nodes, position=motion.position[:, places], quaternion=motion.quaternion[:, places]
     )
 
 
 def pick_rows(time: Array, *, rate_hz: float, most: int) -> Rows:
     """Rows nearest to an even spacing in time: at most ``rate_hz`` and ``most``, first and last included."""
     count = min(most, len(time), max(2, round((time[-1] - time[0]) * rate_hz) + 1))
-    wanted = np.linspace(time[0], time[-1], count)
-    after = np.clip(np.searchsorted(time, wanted), 0, len(time) - 1)
+    instants = np.linspace(time[0], time[-1], count)
+    after = np.clip(np.searchsorted(time, instants), 0, len(time) - 1)
     before = np.maximum(after - 1, 0)
-    nearer = np.where(wanted - time[before] < time[after] - wanted, before, after)
+    nearer = np.where(instants - time[before] < time[after] - instants, before, after)
     return np.unique(nearer)
 
 
@@ -203,12 +190,9 @@ def pick_rows(time: Array, *, rate_hz: float, most: int) -> Rows:
 class SceneGeometry:
     """Moving geometry of a scene, read once to be placed many times: nodes and joints.
 
-    Attributes
-    ----------
-    nodes
-        What can be seen.
-    joints
-        Of the scene's model, the universe left out.
+    Attributes:
+        nodes: What can be seen.
+        joints: Of the scene's model, the universe left out.
     """
 
     nodes: tuple[Node, ...]
@@ -216,7 +200,7 @@ class SceneGeometry:
 
     @classmethod
     def of(cls, scene: Scene) -> SceneGeometry:
-        """Of a scene."""
+        """Geometry of a scene."""
         return cls(scene_nodes(scene), read_joints(scene.model))
 
 
@@ -229,14 +213,10 @@ def sample_motion(
 ) -> BodyMotion:
     """Placements at rows of a result's data.
 
-    Parameters
-    ----------
-    result, scene, rows
-        The result, its scene, and the rows.
-    stage
-        The scene's; read anew if not given.
-    enlarged
-        Factor of the deflections of flexible links: of the positions of their joints.
+    Args:
+        result, scene, rows: The result, its scene, and the rows.
+        stage: The scene's; read anew if not given.
+        enlarged: Factor of the deflections of flexible links: of the positions of their joints.
     """
     rows = np.asarray(rows, dtype=np.int64)
     q, time = result.array("q")[rows], result.array("time")[rows]
@@ -283,9 +263,13 @@ def bounds(motion: BodyMotion, *, farthest: float = 3.0) -> tuple[Array, Array]:
 def greatest_force(result: Result) -> float:
     """Greatest force of a grip or contact, N; of a diverged rollout, before its last instants."""
     rows = len(result.data.time)
-    kept = rows if result.completed else max(1, int(0.8 * rows))
-    found = [result.array(name)[:kept] for name in ("grasp_force", "contact_force") if name in result.data]
-    return max((float(np.linalg.norm(forces, axis=-1).max(initial=0.0)) for forces in found), default=0.0)
+    count = rows if result.completed else max(1, int(0.8 * rows))
+    force_arrays = [
+        result.array(name)[:count] for name in ("grasp_force", "contact_force") if name in result.data
+    ]
+    return max(
+        (float(np.linalg.norm(forces, axis=-1).max(initial=0.0)) for forces in force_arrays), default=0.0
+    )
 
 
 def extremes(motion: BodyMotion, low: Array, high: Array) -> Array:
@@ -303,7 +287,9 @@ def _seen_points(motion: BodyMotion) -> Array:
     boxes, frames = [], []
     for node in motion.nodes:
         placed = [(corners(s.geometry), s.placement) for s in node.solids] or [(np.zeros((1, 3)), np.eye(4))]
-        boxes.append(np.concatenate([own @ at[:3, :3].T + at[:3, 3] for own, at in placed]))
+        boxes.append(
+            np.concatenate([local_corners @ at[:3, :3].T + at[:3, 3] for local_corners, at in placed])
+        )
     for i in range(len(motion.time)):
         at_frame = zip(motion.placements(i), boxes, strict=True)
         frames.append(np.concatenate([box @ node[:3, :3].T + node[:3, 3] for node, box in at_frame]))

@@ -1,4 +1,4 @@
-"""Where all joints of a scene are at many configurations at once."""
+"""Placements of all joints of a scene at many configurations at once."""
 
 from __future__ import annotations
 
@@ -16,14 +16,11 @@ from spacerobot.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class JointPlacements:
-    """Where all joints' frames are in the world at some configurations, the universe's first.
+    """Placements of all joints' frames in the world at some configurations, the universe's first.
 
-    Attributes
-    ----------
-    rotation
-        From joint to world (nt, joints, 3, 3).
-    origin
-        (nt, joints, 3), m.
+    Attributes:
+        rotation: From joint to world (nt, joints, 3, 3).
+        origin: (nt, joints, 3), m.
     """
 
     rotation: Array
@@ -42,15 +39,19 @@ def joint_placements(scene: Scene, joints: Sequence[JointModel], q: Array) -> Jo
     # origins (nt, 3) [m] and rotation vectors (nt, 3) [rad] of joints' moved frames in their resting ones
     places, vectors = np.zeros((len(joints), len(q), 3)), np.zeros((len(joints), len(q), 3))
     for joint, place, vector in zip(joints, places, vectors, strict=True):
-        own = q[:, joint.idx_q : joint.idx_q + joint.nq]
+        coordinates = q[:, joint.idx_q : joint.idx_q + joint.nq]
         if joint.kind is JointKind.FREE_FLYER:
-            place[:], vector[:] = own[:, :3], Rotation.from_quat(own[:, 3:]).as_rotvec()
+            place[:], vector[:] = coordinates[:, :3], Rotation.from_quat(coordinates[:, 3:]).as_rotvec()
         elif joint.kind is JointKind.PRISMATIC:
-            place[:] = own * np.array(ca.DM(joint.linear)).T
+            place[:] = coordinates * np.array(ca.DM(joint.linear)).T
         else:
             if joint.kind is JointKind.PLANAR:
-                place[:, :2] = own[:, :2]
-            angle = own[:, 0] if joint.kind is JointKind.REVOLUTE else np.arctan2(own[:, -1], own[:, -2])
+                place[:, :2] = coordinates[:, :2]
+            angle = (
+                coordinates[:, 0]
+                if joint.kind is JointKind.REVOLUTE
+                else np.arctan2(coordinates[:, -1], coordinates[:, -2])
+            )
             vector[:] = angle[:, None] * np.array(ca.DM(joint.angular))[:, -1]
     # of all joints at once, which is faster
     turns = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix().reshape(*vectors.shape, 3)
@@ -77,5 +78,5 @@ def quaternions(rotation: Array) -> Array:
         products[..., i, 3] = products[..., 3, i] = rotation[..., k, j] - rotation[..., j, k]
     products[..., 3, 3] = 1 + trace
     greatest = np.einsum("...ii->...i", products).argmax(axis=-1)
-    found = np.take_along_axis(products, greatest[..., None, None], axis=-2)[..., 0, :]
-    return np.asarray(found / np.sqrt((found**2).sum(axis=-1, keepdims=True)))
+    largest = np.take_along_axis(products, greatest[..., None, None], axis=-2)[..., 0, :]
+    return np.asarray(largest / np.sqrt((largest**2).sum(axis=-1, keepdims=True)))

@@ -32,8 +32,8 @@ def draw_nodes(axes: Axes, motion: BodyMotion, frame: int, view: View, *, dpi: f
     """
     if has_meshes(motion):
         grid = _grid(axes, dpi)
-        seen = _faces(motion, frame, view, range(len(motion.nodes)), grid)
-        image = draw_faces(seen, grid.width, grid.height)
+        faces = _faces(motion, frame, view, range(len(motion.nodes)), grid)
+        image = draw_faces(faces, grid.width, grid.height)
         image[..., :3] /= np.maximum(image[..., 3:], 1e-9)  # colours come premultiplied by their opacity
         _add_image(axes, np.clip(image, 0, 1), grid, zorder=3)
         return
@@ -98,9 +98,9 @@ def _grid(axes: Axes, dpi: float) -> _Grid:
 
 
 def _add_image(axes: Axes, image: Array, grid: _Grid, zorder: float) -> None:
-    drawn = AxesImage(axes, extent=grid.extent, origin="upper", zorder=zorder)
-    drawn.set_data(image)
-    axes.add_image(drawn)
+    axes_image = AxesImage(axes, extent=grid.extent, origin="upper", zorder=zorder)
+    axes_image.set_data(image)
+    axes.add_image(axes_image)
 
 
 @lru_cache(maxsize=2)
@@ -115,7 +115,7 @@ def _faces(motion: BodyMotion, frame: int, view: View, chosen: Iterable[int], gr
     turned = np.stack([view.across, view.up, view.towards])
     left, right, bottom, top = grid.extent
     scale = [grid.width / (right - left), -grid.height / (top - bottom), 1.0]
-    surfaces, placements, found = _node_surfaces(motion.nodes), motion.placements(frame), []
+    surfaces, placements, parts = _node_surfaces(motion.nodes), motion.placements(frame), []
     for k in chosen:
         vertices, triangles, rgba, part = surfaces[k]
         to_world = placements[k]
@@ -125,8 +125,8 @@ def _faces(motion: BodyMotion, frame: int, view: View, chosen: Iterable[int], gr
         length = np.linalg.norm(normal, axis=1) * np.where(normal[:, 2] < 0, -1.0, 1.0)
         shade = _shade(normal @ (turned @ _LIGHT) / np.where(length == 0, 1.0, length))
         lit = rgba * np.stack([shade, shade, shade, np.ones(len(shade))], axis=1)
-        found.append(((corners - [left, top, 0.0]) * scale, lit, part))
-    return Faces(*map(np.concatenate, zip(*found, strict=True)))
+        parts.append(((corners - [left, top, 0.0]) * scale, lit, part))
+    return Faces(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 class _NodeSurface(NamedTuple):
@@ -143,7 +143,7 @@ def _node_surfaces(nodes: tuple[Node, ...]) -> list[_NodeSurface]:
     """Surface of each node; solids are numbered across nodes."""
     solids = [solid for node in nodes for solid in node.solids]
     meshes = shown_meshes(mesh_file(s.geometry) for s in solids if s.geometry.kind == "mesh")
-    numbers, found = count(), []
+    numbers, surfaces = count(), []
     for node in nodes:
         vertices, triangles = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)]
         rgba, part = [np.zeros((0, 4))], [np.zeros(0, dtype=np.int64)]
@@ -156,7 +156,7 @@ def _node_surfaces(nodes: tuple[Node, ...]) -> list[_NodeSurface]:
             if shape.colours is not None:
                 rgba[-1][:, :3] = shape.colours / 255
             part.append(np.full(len(shape.triangles), next(numbers)))
-        found.append(
+        surfaces.append(
             _NodeSurface(
                 np.concatenate(vertices),
                 np.concatenate(triangles),
@@ -164,7 +164,7 @@ def _node_surfaces(nodes: tuple[Node, ...]) -> list[_NodeSurface]:
                 np.concatenate(part),
             )
         )
-    return found
+    return surfaces
 
 
 def _shade(towards_light: Array) -> Array:
@@ -173,13 +173,13 @@ def _shade(towards_light: Array) -> Array:
 
 def _node_faces(node: Node, placement: Array, view: View) -> list[tuple[float, Array, Array]]:
     """Depth, outline and colour of the faces that look at the eye."""
-    found = []
+    faces_by_node = []
     for solid in node.solids:
         to_world = placement @ solid.placement
         if is_round(solid.geometry):
             outline, centre = silhouette(solid.geometry, to_world, view.across, view.up), to_world[:3, 3]
             colour = solid.rgba * [_ROUND_SHADE, _ROUND_SHADE, _ROUND_SHADE, 1.0]
-            found.append((float(centre @ view.towards), outline, colour))
+            faces_by_node.append((float(centre @ view.towards), outline, colour))
         for face in faces(solid.geometry):
             points = face @ to_world[:3, :3].T + to_world[:3, 3]
             normal = np.cross(points[1] - points[0], points[2] - points[1])
@@ -188,25 +188,19 @@ def _node_faces(node: Node, placement: Array, view: View) -> list[tuple[float, A
                 continue
             shade = float(_shade(normal @ _LIGHT / length))
             colour = solid.rgba * [shade, shade, shade, 1.0]
-            found.append((float((points @ view.towards).mean()), view.flat(points), colour))
-    return found
+            faces_by_node.append((float((points @ view.towards).mean()), view.flat(points), colour))
+    return faces_by_node
 
 
 def fit(axes: Axes, points: Array, view: View, *, margin: float = 0.04, shape: float | None = None) -> None:
     """Set equal scales and limits so that points of the world fit the picture, a metre where they are one.
 
-    Parameters
-    ----------
-    axes
-        The picture.
-    points
-        What must be seen (k, 3), m.
-    view
-        How it is seen.
-    margin
-        Room around it, as a share of its longer side.
-    shape
-        Height of the picture over its width, to fill it; as the points need it if not given.
+    Args:
+        axes: The picture.
+        points: What must be seen (k, 3), m.
+        view: How it is seen.
+        margin: Room around it, as a share of its longer side.
+        shape: Height of the picture over its width, to fill it; as the points need it if not given.
     """
     flat = view.flat(points)
     least, greatest = flat.min(axis=0), flat.max(axis=0)

@@ -19,14 +19,11 @@ _AT_ONCE = 4_000_000  # pixels of faces worked on together
 class Faces(NamedTuple):
     """Triangles in a picture.
 
-    Attributes
-    ----------
-    corners
-        Across and down in pixels, from the picture's upper left corner, and towards the eye (m, 3, 3).
-    rgba
-        Colours (m, 4), 0 to 1.
-    part
-        Numbers (m,) from 0; between different parts an edge is drawn.
+    Attributes:
+        corners: Across and down in pixels, from the picture's upper left corner, and towards the eye (m, 3,
+            3).
+        rgba: Colours (m, 4), 0 to 1.
+        part: Numbers (m,) from 0; between different parts an edge is drawn.
     """
 
     corners: Array
@@ -37,16 +34,11 @@ class Faces(NamedTuple):
 def draw_faces(faces: Faces, width: int, height: int, *, fine: int = 2, edge: float = 0.55) -> Picture:
     """Picture (height, width, 4) of triangles, clear where there are none.
 
-    Parameters
-    ----------
-    faces
-        What is seen.
-    width, height
-        Of the picture, pixels.
-    fine
-        Samples along each side of a pixel.
-    edge
-        How dark the edges between parts are, as a share of their colour.
+    Args:
+        faces: What is seen.
+        width, height: Of the picture, pixels.
+        fine: Samples along each side of a pixel.
+        edge: How dark the edges between parts are, as a share of their colour.
     """
     corners, size = faces.corners * [fine, fine, 1.0], (height * fine, width * fine)
     clear = faces.rgba[:, 3] < 1
@@ -90,28 +82,21 @@ def _coarser(picture: Picture, fine: int) -> Picture:
 
 
 def nearest_faces(corners: Array, chosen: Indices, size: tuple[int, int]) -> tuple[Indices, Array]:
-    """Which face is seen at the middle of each pixel, and how near it is.
+    """Visible face at the middle of each pixel, and its depth.
 
-    Parameters
-    ----------
-    corners
-        Of triangles (m, 3, 3): across, down, towards the eye.
-    chosen
-        Places (k,) of those that are drawn.
-    size
-        Height and width in pixels.
+    Args:
+        corners: Of triangles (m, 3, 3): across, down, towards the eye.
+        chosen: Places (k,) of those that are drawn.
+        size: Height and width in pixels.
 
-    Returns
-    -------
-    which
-        Place of the nearest (h, w); -1 where there is none.
-    depth
-        Towards the eye (h, w); minus infinity there.
+    Returns:
+        which: Place of the nearest (h, w); -1 where there is none.
+        depth: Towards the eye (h, w); minus infinity there.
     """
     first, tall = _covered(corners[chosen, :, 1], size[0])
     boxes = tall * _covered(corners[chosen, :, 0], size[1])[1]
-    seen = (boxes > 0) & (_area(corners[chosen]) != 0)
-    chosen, first, tall, boxes = chosen[seen], first[seen], tall[seen], np.cumsum(boxes[seen])
+    visible = (boxes > 0) & (_area(corners[chosen]) != 0)
+    chosen, first, tall, boxes = chosen[visible], first[visible], tall[visible], np.cumsum(boxes[visible])
     corners = corners[chosen]
     low, high = corners[..., 2].min(initial=np.inf), corners[..., 2].max(initial=-np.inf)
     step = max(float(high - low), 1e-300) / _DEPTHS if len(chosen) else 1.0
@@ -122,9 +107,9 @@ def nearest_faces(corners: Array, chosen: Indices, size: tuple[int, int]) -> tup
         pixel, face, depth = _fragments(corners[few], first[few], tall[few], size[1])
         steps = np.clip((depth - low) / step, 0, _DEPTHS).astype(np.int64)
         np.maximum.at(buffer, pixel, (steps << 32) | (face + start))
-    seen = buffer >= 0
-    which = np.where(seen, np.append(chosen, -1)[np.where(seen, buffer & 0xFFFFFFFF, -1)], -1)
-    depth = np.where(seen, low + step * (buffer >> 32), -np.inf)
+    visible = buffer >= 0
+    which = np.where(visible, np.append(chosen, -1)[np.where(visible, buffer & 0xFFFFFFFF, -1)], -1)
+    depth = np.where(visible, low + step * (buffer >> 32), -np.inf)
     return which.reshape(size), depth.reshape(size)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -21,6 +22,8 @@ _ELEVATIONS_DEG = (25.0, 50.0, 5.0, -20.0)
 """Of views of a grasp, in the order in which they are preferred."""
 
 _AS_GOOD = 0.1  # less of what matters may be hidden by a direction that is preferred
+_NEARLY = 0.02  # the same, where a grasp shall be seen
+_BESIDE = (-20.0, 0.0, 20.0)  # deg, azimuths about that of a view of a grasp which shall see it, too
 _NEAR = 0.01  # of the largest box: what is nearer than this hides nothing
 
 
@@ -28,12 +31,9 @@ _NEAR = 0.01  # of the largest box: what is nearer than this hides nothing
 class View:
     """A parallel projection.
 
-    Attributes
-    ----------
-    across, up
-        World directions that point right and up in the picture (3,).
-    labels
-        What to write at the two axes; empty where they are no world axes.
+    Attributes:
+        across, up: World directions that point right and up in the picture (3,).
+        labels: What to write at the two axes; empty where they are no world axes.
     """
 
     across: Array
@@ -72,16 +72,32 @@ def view_of(result: Result, scene: Scene) -> View:
     return TOP if scene.planar else _clearest(sample_motion(result, scene, chosen))
 
 
-def grasp_view(motion: BodyMotion, frame: int, usual: View) -> View:
-    """From where a frame's grasps are hidden least; of such sides the one nearest to the usual."""
+def grasp_view(motion: BodyMotion, frames: Sequence[int], usual: View) -> View:
+    """Choose the view from which grasps are hidden least; of equally good ones the nearest to the usual.
+
+    Args:
+        motion: Bodies, with the points of the grasps as its ``mates``.
+        frames: Frames that count, all alike.
+        usual: View from which its azimuth is counted.
+
+    Returns:
+        View: From one of the sides all around, at one of a few elevations.
+    """
     azimuth = float(np.degrees(np.arctan2(usual.towards[1], usual.towards[0])))
-    seen = _frame(motion, frame)
-    seen = seen._replace(links=np.zeros((0, 3)))  # here only the grasps matter
     turns = [(turn, up) for up in _ELEVATIONS_DEG for turn in _TURNS_DEG]
     views = [oblique(azimuth + turn, up) for turn, up in turns]
-    shares = np.array([seen.seen(view.towards) for view in views])
+    # only the grasps matter; a side is good if its neighbours are, from which a grasp at the edge is hidden
+    contents = [_frame(motion, index)._replace(links=np.zeros((0, 3))) for index in frames]
+    shares = np.array(
+        [
+            np.mean(
+                [frame.seen(oblique(azimuth + turn + by, up).towards) for frame in contents for by in _BESIDE]
+            )
+            for turn, up in turns
+        ]
+    )
     away = np.array([abs(turn) / 90 + abs(up - _ELEVATION_DEG) / 60 for turn, up in turns])
-    return views[int(np.argmin(np.where(shares >= shares.max() - 1e-9, away, np.inf)))]
+    return views[int(np.argmin(np.where(shares >= shares.max() - _NEARLY, away, np.inf)))]
 
 
 def first_view(scene: Scene) -> View:
@@ -93,23 +109,19 @@ def _clearest(motion: BodyMotion) -> View:
     """From the side that hides the least, of sides that do equally well the one nearest to the usual."""
     views = [oblique(_AZIMUTH_DEG + turn) for turn in _TURNS_DEG]
     frames = [_frame(motion, k) for k in range(len(motion.time))]
-    seen = np.array([np.mean([frame.seen(view.towards) for frame in frames]) for view in views])
-    return views[int(np.argmax(seen >= seen.max() - _AS_GOOD))]
+    visibility = np.array([np.mean([frame.seen(view.towards) for frame in frames]) for view in views])
+    return views[int(np.argmax(visibility >= visibility.max() - _AS_GOOD))]
 
 
 class _Frame(NamedTuple):
     """A frame as boxes, and what shall be seen of it.
 
-    Attributes
-    ----------
-    links, mates
-        Middles of the arms' shapes (l, 3) and points of grasps (m, 3), world, m.
-    placements, halves
-        Of boxes around shapes of bases and of the target, which hide what is behind them: to the world
-        (b, 4, 4), and half their edges (b, 3), m. What an arm hides of itself is left out: its links' boxes
-        reach into each other.
-    near
-        Distance up to which nothing hides anything, m.
+    Attributes:
+        links, mates: Middles of the arms' shapes (l, 3) and points of grasps (m, 3), world, m.
+        placements, halves: Of boxes around shapes of bases and of the target, which hide what is behind them:
+            to the world (b, 4, 4), and half their edges (b, 3), m. What an arm hides of itself is left out:
+            its links' boxes reach into each other.
+        near: Distance up to which nothing hides anything, m.
     """
 
     links: Array
@@ -140,14 +152,14 @@ def _frame(motion: BodyMotion, index: int) -> _Frame:
     others: list[tuple[Array, Array]] = []
     for placement, node in zip(motion.placements(index), motion.nodes, strict=True):
         # placement in the world and half the edges of a box around each shape
-        found = []
+        link_points = []
         for solid in node.solids:
             around = corners(solid.geometry)
             to_world = placement @ solid.placement
             to_world[:3, 3] += to_world[:3, :3] @ around.mean(axis=0)
-            found.append((to_world, np.ptp(around, axis=0) / 2))
+            link_points.append((to_world, np.ptp(around, axis=0) / 2))
         is_arm = node.body != "target" and not node.is_base
-        (arms if is_arm else others).extend(found)
+        (arms if is_arm else others).extend(link_points)
     links, placements = (
         np.array([placement for placement, _ in boxes]).reshape(-1, 4, 4) for boxes in (arms, others)
     )

@@ -23,19 +23,14 @@ _CLOSE = 2.5  # greatest distances of the widest envelope that the close view re
 
 
 class Approach(NamedTuple):
-    """How a tip comes to its mating frame, up to its first capture or to the end of the result.
+    """Approach of a tip to its mating frame, up to its first capture or to the end of the result.
 
-    Attributes
-    ----------
-    to_go, lateral
-        Distance to the mating frame along the axis of the capture and across it (n,) [m].
-    closing, sliding
-        Speed along the axis, towards the mating frame, and across it (n,) [m/s].
-    misaligned, turning
-        Angle from where the tip is mated (n,) [rad], NaN where the result does not tell it, and relative
-        spin (n,) [rad/s].
-    captured
-        Whether the last of them is the capture.
+    Attributes:
+        to_go, lateral: Distance to the mating frame along the axis of the capture and across it (n,) [m].
+        closing, sliding: Speed along the axis, towards the mating frame, and across it (n,) [m/s].
+        misaligned, turning: Angle from where the tip is mated (n,) [rad], NaN where the result does not tell
+            it, and relative spin (n,) [rad/s].
+        captured: Whether the last of them is the capture.
     """
 
     to_go: Array
@@ -57,18 +52,20 @@ def approach_of(result: Result, scene: Scene, grasp: SceneGrasp, capture: Captur
     it and the row before lead to.
     """
     data, time = result.data, result.data.time.values
-    told = (e for e in result.summary.get("events", ()) if (e["kind"], e["who"]) == ("captured", grasp.name))
-    event: Mapping[str, Any] | None = next(told, None)
+    captured = (
+        e for e in result.summary.get("events", ()) if (e["kind"], e["who"]) == ("captured", grasp.name)
+    )
+    event: Mapping[str, Any] | None = next(captured, None)
     rows = len(time) if event is None else max(1, int(np.searchsorted(time, event["time_s"])))
     q, v = data.q.values, data.v.values
     gap = data.grasp_gap.sel(grasp=grasp.name).values[:rows] * np.isin(data.axis.values, shown_axes(result))
     motion = [relative_velocity(scene, grasp, np.hstack(x)) for x in zip(q[:rows], v[:rows], strict=True)]
     velocity = np.array([linear for linear, _ in motion])
     turning = np.array([np.linalg.norm(spin) for _, spin in motion])
-    whole = np.full(len(time), np.nan)
+    misalignment = np.full(len(time), np.nan)
     if "grasp_misalignment" in data:
-        whole = np.linalg.norm(data.grasp_misalignment.sel(grasp=grasp.name).values, axis=-1)
-    misaligned = whole[:rows]
+        misalignment = np.linalg.norm(data.grasp_misalignment.sel(grasp=grasp.name).values, axis=-1)
+    misaligned = misalignment[:rows]
     turned = _mating_axes(scene, grasp, q[:rows])
     gap, velocity = (np.einsum("tji,tj->ti", turned, part) for part in (gap, velocity))
     if event is not None:
@@ -79,7 +76,9 @@ def approach_of(result: Result, scene: Scene, grasp: SceneGrasp, capture: Captur
         velocity = np.vstack([velocity, then.T @ event["relative_velocity_m_s"]])
         gap = np.vstack([gap, gap[-1] + passed * (velocity[-2] + velocity[-1]) / 2])
         turning = np.append(turning, np.linalg.norm(event["relative_spin_rad_s"]))
-        misaligned = np.append(misaligned, whole[rows - 1] + share * (whole[after] - whole[rows - 1]))
+        misaligned = np.append(
+            misaligned, misalignment[rows - 1] + share * (misalignment[after] - misalignment[rows - 1])
+        )
     axis = np.array(capture.axis) / np.linalg.norm(capture.axis)
     axis *= 1.0 if gap[0] @ axis <= 0 else -1.0
     to_go, closing = -gap @ axis, velocity @ axis
@@ -93,11 +92,11 @@ def approach_of(result: Result, scene: Scene, grasp: SceneGrasp, capture: Captur
 def _mating_axes(scene: Scene, grasp: SceneGrasp, q: Iterable[Array]) -> Array:
     """Rotations (nt, 3, 3) of a mating frame to the world."""
     model, data = scene.model, scene.model.createData()
-    found = []
+    rotations = []
     for configuration in q:
         pin.framesForwardKinematics(model, data, configuration)
-        found.append(data.oMf[grasp.frame].rotation.copy())
-    return np.array(found)
+        rotations.append(data.oMf[grasp.frame].rotation.copy())
+    return np.array(rotations)
 
 
 @figure(
@@ -120,9 +119,9 @@ def approach(result: Result) -> Drawing:
     ends = [float(np.hypot(curve.to_go[-1], curve.lateral[-1])) for curve in curves]
     reach = max((c.distance for c in captures if c.distance), default=max(ends)) * _CLOSE * 1e3
     rows = {
-        name: told
-        for name, told in _ROWS.items()
-        if told[2] in _ALWAYS or any(getattr(c, told[2]) for c in captures)
+        name: row_spec
+        for name, row_spec in _ROWS.items()
+        if row_spec[2] in _ALWAYS or any(getattr(c, row_spec[2]) for c in captures)
     }
     figure, axes = panels(len(rows), 2)
     for row, (name, (text, unit, key)) in zip(axes, rows.items(), strict=True):
@@ -149,9 +148,9 @@ def approach(result: Result) -> Drawing:
         # least and greatest value of the close view: of what lies in it, and of the envelope
         limit = max(limits, default=np.inf)
         close = [getattr(c, name)[np.abs(c.to_go) * 1e3 <= reach] * factors[1] for c in curves]
-        seen = np.clip(np.concatenate([*close, [0.0]]), -_CLOSE * limit, _CLOSE * limit)
+        range_shown = np.clip(np.concatenate([*close, [0.0]]), -_CLOSE * limit, _CLOSE * limit)
         widest = limit if np.isfinite(limit) else 0.0
-        low, high = min(float(seen.min()), -widest), max(float(seen.max()), widest)
+        low, high = min(float(range_shown.min()), -widest), max(float(range_shown.max()), widest)
         margin = 0.06 * (high - low) or 1.0
         least = low - margin if name == "closing" else 0.0
         row[1].set(title=f"{text}, close", xlim=(reach, -reach / 2), ylim=(least, high + margin))
@@ -167,7 +166,7 @@ _ROWS = {
     "misaligned": ("misalignment", "deg", "misalignment_deg"),
     "turning": ("relative spin", "deg/s", "spin_deg"),
 }
-"""What is drawn: its name, its unit, and the limit of the envelope that it has."""
+"""Rows of the figure: name, unit, and limit of the envelope."""
 
 _ALWAYS = ("distance", "closing_speed", "lateral_speed")
 """Limits whose row is drawn whether they are given or not."""

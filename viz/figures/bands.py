@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from spacerobot.tables import unit_scale
 from viz.figures.campaign import BAD
-from viz.figures.style import COLOURS, Drawing, legend_above, panels, styled, unit_scale
+from viz.figures.style import COLOURS, Drawing, legend_above, panels, styled
 
 if TYPE_CHECKING:
     from optim.campaign import QuantileBands
@@ -20,10 +21,8 @@ ROOM = 4  # widths of the 5 to 95 % band that extremes may reach beyond it befor
 def bands(signal: QuantileBands) -> Drawing:
     """Percentile bands over time of every component that moves, each in its panel.
 
-    Parameters
-    ----------
-    signal
-        A signal of many samples.
+    Args:
+        signal: A signal of many samples.
     """
     moving = moving_components(signal)[:MOST_PANELS]
     factor, unit = unit_scale(signal.unit)
@@ -33,7 +32,7 @@ def bands(signal: QuantileBands) -> Drawing:
     for panel, i in zip(axes.flat, moving, strict=False):
         panel.set_title(signal.components[i])
         t, colour = signal.time, COLOURS[0]
-        least, low, median, high, greatest, shown = (
+        least, low, median, high, greatest, curve = (
             factor * part[:, i]
             for part in (signal.least, signal.low, signal.median, signal.high, signal.greatest, signal.shown)
         )
@@ -41,7 +40,7 @@ def bands(signal: QuantileBands) -> Drawing:
         panel.fill_between(t, low, high, color=colour, alpha=0.38, linewidth=0, label="5 to 95 % of them")
         panel.plot(t, median, color=colour, linewidth=1.3, label="median")
         worst = f"worst sample, {signal.sample}"
-        panel.plot(t, shown, color=COLOURS[1], linewidth=1.0, linestyle=(0, (4, 1.5)), label=worst)
+        panel.plot(t, curve, color=COLOURS[1], linewidth=1.0, linestyle=(0, (4, 1.5)), label=worst)
         if not np.isfinite(median).any():
             continue
         bottom, top = float(np.nanmin(low)), float(np.nanmax(high))
@@ -51,9 +50,9 @@ def bands(signal: QuantileBands) -> Drawing:
         cut = [f"{value:.3g}" for value, outside in ends if outside]
         if cut:
             panel.set_ylim(max(bottom - room, lowest) - 0.05 * room, min(top + room, highest) + 0.05 * room)
-            told = f"cut; reaches {' and '.join(cut)}"
+            text = f"cut; reaches {' and '.join(cut)}"
             panel.annotate(
-                told, (0.98, 0.96), xycoords="axes fraction", fontsize=7, color=BAD, ha="right", va="top"
+                text, (0.98, 0.96), xycoords="axes fraction", fontsize=7, color=BAD, ha="right", va="top"
             )
     for panel in axes.flat[len(moving) :]:
         panel.set_axis_off()

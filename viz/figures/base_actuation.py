@@ -10,7 +10,7 @@ from spacerobot.result import Result
 from viz.drawing.motion import BodyMotion
 from viz.drawing.view import View
 from viz.figures.kind import figure
-from viz.figures.style import Drawing, called, legend_over, line, panels, shown_axes, styled, until
+from viz.figures.style import Drawing, legend_over, line, panels, shown_axes, styled, until
 
 
 @figure(
@@ -29,7 +29,7 @@ def base_control(result: Result) -> Drawing:
         data, about = result.data, ["z"] if "body_angle" in result.data else ["x", "y", "z"]
         held = _is_held(result, body)
         text = "attitude error" if held else "rotation since the start"
-        panel.set(title=f"{called(body)}, {text}", ylabel=f"{text} [deg]")
+        panel.set(title=f"{result.scenario.body_label(body)}, {text}", ylabel=f"{text} [deg]")
         angle = data["base_attitude_error" if held else "body_rotation"].sel(body=body)
         for k, axis in enumerate(about):
             values = np.degrees(angle.sel(axis=axis).values)
@@ -47,9 +47,11 @@ def base_control(result: Result) -> Drawing:
             names = [name.partition(".")[2] for name in jets]
             panel.set_yticks(np.arange(len(jets)) + 0.4, names, fontsize=7)
             spent = float(data.propellant.sel(body=body)[-1]) * 1e3
-            panel.set_title(f"{called(body)}, thrusters up to {most:.3g} N, {spent:.3g} g in all")
+            panel.set_title(
+                f"{result.scenario.body_label(body)}, thrusters up to {most:.3g} N, {spent:.3g} g in all"
+            )
         else:
-            panel.set(title=f"{called(body)}, torques of wheels", ylabel="torque [N m]")
+            panel.set(title=f"{result.scenario.body_label(body)}, torques of wheels", ylabel="torque [N m]")
             for k, wheel in enumerate(wheels):
                 torque = data.wheel_torque.sel(wheel=wheel).values
                 panel.plot(time, torque, **line(k), label=wheel.partition("/")[2])
@@ -74,8 +76,8 @@ def _is_held(result: Result, body: str) -> bool:
 
 def _labels(result: Result, kind: str, body: str) -> list[str]:
     """Thrusters or wheels of a body."""
-    own = result.data[kind].values if kind in result.data.dims else ()
-    return [str(label) for label in own if str(label).startswith(f"{body}/")]
+    names = result.data[kind].values if kind in result.data.dims else ()
+    return [str(label) for label in names if str(label).startswith(f"{body}/")]
 
 
 @figure(
@@ -92,7 +94,7 @@ def relative_orbit(result: Result) -> Drawing:
     for panel, (axis, name) in zip(axes.flat, sides, strict=True):
         for k, body in enumerate(map(str, data.body.values)):
             place = data.hill_position.sel(body=body).values
-            panel.plot(place[:, 1], place[:, axis], **line(k), label=called(body))
+            panel.plot(place[:, 1], place[:, axis], **line(k), label=result.scenario.body_label(body))
             panel.plot(*place[0, [1, axis]], "o", color=line(k)["color"], markersize=4)
         panel.set(xlabel="along-track [m]", ylabel=f"{name} [m]", title=f"{name}, from the dot on")
         legend_over(panel)

@@ -10,13 +10,13 @@ from matplotlib.axes import Axes
 from spacerobot.arrays import Array
 from spacerobot.result import Result
 from viz.figures.kind import figure
+from viz.figures.labels import labels_of
 from viz.figures.phases import mark_phases
 from viz.figures.style import (
     COLOURS,
     DASHES,
     Drawing,
     below_last,
-    labels_of,
     legend_above,
     legend_over,
     line,
@@ -61,8 +61,10 @@ def object_motion(*results: Result) -> Drawing:
     """Rotation and translation of the object since the start (Fig. 6); dashes tell results apart."""
     figure, axes = panels(1, 2, height_in=2.5)
     _overlay(axes[0], results, "target")
-    axes[0, 0].set_title("(a) object rotation")
-    axes[0, 1].set_title("(b) object translation")
+    names = {result.scenario.body_label("target") for result in results}
+    name = names.pop() if len(names) == 1 else "object"
+    axes[0, 0].set_title(f"(a) rotation of {name}")
+    axes[0, 1].set_title(f"(b) translation of {name}")
     for panel in axes.flat:
         # what stands in one column is one result's
         legend_over(panel, columns=3 if len(results) == 1 else min(len(results), 2))
@@ -117,8 +119,8 @@ def grip_forces(result: Result) -> Drawing:
     grasps = [str(grasp) for grasp in data.grasp.values]
     figure, axes = panels(len(grasps), len(quantities), sharex=True, sharey="col")
     for row, grasp in zip(axes, grasps, strict=True):
-        for panel, (variable, text, unit, scale, shown) in zip(row, quantities, strict=True):
-            for name in shown:
+        for panel, (variable, text, unit, scale, unit_label) in zip(row, quantities, strict=True):
+            for name in unit_label:
                 look = line("xyz".index(name))
                 values = data[variable].sel(grasp=grasp, axis=name).values * scale
                 panel.plot(data.time.values, values, **look, label=name)

@@ -24,17 +24,12 @@ BAD, BEYOND = "#B00020", "#FBE9EA"
 class SampleSpread:
     """A number of many samples.
 
-    Attributes
-    ----------
-    samples
-        By name of the design: values (n,); NaN or infinite where a rollout diverged or has no such value, as
-        the time of a missed capture, which counts as worse than any value.
-    quantity, unit
-        What the values are.
-    limit
-        A value to stay below, if there is one.
-    missing
-        Reason for missing values, in a word or two.
+    Attributes:
+        samples: By name of the design: values (n,); NaN or infinite where a rollout diverged or has no such
+            value, as the time of a missed capture, which counts as worse than any value.
+        quantity, unit: What the values are.
+        limit: A value to stay below, if there is one.
+        missing: Reason for missing values, in a word or two.
     """
 
     samples: Mapping[str, ArrayLike]
@@ -50,10 +45,8 @@ def robustness(
 ) -> Drawing:
     """Share of perturbed runs that stay below a value, for each design; medians and 95 % marked.
 
-    Parameters
-    ----------
-    samples, quantity, unit, limit
-        As those of :class:`SampleSpread`.
+    Args:
+        samples, quantity, unit, limit: As those of :class:`SampleSpread`.
     """
     figure, axes = panels(1, 1, height_in=2.2 + 0.17 * len(samples))  # the legend has a line for each
     _draw(axes[0, 0], SampleSpread(samples, quantity, unit, limit), numbers=True)
@@ -65,10 +58,8 @@ def robustness(
 def distributions(spreads: Sequence[SampleSpread]) -> Drawing:
     """The same for several quantities, each in its panel.
 
-    Parameters
-    ----------
-    spreads
-        One for each panel, all of the same designs.
+    Args:
+        spreads: One for each panel, all of the same designs.
     """
     columns = min(2, len(spreads))
     rows = -(-len(spreads) // columns)
@@ -85,9 +76,10 @@ def distributions(spreads: Sequence[SampleSpread]) -> Drawing:
 
 def _draw(panel: Axes, spread: SampleSpread, *, numbers: bool) -> None:
     """Curves of one quantity; with their numbers in the legend, or at their marks."""
-    drawn = [np.asarray(values, dtype=np.float64) for values in spread.samples.values()]
-    alone = len(drawn) == 1
-    for k, (name, values) in enumerate(zip(spread.samples, drawn, strict=True)):
+    sample_values = [np.asarray(values, dtype=np.float64) for values in spread.samples.values()]
+    labels: list[tuple[str, float, float]] = []
+    alone = len(sample_values) == 1
+    for k, (name, values) in enumerate(zip(spread.samples, sample_values, strict=True)):
         finite = np.sort(values[np.isfinite(values)])
         share = np.arange(1, len(finite) + 1) / max(len(values), 1)
         # Percentiles of all runs, where enough have not diverged.
@@ -105,8 +97,7 @@ def _draw(panel: Axes, spread: SampleSpread, *, numbers: bool) -> None:
             value = marks[level]
             panel.plot(value, level, "o", color=COLOURS[k % len(COLOURS)], markersize=4)
             if alone and not numbers:
-                told = f"  {100 * level:g} % below {text}"
-                panel.annotate(told, (value, level), fontsize=7, va="top", color="0.25")
+                labels.append((f"  {100 * level:g} % below {text}  ", value, level))
         if 0 < len(finite) < len(values) and not numbers:
             # Say at the right edge where a curve ends short of all runs because some have no value.
             end = len(finite) / len(values)
@@ -115,7 +106,7 @@ def _draw(panel: Axes, spread: SampleSpread, *, numbers: bool) -> None:
             panel.axhline(end, color=colour, linewidth=0.8, linestyle=":")
             edge: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "bottom"}
             panel.annotate(f"{lost} {spread.missing}", (1, end), fontsize=7, color=colour, **edge)
-    every = np.concatenate(drawn) if drawn else np.empty(0)
+    every = np.concatenate(sample_values) if sample_values else np.empty(0)
     if np.isfinite(every).any():
         _scale(panel, every[np.isfinite(every)], spread)
     elif len(every):
@@ -123,6 +114,13 @@ def _draw(panel: Axes, spread: SampleSpread, *, numbers: bool) -> None:
         centre: dict[str, Any] = {"xycoords": "axes fraction", "ha": "center", "va": "center"}
         panel.annotate(f"all of {len(every)} {spread.missing}", (0.5, 0.5), **centre, color=BAD)
     panel.set_ylim(0, 1.04)
+    for told, value, level in labels:
+        # on the side of the mark where there is more room
+        across = panel.transAxes.inverted().transform(panel.transData.transform((value, level)))[0]
+        place: dict[str, Any] = (
+            {"ha": "left", "va": "top"} if across < 0.55 else {"ha": "right", "va": "center"}
+        )
+        panel.annotate(told, (value, level), fontsize=7, color="0.25", **place)
     panel.yaxis.set_major_formatter(PercentFormatter(1.0))
     panel.set(
         xlabel=f"{spread.quantity} [{spread.unit}]" if numbers else f"[{spread.unit}]",
@@ -153,7 +151,7 @@ def _scale(panel: Axes, finite: Array, spread: SampleSpread) -> None:
         panel.set_xlim(reach[0] - room, reach[1] + room)
     if limit is None:
         return
-    told = f"limit {limit:g} {spread.unit}"
+    text = f"limit {limit:g} {spread.unit}"
     far = 10 if wide else FAR
     if reach[0] / far <= limit <= reach[1] * far:
         panel.axvline(limit, color=BAD, linewidth=0.9, linestyle="--")
@@ -161,9 +159,9 @@ def _scale(panel: Axes, finite: Array, spread: SampleSpread) -> None:
         panel.axvspan(limit, end, color=BEYOND, zorder=0, linewidth=0)
         panel.set_xlim(right=end)
         place: dict[str, Any] = {"xy": (limit, 0.03), "xycoords": ("data", "axes fraction"), "ha": "right"}
-        panel.annotate(f"{told} ", **place, fontsize=7, color=BAD, rotation=90, va="bottom")
+        panel.annotate(f"{text} ", **place, fontsize=7, color=BAD, rotation=90, va="bottom")
     else:
         right = limit > reach[1]
-        told = f"{told}, far to the right →" if right else f"← {told}, far to the left"
+        text = f"{text}, far to the right →" if right else f"← {text}, far to the left"
         place = {"xy": (0.99 if right else 0.01, 0.03), "xycoords": "axes fraction"}
-        panel.annotate(told, **place, fontsize=7, color=BAD, ha="right" if right else "left", va="bottom")
+        panel.annotate(text, **place, fontsize=7, color=BAD, ha="right" if right else "left", va="bottom")

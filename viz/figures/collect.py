@@ -24,26 +24,21 @@ def draw_all(
 ) -> Iterator[tuple[str, FigureKind, Drawing]]:
     """File name, kind and drawing of every figure.
 
-    Parameters
-    ----------
-    results
-        One, or several to compare. Figures that compare show all of them; the others are drawn of each, from
-        the second on with ``_2`` and so on behind their names.
-    names
-        Names of the kinds wanted; all if not given.
+    Args:
+        results: One, or several to compare. Figures that compare show all of them; the others are drawn of
+            each, from the second on with ``_2`` and so on behind their names.
+        names: Names of the kinds wanted; all if not given.
 
-    Raises
-    ------
-    ResultError
-        If there is no figure of a wanted name, or some results are planar and others spatial.
+    Raises:
+        ResultError: If there is no figure of a wanted name, or some results are planar and others spatial.
     """
     check_comparable(results)
     common = with_common_tips(results)
-    known = figure_kinds()
+    kinds = figure_kinds()
     for name in names or ():
-        if all(kind.name != name for kind in known):
-            raise ResultError(f"no figure {name!r}; {near_names(name, [kind.name for kind in known])}")
-    for kind in known:
+        if all(kind.name != name for kind in kinds):
+            raise ResultError(f"no figure {name!r}; {near_names(name, [kind.name for kind in kinds])}")
+    for kind in kinds:
         if names is not None and kind.name not in names:
             continue
         if kind.compares:
@@ -58,10 +53,8 @@ def draw_all(
 def check_comparable(results: Sequence[Result]) -> None:
     """Refuse planar results together with spatial ones, which have other axes.
 
-    Raises
-    ------
-    ResultError
-        If there are both.
+    Raises:
+        ResultError: If there are both.
     """
     first = results[0]
     for other in results[1:]:
@@ -77,9 +70,9 @@ def check_comparable(results: Sequence[Result]) -> None:
 def with_common_tips(results: Sequence[Result]) -> tuple[Result, ...]:
     """Results with the data of the tips that all of them have, in the first one's order; none without any."""
     tips = [list(result.data.tip.values) for result in results]
-    if all(own == tips[0] for own in tips):
+    if all(tips_of_one == tips[0] for tips_of_one in tips):
         return tuple(results)
-    common = [tip for tip in tips[0] if all(tip in own for own in tips)]
+    common = [tip for tip in tips[0] if all(tip in tips_of_one for tips_of_one in tips)]
     return tuple(replace(r, data=r.data.sel(tip=common)) for r in results) if common else ()
 
 
@@ -93,16 +86,12 @@ def save_figures(
 ) -> list[Path]:
     """Write all figures of a result, or of several compared, as wide as one column of a journal or two.
 
-    Returns
-    -------
-    list of paths
-        The files.
+    Returns:
+        list of paths: The files.
 
-    Raises
-    ------
-    ResultError
-        If a format, figure or width is not known, the results cannot be compared, or a file cannot be
-        written.
+    Raises:
+        ResultError: If a format, figure or width is not known, the results cannot be compared, or a file
+            cannot be written.
     """
     with drawn_for(width):
         drawings = ((name, drawing) for name, _, drawing in draw_all(result, *others, names=names))

@@ -19,10 +19,8 @@ PROFILES = "data_profiles"
 def write_figures(data: Data, folder: Path) -> None:
     """Write the data profiles to ``figures``, and each problem's figures to ``problem/figures``, as SVG.
 
-    Raises
-    ------
-    ResultError
-        If a file cannot be written.
+    Raises:
+        ResultError: If a file cannot be written.
     """
     profiles = data["profiles"]
     if profiles["methods"]:

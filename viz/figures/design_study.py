@@ -18,24 +18,24 @@ TANGENT = 0.35
 def study(data: Mapping[str, Any]) -> Drawing:
     """Least cost over each variable, the others as found; a tangent at each design, refused ones at the edge.
 
-    Parameters
-    ----------
-    data
-        What stands in ``design.json``.
+    Args:
+        data: What stands in ``design.json``.
     """
     names = list(data["variables"])
     figure, axes = panels(1, len(names), height_in=2.8)
     for k, (panel, name) in enumerate(zip(axes[0], names, strict=True)):
-        told, sweep = data["variables"][name], data["sweeps"][name]
+        variable, sweep = data["variables"][name], data["sweeps"][name]
         good = [trial for trial in sweep if not trial["failure"]]
         places = [trial["values"][k] for trial in good]
         costs = [trial["cost"] for trial in good]
         panel.plot(places, costs, "o", markersize=3.5, color=COLOURS[0], label="optimal cost")
-        panel.plot(told["found"], data["cost"]["found"], "*", markersize=9, color=COLOURS[1], label="found")
+        panel.plot(
+            variable["found"], data["cost"]["found"], "*", markersize=9, color=COLOURS[1], label="found"
+        )
         steps = [b["values"][k] - a["values"][k] for a, b in itertools.pairwise(sweep)]
         for place, cost, trial in zip(places, costs, good, strict=True):
-            own = sweep.index(trial)
-            half = TANGENT * min(steps[max(own - 1, 0) : own + 1])
+            best_index = sweep.index(trial)
+            half = TANGENT * min(steps[max(best_index - 1, 0) : best_index + 1])
             away = np.linspace(-half, half, 9)  # no straight line over a log scale
             label = "slope" if trial is good[0] else None
             tangent = cost + away * trial["slopes"][k]
@@ -43,12 +43,12 @@ def study(data: Mapping[str, Any]) -> Drawing:
         for trial in sweep:
             if trial["failure"]:
                 panel.axvline(trial["values"][k], color="#B00020", linewidth=0.9, linestyle=":")
-        if told["scale"] == "log":
+        if variable["scale"] == "log":
             panel.set_xscale("log")
-            panel.set_xticks(np.geomspace(told["lower"], told["upper"], 3))
+            panel.set_xticks(np.geomspace(variable["lower"], variable["upper"], 3))
             panel.xaxis.set_major_formatter("{x:.3g}")
             panel.xaxis.set_minor_formatter("")
-        unit = "" if told["unit"] == "1" else f" [{told['unit']}]"
+        unit = "" if variable["unit"] == "1" else f" [{variable['unit']}]"
         panel.set(xlabel=f"{name.replace('_', ' ')}{unit}", ylabel="optimal cost" if k == 0 else "")
     axes[0, 0].set_title(f"{data['scenario']}: optimal cost by design")
     legend_over(axes[0, 0], columns=3)

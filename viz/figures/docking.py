@@ -14,7 +14,10 @@ from viz.drawing.motion import BodyMotion, Rows, bounds, extremes, pick_rows, sa
 from viz.drawing.projection import draw_ghosts, draw_nodes, fit
 from viz.drawing.view import View, view_of
 from viz.figures.kind import figure
-from viz.figures.style import COLOURS, TALLEST_IN, Drawing, called, is_narrow, styled, width_in
+from viz.figures.style import COLOURS, TALLEST_IN, Drawing, is_narrow, styled, width_in
+
+_NAME_PT = 13.0
+"""Distance of the object's name from its middle."""
 
 
 @figure("The motion, frame by frame", printed="Fig. 8", place=5)
@@ -30,14 +33,10 @@ def docking(result: Result, *, frames: int = 6) -> Drawing:
 def strip(result: Result, rows: Rows, words: Sequence[str] = ()) -> Drawing:
     """The scene at rows of a result's data, in reading order, each with its time and what it is.
 
-    Parameters
-    ----------
-    result
-        What is drawn.
-    rows
-        Of its data, ascending.
-    words
-        What happens at each; nothing is written where there are none.
+    Args:
+        result: What is drawn.
+        rows: Of its data, ascending.
+        words: What happens at each; nothing is written where there are none.
     """
     scene = result.scene()
     view = view_of(result, scene)
@@ -100,15 +99,20 @@ def draw_frame(
 
 
 def draw_names(panel: Axes, motion: BodyMotion, frame: int, view: View) -> None:
-    """Names of robots on their bases, and of the object beside it."""
+    """Names of robots on their bases, and of the object above it, or below it at the top of the panel."""
+    bottom, top = panel.get_ylim()
+    drawing = panel.get_figure(root=True)
+    height_pt = 72 * panel.get_position().height * (drawing.get_figheight() if drawing else 1.0)
     for k, node in enumerate(motion.nodes):
         if not node.is_base:
             continue
-        held = node.body == "target"
+        across, up = view.flat(motion.position[frame, k])
+        room_pt = (top - up) / (top - bottom) * height_pt
+        offset_pt = 0 if node.body != "target" else _NAME_PT if room_pt > 1.7 * _NAME_PT else -_NAME_PT
         panel.annotate(
-            called(node.body),
-            tuple(view.flat(motion.position[frame, k])),
-            xytext=(0, 13) if held else (0, 0),
+            node.label,
+            (across, up),
+            xytext=(0, offset_pt),
             textcoords="offset points",
             ha="center",
             va="center",

@@ -1,4 +1,4 @@
-"""How far one number of a scenario can be raised: optimal cost, use of limits, and least violations."""
+"""Feasible range of one number of a scenario: optimal cost, use of limits, and least violations."""
 
 from __future__ import annotations
 
@@ -18,11 +18,9 @@ REFUSED = "#B00020"
 def feasible_range(data: Mapping[str, Any]) -> Drawing:
     """Optimal cost with its slopes, and the share of limits that drives use; infeasible values as lines.
 
-    Parameters
-    ----------
-    data
-        ``scenario``, ``axis`` (label of the number) and ``rows``: for each ``value`` whether it is
-        ``feasible``; then ``cost``, ``slope`` and ``used`` (share of its limit by drive).
+    Args:
+        data: ``scenario``, ``axis`` (label of the number) and ``rows``: for each ``value`` whether it is
+            ``feasible``; then ``cost``, ``slope`` and ``used`` (share of its limit by drive).
     """
     figure, axes = panels(1, 2, height_in=2.8)
     rows = sorted(data["rows"], key=lambda row: float(row["value"]))

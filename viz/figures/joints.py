@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from spacerobot.result import Result
+from spacerobot.tables import unit_scale
 from viz.figures.kind import figure
-from viz.figures.style import COLOURS, DASHES, Drawing, legend_beside, panels, styled, unit_scale, until
+from viz.figures.style import COLOURS, DASHES, Drawing, legend_beside, panels, styled, until
 
 _NAME_IN = 0.17
 """Height of a joint's name in the legend."""
@@ -32,8 +33,8 @@ def joints(result: Result) -> Drawing:
                 # the colours come round again with other dashes
                 dashes = DASHES[(k + k // len(COLOURS)) % len(DASHES)]
                 look = {"color": COLOURS[k % len(COLOURS)], "linestyle": dashes, "linewidth": 1.1}
-                shown = values.sel(joint=joint).values * scale
-                panel.plot(result.data.time.values, shown, label=joint.partition("/")[2], **look)
+                curve = values.sel(joint=joint).values * scale
+                panel.plot(result.data.time.values, curve, label=joint.partition("/")[2], **look)
             turns = result.data.joint_position.attrs["units"] == "rad"
             quantity = {"deg": "angle", "N m": "torque"}.get(unit, values.attrs["long_name"])
             title = f"{robot}, {text if turns else values.attrs['long_name']}"

@@ -19,22 +19,14 @@ Draw = TypeVar("Draw", bound=Callable[..., Any])
 class FigureKind:
     """A kind of figure.
 
-    Attributes
-    ----------
-    name
-        Of its files.
-    title
-        What it shows, for people.
-    draw
-        Draws it from one result, or from several if it compares.
-    compares
-        Whether it takes several results.
-    applies
-        Whether a result has what it shows.
-    printed
-        Figure of the paper that shows the same of the paper's robots, if any.
-    place
-        Its place among all figures.
+    Attributes:
+        name: Of its files.
+        title: What it shows, for people.
+        draw: Draws it from one result, or from several if it compares.
+        compares: Whether it takes several results.
+        applies: Whether a result has what it shows.
+        printed: Figure of the paper that shows the same of the paper's robots, if any.
+        place: Its place among all figures.
     """
 
     name: str
@@ -49,17 +41,12 @@ class FigureKind:
 def figure(title: str, **options: Any) -> Callable[[Draw], Draw]:
     """Decorator that registers a function as a kind of figure under the function's name.
 
-    Parameters
-    ----------
-    title
-        What it shows, for people.
-    **options
-        ``compares``, ``applies``, ``printed`` and ``place`` of :class:`FigureKind`.
+    Args:
+        title: What it shows, for people.
+        **options: ``compares``, ``applies``, ``printed`` and ``place`` of :class:`FigureKind`.
 
-    Raises
-    ------
-    SpaceRobotError
-        If another figure has its name.
+    Raises:
+        SpaceRobotError: If another figure has its name.
     """
 
     def add(draw: Draw) -> Draw:

@@ -13,7 +13,7 @@ from spacerobot.arrays import Array
 from spacerobot.result import Result
 from spacerobot.result.ledger import SMALLEST, kept_momentum, work_text, works_of
 from viz.figures.kind import figure
-from viz.figures.style import Drawing, called, legend_over, line, panels, styled, until
+from viz.figures.style import Drawing, legend_over, line, panels, styled, until
 
 _ALWAYS = ("work_actuator", "work_joint")
 _NONE_J = 1e-12  # below, a work is rounding: grips without dampers, or rigid ones
@@ -35,15 +35,15 @@ def ledger(result: Result) -> Drawing:
     legend_over(panel, columns=2)
     # drift of the momenta and open energy, each relative to the largest of its kind
     panel, conserved = axes[1, 1], result.summary["ledger"]["momentum"]["conserved"]
-    shown = {kind: relative_drift(result, kind) for kind in (("linear", "angular") if conserved else ())}
+    drifts = {kind: relative_drift(result, kind) for kind in (("linear", "angular") if conserved else ())}
     stored = data.energy_kinetic + data.energy_spring + data.energy_potential
     sizes = [stored_change(result), stored.values, *(work.values for work in works_of(data))]
     largest = max(float(np.abs(size).max()) for size in sizes)
-    shown["energy"] = np.abs(energy_astray(result)) / (largest or 1.0)
-    for k, (name, values) in enumerate(shown.items()):
+    drifts["energy"] = np.abs(energy_astray(result)) / (largest or 1.0)
+    for k, (name, values) in enumerate(drifts.items()):
         # rounding apart, nothing is open at the start: zeros do not show on a logarithmic axis
         panel.plot(data.time.values, np.where(values > 0, values, np.nan), **line(k), label=name)
-    if not any(np.any(values > 0) for values in shown.values()):
+    if not any(np.any(values > 0) for values in drifts.values()):
         panel.text(0.5, 0.5, "nothing: exactly zero", transform=panel.transAxes, ha="center")
     panel.set_yscale("log")
     panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.0e}"))
@@ -64,11 +64,11 @@ def _momentum(panel: Axes, result: Result, kind: str) -> None:
     axis = int(np.abs(bodies.values).max(axis=(0, 1)).argmax())
     for k, body in enumerate(data.body.values):
         values = bodies.sel(body=body).values[:, axis]
-        panel.plot(data.time.values, values, **line(k), label=called(str(body)))
+        panel.plot(data.time.values, values, **line(k), label=result.scenario.body_label(str(body)))
     panel.plot(data.time.values, total.values[:, axis], color="black", linewidth=2, label="all together")
     if f"impulse_{kind}" in data:
-        given = data[f"impulse_{kind}"].values[:, axis]
-        panel.plot(data.time.values, given, **line(data.sizes["body"]), label="given from outside")
+        impulse = data[f"impulse_{kind}"].values[:, axis]
+        panel.plot(data.time.values, impulse, **line(data.sizes["body"]), label="given from outside")
     name = str(data.axis.values[axis])
     label = f"{kind} momentum {name} [{total.attrs['units']}]"
     panel.set(title=f"{kind} momentum, {name}", ylabel=label)

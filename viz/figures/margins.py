@@ -35,12 +35,9 @@ def _responses(
 def bode(linear: LinearSystem, loops: tuple[LoopMargins, ...], title: str) -> Drawing:
     """Gain and phase of broken loops over frequency.
 
-    Parameters
-    ----------
-    linear, loops
-        The closed loop at an instant, and its margins.
-    title
-        Above it.
+    Args:
+        linear, loops: The closed loop at an instant, and its margins.
+        title: Above it.
     """
     figure, axes = panels(2, 1, height_in=2.2, sharex=True)
     for k, (name, frequency, gain, phase) in enumerate(_responses(linear, loops)):
@@ -59,12 +56,9 @@ def bode(linear: LinearSystem, loops: tuple[LoopMargins, ...], title: str) -> Dr
 def nichols(linear: LinearSystem, loops: tuple[LoopMargins, ...], title: str) -> Drawing:
     """Gain over phase of broken loops, and the disk that the one with the least margin does not enter.
 
-    Parameters
-    ----------
-    linear, loops
-        As for :func:`bode`.
-    title
-        Above it.
+    Args:
+        linear, loops: As for :func:`bode`.
+        title: Above it.
     """
     figure, axes = panels(1, 1, height_in=3.6)
     panel = axes[0, 0]
@@ -84,17 +78,14 @@ def nichols(linear: LinearSystem, loops: tuple[LoopMargins, ...], title: str) ->
 
 
 @styled
-def margins_along(found: MarginAnalysis, title: str) -> Drawing:
+def margins_along(analysis: MarginAnalysis, title: str) -> Drawing:
     """Disk and phase margins of the least stable loops over time, captures and releases marked.
 
-    Parameters
-    ----------
-    found
-        Margins at instants along a simulation.
-    title
-        Above it.
+    Args:
+        analysis: Margins at instants along a simulation.
+        title: Above it.
     """
-    data = found.to_xarray()
+    data = analysis.to_xarray()
     least = data.disk.min("instant")
     names = [str(name) for name in least.sortby(least).loop.values if float(least.sel(loop=name)) < 2][
         :MOST_LOOPS
@@ -105,7 +96,7 @@ def margins_along(found: MarginAnalysis, title: str) -> Drawing:
     ):
         for k, loop in enumerate(names):
             panel.plot(data.time.values, data[name].sel(loop=loop).values, **line(k), label=loop)
-        for time_s, kind in found.events:
+        for time_s, kind in analysis.events:
             panel.axvline(
                 time_s, color="#B00020" if kind == "captured" else "0.4", linewidth=0.9, linestyle=":"
             )
@@ -116,29 +107,23 @@ def margins_along(found: MarginAnalysis, title: str) -> Drawing:
     return figure
 
 
-def write_margins(found: MarginAnalysis, title: str, folder: Path) -> None:
+def write_margins(analysis: MarginAnalysis, title: str, folder: Path) -> None:
     """Write Bode and Nichols diagrams at each of few instants, or margins over many, to ``figures``.
 
-    Parameters
-    ----------
-    found
-        Margins at instants.
-    title
-        Above the diagrams.
-    folder
-        Where ``figures`` is.
+    Args:
+        analysis: Margins at instants.
+        title: Above the diagrams.
+        folder: Where ``figures`` is.
 
-    Raises
-    ------
-    ResultError
-        If a file cannot be written.
+    Raises:
+        ResultError: If a file cannot be written.
     """
-    if len(found.loops) > MOST_LOOPS:
-        drawings = [("margins_along", margins_along(found, title))]
+    if len(analysis.loops) > MOST_LOOPS:
+        drawings = [("margins_along", margins_along(analysis, title))]
     else:
         drawings = [
             (f"{name}_{k + 1}", draw(linear, loops, f"{title}, {linear.label}"))
-            for k, (linear, loops) in enumerate(zip(found.linearisations, found.loops, strict=True))
+            for k, (linear, loops) in enumerate(zip(analysis.linearisations, analysis.loops, strict=True))
             for name, draw in (("bode", bode), ("nichols", nichols))
         ]
-    write_drawings(drawings, folder / "figures")
+    write_drawings(drawings, folder / "figures", ("pdf", "png", "svg"))

@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from viz.figures.style import COLOURS, Drawing, legend_over, panels, styled, unit_scale
+from spacerobot.tables import unit_scale
+from viz.figures.style import COLOURS, Drawing, legend_over, panels, styled
 
 
 @styled
 def front(data: Mapping[str, Any]) -> Drawing:
     """One term over the other: plans on the front as a line, dominated ones hollow, refused ones at the edge.
 
-    Parameters
-    ----------
-    data
-        What stands in ``front.json``.
+    Args:
+        data: What stands in ``front.json``.
     """
     figure, axes = panels(1, 1, height_in=2.8)
     panel, names = axes[0, 0], data["terms"]

@@ -19,9 +19,11 @@ _MARKS = {"captured": "#4F8F77", "released": "#8C96A0", "slipped": "#B05A4A"}
 
 def phases_of(result: Result) -> list[tuple[str, float, float]]:
     """Name, begin and end [s] of each phase in turn; none where the scenario has none."""
-    begun = [(name, 0.0) for name in list(result.scenario.phases)[:1]]
-    begun += [(e["who"], e["time_s"]) for e in result.summary.get("events", ()) if e["kind"] == "phase"]
-    ends = [*begun, ("", float(result.data.time.values[-1]))]
+    phase_starts = [(name, 0.0) for name in list(result.scenario.phases)[:1]]
+    phase_starts += [
+        (e["who"], e["time_s"]) for e in result.summary.get("events", ()) if e["kind"] == "phase"
+    ]
+    ends = [*phase_starts, ("", float(result.data.time.values[-1]))]
     return [(name, begin, end) for (name, begin), (_, end) in pairwise(ends)]
 
 

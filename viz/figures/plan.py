@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,24 +14,21 @@ from scipy.spatial.transform import Rotation
 
 from spacerobot.arrays import Array
 from spacerobot.errors import ResultError
-from spacerobot.files import StrPath
 from spacerobot.result import Result
+from spacerobot.tables import unit_scale
 from viz.figures.phases import shade
 from viz.figures.style import (
     COLOURS,
     DASHES,
     Drawing,
-    drawn_for,
     legend_beside,
     line,
     panels,
     styled,
-    unit_scale,
-    write_drawings,
 )
 
 ACTIVE = 1e-4
-"""How near to a limit a value is to be held by it, as a part of the limits' size."""
+"""Distance from a limit below which it counts as active, as a part of the limits' size."""
 ROOM = 0.6
 """Limits are drawn no farther from the curves than this part of the curves' own range."""
 HELD: dict[str, Any] = {"marker": "s", "markersize": 3, "linestyle": "", "color": "#B00020", "zorder": 4}
@@ -45,12 +41,9 @@ FLOWN: dict[str, Any] = {"color": "black", "linewidth": 1.0, "linestyle": (0, (1
 def plan_joints(plan: xr.Dataset, flown: Result | None = None) -> Drawing:
     """Joint positions, rates and torques of each robot, with limits; active ones are marked.
 
-    Parameters
-    ----------
-    plan
-        What stands in ``plan.nc``.
-    flown
-        Result of its scenario, drawn dotted over the plan.
+    Args:
+        plan: What stands in ``plan.nc``.
+        flown: Result of its scenario, drawn dotted over the plan.
     """
     labels = [str(joint) for joint in plan.joint.values]
     robots = list(dict.fromkeys(label.partition("/")[0] for label in labels))
@@ -61,10 +54,10 @@ def plan_joints(plan: xr.Dataset, flown: Result | None = None) -> Drawing:
         for panel, (name, words) in zip(row, named, strict=True):
             scale, unit = unit_scale(plan[name].attrs["units"])
             for k, joint in enumerate(mine):
-                own = plan.sel(joint=joint)
-                time, values = plan.time.values, own[name].values * scale
+                joint_plan = plan.sel(joint=joint)
+                time, values = plan.time.values, joint_plan[name].values * scale
                 panel.plot(time, values, linewidth=1.1, label=joint.partition("/")[2], **_look(k))
-                _held(panel, time, values, own[f"{name}_limit"].values * scale)
+                _held(panel, time, values, joint_plan[f"{name}_limit"].values * scale)
             if flown is not None:
                 # the simulated motion until the plan's end, dotted
                 data = flown.data.sel(time=slice(0.0, float(plan.time.values[-1])))
@@ -90,12 +83,9 @@ def plan_bases(plan: xr.Dataset, flown: Result | None = None) -> Drawing:
     """Motion of driven bases since the start, their rates, and what drives them, with limits; active ones are
     marked.
 
-    Parameters
-    ----------
-    plan
-        What stands in ``plan.nc``, with ``base_wrench``.
-    flown
-        Result of its scenario: the motion is drawn dotted over the plan's.
+    Args:
+        plan: What stands in ``plan.nc``, with ``base_wrench``.
+        flown: Result of its scenario: the motion is drawn dotted over the plan's.
     """
     drives, rows = [str(drive) for drive in plan.drive.values], list[tuple[str, str, list[str]]]()
     for base in dict.fromkeys(drive.rpartition(".")[0] for drive in drives):
@@ -112,10 +102,10 @@ def plan_bases(plan: xr.Dataset, flown: Result | None = None) -> Drawing:
         for panel, name, unit, values in zip(
             row, names, units, (moved[:, columns], rates, wrench), strict=True
         ):
-            scale, shown = unit_scale(unit)
+            scale, unit_label = unit_scale(unit)
             for k, drive in enumerate(own):
                 panel.plot(time, values[:, k] * scale, label=drive[-1], **_look(k))
-            panel.set(title=f"base of {robot}, {name}", ylabel=f"[{shown}]", xlabel="time [s]")
+            panel.set(title=f"base of {robot}, {name}", ylabel=f"[{unit_label}]", xlabel="time [s]")
             shade(panel, _phases(plan), named=panel is axes[0, 0])
         limits = plan.base_wrench_limit.sel(drive=own).values
         for k, own_limits in enumerate(limits):
@@ -134,12 +124,9 @@ def base_motion(data: xr.Dataset, robot: str) -> tuple[Array, Array]:
 
     World axes; unwound, so that a turn goes on beyond 180 deg.
 
-    Parameters
-    ----------
-    data
-        A plan, or a result's data: configurations ``q`` by label.
-    robot
-        Whose base.
+    Args:
+        data: A plan, or a result's data: configurations ``q`` by label.
+        robot: Whose base.
     """
     labels = [str(label).removeprefix("q.") for label in data.configuration.values]
     q = data.q.values[:, [label.startswith(f"{robot}/root[") for label in labels]]
@@ -160,22 +147,20 @@ def base_motion(data: xr.Dataset, robot: str) -> tuple[Array, Array]:
 def plan_constraints(plan: xr.Dataset) -> Drawing:
     """Distances, cones and what else holds along a plan, each with its limits; active ones are marked.
 
-    Parameters
-    ----------
-    plan
-        What stands in ``plan.nc``; with ``constraint_flown``, drawn dotted over it, where it was flown.
+    Args:
+        plan: What stands in ``plan.nc``; with ``constraint_flown``, drawn dotted over it, where it was flown.
     """
     names = [str(name) for name in plan.constraint_name.values]
     figure, axes = panels(-(-len(names) // 2), min(2, len(names)), sharex=True, height_in=1.6)
     time = plan.time.values
     for panel, name in zip(axes.flat, names, strict=False):
-        own = plan.sel(constraint_name=name)
-        scale, unit = unit_scale(str(own.constraint_unit.values))
-        values, limits = own.constraint.values * scale, own.constraint_limit.values * scale
-        holds = (time >= float(own.constraint_begin) - 1e-9) & np.isfinite(values)
+        constraint = plan.sel(constraint_name=name)
+        scale, unit = unit_scale(str(constraint.constraint_unit.values))
+        values, limits = constraint.constraint.values * scale, constraint.constraint_limit.values * scale
+        holds = (time >= float(constraint.constraint_begin) - 1e-9) & np.isfinite(values)
         panel.plot(time, values, **line(0))
-        if "constraint_flown" in own:
-            panel.plot(own.flown_time.values, own.constraint_flown.values * scale, **FLOWN)
+        if "constraint_flown" in constraint:
+            panel.plot(constraint.flown_time.values, constraint.constraint_flown.values * scale, **FLOWN)
         for limit in limits[np.isfinite(limits)]:
             panel.plot(time[holds], np.full(holds.sum(), limit), color="0.35", linewidth=0.9, linestyle="--")
         _held(panel, time[holds], values[holds], limits)
@@ -193,20 +178,21 @@ def plan_constraints(plan: xr.Dataset) -> Drawing:
 def convergence(solves: list[Mapping[str, Any]]) -> Drawing:
     """Cost and greatest violation over the iterations of every run of the solver.
 
-    Parameters
-    ----------
-    solves
-        As ``plan.json`` has them.
+    The cost is shown as its distance from the run's own last cost: costs on different meshes differ.
+
+    Args:
+        solves: As ``plan.json`` has them.
     """
     figure, axes = panels(1, 2, height_in=2.3)
-    least = min(solve["cost"] for solve in solves)
     for k, solve in enumerate(solves):
         label = f"run {k + 1}: start {solve['start'] + 1}, {solve['intervals']} intervals"
         costs, violations = (np.array(solve[key], dtype=float) for key in ("costs", "violations"))
-        for panel, values in zip(axes.flat, (costs - least, violations), strict=True):
-            shown = np.where(values > 0, values, np.nan)
-            panel.plot(np.arange(len(shown)), shown, label=label, **line(k))
-    for panel, title in zip(axes.flat, ("cost above the least one found", "greatest violation"), strict=True):
+        for panel, values in zip(axes.flat, (np.abs(costs - costs[-1:]), violations), strict=True):
+            curve = np.where(values > 0, values, np.nan)
+            panel.plot(np.arange(len(curve)), curve, label=label, **line(k))
+    for panel, title in zip(
+        axes.flat, ("distance from the run's last cost", "greatest violation"), strict=True
+    ):
         panel.set(title=title, xlabel="iteration", yscale="log")
         panel.yaxis.set_major_formatter(lambda value, _: f"{value:.0e}")
     axes[0, 0].legend(fontsize=7)
@@ -226,34 +212,13 @@ def plan_figures(
     yield "convergence", convergence(summary["solver_runs"])
 
 
-def write_plan_figures(
-    plan: xr.Dataset,
-    summary: Mapping[str, Any],
-    folder: StrPath,
-    *,
-    flown: Result | None = None,
-    formats: Sequence[str] = ("pdf", "png"),
-    width: str = "double",
-) -> list[Path]:
-    """Write the figures of a plan, as wide as one column of a journal or two.
-
-    Raises
-    ------
-    ResultError
-        If a format or width is not known, a file cannot be written, or ``flown`` has none of the plan's
-        joints.
-    """
-    with drawn_for(width):
-        return write_drawings(plan_figures(plan, summary, flown), Path(folder), formats)
-
-
 def _phases(plan: xr.Dataset) -> list[tuple[str, float, float]]:
     """Name, begin and end [s] of each phase of a plan that has several; none of one that has one."""
     if "phase" not in plan:
         return []
     names, time = plan.phase.values.astype(str), plan.time.values
     spans = [(str(name), time[names == name]) for name in dict.fromkeys(names)]
-    return [(name, float(own[0]), float(own[-1])) for name, own in spans] if len(spans) > 1 else []
+    return [(name, float(times[0]), float(times[-1])) for name, times in spans] if len(spans) > 1 else []
 
 
 def _held(panel: Axes, time: Array, values: Array, limits: Array) -> None:
@@ -271,18 +236,21 @@ def _near_limits(panel: Axes, limits: Array, names: Sequence[str]) -> None:
     """
     low, high = panel.get_ylim()
     room = ROOM * (high - low)
-    for limit in np.unique(limits):
-        if not low - room <= limit <= high + room:
-            continue
-        own = np.flatnonzero((limits == limit).any(axis=1)).tolist()
-        text = f"{len(own)} joints" if len(own) > 2 else ", ".join(names[k] for k in own)
-        text = "all" if len(own) == len(names) > 1 else text
-        colour = _look(own[0])["color"] if len(own) == 1 else "0.35"
+    limits_in_range = [limit for limit in np.unique(limits) if low - room <= limit <= high + room]
+    # a name interrupts its line; names of limits near to each other take turns at the two ends
+    near = 0.07 * (max(high, *limits_in_range) - min(low, *limits_in_range)) if limits_in_range else 0.0
+    left = False
+    for k, limit in enumerate(limits_in_range):
+        left = k > 0 and limit - limits_in_range[k - 1] < near and not left
+        rows = np.flatnonzero((limits == limit).any(axis=1)).tolist()
+        text = f"{len(rows)} joints" if len(rows) > 2 else ", ".join(names[k] for k in rows)
+        text = "all" if len(rows) == len(names) > 1 else text
+        colour = _look(rows[0])["color"] if len(rows) == 1 else "0.35"
         panel.axhline(limit, color=colour, linewidth=0.9, linestyle="--")
-        inside: dict[str, Any] = {"xytext": (-1, 1), "textcoords": "offset points", "ha": "right"}
-        named = panel.annotate(
-            text, (1.0, limit), xycoords=("axes fraction", "data"), fontsize=7, color=colour, **inside
-        )
+        inside: dict[str, Any] = {"ha": "left" if left else "right", "va": "center", "fontsize": 7}
+        inside["bbox"] = {"facecolor": "white", "linewidth": 0, "pad": 0.8}
+        end = 0.02 if left else 0.98
+        named = panel.annotate(text, (end, limit), xycoords=("axes fraction", "data"), color=colour, **inside)
         named.set_in_layout(False)  # panels keep their widths however long the names are
 
 

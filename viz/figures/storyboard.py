@@ -15,7 +15,12 @@ _KINDS = ("captured", "released", "slipped")
 _APART = 0.02  # of the duration: events nearer to each other share a picture
 
 
-@figure("The instants that tell the motion: phases, captures, releases", place=5.5)
+def has_instants(result: Result) -> bool:
+    """Whether a result has phases, captures or releases."""
+    return len(phases_of(result)) > 1 or any(e["kind"] in _KINDS for e in result.summary.get("events", ()))
+
+
+@figure("The motion at its phases, captures and releases", applies=has_instants, place=5.5)
 @styled
 def storyboard(result: Result, *, instants: int = 6) -> Drawing:
     """The scene at its events, named; where there are fewer than ``instants``, also in the longest gaps."""
@@ -31,19 +36,19 @@ def chosen(result: Result, instants: int) -> tuple[list[float], list[str]]:
         (e["time_s"], what_happened(e)) for e in result.summary.get("events", ()) if e["kind"] in _KINDS
     ]
     events += [(begin, name) for name, begin, _ in phases_of(result)]
-    found: dict[float, str] = {0.0: "", end: ""}
+    labels_by_time: dict[float, str] = {0.0: "", end: ""}
     # captures and releases go before the beginnings of phases
     for time, words in events:
-        near = next((t for t in found if abs(t - time) <= _APART * end), None)
+        near = next((t for t in labels_by_time if abs(t - time) <= _APART * end), None)
         if near is not None:
-            found[near] = found[near] or words
-        elif len(found) < instants:
-            found[float(time)] = words
-    while 1 < len(found) < instants:  # a result of one instant has no gap
-        times = sorted(found)
+            labels_by_time[near] = labels_by_time[near] or words
+        elif len(labels_by_time) < instants:
+            labels_by_time[float(time)] = words
+    while 1 < len(labels_by_time) < instants:  # a result of one instant has no gap
+        times = sorted(labels_by_time)
         gaps = np.diff(times)
         widest = int(np.argmax(gaps))
         if gaps[widest] <= 0:
             break
-        found[times[widest] + gaps[widest] / 2] = ""
-    return sorted(found), [found[time] for time in sorted(found)]
+        labels_by_time[times[widest] + gaps[widest] / 2] = ""
+    return sorted(labels_by_time), [labels_by_time[time] for time in sorted(labels_by_time)]

@@ -84,7 +84,7 @@ _SMALL: Any = {
     "ytick.labelsize": 7,
     "lines.linewidth": 1.0,
 }
-"""What a figure in one column has instead: the smallest letters that journals take."""
+"""Settings of a figure in one column: the smallest letters that journals take."""
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -143,19 +143,26 @@ def lay_out(figure: Figure) -> None:
     figure.set_layout_engine(None)
 
 
+def check_formats(formats: Iterable[str]) -> None:
+    """Refuse formats that no figure can be written in.
+
+    Raises:
+        ResultError: If one is not known.
+    """
+    for form in formats:
+        if form not in FORMATS:
+            raise ResultError(f"no format {form!r}; {near_names(form, FORMATS)}")
+
+
 def write_drawings(
     drawings: Iterable[tuple[str, Figure]], folder: Path, formats: Sequence[str] = ("pdf", "png")
 ) -> list[Path]:
     """Write figures to a folder, each under its name, and return the files.
 
-    Raises
-    ------
-    ResultError
-        If a format is not known, or a file cannot be written.
+    Raises:
+        ResultError: If a format is not known, or a file cannot be written.
     """
-    for form in formats:
-        if form not in FORMATS:
-            raise ResultError(f"no format {form!r}; {near_names(form, FORMATS)}")
+    check_formats(formats)
     written = []
     for name, drawing in drawings:
         for form in formats:
@@ -183,10 +190,8 @@ def _plain_fonts() -> Iterator[None]:
 def drawn_for(width: str) -> Iterator[None]:
     """Draw figures as wide as one of :data:`WIDTHS_MM`; those in one column are at most 120 mm high.
 
-    Raises
-    ------
-    ResultError
-        If there is no such width.
+    Raises:
+        ResultError: If there is no such width.
     """
     if width not in WIDTHS_MM:
         raise ResultError(f"no width {width!r}; {near_names(width, WIDTHS_MM)}")
@@ -215,14 +220,10 @@ def panels(
     In one column they stand below each other where that leaves them high enough, else in rows and columns as
     few as do.
 
-    Parameters
-    ----------
-    rows, columns
-        How many.
-    height_in
-        Of one row, in.
-    sharex, sharey
-        Whether axes are the same in all panels, or ``"col"``: in those of a column.
+    Args:
+        rows, columns: How many.
+        height_in: Of one row, in.
+        sharex, sharey: Whether axes are the same in all panels, or ``"col"``: in those of a column.
     """
     lines, across, height = rows, columns, height_in * rows + 0.5
     if is_narrow():
@@ -321,26 +322,6 @@ def until(axes: Axes, result: Result) -> None:
     axes.axvline(end, color="#B00020", linewidth=0.9, linestyle=":")
     place: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "va": "top", "ha": "right"}
     axes.annotate(f" diverged after {end:.3g} s", (end, 0.98), color="#B00020", fontsize=7, **place)
-
-
-def labels_of(results: Sequence[Result]) -> list[str]:
-    """Short names that tell results apart: their folders' names, else their scenarios', else numbers too."""
-    names = [result.folder.resolve().name if result.folder else result.scenario.name for result in results]
-    if len(set(names)) == len(names):
-        return names
-    return [f"{name} ({k})" for k, name in enumerate(names, start=1)]
-
-
-def called(body: str) -> str:
-    """Displayed name of a body: a robot's own name, the target as ``object``."""
-    return "object" if body == "target" else body
-
-
-def unit_scale(unit: str) -> tuple[float, str]:
-    """Factor and unit in which people of the field read values: mm and degrees."""
-    return {"m": (1e3, "mm"), "rad": (180 / np.pi, "deg"), "rad/s": (180 / np.pi, "deg/s")}.get(
-        unit, (1.0, unit)
-    )
 
 
 def shown_axes(result: Result) -> list[str]:

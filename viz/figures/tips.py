@@ -13,6 +13,7 @@ from spacerobot.arrays import Array
 from spacerobot.paper import AXES, FIGURE_7_MM, FIGURE_10_MM, is_of_the_paper
 from spacerobot.result import Result
 from viz.figures.kind import figure
+from viz.figures.labels import labels_of
 from viz.figures.phases import mark_phases
 from viz.figures.style import (
     DASHES,
@@ -21,7 +22,6 @@ from viz.figures.style import (
     Drawing,
     below_last,
     is_narrow,
-    labels_of,
     legend_above,
     line,
     panels,
@@ -53,10 +53,10 @@ def tip_paths(*results: Result) -> Drawing:
     axis. Errors too small to be seen are drawn once more, enlarged.
     """
     tips = _shown(results[0])
-    shown = list(product(zip(results, labels_of(results), strict=True), planes(results)))
-    figure, axes = panels(len(shown), len(tips), height_in=3.0)
+    drawings = list(product(zip(results, labels_of(results), strict=True), planes(results)))
+    figure, axes = panels(len(drawings), len(tips), height_in=3.0)
     letters = iter(_FIGURE_5_PANELS * 4)
-    for row, ((result, label), plane) in zip(axes, shown, strict=True):
+    for row, ((result, label), plane) in zip(axes, drawings, strict=True):
         for panel, tip in zip(row, tips, strict=True):
             reference = result.data.tip_reference.sel(tip=tip).values
             actual = result.data.tip_position.sel(tip=tip).values
@@ -69,9 +69,11 @@ def tip_paths(*results: Result) -> Drawing:
             greatest = float(np.linalg.norm(result.data.tip_error.sel(tip=tip).values, axis=-1).max())
             times = enlargement(greatest, float(np.ptp(reference, axis=0).max()))
             if times > 1:
-                shown = reference + times * (actual - reference)
+                drawings = reference + times * (actual - reference)
                 look = {"linestyle": DASHES[2], "linewidth": 1.0, "color": "#444444"}
-                panel.plot(shown[:, across], shown[:, up], **look, label="actual, error enlarged", zorder=3)
+                panel.plot(
+                    drawings[:, across], drawings[:, up], **look, label="actual, error enlarged", zorder=3
+                )
             panel.plot(
                 actual[0, across], actual[0, up], "o", color="black", markersize=4, label="start", zorder=5
             )
@@ -90,9 +92,9 @@ def tip_paths(*results: Result) -> Drawing:
                 title if len(results) == 1 else f"{title}, {label}", pad=24 if is_narrow() else 16
             )
     # Let a metre be as long in all panels, each around its own middle.
-    drawn = list(axes.flat)
-    wide, high = np.max([panel.dataLim.size for panel in drawn], axis=0)
-    for panel in drawn:
+    panels_axes = list(axes.flat)
+    wide, high = np.max([panel.dataLim.size for panel in panels_axes], axis=0)
+    for panel in panels_axes:
         (left, bottom), (right, top) = panel.dataLim.min, panel.dataLim.max
         across, up = (left + right) / 2, (bottom + top) / 2
         panel.update_datalim([(across + k * wide / 2, up + k * high / 2) for k in (-1, 1)])
@@ -111,19 +113,19 @@ def planes(results: Sequence[Result]) -> list[tuple[int, int]]:
     every = [result.data.tip_reference.sel(tip=_shown(result)).values for result in results]
     reach = np.max([np.ptp(paths, axis=0).max(axis=0) for paths in every], axis=0)
     first, second, third = (int(k) for k in np.argsort(-reach, kind="stable"))
-    found = [(first, second)]
+    plane_pairs = [(first, second)]
     if reach[third] > _FLAT * reach[first]:
-        found.append((first, third))
-    return [(min(pair), max(pair)) for pair in found]
+        plane_pairs.append((first, third))
+    return [(min(pair), max(pair)) for pair in plane_pairs]
 
 
 def enlargement(error: float, reach: float) -> float:
     """Round factor by which an error [m] is seen beside a path of this reach [m]; 1 if it is seen anyway."""
     if error <= 0 or error > 0.04 * reach:
         return 1.0
-    wanted = 0.12 * reach / error
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(max(k * power for k in (1, 2, 5) if k * power <= wanted))
+    factor = 0.12 * reach / error
+    power = 10.0 ** np.floor(np.log10(factor))
+    return float(max(k * power for k in (1, 2, 5) if k * power <= factor))
 
 
 @figure("Tip errors", compares=True, applies=_leads_tips, printed="Fig. 7 and 10", place=3)
@@ -214,10 +216,10 @@ def _draw(results: Sequence[Result], error: _Error, names: Sequence[str]) -> Dra
     below_last(axes)
     if not all(result.completed for result in results):
         # keep what happened before a divergence readable: its last instants leave the panel
-        shown = [result.data[error.variable].values * error.factor for result in results]
+        errors = [result.data[error.variable].values * error.factor for result in results]
         calm = max(
             float(np.abs(v if r.completed else v[: max(2, int(0.8 * len(v)))]).max())
-            for v, r in zip(shown, results, strict=True)
+            for v, r in zip(errors, results, strict=True)
         )
         signed[0, 0].set_ylim(-2 * max(calm, 1.0), 2 * max(calm, 1.0))
     legend_above(figure, axes[0, 0], columns=3)

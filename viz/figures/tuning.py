@@ -25,20 +25,16 @@ COST = "cost [rollouts]"
 def convergence(
     runs: Mapping[str, Sequence[ArrayLike]], *, targets: Sequence[float] = (), ends: Mapping[str, Any]
 ) -> Drawing:
-    """How far above the best known value the runs of each method are, over their cost.
+    """Gap of the runs of each method to the best known value, over their cost.
 
     A panel for each method, all on the same axes: its runs from the best to the worst as a band, their median
     as a line, and the other methods' medians behind.
 
-    Parameters
-    ----------
-    runs
-        By method: for each run its cost in rollouts and its gap, relative to the best known value,
-        wherever it improved, (n, 2).
-    targets
-        Gaps that are marked.
-    ends
-        By method: cost at which each run ended (runs,).
+    Args:
+        runs: By method: for each run its cost in rollouts and its gap, relative to the best known value,
+            wherever it improved, (n, 2).
+        targets: Gaps that are marked.
+        ends: By method: cost at which each run ended (runs,).
     """
     names = list(runs)
     columns = min(4, len(names))
@@ -102,13 +98,10 @@ def running_times(
 ) -> Drawing:
     """Expected running time of each method to each target, with intervals.
 
-    Parameters
-    ----------
-    times
-        By method: for each target the expected running time, and its interval's ends, (targets, 3) in
-        rollouts. What is infinite or None is not drawn, or drawn to the panel's edge.
-    targets
-        What each target is called.
+    Args:
+        times: By method: for each target the expected running time, and its interval's ends, (targets, 3) in
+            rollouts. What is infinite or None is not drawn, or drawn to the panel's edge.
+        targets: What each target is called.
     """
     names = list(times)
     figure, axes = panels(1, len(targets), height_in=0.7 + 0.21 * len(names), sharey=True, sharex=True)
@@ -137,17 +130,16 @@ def running_times(
 def data_profiles(budgets: ArrayLike, shares: Mapping[str, Mapping[str, ArrayLike]]) -> Drawing:
     """Share of all problems, targets and runs that each method solved within a budget.
 
-    Parameters
-    ----------
-    budgets
-        In rollouts (n,).
-    shares
-        By method: ``share`` and its interval's ends ``low`` and ``high``, each (n,).
+    Args:
+        budgets: In rollouts (n,).
+        shares: By method: ``share`` and its interval's ends ``low`` and ``high``, each (n,).
     """
     figure, axes = panels(1, 1, height_in=2.9)
     panel, cost = axes[0, 0], np.asarray(budgets, dtype=np.float64)
-    for k, (name, found) in enumerate(shares.items()):
-        low, share, high = (np.asarray(found[key], dtype=np.float64) for key in ("low", "share", "high"))
+    for k, (name, shares_solved) in enumerate(shares.items()):
+        low, share, high = (
+            np.asarray(shares_solved[key], dtype=np.float64) for key in ("low", "share", "high")
+        )
         panel.fill_between(cost, low, high, color=COLOURS[k % len(COLOURS)], alpha=0.1, linewidth=0)
         panel.plot(cost, share, **line(k), label=name)
     _cost_axis(panel, float(cost[0]), float(cost[-1]))
@@ -162,18 +154,13 @@ def data_profiles(budgets: ArrayLike, shares: Mapping[str, Mapping[str, ArrayLik
 def sensitivities(
     paths: Sequence[str], values: Mapping[str, ArrayLike], *, quantity: str, most: int = 20
 ) -> Drawing:
-    """How strongly each gain acts: relative sensitivities (p / J) dJ/dp, strongest first.
+    """Influence of each gain: relative sensitivities (p / J) dJ/dp, strongest first.
 
-    Parameters
-    ----------
-    paths
-        Dotted paths of the gains (k,).
-    values
-        By name of the design at which they were taken: sensitivities (k,), without unit.
-    quantity
-        What J is.
-    most
-        How many gains are shown.
+    Args:
+        paths: Dotted paths of the gains (k,).
+        values: By name of the design at which they were taken: sensitivities (k,), without unit.
+        quantity: What J is.
+        most: How many gains are shown.
     """
     table = np.array([np.asarray(row, dtype=np.float64) for row in values.values()])
     order = np.argsort(-np.abs(table).max(axis=0), kind="stable")[:most]

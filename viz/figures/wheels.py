@@ -42,13 +42,13 @@ def wheels(result: Result) -> Drawing:
 @styled
 def momentum_budget(result: Result) -> Drawing:
     """Change of momentum of robots, wheels and object, and the impulse from outside that it all comes to."""
-    shown = [("angular", axis) for axis in (["z"] if "body_angle" in result.data else ["x", "y", "z"])]
+    components = [("angular", axis) for axis in (["z"] if "body_angle" in result.data else ["x", "y", "z"])]
     if "impulse_linear" in result.data:
-        shown = [*(("linear", axis) for axis in shown_axes(result)), *shown]
-    columns = min(3, len(shown))
-    rows = -(-len(shown) // columns)
+        components = [*(("linear", axis) for axis in shown_axes(result)), *components]
+    columns = min(3, len(components))
+    rows = -(-len(components) // columns)
     figure, axes = panels(rows, columns, sharex=True)
-    for panel, (kind, axis) in zip(axes.flat, shown, strict=False):
+    for panel, (kind, axis) in zip(axes.flat, components, strict=False):
         for k, (name, values) in enumerate(shares(result, kind, axis)):
             panel.plot(result.data.time.values, values, **line(k), label=name)
         total = result.data[f"momentum_{kind}"]
@@ -62,7 +62,7 @@ def momentum_budget(result: Result) -> Drawing:
             xlabel="time [s]",
         )
         until(panel, result)
-    for panel in axes.flat[len(shown) :]:
+    for panel in axes.flat[len(components) :]:
         panel.set_axis_off()
     legend_above(figure, axes[0, 0])
     below_last(axes)
@@ -85,7 +85,7 @@ def shares(result: Result, kind: str, axis: str) -> Iterator[tuple[str, Array]]:
     if held.any():
         parts["wheels"] = held
     if "target" in data.body.values:
-        parts["object"] = bodies.sel(body="target").values
+        parts[result.scenario.body_label("target")] = bodies.sel(body="target").values
     if f"impulse_{kind}" in data:
         parts["impulse from outside"] = data[f"impulse_{kind}"].values
     for name, values in parts.items():

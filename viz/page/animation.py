@@ -26,7 +26,7 @@ from viz.drawing.motion import (
 )
 from viz.drawing.view import first_view, view_of
 from viz.figures.collect import check_comparable
-from viz.figures.style import labels_of
+from viz.figures.labels import labels_of
 from viz.page.centres_of_mass import NO_MASSES, mass_data
 from viz.page.contacts import NO_CONTACTS, NO_GRIPS, NO_PLUMES, contact_data, grip_data, plume_data
 from viz.page.events import event_data
@@ -39,7 +39,7 @@ from viz.page.shots import box_corners, shots
 from viz.page.signals import chart_rows, quantities, signal_data
 
 FRAMES_PER_S = 25.0
-"""Of simulated time; the page interpolates between them."""
+"""Frames per second of simulated time; the page interpolates between them."""
 
 MOST_FRAMES = 1500
 
@@ -47,7 +47,7 @@ ENLARGED = (10, 100)
 """Factors by which deflections of flexible links can be enlarged."""
 
 FIRST_SHOWN = 2
-"""Of several results, when a page opens."""
+"""Number of results shown when the page of several opens."""
 
 _ARROW_SHARE = 0.07  # the longest arrow, as a share of the scene's size
 _NEAREST_SHARE = 0.06  # half of what the close view shows at the least, likewise
@@ -62,23 +62,15 @@ def animation(
 ) -> dict[str, Any]:
     """Data of a page that plays one result, or compares several.
 
-    Parameters
-    ----------
-    results
-        What to show; unfinished ones are shown up to where they went.
-    title
-        Heading of the page; the results' names if not given.
-    autoplay
-        Whether it plays at once.
-    names
-        What the results are called; after their folders or scenarios if not given.
-    first
-        So many are shown when it opens; the others by a tick in its panel.
+    Args:
+        results: What to show; unfinished ones are shown up to where they went.
+        title: Heading of the page; the results' names if not given.
+        autoplay: Whether it plays at once.
+        names: What the results are called; after their folders or scenarios if not given.
+        first: So many are shown when it opens; the others by a tick in its panel.
 
-    Raises
-    ------
-    ResultError
-        If the results cannot be compared.
+    Raises:
+        ResultError: If the results cannot be compared.
     """
     check_comparable(results)
     labels = list(names or labels_of(results))
@@ -111,7 +103,7 @@ def shown_data(
         words = f"{scenario.description} ({words})"
     # warnings that belong beside the picture
     who = [f"{one.label}: " if len(shown) > 1 else "" for one in shown]
-    found = [k + line for k, one in zip(who, shown, strict=True) for line in notices(one.result, one.scene)]
+    lines = [k + line for k, one in zip(who, shown, strict=True) for line in notices(one.result, one.scene)]
     # points around what the tips do: the object, tips and references; none without tips
     near = list[Array]()
     for one in shown:
@@ -134,7 +126,7 @@ def shown_data(
     return {
         "title": title or heading,
         "about": words,
-        "notices": list(dict.fromkeys(found)),
+        "notices": list(dict.fromkeys(lines)),
         "planar": first.scene.planar,
         "backdrop": has_backdrop(first.scene),
         "towards": rounded(view.towards),
@@ -238,7 +230,7 @@ def run_data(shown: AnimatedResult) -> dict[str, Any]:
     error, led = result.array("tip_error")[finer], result.led_tips
     references, bodies = result.array("tip_reference")[rows], result.array("body_position")[rows]
     target = shown.scene.target
-    seen, carrying = [node.joint for node in motion.nodes], [tip.joint for tip in shown.scene.tips]
+    node_joints, carrying = [node.joint for node in motion.nodes], [tip.joint for tip in shown.scene.tips]
     return {
         "label": shown.label,
         "completed": result.completed,
@@ -249,7 +241,7 @@ def run_data(shown: AnimatedResult) -> dict[str, Any]:
         "tips": packed(result.array("tip_position")[rows]),
         "references": [packed(references[:, k]) for k in range(len(tips))],
         "target": packed(bodies[:, list(result.array("body")).index(target.name)]) if target else None,
-        "tip_nodes": [seen.index(joint) if joint in seen else 0 for joint in carrying],
+        "tip_nodes": [node_joints.index(joint) if joint in node_joints else 0 for joint in carrying],
         "grasp_tips": [tips.index(grasp.tip.label) for grasp in shown.scene.grasps],
         "forces": packed(result.array("grasp_force")[rows]),
         "mates": packed(motion.mates),
@@ -270,8 +262,8 @@ def notices(result: Result, scene: Scene) -> list[str]:
     """Warnings that belong beside pictures of a result, one line each."""
     lines = []
     if not result.completed:
-        end, wanted = result.array("time")[-1], result.scenario.simulation.duration
-        lines.append(f"The rollout diverged after {end:.4g} s of {wanted:g} s and is shown up to there.")
+        end, duration = result.array("time")[-1], result.scenario.simulation.duration
+        lines.append(f"The rollout diverged after {end:.4g} s of {duration:g} s and is shown up to there.")
     doubt = warning(result.summary["status"])
     if doubt is not None:
         lines.append(f"{doubt[0].upper()}{doubt[1:]}.")

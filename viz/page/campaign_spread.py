@@ -23,24 +23,21 @@ QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 MOST_TIMES = 201
 MOST_PATHS = 100
 MOST_BANDED = 200
-"""Rollouts of which quantiles are taken, the first ones."""
+"""Number of rollouts of which quantiles are taken, the first ones."""
 
 MOST_SIGNALS = 150
-"""That have bands, in the page's order."""
+"""Maximum number of signals with bands, in the page's order."""
 
 PIECE_BYTES = 100_000_000
-"""Of a batch whose states and outputs are all kept."""
+"""Maximum size of a batch whose states and outputs are all kept [bytes]."""
 
 
 class CampaignSpread:
     """Rollouts of one scene, gathered piece by piece.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    rollout
-        What rolls it out.
+    Args:
+        scene: The scene.
+        rollout: What rolls it out.
     """
 
     def __init__(self, scene: Scene, rollout: Rollout) -> None:
@@ -72,30 +69,30 @@ class CampaignSpread:
         there = np.isfinite(state).all(axis=2).sum(axis=1)  # an event may end one early
         for k in np.flatnonzero(np.isnan(batch.diverged_at_s) & (there > 0))[:left]:
             end = int(there[k])
-            own = {name: found[k, ::every][:end] for name, found in batch.outputs.items()}
-            self._paths.append(np.pad(own["tip_position"], ((0, len(self._time) - end), (0, 0)), mode="edge"))
+            series = {name: rows[k, ::every][:end] for name, rows in batch.outputs.items()}
+            self._paths.append(
+                np.pad(series["tip_position"], ((0, len(self._time) - end), (0, 0)), mode="edge")
+            )
             nothing: dict[str, Any] = {"measures": {}, "costs": {}, "diverged_at_s": None, "steps": 0}
             nothing |= {"status": "completed", "step_s": np.nan, "backend": batch.backend, "wall_s": 0.0}
-            rolled = Trajectory(self._time[:end], state[k, :end], own, **nothing)
+            rolled = Trajectory(self._time[:end], state[k, :end], series, **nothing)
             data = build_dataset(self._scene, rolled, self._loop)
             summary = cast(Summary, {"unled_tips": unled_tips(self._scene)})  # `quantities` reads no more
-            shown = quantities(Result(self._scene.scenario, data, summary))
-            every_signal = ((quantity.title, signal) for quantity in shown for signal in quantity.signals)
+            plotted = quantities(Result(self._scene.scenario, data, summary))
+            every_signal = ((quantity.title, signal) for quantity in plotted for signal in quantity.signals)
             for title, signal in itertools.islice(every_signal, MOST_SIGNALS):
-                whole = np.full(len(self._time), np.nan)
-                whole[:end] = signal.values
-                self._signals.setdefault((title, signal.name), []).append(whole)
+                padded = np.full(len(self._time), np.nan)
+                padded[:end] = signal.values
+                self._signals.setdefault((title, signal.name), []).append(padded)
         return batch
 
     def data(self) -> dict[str, Any]:
         """Bands and paths so far.
 
-        Returns
-        -------
-        dict
-            ``time`` (nt,); ``bands`` (signals, quantiles, nt) in their quantities' units, ``quantiles``, and
-            ``signals``, title of the quantity and name of each; ``paths`` (shown, nt, tips, 3) [m] with its
-            ``shape``; ``drawn``, how many rollouts.
+        Returns:
+            dict: ``time`` (nt,); ``bands`` (signals, quantiles, nt) in their quantities' units,
+                ``quantiles``, and ``signals``, title of the quantity and name of each; ``paths`` (shown, nt,
+                tips, 3) [m] with its ``shape``; ``drawn``, how many rollouts.
         """
         tips = len(self._scene.tips)
         paths = np.reshape(

@@ -36,8 +36,8 @@ def strongest(forces: Array, points: Array, rows: Rows) -> tuple[Array, Array]:
     edges = [0, *((rows[1:] + rows[:-1]) // 2 + 1), len(forces)]
     size = np.linalg.norm(forces, axis=-1)
     most = np.array([begin + size[begin:end].argmax(axis=0) for begin, end in pairwise(edges)])
-    own = np.arange(forces.shape[1])
-    return forces[most, own], points[most, own]
+    places = np.arange(forces.shape[1])
+    return forces[most, places], points[most, places]
 
 
 def plume_data(result: Result, rows: Rows) -> dict[str, Any]:
@@ -49,8 +49,8 @@ def plume_data(result: Result, rows: Rows) -> dict[str, Any]:
         return NO_PLUMES
     forces, points = strongest(result.array("thruster_force"), result.array("thruster_position"), rows)
     greatest = float(np.linalg.norm(forces, axis=-1).max(initial=0.0))
-    own = {"forces": packed(forces), "points": packed(points), "greatest": greatest}
-    return {"count": result.data.sizes["thruster"], **own}
+    plumes = {"forces": packed(forces), "points": packed(points), "greatest": greatest}
+    return {"count": result.data.sizes["thruster"], **plumes}
 
 
 def grip_data(result: Result, rows: Rows) -> dict[str, Any]:
@@ -73,5 +73,5 @@ def grip_data(result: Result, rows: Rows) -> dict[str, Any]:
         [[e["time_s"], *e["impulses_n_s"][name]] for e in events if name in e.get("impulses_n_s", ())]
         for name in (result.array("grasp") if rigid and "grasp_impulse" in data else ())
     ]
-    greatest = max((float(np.linalg.norm(one[1:])) for own in impulses for one in own), default=0.0)
+    greatest = max((float(np.linalg.norm(one[1:])) for grip in impulses for one in grip), default=0.0)
     return {"held": packed(held), "captures": captures, "impulses": impulses, "greatest": greatest}

@@ -22,29 +22,24 @@ from spacerobot.errors import SpaceRobotError
 IMPORT = re.compile(r'^import\s*\{([^}]*)\}\s*from\s*"([^"]+)";\n', re.M)
 DECLARED = re.compile(r"^export (?=(?:async function|function|class|const)\s+(?:\{ )?([\w$]+))", re.M)
 LISTED = re.compile(r"(?:^|(?<=;))export\s*\{([^}]*)\};?\n?", re.M)
-SOURCE_MAP = re.compile(r"^//# sourceMappingURL=.*\n?", re.M)
+COMMENT = re.compile(r"^[ \t]*(?://.*|/\*(?:[^*]|\*(?!/))*\*/[ \t]*)(?:\n|\Z)", re.M)
+"""Comments on lines of their own, the reference to a source map among them; pages are sent without."""
 LEFT = re.compile(r"^(?:import|export)\b.*", re.M)
 
 
 def joined(entry: str, read: Callable[[str], str]) -> str:
     """One script that does what a module does.
 
-    Parameters
-    ----------
-    entry
-        Path of the module that is run.
-    read
-        Gives a module's text by its path.
+    Args:
+        entry: Path of the module that is run.
+        read: Gives a module's text by its path.
 
-    Returns
-    -------
-    str
-        The script, in strict mode and in a scope of its own.
+    Returns:
+        str: The script, in strict mode and in a scope of its own.
 
-    Raises
-    ------
-    SpaceRobotError
-        If modules import each other in a circle, or import or export in another form than those above.
+    Raises:
+        SpaceRobotError: If modules import each other in a circle, or import or export in another form than
+            those above.
     """
     scopes: dict[str, str] = {}
     importing: list[str] = []
@@ -61,11 +56,11 @@ def joined(entry: str, read: Callable[[str], str]) -> str:
             visit(_resolved(path, source))
         importing.pop()
         # the module as a constant that holds what it exports
-        given = DECLARED.findall(text)
+        exports = DECLARED.findall(text)
         # "a as b" is {a: b} where it is taken apart, and {b: a} where it is put together
         for names in LISTED.findall(text):
-            given += [": ".join(reversed(name.split(" as "))) for name in _names(names)]
-        body = LISTED.sub("", DECLARED.sub("", SOURCE_MAP.sub("", text)))
+            exports += [": ".join(reversed(name.split(" as "))) for name in _names(names)]
+        body = LISTED.sub("", DECLARED.sub("", COMMENT.sub("", text)))
         body = IMPORT.sub(
             lambda found: (
                 f"const {{ {', '.join(name.replace(' as ', ': ') for name in _names(found[1]))} }}"
@@ -76,7 +71,7 @@ def joined(entry: str, read: Callable[[str], str]) -> str:
         if (other := LEFT.search(body)) is not None:
             message = f"{path}: this form of import or export cannot be joined: {other[0][:80]}"
             raise SpaceRobotError(message)
-        exported = f"return {{ {', '.join(given)} }};"
+        exported = f"return {{ {', '.join(exports)} }};"
         scopes[path] = f"const {_constant(path)} = (() => {{\n{body}{exported}\n}})();"
 
     visit(entry)

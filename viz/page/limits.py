@@ -13,7 +13,7 @@ Limits = dict[tuple[str, str], tuple[float | None, float | None]]
 
 def drawn_limits(scene: Scene) -> Limits:
     """Limits of all signals of a scene that have any."""
-    found = joint_limits(scene)
+    limits = joint_limits(scene)
     # capture envelopes, and forces at which grasps break away
     for grasp in scene.grasps:
         capture, release = grasp.config.capture, grasp.config.release
@@ -22,10 +22,12 @@ def drawn_limits(scene: Scene) -> Limits:
             "misalignment of grips": capture and capture.misalignment_deg,
             "grip force": release and release.force,
         }
-        found |= {(title, grasp.name): (None, limit) for title, limit in named.items() if limit}
+        limits |= {(title, grasp.name): (None, limit) for title, limit in named.items() if limit}
     # greatest speeds and motor torques of reaction wheels
     robots = ((body.name, body.config) for body in scene.bodies if isinstance(body.config, Robot))
-    for robot, where, actuator in ((name, *driven) for name, own in robots for driven in own.driven_by()):
+    for robot, where, actuator in (
+        (name, *driven) for name, robot_limits in robots for driven in robot_limits.driven_by()
+    ):
         storage = actuator.momentum_storage()
         if storage is None:
             continue
@@ -33,13 +35,13 @@ def drawn_limits(scene: Scene) -> Limits:
             name = f"{robot}/{where.rpartition('.')[2]}.{i}"
             for title, limit in (("speed", storage.speed_limit), ("torque", storage.torque_limit)):
                 if limit is not None:
-                    found[f"wheel {title}", name] = (-limit, limit)
-    return found
+                    limits[f"wheel {title}", name] = (-limit, limit)
+    return limits
 
 
 def joint_limits(scene: Scene) -> Limits:
     """Limits of angles or travels, rates and torques or forces of all joints that have any."""
-    found = {}
+    limits_by_joint = {}
     for body in scene.bodies:
         for joint in body.description.joints:
             turns = joint.kind != "prismatic"
@@ -51,5 +53,5 @@ def joint_limits(scene: Scene) -> Limits:
             for name, ends in zip(names, limits, strict=True):
                 if np.isfinite(ends).any():
                     low, high = (float(end) if np.isfinite(end) else None for end in ends)
-                    found[f"joint {name}", f"{body.name}/{joint.name}"] = (low, high)
-    return found
+                    limits_by_joint[f"joint {name}", f"{body.name}/{joint.name}"] = (low, high)
+    return limits_by_joint

@@ -17,15 +17,11 @@ from viz.page.page import json_text, page
 class LiveViewer(Loopback):
     """A page in the browser that a program fills; see :class:`~viz.page.loopback.Loopback`.
 
-    Parameters
-    ----------
-    port
-        First port to try; a busy one is stepped over.
+    Args:
+        port: First port to try; a busy one is stepped over.
 
-    Raises
-    ------
-    SpaceRobotError
-        If no port is free.
+    Raises:
+        SpaceRobotError: If no port is free.
     """
 
     def __init__(self, port: int = FIRST_PORT) -> None:
@@ -51,10 +47,8 @@ class LiveViewer(Loopback):
     def show(self, *results: Result) -> None:
         """Play a result, or compare several; what was shown before goes.
 
-        Raises
-        ------
-        ResultError
-            If the results cannot be compared.
+        Raises:
+            ResultError: If the results cannot be compared.
         """
         self.show_data(animation(*results))
 
@@ -98,12 +92,11 @@ class _Page(LocalRequestHandler):
 def view_run(scene: Scene, *, port: int = FIRST_PORT, open_browser: bool = True) -> Iterator[LiveViewer]:
     """Viewer that shows a scene while it is simulated; ``port`` is as :class:`LiveViewer` takes it.
 
-    Examples
-    --------
-    >>> with view_run(scene) as viewer:  # doctest: +SKIP
-    ...     result = simulate(scene, progress=viewer.tell)
-    ...     viewer.show(result)
-    ...     viewer.wait()
+    Examples:
+        >>> with view_run(scene) as viewer:  # doctest: +SKIP
+        ...     result = simulate(scene, progress=viewer.tell)
+        ...     viewer.show(result)
+        ...     viewer.wait()
     """
     with LiveViewer(port) as viewer:
         viewer.show_scene(scene)

@@ -28,15 +28,11 @@ class Loopback:
     Only this computer can reach it: the server is bound to the loopback address, and answers only requests
     that name that address, so that no foreign web page can read it through the browser either.
 
-    Parameters
-    ----------
-    port
-        First port to try; a busy one is stepped over.
+    Args:
+        port: First port to try; a busy one is stepped over.
 
-    Raises
-    ------
-    SpaceRobotError
-        If no port is free.
+    Raises:
+        SpaceRobotError: If no port is free.
     """
 
     largest_message = 4096

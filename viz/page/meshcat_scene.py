@@ -41,10 +41,8 @@ def rounded(values: ArrayLike) -> list[float]:
 class Meshes:
     """Meshes of a page, each kept once, however many solids show it.
 
-    Parameters
-    ----------
-    nodes
-        Everything that the page shows.
+    Args:
+        nodes: Everything that the page shows.
     """
 
     def __init__(self, nodes: Iterable[Node]) -> None:
@@ -64,11 +62,12 @@ class Meshes:
         ]
 
     def node_data(self, nodes: Sequence[Node]) -> list[dict[str, Any]]:
-        """Solids of each node, the body it belongs to, and whether it is that body's root."""
+        """Solids of each node, the body it belongs to, its label, and whether it is that body's root."""
         places = self._places
         return [
             {
                 "body": node.body,
+                "label": node.label,
                 "base": node.is_base,
                 "solids": [
                     solid_data(solid)

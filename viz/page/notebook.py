@@ -13,12 +13,9 @@ from viz.page.page import animation_page
 class EmbeddedPage:
     """An animated page inside another one.
 
-    Attributes
-    ----------
-    page
-        Its HTML.
-    height_px
-        Height of the frame.
+    Attributes:
+        page: Its HTML.
+        height_px: Height of the frame.
     """
 
     page: str
@@ -37,10 +34,8 @@ def embed(*results: Result, height_px: int = 600) -> EmbeddedPage:
 
     It needs no server and stays in the saved notebook.
 
-    Raises
-    ------
-    ResultError
-        If the results cannot be compared.
+    Raises:
+        ResultError: If the results cannot be compared.
     """
     return EmbeddedPage(animation_page(*results, autoplay=False), height_px)
 

@@ -25,7 +25,7 @@ CHARTS = "vendor/uPlot.iife.min.js"
 """The library of the charts."""
 
 STYLES = ("vendor/uPlot.min.css", "page.css", "studio/studio.css")
-"""How it looks, in order."""
+"""Style sheets, in order."""
 
 
 def animation_page(*results: Result, title: str | None = None, autoplay: bool = True) -> str:
@@ -33,10 +33,8 @@ def animation_page(*results: Result, title: str | None = None, autoplay: bool = 
 
     ``#t=3`` behind its address shows it standing still at 3 s; the page notes there what it shows.
 
-    Raises
-    ------
-    ResultError
-        If the results cannot be compared.
+    Raises:
+        ResultError: If the results cannot be compared.
     """
     return page(animation(*results, title=title, autoplay=autoplay))
 
@@ -44,10 +42,8 @@ def animation_page(*results: Result, title: str | None = None, autoplay: bool = 
 def write_animation(result: Result, path: StrPath, *others: Result, title: str | None = None) -> None:
     """Write the page of :func:`animation_page` of a result, or of several compared.
 
-    Raises
-    ------
-    ResultError
-        If the file cannot be written or the results cannot be compared.
+    Raises:
+        ResultError: If the file cannot be written or the results cannot be compared.
     """
     write_text(path, animation_page(result, *others, title=title))
     note_derived([each.folder for each in (result, *others)], [path])
@@ -56,12 +52,9 @@ def write_animation(result: Result, path: StrPath, *others: Result, title: str |
 def page(payload: Mapping[str, Any], *, connect: str = "'none'") -> str:
     """HTML of the player with its data.
 
-    Parameters
-    ----------
-    payload
-        As :func:`viz.page.animation.animation` makes it.
-    connect
-        What the page may connect to, as a source expression; nothing by default.
+    Args:
+        payload: As :func:`viz.page.animation.animation` makes it.
+        connect: What the page may connect to, as a source expression; nothing by default.
     """
     entry = STUDIO if payload.get("studio") else PLAYER
     parts = {

@@ -10,6 +10,7 @@ import numpy as np
 from spacerobot.quantities import metrics
 from spacerobot.result import Result
 from spacerobot.scenario.load import to_document
+from viz.figures.labels import differences
 
 MOST_DIFFERENCES = 60
 
@@ -17,17 +18,15 @@ MOST_DIFFERENCES = 60
 def panel_data(results: Sequence[Result], names: Sequence[str]) -> dict[str, Any]:
     """Metrics of results and the numbers in which their scenarios differ.
 
-    Returns
-    -------
-    dict
-        ``metrics``, each with ``key``, ``label``, ``unit`` and ``text``; ``designs``, one for each result,
-        with its ``name``, its ``values`` of the metrics, None where there is none, and ``numbers``: texts by
-        dotted path.
+    Returns:
+        dict: ``metrics``, each with ``key``, ``label``, ``unit`` and ``text``; ``designs``, one for each
+            result, with its ``name``, its ``values`` of the metrics, None where there is none, and
+            ``numbers``: texts by dotted path.
     """
     # value and unit of each quantity that a result has; of a diverged one no value
-    found: list[dict[str, tuple[float | None, str]]] = []
+    tables: list[dict[str, tuple[float | None, str]]] = []
     for result in results:
-        summary, done = result.summary, result.completed
+        summary, is_completed = result.summary, result.completed
         rows: list[tuple[str, float, str]] = []
         errors = [summary["tip_error"][tip] for tip in result.led_tips]
         if errors:
@@ -60,12 +59,14 @@ def panel_data(results: Sequence[Result], names: Sequence[str]) -> dict[str, Any
         captured = [event["time_s"] for event in summary.get("events", ()) if event["kind"] == "captured"]
         if captured:
             rows.append(("capture_time", max(captured), "s"))
-        found.append({key: (float(v) if done and np.isfinite(v) else None, unit) for key, v, unit in rows})
-    known = metrics()
-    keys = [key for key in known if any(key in one for one in found)]
-    units = {key: next(one[key][1] for one in found if key in one) for key in keys}
-    told = [
-        {"key": key, "label": known[key].label, "unit": units[key], "text": known[key].description}
+        tables.append(
+            {key: (float(v) if is_completed and np.isfinite(v) else None, unit) for key, v, unit in rows}
+        )
+    registered = metrics()
+    keys = [key for key in registered if any(key in one for one in tables)]
+    units = {key: next(one[key][1] for one in tables if key in one) for key in keys}
+    columns = [
+        {"key": key, "label": registered[key].label, "unit": units[key], "text": registered[key].description}
         for key in keys
     ]
     differing = differences([to_document(result.scenario) for result in results])[:MOST_DIFFERENCES]
@@ -75,29 +76,6 @@ def panel_data(results: Sequence[Result], names: Sequence[str]) -> dict[str, Any
             "values": [one[key][0] if key in one else None for key in keys],
             "numbers": {path: texts[k] for path, texts in differing},
         }
-        for k, (name, one) in enumerate(zip(names, found, strict=True))
+        for k, (name, one) in enumerate(zip(names, tables, strict=True))
     ]
-    return {"metrics": told, "designs": designs}
-
-
-def differences(documents: Sequence[Any]) -> list[tuple[str, list[str]]]:
-    """Dotted paths at which documents differ, with the value of each as text."""
-    flat = [dict(_leaves(document, "")) for document in documents]
-    paths = list(dict.fromkeys(path for leaves in flat for path in leaves))
-    found = []
-    for path in paths:
-        # numbers in no more digits than tell them apart for a reader
-        known = [leaves.get(path, "-") for leaves in flat]
-        texts = ["none" if v is None else f"{v:.10g}" if isinstance(v, float) else str(v) for v in known]
-        if len(set(texts)) > 1:
-            found.append((path, texts))
-    return found
-
-
-def _leaves(node: Any, path: str) -> list[tuple[str, Any]]:
-    if isinstance(node, dict):
-        found: list[tuple[str, Any]] = []
-        for key, value in node.items():
-            found += _leaves(value, f"{path}.{key}" if path else key)
-        return found
-    return [(path, node)]
+    return {"metrics": columns, "designs": designs}

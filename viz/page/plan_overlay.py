@@ -26,19 +26,13 @@ LONG = 0.1
 def beside_its_plan(flown: Result, scene: Scene, plan: xr.Dataset) -> dict[str, Any]:
     """Data of a page that plays a result, and pale over it the plan that it follows.
 
-    Parameters
-    ----------
-    flown
-        The result.
-    scene
-        Of the plan, its plan section in it.
-    plan
-        What stands in ``plan.nc``.
+    Args:
+        flown: The result.
+        scene: Of the plan, its plan section in it.
+        plan: What stands in ``plan.nc``.
 
-    Raises
-    ------
-    ResultError
-        If the result has other bodies or joints.
+    Raises:
+        ResultError: If the result has other bodies or joints.
     """
     if flown.data.q.shape[1] != plan.q.shape[1]:
         raise ResultError("was not flown by this plan: its bodies are others", source=flown.folder)
@@ -57,10 +51,10 @@ def beside_its_plan(flown: Result, scene: Scene, plan: xr.Dataset) -> dict[str, 
         bases = [(node.body, node.is_base) for node in motion.nodes]
         target = packed(motion.position[:, bases.index((scene.target.name, True))])
     # planned curves of the quantities that are flown and planned
-    known = {"joint angle": ("joint_position", 180 / np.pi), "joint torque": ("torque", 1.0)}
+    plotted_quantities = {"joint angle": ("joint_position", 180 / np.pi), "joint torque": ("torque", 1.0)}
     labels, curves = [str(joint) for joint in plan.joint.values], []
     for quantity in run["quantities"]:
-        name, scale = known.get(quantity["title"], (None, 1.0))
+        name, scale = plotted_quantities.get(quantity["title"], (None, 1.0))
         if name is not None:
             signals = [
                 signal | {"values": packed(plan[name].sel(joint=signal["name"]).values * scale)}
@@ -82,8 +76,8 @@ def beside_its_plan(flown: Result, scene: Scene, plan: xr.Dataset) -> dict[str, 
     }
     marked = _marks(scene, LONG * float(data["scale"]))
     nodes = [
-        node | {"solids": [*node["solids"], *marked.get(own.joint, ())]}
-        for node, own in zip(run["nodes"], scene_nodes(flown.scene()), strict=True)
+        node | {"solids": [*node["solids"], *marked.get(scene_node.joint, ())]}
+        for node, scene_node in zip(run["nodes"], scene_nodes(flown.scene()), strict=True)
     ]
     return data | {"runs": [run | {"nodes": nodes}, ghost], "over": True}
 
@@ -91,9 +85,9 @@ def beside_its_plan(flown: Result, scene: Scene, plan: xr.Dataset) -> dict[str, 
 def _marks(scene: Scene, length: float) -> dict[int, list[dict[str, Any]]]:
     """Keep-out zones, and approach cones of a length [m], by the joint that carries them."""
     plan = scene.scenario.plan
-    found: dict[int, list[dict[str, Any]]] = {}
+    marks: dict[int, list[dict[str, Any]]] = {}
     if plan is None:
-        return found
+        return marks
     # pads that stay apart, each once
     pairs = [
         pair
@@ -103,7 +97,7 @@ def _marks(scene: Scene, length: float) -> dict[int, list[dict[str, Any]]]:
         for pair in find_pairs(scene, apart.between, apart.wrap, f"plan.{section}.{name}")
     ]
     for shape in {shape.label: shape for pair in pairs for shape in pair if shape.path is not None}.values():
-        found.setdefault(shape.joint, []).extend(map(solid_data, pad_solids(scene, shape, pairs)))
+        marks.setdefault(shape.joint, []).extend(map(solid_data, pad_solids(scene, shape, pairs)))
     # cones that open from their mating frames against the direction of approach
     cones = {
         (section, name): limit.approach_cone
@@ -116,7 +110,7 @@ def _marks(scene: Scene, length: float) -> dict[int, list[dict[str, Any]]]:
         turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), back).toRotationMatrix()
         placement = frame.placement * pin.SE3(turn, back * length / 2)
         wide = cone.radius + length * np.tan(np.radians(cone.half_angle_deg))
-        drawn = {"kind": "cone", "size": rounded([cone.radius, wide, length]), "rgba": list(CONE)}
-        drawn["matrix"] = rounded(placement.homogeneous.T)
-        found.setdefault(int(frame.parentJoint), []).append(drawn)
-    return found
+        geometry = {"kind": "cone", "size": rounded([cone.radius, wide, length]), "rgba": list(CONE)}
+        geometry["matrix"] = rounded(placement.homogeneous.T)
+        marks.setdefault(int(frame.parentJoint), []).append(geometry)
+    return marks

@@ -22,12 +22,12 @@ def planet_data(result: Result, rows: Rows) -> dict[str, Any] | None:
     The centre is at ``-distance * (cos angle, sin angle, 0)`` in world axes; ``angle`` [rad] is 0 at the
     start (see :class:`spacerobot.elements.environments.orbit.OrbitState`). Both are packed (nt,).
     """
-    found = [e.planet_radius for e in result.scenario.environment.values() if hasattr(e, "planet_radius")]
-    if not found or "orbit_radius" not in result.data:
+    radii = [e.planet_radius for e in result.scenario.environment.values() if hasattr(e, "planet_radius")]
+    if not radii or "orbit_radius" not in result.data:
         return None
     anomaly = np.unwrap(result.array("orbit_anomaly"))
     return {
-        "radius": found[0],
+        "radius": radii[0],
         "distance": packed(result.array("orbit_radius")[rows]),
         "angle": packed((anomaly - anomaly[0])[rows]),
     }
@@ -47,12 +47,9 @@ def limb_view(view: View, planet: dict[str, Any] | None) -> View:
     ``arcsin(radius / distance)``. A direction d of sight with the angle g to -x looks at the limb, a little
     off the middle of the picture, where ``g`` is that half angle and ``_OFF_LIMB_DEG``.
 
-    Parameters
-    ----------
-    view
-        View that hides least of the arms.
-    planet
-        As of :func:`planet_data`; None leaves the view as it is.
+    Args:
+        view: View that hides least of the arms.
+        planet: As of :func:`planet_data`; None leaves the view as it is.
     """
     if planet is None:
         return view

@@ -34,10 +34,10 @@ def reaction_wheel_data(result: Result, motion: BodyMotion) -> dict[str, Any]:
         if (storage := actuator.momentum_storage()) is not None
         for k, axis in enumerate(storage.axes.T)
     }
-    known = [k for k, label in enumerate(data.wheel.values) if str(label) in axes]
-    labels = [str(data.wheel.values[k]) for k in known]
+    columns = [k for k, label in enumerate(data.wheel.values) if str(label) in axes]
+    labels = [str(data.wheel.values[k]) for k in columns]
     bases = {node.body: k for k, node in enumerate(motion.nodes) if node.is_base}
-    speed = result.array("wheel_speed")[:, known]
+    speed = result.array("wheel_speed")[:, columns]
     slowed = max(1.0, float(np.abs(speed).max(initial=0.0)) / FASTEST)
     angles = cumulative_trapezoid(speed, result.array("time"), axis=0, initial=0)[motion.rows]
     return {

@@ -28,14 +28,10 @@ def shots(
 
     None where nothing is captured: then one view shows everything.
 
-    Parameters
-    ----------
-    result, scene, motion
-        What is shown, and how it moves.
-    view
-        From where it is seen as a whole.
-    box
-        Least and greatest corner (3,) of all that is shown, m.
+    Args:
+        result, scene, motion: What is shown, and how it moves.
+        view: From where it is seen as a whole.
+        box: Least and greatest corner (3,) of all that is shown, m.
     """
     time, names = motion.time, list(result.array("grasp"))
     captures = sorted(
@@ -59,16 +55,21 @@ def shots(
         edges += [begin, min(time[-1], group[-1][0] + _TAIL * time[-1], (group[-1][0] + following) / 2)]
     instants = [*edges, float(time[-1])]
     lasts = np.diff(instants)
-    found = []
+    shot_list = []
     for k, (begin, end) in enumerate(pairwise(instants)):
         if end <= begin:
             continue
-        seen = view
+        shot_view = view
         if k % 2 and not scene.planar:
             group = groups[k // 2]
-            row = int(np.searchsorted(time, group[0][0]).clip(0, len(time) - 1))
-            held = replace(motion, mates=motion.mates[:, [grasp for _, grasp in group]])
-            seen = grasp_view(held, row, view)
+            # tips and points of the grasps, from halfway through the approach to the close-up's end
+            chosen = [grasp for _, grasp in group]
+            tips = [scene.scenario.grasps[names[grasp]].tip for grasp in chosen]
+            points = result.data.tip_position.sel(tip=tips).values[motion.rows]
+            held = replace(motion, mates=np.concatenate([motion.mates[:, chosen], points], axis=1))
+            instants_seen = np.array([(begin + group[0][0]) / 2, group[0][0], (group[0][0] + end) / 2, end])
+            rows = np.searchsorted(time, instants_seen).clip(0, len(time) - 1)
+            shot_view = grasp_view(held, rows.tolist(), view)
         # A camera between two shots shows what both of them show (exactly in a parallel projection): so each
         # shot also holds all bodies while the camera comes from the one before it and goes to the next.
         neighbours = [lasts[j] if 0 <= j < len(lasts) else 0.0 for j in (k - 1, k + 1)]
@@ -81,10 +82,14 @@ def shots(
         points = np.vstack(
             [extremes(_between(motion, first, last), *box), mates.min(axis=0), mates.max(axis=0)]
         )
-        found.append(
-            {"time": float(begin), "points": [rounded(p) for p in points], "towards": rounded(seen.towards)}
+        shot_list.append(
+            {
+                "time": float(begin),
+                "points": [rounded(p) for p in points],
+                "towards": rounded(shot_view.towards),
+            }
         )
-    return found
+    return shot_list
 
 
 def box_corners(middle: Array, half: Array) -> Array:

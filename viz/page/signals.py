@@ -13,7 +13,7 @@ from spacerobot.result import Result
 from spacerobot.result.ledger import work_text, works_of
 from viz.drawing.motion import Rows, pick_rows
 from viz.figures.bodies import rotation_deg, translation_mm
-from viz.figures.style import called, shown_axes
+from viz.figures.style import shown_axes
 from viz.page.limits import Limits
 from viz.page.meshcat_scene import packed
 
@@ -69,23 +69,18 @@ THRUSTERS = (
 """Curves: title, unit, whose, variable, factor; and its value, the vector's size, or the components along or
 about the axes in which anything moves."""
 
-SHIPPED = {
-    "base_": "attitude_error position_error",
-    "body_": "angle momentum_angular momentum_linear orientation position rotation",
-    "contact_": "force gap impulse loss normal_force point velocity",
-    "energy_": "kinetic potential spring",
-    "grasp_": "force gap impulse impulse_couple misalignment state torque",
-    "grasp_capture": "_spin _velocity d_at",
-    "hill_": "position velocity",
-    "impulse_": "angular linear",
-    "joint_": "position torque velocity",
-    "momentum_": "angular linear",
-    "orbit_": "anomaly radius",
-    "thruster_": "force position",
-    "tip_": "error orientation_error position reference velocity",
-    "": "phase propellant q v z",
-}
-"""Variables that this module draws, or leaves out, by name: those of all elements that ship but wheels."""
+COMPOSED = (
+    *("body_angle", "body_position", "body_rotation", "body_momentum_linear", "body_momentum_angular"),
+    *("momentum_linear", "momentum_angular", "impulse_linear", "impulse_angular"),
+    *("hill_position", "hill_velocity", *ENERGIES),
+)
+"""Variables that curves of bodies, momenta, orbits and energies are made of."""
+
+TABULATED = tuple(
+    (key, whose.rpartition(" ")[2])
+    for _, _, whose, key, _, _ in (*TIP_ERRORS, *TIPS_TO_JOINTS, *WHEELS, *BASE_ERRORS, *THRUSTERS)
+)
+"""Variables whose curves have a title, unit and form of their own, with the dimension along which they do."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +106,7 @@ class PlottedQuantity:
 
 
 def quantities(result: Result) -> list[PlottedQuantity]:
-    """All signals of a result at all its times, by quantity; what it is about comes first.
+    """All signals of a result at all its times, by quantity; those that the scenario controls come first.
 
     That is the tip error; where nothing leads a tip the errors of bases, the orbit, and the momentum. A
     body that is alone exchanges no momentum and may be the orbit's origin: its rotation precedes them.
@@ -120,12 +115,12 @@ def quantities(result: Result) -> list[PlottedQuantity]:
     errors = _tabulated(result, BASE_ERRORS)
     alone = bodies if result.data.sizes["body"] == 1 else []
     first = _tabulated(result, TIP_ERRORS) if result.led_tips else [*errors, *alone, *orbit, *momenta]
-    found = [*first, *_tabulated(result, TIPS_TO_JOINTS), *bodies, *momenta, *_tabulated(result, WHEELS)]
-    found += [*errors, *_tabulated(result, THRUSTERS), *orbit]
+    plotted = [*first, *_tabulated(result, TIPS_TO_JOINTS), *bodies, *momenta, *_tabulated(result, WHEELS)]
+    plotted += [*errors, *_tabulated(result, THRUSTERS), *orbit]
     energies = [Signal(text, result.array(name)) for name, text in ENERGIES.items()]
     works = [Signal(work_text(work), result.array(str(work.name))) for work in works_of(result.data)]
-    found += [PlottedQuantity("energy", "J", energies), PlottedQuantity("work since the start", "J", works)]
-    by_title = {quantity.title: quantity for quantity in [*found, *_declared(result)] if quantity.signals}
+    plotted += [PlottedQuantity("energy", "J", energies), PlottedQuantity("work since the start", "J", works)]
+    by_title = {quantity.title: quantity for quantity in [*plotted, *_declared(result)] if quantity.signals}
     return list(by_title.values())
 
 
@@ -147,14 +142,12 @@ def signal_data(
 ) -> list[dict[str, Any]]:
     """Plain data of signals at some rows.
 
-    Returns
-    -------
-    list of dict
-        ``title``, ``unit`` and ``signals``, each with its ``name``, ``colour`` and packed ``values``: one
-        value where it never changes. Errors of estimates have the ``bound`` of
-        three standard deviations. A colour is ``[kind, k]``: that of the tip number k, of the body number
-        k, or of all together; null for one of its own. One with limits tells its
-        ``limits``, least and greatest, null where there is none.
+    Returns:
+        list of dict: ``title``, ``unit`` and ``signals``, each with its ``name``, ``colour`` and packed
+            ``values``: one value where it never changes. Errors of estimates have the ``bound`` of three
+            standard deviations. A colour is ``[kind, k]``: that of the tip number k, of the body number k, or
+            of all together; null for one of its own. One with limits tells its ``limits``, least and
+            greatest, null where there is none.
     """
     return [
         {
@@ -210,7 +203,10 @@ def _tabulated(
             chosen = np.isfinite(values).all(axis=(0, 2))
         elif whose == "acting body":  # of the others the variable is not a number
             chosen = ~np.isnan(values).reshape(len(values), len(labels), -1).all(axis=(0, 2))
-        names = [called(str(label)) if dim == "body" else str(label) for label in labels[chosen]]
+        names = [
+            result.scenario.body_label(str(label)) if dim == "body" else str(label)
+            for label in labels[chosen]
+        ]
         values = values[:, chosen] * factor
         if form in axes:
             signals = _along(values, names, axes[form])
@@ -218,8 +214,8 @@ def _tabulated(
             values = values if form == "value" else np.linalg.norm(values, axis=-1)
             colours: list[tuple[str, int] | None] = [None] * len(names)
             if dim in ("tip", "grasp"):  # a grasp has the colour of its tip
-                own = [name if dim == "tip" else result.scenario.grasps[name].tip for name in names]
-                colours = [("tip", tips.index(tip)) for tip in own]
+                tip_labels = [name if dim == "tip" else result.scenario.grasps[name].tip for name in names]
+                colours = [("tip", tips.index(tip)) for tip in tip_labels]
             signals = list(map(Signal, names, values.T, colours))
         yield PlottedQuantity(title, unit, signals)
 
@@ -229,8 +225,10 @@ def _bodies(result: Result) -> list[PlottedQuantity]:
     for k, name in enumerate(map(str, result.array("body"))):
         turned, (axes, moved) = rotation_deg(result, name)[1], translation_mm(result, name)
         rotation = turned[:, 0] if turned.shape[1] == 1 else np.linalg.norm(turned, axis=-1)
-        rotations.append(Signal(called(name), rotation, ("body", k)))
-        translations += [Signal(f"{called(name)} {axis}", moved[:, i]) for i, axis in enumerate(axes)]
+        rotations.append(Signal(result.scenario.body_label(name), rotation, ("body", k)))
+        translations += [
+            Signal(f"{result.scenario.body_label(name)} {axis}", moved[:, i]) for i, axis in enumerate(axes)
+        ]
     return [
         PlottedQuantity("rotation since the start", "deg", rotations),
         PlottedQuantity("translation since the start", "mm", translations),
@@ -238,8 +236,8 @@ def _bodies(result: Result) -> list[PlottedQuantity]:
 
 
 def _momenta(result: Result) -> list[PlottedQuantity]:
-    """Of every body, of all together, and what came from outside."""
-    bodies = [called(str(name)) for name in result.array("body")]
+    """Momenta of every body and of all together, and the impulse from outside."""
+    bodies = [result.scenario.body_label(str(name)) for name in result.array("body")]
     colours = [*(("body", k) for k in range(len(bodies))), ("all", 0), ("body", len(bodies))]
     names, momenta = [*bodies, "all together"], {}
     for kind in ("linear", "angular"):
@@ -261,29 +259,29 @@ def _momenta(result: Result) -> list[PlottedQuantity]:
 
 def _orbit(result: Result) -> list[PlottedQuantity]:
     """Motion of bodies in radial, along-track and cross-track axes."""
-    data, found = result.data, list[PlottedQuantity]()
+    data, plotted = result.data, list[PlottedQuantity]()
     if "hill_position" not in data:
-        return found
+        return plotted
     axes = ("radial", "along-track", "cross-track")[: len(shown_axes(result))]
     for title, unit, factor in (("position", "m", 1.0), ("velocity", "mm/s", 1e3)):
         values = result.array(f"hill_{title}") * factor
         signals = [
-            Signal(f"{called(str(body))} {axis}", values[:, k, i])
+            Signal(f"{result.scenario.body_label(str(body))} {axis}", values[:, k, i])
             for k, body in enumerate(result.array("body"))
             for i, axis in enumerate(axes)
         ]
-        found.append(PlottedQuantity(f"{title} in Hill axes", unit, signals))
-    return found
+        plotted.append(PlottedQuantity(f"{title} in Hill axes", unit, signals))
+    return plotted
 
 
 def _declared(result: Result) -> list[PlottedQuantity]:
-    """Outputs of kinds of one's own, as they declare them: text, unit, and who they are of."""
-    known = {head + tail for head, tails in SHIPPED.items() for tail in tails.split()}
-    found = list[PlottedQuantity]()
+    """Outputs without a curve so far, as elements declare them: text, unit and owner."""
+    plotted = list[PlottedQuantity]()
     for key, variable in result.data.data_vars.items():
         name, (along, *dims) = str(key), variable.dims
-        by_wheel = name.startswith("wheel_") and "wheel" in result.data.dims
-        if along != "time" or name in known or name.startswith("work_") or by_wheel:
+        is_tabulated = any(name == key and dim in dims for key, dim in TABULATED)
+        has_curve = is_tabulated or name in COMPOSED or "sign" in variable.attrs  # works have a sign
+        if along != "time" or has_curve or not variable.attrs.get("plotted", 1):
             continue
         bounds: Array | None = None
         if dims and dims[0] != "axis":
@@ -292,17 +290,20 @@ def _declared(result: Result) -> list[PlottedQuantity]:
             stated = f"{name.removesuffix('_error')}_deviation"
             if name.endswith("_error") and stated in result.data:
                 bounds = 3 * result.data[stated].sel({dims[0]: variable[dims[0]]}).values
-            values, owners = variable.values, [called(str(label)) for label in variable[dims[0]].values]
+            values, owners = (
+                variable.values,
+                [result.scenario.body_label(str(label)) for label in variable[dims[0]].values],
+            )
         else:  # of the whole scene
             values, owners = variable.values[:, None], [name.replace("_", " ")]
         title, unit = str(variable.attrs["long_name"]), str(variable.attrs["units"])
         if values.ndim == 3:
             axes = _about(result) if unit in ABOUT_AXES else shown_axes(result)
-            found.append(PlottedQuantity(title, unit, _along(values, owners, axes, bounds)))
+            plotted.append(PlottedQuantity(title, unit, _along(values, owners, axes, bounds)))
         else:
             signals = [
                 Signal(owner, values[:, k], bound=None if bounds is None else bounds[:, k])
                 for k, owner in enumerate(owners)
             ]
-            found.append(PlottedQuantity(title, unit, signals))
-    return found
+            plotted.append(PlottedQuantity(title, unit, signals))
+    return plotted

@@ -9,8 +9,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from optim.campaign.analysis.sentences import (
+    capturing,
+    depends,
+    drawn,
+    failing,
+    failure_criteria,
+    mixed,
+    quantity_of,
+    stepping,
+    unfinished,
+    why_worst,
+    with_gains,
+)
+from optim.campaign.analysis.tables import failure_table, pair_table, percentile_table
 from spacerobot.quantities import find_quantity, metrics
 from spacerobot.result import Result
+from spacerobot.tables import escape, unit_scale
 from viz.figures import (
     SampleSpread,
     bands,
@@ -19,25 +34,11 @@ from viz.figures import (
     sensitivities,
     to_bytes,
 )
-from viz.figures.style import Drawing, unit_scale
+from viz.figures.style import Drawing
 from viz.page.animation import animation
 from viz.page.page import page as animated
-from viz.report.campaign_text import (
-    capturing,
-    depends,
-    drawn,
-    failing,
-    failure_criteria,
-    mixed,
-    place_of,
-    quantity_of,
-    stepping,
-    unfinished,
-    why_worst,
-    with_gains,
-)
 from viz.report.report import SECTIONS, ReportSection, page, report
-from viz.report.sections import escape, picture, playable, still_png, table
+from viz.report.sections import picture, playable, still_png, table
 
 if TYPE_CHECKING:
     from optim.campaign import QuantileBands
@@ -52,21 +53,14 @@ MOST_ANIMATED = 4
 class CampaignReport:
     """Report about a campaign.
 
-    Attributes
-    ----------
-    summary
-        As in ``summary.json``.
-    data
-        Draws and metrics of every sample.
-    worst
-        By set of gains: its worst sample, simulated.
-    bands
-        By kept signal: how it spreads over time, for each set of gains by name.
-    spreads
-        What the animated page tells of all samples, one for each set of gains; see
-        :func:`viz.page.campaign_spread.spread_data`.
-    faults
-        By set of gains: why its worst sample cannot be simulated.
+    Attributes:
+        summary: As in ``summary.json``.
+        data: Draws and metrics of every sample.
+        worst: By set of gains: its worst sample, simulated.
+        bands: By kept signal: how it spreads over time, for each set of gains by name.
+        spreads: What the animated page tells of all samples, one for each set of gains; see
+            :func:`viz.page.campaign_spread.spread_data`.
+        faults: By set of gains: why its worst sample cannot be simulated.
     """
 
     summary: Mapping[str, Any]
@@ -81,22 +75,26 @@ def campaign_report(shown: CampaignReport) -> str:
     """HTML of a report about a campaign; the worst sample of each set of gains is shown and animated."""
     summary = shown.summary
     written = {
-        "campaign": ("Campaign", _in_short(summary)),
+        "campaign": ("In short", _in_short(summary)),
         "spread": ("How the numbers spread", _spread(shown)),
         "matters": ("What matters", _matters(summary)),
         "series": ("Signals over time", _series(shown)),
         "worst": ("Worst samples", _worst(shown)),
+        "design": ("Design of the campaign", _design(summary)),
     }
     title = f"Campaign of {summary['name']}: {summary['samples']} samples"
 
     def section(name: str, heading: str, text: str) -> ReportSection:
         return ReportSection(name, heading, lambda _: text)
 
-    own = [(section(name, heading, text), text) for name, (heading, text) in written.items() if text]
+    sections_written = [
+        (section(name, heading, text), text) for name, (heading, text) in written.items() if text
+    ]
     results = [replace(result, folder=None) for result in shown.worst.values()]
     if not results:
-        return page(title, own)
-    stills = [still_png(result, (640, 400)) for result in list(shown.worst.values())[:MOST_ANIMATED]]
+        return page(title, sections_written)
+    size_px = (900, 540) if len(results) == 1 else (640, 400)
+    stills = [still_png(result, size_px) for result in list(shown.worst.values())[:MOST_ANIMATED]]
     text = playable(animated(animated_worst(shown)), stills, 640)
     left = list(shown.worst)[MOST_ANIMATED:]
     text += f"<p>Not animated: the worst samples of {escape(', '.join(left))}.</p>" if left else ""
@@ -106,61 +104,41 @@ def campaign_report(shown: CampaignReport) -> str:
         if part.name in KEPT
     ]
     # the verdict first, then the picture
-    first, *others = (part for part, _ in own)
+    first, *others = (part for part, _ in sections_written)
     sections = [first, section("animation", "Worst samples, animated", text), *others, *rest]
     return report(*results, title=title, sections=sections)
 
 
 def _in_short(summary: Mapping[str, Any]) -> str:
     sentences = [
-        say(name, told, summary) for say in (failing, capturing) for name, told in summary["gains"].items()
+        say(name, statistics, summary)
+        for say in (failing, capturing)
+        for name, statistics in summary["gains"].items()
     ]
-    text = "".join(f"<p>{escape(sentence)}</p>" for sentence in sentences if sentence)
+    text = "".join(f"<p class='outcome'>{escape(sentence)}</p>" for sentence in sentences if sentence)
     warnings = [unfinished(summary), *summary["doubts"]]
     items = "".join(f"<li>{escape(warning)}</li>" for warning in warnings if warning)
     if items:
         text += f"<ul class='warnings'>{items}</ul>"
-    sets = ", ".join(summary["gains"])
-    about = (
-        f"{summary['samples']} of {summary['of']} samples (design {summary['design']}, seed "
-        f"{summary['seed']}) of {', '.join(summary['parameters'])}; each was rolled out with the gains: "
-        f"{sets}."
-    )
-    step = stepping(summary)
-    fails = failure_criteria(summary) + (f" {step}" if step else "")
-    text += f"<p>{escape(about)} {escape(fails)}</p>"
-    causes = list(next(iter(summary["gains"].values()))["failure"])
-    rows = [
-        [name, *(_share(told["failure"][cause]) for cause in causes)]
-        for name, told in summary["gains"].items()
-    ]
-    level = f"{100 * summary['confidence']:g} %"
-    note = f", with the {level} interval of its probability" if summary["intervals"] else ""
-    text += f"<h3>Share of samples that fail{note}</h3>{table(['gains', *causes], rows)}"
-    # how often the first of two sets of gains has the smaller number, a column for each two
-    columns: dict[str, dict[str, str]] = {}
-    for row in summary["against"]:
-        first, second = row["first"], row["second"]
-        column = columns.setdefault(f"{first} below {second}", {})
-        if "fails_alone" in row:
-            alone = row["fails_alone"]
-            column["samples that only the first fails, only the second"] = f"{alone[first]}, {alone[second]}"
-        else:
-            better = row["first_is_better"]
-            column[quantity_of(row["metric"])] = "always the same" if better is None else _share(better)
-    if columns:
-        names = next(iter(columns.values()))
-        rows = [[name, *(column[name] for column in columns.values())] for name in names]
-        heading = "Two sets on the same samples: how often the first has the smaller number"
-        text += f"<h3>{heading}</h3>{table(['', *columns], rows)}"
+    criteria = escape(failure_criteria(summary))
+    text += "" if criteria in text else f"<p>{criteria}</p>"
+    text += failure_table(summary).html()
+    if summary["against"]:
+        text += pair_table(summary).html()
     return text
 
 
-def _share(told: Mapping[str, Any]) -> str:
-    text = f"{100 * told['value']:.3g} %"
-    if told["low"] is None:
-        return text
-    return f"{text} ({100 * told['low']:.3g} to {100 * told['high']:.3g})"
+def _design(summary: Mapping[str, Any]) -> str:
+    """Samples, their design, and the parameters with their units."""
+    sets, step = list(summary["gains"]), stepping(summary)
+    named = ", ".join(f"{name} [{unit}]" for name, unit in summary["units"].items())
+    about = (
+        f"{summary['samples']} of {summary['of']} samples (design {summary['design']}, seed "
+        f"{summary['seed']}) of {named}."
+    )
+    if len(sets) > 1:
+        about += f" Each sample was simulated with every set of gains: {', '.join(sets)}."
+    return f"<p>{escape(about)}</p>" + (f"<p>{escape(step)}</p>" if step else "")
 
 
 def _spread(shown: CampaignReport) -> str:
@@ -177,16 +155,10 @@ def _spread(shown: CampaignReport) -> str:
         spreads.append(SampleSpread(samples, quantity_of(metric), unit, limit, missing))
     # Percentiles of every number that is kept, folded away.
     text = ""
-    for name, told in shown.summary["gains"].items():
-        rows = []
-        for row in told["metrics"]:
-            factor, unit = unit_scale(row["unit"])
-            values = [q["value"] for q in row["percentiles"]] + [row["largest"]]
-            numbers = ["no value" if v is None else f"{factor * v:.4g}" for v in values]
-            rows.append([place_of(row["metric"], row["of"]), unit, *numbers])
-        percents = [f"{q['percent']:g} %" for q in told["metrics"][0]["percentiles"]]
-        inside = table(["", "unit", *percents, "largest"], rows)
-        text += f"<details><summary>percentiles with the gains {escape(name)}</summary>{inside}</details>"
+    for name, statistics in shown.summary["gains"].items():
+        inside = percentile_table(name, statistics, shown.summary).html()
+        of = f", gains {escape(name)}" if len(shown.summary["gains"]) > 1 else ""
+        text += f"<details><summary>percentiles{of}</summary>{inside}</details>"
     if not spreads:
         return text
     note = "The share of samples (upwards) that stay below a value (to the right); the marks are 50 and 95 %."
@@ -196,11 +168,11 @@ def _spread(shown: CampaignReport) -> str:
 def _matters(summary: Mapping[str, Any]) -> str:
     """Dependence of each metric on the parameters: in sentences, and as bars for the first one."""
     parts = []
-    for name, told in summary["gains"].items():
-        sentences = [depends(metric, entry) for metric, entry in told["matters"].items()]
+    for name, statistics in summary["gains"].items():
+        sentences = [depends(metric, entry) for metric, entry in statistics["matters"].items()]
         items = "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences)
         heading = f"<h3>{escape(with_gains(name))}</h3>" if len(summary["gains"]) > 1 else ""
-        metric, entry = next(iter(told["matters"].items()))
+        metric, entry = next(iter(statistics["matters"].items()))
         shares, names = entry["kind"] == "sobol", summary["parameters"]
         rows = {"share": entry["total"]} if shares else {"as it grows": entry["value"]}
         rows |= {} if shares else {"away from its middle": entry["away"]}
@@ -210,11 +182,12 @@ def _matters(summary: Mapping[str, Any]) -> str:
             drawing = sensitivities(names, values, quantity=metric)
             kind = "total Sobol' index" if shares else "rank correlation"
             drawing.axes[0].set_xlabel(f"{kind} with the {quantity_of(metric)}")
-            bars = _figure(drawing, f"What the {quantity_of(metric)} depends on, gains {name}")
+            of = f", gains {name}" if len(summary["gains"]) > 1 else ""
+            bars = _figure(drawing, f"Dependence of the {quantity_of(metric)} on the parameters{of}")
         if bars and len(summary["gains"]) > 1:
             bars = f"<details><summary>every parameter, gains {escape(name)}</summary>{bars}</details>"
         parts.append(f"{heading}<ul>{items}</ul>{bars}")
-    entries = [entry for told in summary["gains"].values() for entry in told["matters"].values()]
+    entries = [entry for statistics in summary["gains"].values() for entry in statistics["matters"].values()]
     note = mixed(summary)
     kinds = {entry["kind"] for entry in entries}
     texts = []
@@ -237,18 +210,18 @@ def _series(shown: CampaignReport) -> str:
             if not moving_components(signal_bands):
                 parts.append(f"<p>{escape(with_gains(name))}: always the same, in every sample.</p>")
                 continue
-            own = f"{signal.replace('_', ' ')} with the gains {name}"
+            caption = signal.replace("_", " ") + (f" with the gains {name}" if len(by_gains) > 1 else "")
             scale = "; each figure has its own scale" if len(by_gains) > 1 else ""
             lost = len(shown.data.sample) - int(signal_bands.left[-1])
             gone = f"; diverged, and counted until then: {lost}" if lost else ""
-            parts.append(_figure(bands(signal_bands), f"{own}, over all samples{gone}{scale}"))
+            parts.append(_figure(bands(signal_bands), f"{caption}, over all samples{gone}{scale}"))
     return "".join(parts)
 
 
 def _worst(shown: CampaignReport) -> str:
     """Draw of each set's worst sample, a column for each, what cannot be simulated, and the commands."""
     summary = shown.summary
-    worst = {name: told["worst"][0] for name, told in summary["gains"].items()}
+    worst = {name: entry["worst"][0] for name, entry in summary["gains"].items()}
     rows = [["sample", *(str(row["sample"]) for row in worst.values())]]
     units = {one["metric"]: one["unit"] for one in next(iter(summary["gains"].values()))["metrics"]}
     reasons = []
@@ -263,11 +236,12 @@ def _worst(shown: CampaignReport) -> str:
         rows.append([key, *(drawn(summary, key, row["draw"][key]) for row in worst.values())])
     text = table(["gains", *worst], rows)
     for name, fault in shown.faults.items():
-        told = f"gains {name}, sample {worst[name]['sample']}, cannot be simulated: {fault}"
-        text += f"<p>{escape(told)}</p>"
+        entry = f"gains {name}, sample {worst[name]['sample']}, cannot be simulated: {fault}"
+        text += f"<p>{escape(entry)}</p>"
     for name, row in worst.items():
-        told = f"run it again, gains {name}"
-        text += f"<details><summary>{escape(told)}</summary><pre>{escape(row['command'])}</pre></details>"
+        of = f", gains {name}" if len(worst) > 1 else ""
+        title = escape(f"command that runs it again{of}")
+        text += f"<details><summary>{title}</summary><pre>{escape(row['command'])}</pre></details>"
     return text
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,10 @@ from optim.comparison import tables
 from spacerobot.errors import ResultError
 from spacerobot.result import Result
 from spacerobot.result.store import DATA
+from spacerobot.tables import escape
 from viz.figures.comparison import PROFILES
 from viz.report.report import SECTIONS, ReportSection, page, report
-from viz.report.sections import escape, picture, table
+from viz.report.sections import picture
 
 COMPARISON = "comparison.json"
 DRAWINGS = {
@@ -34,15 +36,11 @@ PROFILE_TITLE = (
 def comparison_section(folder: Path) -> ReportSection:
     """Section of a report about the comparison in a folder.
 
-    Parameters
-    ----------
-    folder
-        What ``spacerobot compare`` wrote.
+    Args:
+        folder: What ``spacerobot compare`` wrote.
 
-    Raises
-    ------
-    ResultError
-        If it holds no comparison that can be shown.
+    Raises:
+        ResultError: If it holds no comparison that can be shown.
     """
     text = _text(folder)
     return ReportSection(NAME, TITLE, lambda _: text)
@@ -53,19 +51,26 @@ def _text(folder: Path) -> str:
         data = _read(folder)
         text = f"<p class='outcome'><strong>{escape(data['conclusion'])}</strong></p>"
         text += _drawing(folder / "figures" / f"{PROFILES}.svg", PROFILES, PROFILE_TITLE)
-        text += _table(tables.summary_table(data))
+        text += tables.summary_table(data).html()
         for benchmark in data["problems"]:
             name, precisions = benchmark["name"], data["precisions"]
-            made = tables.tables_of(benchmark, precisions)
-            made.insert(1, tables.success_table(benchmark, precisions))
+            content = tables.tables_of(benchmark, precisions)
+            content.insert(1, tables.success_table(benchmark, precisions))
             drawings = [
                 _drawing(folder / name / "figures" / f"{kind}.svg", f"{name}-{kind}", title)
                 for kind, title in DRAWINGS.items()
             ]
-            text += f"<h3>{escape(tables.heading(benchmark))}</h3><p>{escape(tables.prices(benchmark))}</p>"
+            unfolded = " open" if len(data["problems"]) == 1 else ""
+            text += (
+                f"<details class='problem'{unfolded}><summary>{escape(tables.heading(benchmark))}</summary>"
+            )
+            text += f"<p>{escape(tables.prices(benchmark))}</p>"
             items = "".join(f"<li>{escape(doubt)}</li>" for doubt in tables.doubts(benchmark))
             text += f"<ul class='warnings'>{items}</ul>" if items else ""
-            text += _table(made[0]) + "".join([*drawings[:2], *map(_table, made[1:]), *drawings[2:]])
+            text += content[0].html()
+            text += "".join(
+                [*drawings[:2], *(one.html() for one in content[1:]), *drawings[2:], "</details>"]
+            )
         return text
 
 
@@ -83,10 +88,8 @@ def _whole(folder: Path) -> Iterator[None]:
 def comparison_report(folder: Path) -> str:
     """HTML of a report about a comparison; the first problem's untuned and best designs follow, if judged.
 
-    Raises
-    ------
-    ResultError
-        If the folder holds no comparison that can be shown.
+    Raises:
+        ResultError: If the folder holds no comparison that can be shown.
     """
     section = comparison_section(folder)
     with _whole(folder):
@@ -94,22 +97,23 @@ def comparison_report(folder: Path) -> str:
         benchmark = data["problems"][0]
         ranked = {name: method for name, method in benchmark["methods"].items() if method["ranked"]}
         best = min(ranked or benchmark["methods"], key=lambda name: _objective(benchmark["methods"][name]))
-        shown = [folder / benchmark["name"] / name for name in ("baseline", best)]
+        places = [folder / benchmark["name"] / name for name in ("baseline", best)]
         title = f"Tuning methods compared: {data['name']}"
-    if not all((place / DATA).is_file() for place in shown):
+    if not all((place / DATA).is_file() for place in places):
         return page(title, [(section, _text(folder))])
-    results: list[Result] = [Result.load(place) for place in shown]
-    title += f"; shown: {benchmark['name']}, untuned and {best}"
-    return report(*results, title=title, sections=[section, *SECTIONS])
+    results: list[Result] = [Result.load(place) for place in places]
+    designs = f": {benchmark['name']}, untuned and {best}"
+    rest = [
+        part if part.name == "origins" else replace(part, title=f"{part.title}{designs}") for part in SECTIONS
+    ]
+    return report(*results, title=title, sections=[section, *rest])
 
 
 def designs_of(folder: Path) -> tuple[str, dict[str, Result]]:
     """Title, and the results of the first problem that was judged, the untuned design first, the best next.
 
-    Raises
-    ------
-    ResultError
-        If the folder holds no comparison that can be shown, or none of its designs was judged.
+    Raises:
+        ResultError: If the folder holds no comparison that can be shown, or none of its designs was judged.
     """
     with _whole(folder):
         data = _read(folder)
@@ -117,12 +121,12 @@ def designs_of(folder: Path) -> tuple[str, dict[str, Result]]:
         ranked = sorted(benchmark["methods"], key=lambda name: _objective(benchmark["methods"][name]))
         title = f"Tuning methods compared: {data['name']}, {benchmark['name']}"
         places = {name: folder / benchmark["name"] / name for name in ("baseline", *ranked)}
-    found = {name: Result.load(place) for name, place in places.items() if (place / DATA).is_file()}
-    if not found:
+    results = {name: Result.load(place) for name, place in places.items() if (place / DATA).is_file()}
+    if not results:
         raise ResultError(
             "no design of this comparison was evaluated, so there is no motion to play", source=folder
         )
-    return title, found
+    return title, results
 
 
 def _objective(method: Mapping[str, Any]) -> float:
@@ -132,10 +136,6 @@ def _objective(method: Mapping[str, Any]) -> float:
 
 def _read(folder: Path) -> Any:
     return json.loads((folder / COMPARISON).read_text(encoding="utf-8"))
-
-
-def _table(made: tables.ComparisonTable) -> str:
-    return f"<p>{escape(made.title)}</p>{table(made.headings, made.rows)}"
 
 
 def _drawing(file: Path, name: str, title: str) -> str:

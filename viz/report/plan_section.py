@@ -8,13 +8,22 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from optim.planning.output.plan_tables import (
+    cost_table,
+    mesh_text,
+    replay_table,
+    sensitivity_table,
+    solver_table,
+    violation_table,
+)
 from spacerobot.arrays import Array
 from spacerobot.result import Result
+from spacerobot.tables import escape, unit_scale
 from viz.figures import to_bytes
 from viz.figures.plan import ACTIVE, plan_figures
 from viz.page.page import page as animated
 from viz.report.report import ReportSection, page
-from viz.report.sections import escape, picture, playable, still_png, table
+from viz.report.sections import picture, playable, still_png, table
 
 TITLES = {
     "plan_joints": "Joints: positions, rates and torques with their limits; squares where a limit is active; "
@@ -34,14 +43,10 @@ LIMITED = {
 def plan_report(plan: xr.Dataset, summary: Mapping[str, Any], flown: Result, data: Mapping[str, Any]) -> str:
     """HTML of a report about a plan.
 
-    Parameters
-    ----------
-    plan, summary
-        What stands in ``plan.nc`` and ``plan.json``.
-    flown
-        Result of the scenario that follows the plan.
-    data
-        Of the animated page of both.
+    Args:
+        plan, summary: What stands in ``plan.nc`` and ``plan.json``.
+        flown: Result of the scenario that follows the plan.
+        data: Of the animated page of both.
     """
     figures = "".join(
         picture(name, TITLES.get(name, name), to_bytes(drawing, "svg"))
@@ -77,7 +82,7 @@ def _in_short(summary: Mapping[str, Any], flown: Result, data: Mapping[str, Any]
         words += f"Not verified: {worst['name']} is violated by {worst['amount']:.2g} {worst['unit']}."
     else:
         words += f"Not verified: its simulation ends {1e3 * min(open_loop, closed):.2g} mm from the plan."
-    if verification["second_order"] == "saddle":
+    if verification["second_order"] == "saddle point":
         words += " It is a saddle point: nearby motions cost less."
     text = f"<p class='outcome'>{escape(words)}</p>"
     return text + playable(animated({**data, "autoplay": True}), [still_png(flown)], 720)
@@ -86,10 +91,8 @@ def _in_short(summary: Mapping[str, Any], flown: Result, data: Mapping[str, Any]
 def binding(plan: xr.Dataset) -> Iterator[tuple[str, str, list[tuple[float, float]]]]:
     """Limits that are active: what is limited, which limit, and the periods [s] in which it binds.
 
-    Parameters
-    ----------
-    plan
-        What stands in ``plan.nc``.
+    Args:
+        plan: What stands in ``plan.nc``.
     """
     time = plan.time.values
     for variable, (word, limits) in LIMITED.items():
@@ -97,14 +100,17 @@ def binding(plan: xr.Dataset) -> Iterator[tuple[str, str, list[tuple[float, floa
             continue
         for joint in plan.joint.values:
             values, ends = plan[variable].sel(joint=joint).values, plan[limits].sel(joint=joint).values
-            yield from _active(f"{word} of {joint}", time, values, ends)
+            yield from _active(f"{word} of {joint}", time, values, ends, str(plan[variable].attrs["units"]))
     for name in plan.constraint_name.values if "constraint" in plan else ():
-        own = plan.sel(constraint_name=name)
-        yield from _active(str(name), time, own.constraint.values, own.constraint_limit.values)
+        constraint = plan.sel(constraint_name=name)
+        unit = str(constraint.constraint_unit.values)
+        yield from _active(
+            str(name), time, constraint.constraint.values, constraint.constraint_limit.values, unit
+        )
 
 
 def _active(
-    name: str, time: Array, values: Array, limits: Array
+    name: str, time: Array, values: Array, limits: Array, unit: str
 ) -> Iterator[tuple[str, str, list[tuple[float, float]]]]:
     finite = limits[np.isfinite(limits)]
     size = max(float(np.abs(finite).max(initial=0.0)), float(np.ptp(finite)) if len(finite) else 0.0)
@@ -116,11 +122,12 @@ def _active(
         )
         if not near.any():
             continue
+        factor, unit_label = unit_scale(unit)
         # where periods of active points begin and end
         steps = np.flatnonzero(np.diff(np.concatenate([[0], near.astype(int), [0]])))
         yield (
             name,
-            f"{side}, {limit:.4g}",
+            f"{side}, {factor * limit:.4g} {unit_label}",
             [(float(time[a]), float(time[b - 1])) for a, b in steps.reshape(-1, 2)],
         )
 
@@ -132,22 +139,14 @@ def _limits(plan: xr.Dataset) -> str:
     ]
     if not rows:
         return "<p>No limit is active: the motion would be the same without them.</p>"
-    return table(["limit of", "bound (SI)", "active at"], rows)
+    return table(["limit of", "bound", "active at"], rows)
 
 
 def _cost(summary: Mapping[str, Any]) -> str:
-    rows = [
-        [
-            name.replace("_", " "),
-            f"{value:.4g}",
-            f"{100 * value / summary['cost']:.3g} %" if summary["cost"] else "",
-        ]
-        for name, value in summary["terms"].items()
-    ]
-    text = table(["term", "cost", "share"], rows)
-    if slopes := summary.get("cost_sensitivities"):
-        cells = [[path, f"{slope:+.4g}"] for path, slope in slopes.items()]
-        return f"{text}<h3>Sensitivities of the optimal cost</h3>{table(['parameter', 'per unit'], cells)}"
+    text = cost_table(summary).html()
+    slopes = sensitivity_table(summary)
+    if slopes is not None:
+        return text + slopes.html()
     return (
         f"{text}<p>Sensitivities of the optimal cost are listed here after "
         "<code>spacerobot plan SCENARIO --out DIR --sensitivities PATH,PATH</code>.</p>"
@@ -155,32 +154,9 @@ def _cost(summary: Mapping[str, Any]) -> str:
 
 
 def _replay(summary: Mapping[str, Any]) -> str:
-    verification = summary["verification"]
-    rows = [
-        [tip, f"{1e3 * error:.2g}", f"{1e3 * verification['followed_error_m'][tip]:.2g}"]
-        for tip, error in verification["replay_error_m"].items()
-    ]
-    text = table(["tip", "error of the replay, open loop [mm]", "with feedback [mm]"], rows) if rows else ""
-    worst = [
-        [v["name"], f"{v['amount']:.2g} {v['unit']}", f"{v['allowed']:.2g} {v['unit']}"]
-        for v in verification["violations"]
-    ]
-    between = table(["between the points of the mesh", "violation", "allowed"], worst) if worst else ""
-    return text + between
+    tables = (replay_table(summary), violation_table(summary))
+    return "".join(one.html() for one in tables if one is not None)
 
 
 def _mesh(summary: Mapping[str, Any]) -> str:
-    words = f"{summary['intervals']} intervals of order {summary['order']}, {summary['unknowns']} unknowns."
-    heads = ["start", "intervals", "cost", "iterations", "time [s]", "status"]
-    rows = [
-        [
-            str(run["start"] + 1),
-            str(run["intervals"]),
-            f"{run['cost']:.6g}",
-            str(run["iterations"]),
-            f"{run['seconds']:.3g}",
-            run["status"].replace("_", " ").lower(),
-        ]
-        for run in summary["solver_runs"]
-    ]
-    return f"<p>{escape(words)}</p>{table(heads, rows)}"
+    return f"<p>{escape(mesh_text(summary))}.</p>{solver_table(summary).html()}"

@@ -13,24 +13,22 @@ from spacerobot.errors import ResultError
 from spacerobot.files import StrPath, write_text
 from spacerobot.result import Result, note_derived
 from spacerobot.result.store import SUMMARY
+from spacerobot.tables import escape
 from viz.figures.collect import check_comparable
 from viz.page.page import fill, policy
 from viz.report import sections as parts
+from viz.report.tuning_section import tuned
 
 
 @dataclass(frozen=True)
 class ReportSection:
     """A part of a report.
 
-    Attributes
-    ----------
-    name
-        Of its anchor.
-    title
-        Its heading.
-    body
-        HTML of it, or None where it does not apply. Texts that come from files must be escaped,
-        as :func:`viz.report.sections.escape` does.
+    Attributes:
+        name: Of its anchor.
+        title: Its heading.
+        body: HTML of it, or None where it does not apply. Texts that come from files must be escaped, as
+            :func:`spacerobot.tables.escape` does.
     """
 
     name: str
@@ -42,6 +40,7 @@ SECTIONS = (
     ReportSection("warnings", "Look at this first", parts.warnings),
     ReportSection("verdict", "In short", parts.in_short),
     ReportSection("numbers", "Headline numbers", parts.numbers),
+    ReportSection("tuning", "Tuning", tuned),
     ReportSection("events", "Events", parts.events),
     ReportSection("run", "What was run", parts.what_was_run),
     ReportSection("paper", "Against the paper", parts.against_the_paper),
@@ -50,25 +49,19 @@ SECTIONS = (
     ReportSection("assumptions", "Assumptions", parts.assumptions),
     ReportSection("origins", "Versions and scenarios", parts.origins),
 )
-"""What every report holds, in order."""
+"""Sections of every report, in order."""
 
 
 def report(*results: Result, title: str | None = None, sections: Sequence[ReportSection] = SECTIONS) -> str:
     """HTML of a report; it needs no network and prints well.
 
-    Parameters
-    ----------
-    results
-        What it is about, the first one foremost.
-    title
-        Heading; made of the results' names if not given.
-    sections
-        What it holds; other packages may add theirs.
+    Args:
+        results: What it is about, the first one foremost.
+        title: Heading; made of the results' names if not given.
+        sections: What it holds; other packages may add theirs.
 
-    Raises
-    ------
-    ResultError
-        If the results cannot be compared.
+    Raises:
+        ResultError: If the results cannot be compared.
     """
     check_comparable(results)
     subject = parts.subject_of(results)
@@ -80,16 +73,13 @@ def report(*results: Result, title: str | None = None, sections: Sequence[Report
 def page(heading: str, sections: Sequence[tuple[ReportSection, str]]) -> str:
     """HTML of a page of sections with a heading, its figures numbered; it needs no network and prints well.
 
-    Parameters
-    ----------
-    heading
-        Plain text.
-    sections
-        Each with its HTML.
+    Args:
+        heading: Plain text.
+        sections: Each with its HTML.
     """
-    links = "".join(f'<a href="#{s.name}">{parts.escape(s.title)}</a>' for s, _ in sections)
+    links = "".join(f'<a href="#{s.name}">{escape(s.title)}</a>' for s, _ in sections)
     text = "".join(
-        f'<section id="{s.name}"><h2>{parts.escape(s.title)}</h2>{body}</section>' for s, body in sections
+        f'<section id="{s.name}"><h2>{escape(s.title)}</h2>{body}</section>' for s, body in sections
     )
     count = itertools.count(1)
     text = re.sub("<figcaption>", lambda found: f"{found[0]}Figure {next(count)}. ", text)
@@ -98,7 +88,7 @@ def page(heading: str, sections: Sequence[tuple[ReportSection, str]]) -> str:
         (web / "report.html").read_text(encoding="utf-8"),
         {
             "policy": policy(),
-            "title": parts.escape(heading),
+            "title": escape(heading),
             "style": (web / "report.css").read_text(encoding="utf-8"),
             "links": links,
             "sections": text,
@@ -109,10 +99,8 @@ def page(heading: str, sections: Sequence[tuple[ReportSection, str]]) -> str:
 def write_report(result: Result, path: StrPath, *others: Result, title: str | None = None) -> None:
     """Write the page of :func:`report` about a result, or about several compared.
 
-    Raises
-    ------
-    ResultError
-        If the file cannot be written or the results cannot be compared.
+    Raises:
+        ResultError: If the file cannot be written or the results cannot be compared.
     """
     write_text(path, report(result, *others, title=title))
     note_derived([each.folder for each in (result, *others)], [path])
@@ -121,17 +109,15 @@ def write_report(result: Result, path: StrPath, *others: Result, title: str | No
 def find_results(folders: Sequence[StrPath]) -> list[Result]:
     """Results in folders: each is one, or holds several.
 
-    Raises
-    ------
-    ResultError
-        If a folder holds none, or one cannot be read.
+    Raises:
+        ResultError: If a folder holds none, or one cannot be read.
     """
-    found = []
+    results = []
     for folder in map(Path, folders):
         inside = sorted(path.parent for path in folder.glob(f"*/{SUMMARY}")) if folder.is_dir() else []
         if (folder / SUMMARY).exists() or not inside:
             inside = [folder]
-        found += [Result.load(path) for path in inside]
-    if not found:
+        results += [Result.load(path) for path in inside]
+    if not results:
         raise ResultError("no results named")
-    return found
+    return results

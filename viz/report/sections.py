@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import html
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,15 +12,16 @@ import numpy as np
 
 from spacerobot.paper import AXES, FIGURE_7_MM, FIGURE_10_MM, PID_ONLY_MM, error_bands_mm, is_of_the_paper
 from spacerobot.result import Result
-from spacerobot.result.events import HEADINGS, event_rows
-from spacerobot.result.table import status_text
+from spacerobot.result.events import event_table
+from spacerobot.result.table import engine_text, status_text
 from spacerobot.scenario.load import to_document, to_yaml
-from viz.figures import draw_all, to_bytes
-from viz.figures.style import labels_of
+from spacerobot.tables import Table, escape
+from viz.figures import draw_all, figure_kinds, to_bytes
+from viz.figures.labels import differences, labels_of
+from viz.figures.storyboard import has_instants
 from viz.page.animation import notices
 from viz.page.notebook import frame
 from viz.page.page import animation_page
-from viz.page.panel import differences
 from viz.record import frames
 from viz.report.verdict import verdict
 
@@ -33,12 +33,9 @@ MOST_COMPARED = 4
 class Subject:
     """Subject of a report.
 
-    Attributes
-    ----------
-    results
-        The results, the first one foremost.
-    labels
-        A short name for each.
+    Attributes:
+        results: The results, the first one foremost.
+        labels: A short name for each.
     """
 
     results: tuple[Result, ...]
@@ -70,8 +67,8 @@ def in_short(subject: Subject) -> str | None:
         f"{escape(verdict(result))}</p>"
         for result, label in zip(subject.results, subject.labels, strict=True)
     ]
-    shown = subject.results[:2] if len(subject.results) == 2 else subject.results[:1]
-    return "".join(lines) + playable(animation_page(*shown), [still_png(each) for each in shown], 720)
+    results = subject.results[:2] if len(subject.results) == 2 else subject.results[:1]
+    return "".join(lines) + playable(animation_page(*results), [still_png(each) for each in results], 720)
 
 
 def what_was_run(subject: Subject) -> str | None:
@@ -83,20 +80,14 @@ def what_was_run(subject: Subject) -> str | None:
         text = f": {escape(description)}" if description else ""
         parts.append(f"<p><strong>{escape(name)}</strong>{text}</p>")
     rows = [
-        [label, status_text(r.summary["status"])]
+        [label, status_text(r.summary["status"]), engine_text(r.summary)]
         for r, label in zip(subject.results, subject.labels, strict=True)
     ]
-    for row, result in zip(rows, subject.results, strict=True):
-        engine, spent = result.summary["engine"], result.summary["timing_s"]["rollout"] * 1e3
-        step = f", steps of {engine['step_s'] * 1e3:g} ms" if engine["step_s"] else ""
-        row.append(f"{engine['name']} ({engine['backend']}){step}; {spent:.0f} ms")
     parts.append(table(["result", "status", "engine"], rows))
     differing = differences([to_document(result.scenario) for result in subject.results])
     if differing:
         parts.append("<h3>Where the scenarios differ</h3>")
-        parts.append(table(["path", *subject.labels], [[path, *values] for path, values in differing[:60]]))
-        if len(differing) > 60:
-            parts.append(f"<p>... and in {len(differing) - 60} more places.</p>")
+        parts.append(table(["path", *subject.labels], [[path, *values] for path, values in differing]))
     return "".join(parts)
 
 
@@ -110,14 +101,14 @@ def numbers(subject: Subject) -> str | None:
 
 def events(subject: Subject) -> str | None:
     """Events, a table for each result that has any."""
-    tables = [
-        (label, event_rows(result.summary.get("events", ())))
+    tables_by_result = [
+        (label, event_table(result.summary["events"]).html())
         for result, label in zip(subject.results, subject.labels, strict=True)
+        if result.summary.get("events")
     ]
-    found = [(label, table(HEADINGS, rows)) for label, rows in tables if rows]
-    if len(found) == 1 and len(tables) == 1:
-        return found[0][1]
-    return "".join(f"<h3>{escape(label)}</h3>{rows}" for label, rows in found) or None
+    if len(tables_by_result) == 1 and len(subject.results) == 1:
+        return tables_by_result[0][1]
+    return "".join(f"<h3>{escape(label)}</h3>{rows}" for label, rows in tables_by_result) or None
 
 
 def against_the_paper(subject: Subject) -> str | None:
@@ -158,7 +149,10 @@ def figures(subject: Subject) -> str | None:
     parts = []
     if len(subject.drawn) < len(subject.results):
         parts.append(f"<p>The figures show {escape(subject.labels[0])} alone.</p>")
-    for name, kind, drawing in draw_all(*subject.drawn):
+    # key instants replace evenly spaced ones, which would show almost the same
+    even = not all(map(has_instants, subject.drawn))
+    names = [kind.name for kind in figure_kinds() if even or kind.name != "docking"]
+    for name, kind, drawing in draw_all(*subject.drawn, names=names):
         single = not kind.compares and len(subject.drawn) > 1
         which = int(name.removeprefix(f"{kind.name}_")) - 1 if name != kind.name else 0
         title = f"{kind.title}: {subject.labels[which]}" if single else kind.title
@@ -192,7 +186,9 @@ def ledger(subject: Subject) -> str | None:
         "the largest momentum of a single body; impulse from outside is taken off. Energy: what is put in is "
         "stored, or taken by joints and grips; the greatest difference stays open.</p>"
     )
-    return table(headings, rows) + note
+    # a column for each result, as of the headline numbers: a narrow page shows them without scrolling
+    first, *columns = zip(headings, *rows, strict=True)
+    return table(["", *first[1:]], columns) + note
 
 
 def assumptions(subject: Subject) -> str | None:
@@ -201,9 +197,9 @@ def assumptions(subject: Subject) -> str | None:
     shared = [line for line in lists[0] if all(line in other for other in lists)]
     parts = [_list(shared, "assumptions")]
     for label, lines in zip(subject.labels, lists, strict=True):
-        own = [line for line in lines if line not in shared]
-        if own:
-            parts.append(f"<h3>{escape(label)} alone</h3>{_list(own, 'assumptions')}")
+        lines_of_result = [line for line in lines if line not in shared]
+        if lines_of_result:
+            parts.append(f"<h3>{escape(label)} alone</h3>{_list(lines_of_result, 'assumptions')}")
     return "".join(parts)
 
 
@@ -221,21 +217,17 @@ def origins(subject: Subject) -> str | None:
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """HTML table of plain texts, escaped."""
-    head = "".join(f"<th scope='col'>{escape(heading)}</th>" for heading in headings)
-    body = ""
-    for first, *others in rows:
-        cells = "".join(f"<td>{escape(cell)}</td>" for cell in others)
-        body += f"<tr><th scope='row'>{escape(first)}</th>{cells}</tr>"
-    head = f"<thead><tr>{head}</tr></thead>" if any(headings) else ""
-    return f"<div class='wide'><table>{head}<tbody>{body}</tbody></table></div>"
+    return Table(None, headings, rows).html()
 
 
 def picture(name: str, title: str, svg: bytes) -> str:
     """HTML of a drawing with its title; ``name`` is that of its anchor, empty if it has none."""
     source = f"data:image/svg+xml;base64,{base64.b64encode(svg).decode('ascii')}"
-    image = f'<img alt="{escape(title)}" src="{source}">'
+    # on a narrow page the drawing fits the width, and is enlarged, and scrolls, when it is clicked
+    box = f'<input type="checkbox" aria-label="Enlarge: {escape(title)}">'
+    image = f'<label class="drawing">{box}<img alt="{escape(title)}" src="{source}"></label>'
     anchor = f' id="{escape(name)}"' if name else ""
-    return f"<figure{anchor}>{image}<figcaption>{escape(title)}</figcaption></figure>"
+    return f"<figure{anchor}><div class='wide'>{image}</div><figcaption>{escape(title)}</figcaption></figure>"
 
 
 def still_png(result: Result, size_px: tuple[int, int] = (900, 540)) -> bytes:
@@ -255,14 +247,10 @@ def playable(page: str, stills: Sequence[bytes], height_px: int) -> str:
     No script is needed: the frame of a box that is not ticked is not displayed, and a frame that is loaded
     lazily is not loaded before it is displayed.
 
-    Parameters
-    ----------
-    page
-        HTML of the animated page; it plays when it is loaded.
-    stills
-        Pictures, PNG.
-    height_px
-        Height of the frame.
+    Args:
+        page: HTML of the animated page; it plays when it is loaded.
+        stills: Pictures, PNG.
+        height_px: Height of the frame.
     """
     images = "".join(
         f'<img alt="the scene" src="data:image/png;base64,{base64.b64encode(one).decode("ascii")}">'
@@ -272,11 +260,6 @@ def playable(page: str, stills: Sequence[bytes], height_px: int) -> str:
         '<div class="playable"><label><input type="checkbox" aria-label="Play the animation">'
         f"<span>&#9654; play</span>{images}</label>{frame(page, height_px)}</div>"
     )
-
-
-def escape(text: str) -> str:
-    """Text that HTML shows literally."""
-    return html.escape(str(text), quote=True)
 
 
 def _list(items: Sequence[str], name: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from spacerobot.result import Result
 from spacerobot.result.table import status_text
-from viz.figures.style import unit_scale
+from spacerobot.tables import unit_scale
 
 
 def verdict(result: Result) -> str:

@@ -27,13 +27,13 @@ from viz.studio.edited_text import edited, flow
 from viz.studio.prepared_design import Origin, Tell
 
 KINDS = ("scenario", "result", "page", "gif", "mp4", "csv")
-"""What a design can be kept as."""
+"""Forms in which a design can be saved."""
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
-"""What a file may be called."""
+"""Pattern of file names."""
 
 RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
-"""What no file may be called on Windows."""
+"""File names that Windows reserves."""
 
 
 def keep(
@@ -46,25 +46,16 @@ def keep(
 ) -> Path:
     """Write a design into a folder.
 
-    Parameters
-    ----------
-    what
-        One of ``KINDS``.
-    name
-        Of the file, without its ending, or of the result's folder.
-    folder
-        Where; nothing is written elsewhere.
-    origin, changes
-        The design.
-    tell
-        Told in words how far it is, where it takes a while.
+    Args:
+        what: One of ``KINDS``.
+        name: Of the file, without its ending, or of the result's folder.
+        folder: Where; nothing is written elsewhere.
+        origin, changes: The design.
+        tell: Told in words how far it is, where it takes a while.
 
-    Raises
-    ------
-    ResultError
-        If the name is none, or the file cannot be written.
-    ScenarioError, DescriptionError, DivergedError
-        If the design cannot be simulated.
+    Raises:
+        ResultError: If the name is none, or the file cannot be written.
+        ScenarioError, DescriptionError, DivergedError: If the design cannot be simulated.
     """
     path = place(folder, name, {"result": "", "scenario": "yaml", "page": "html"}.get(what, what))
     scene = origin.build(changes)
@@ -110,10 +101,8 @@ def keep(
 def place(folder: Path, name: str, ending: str) -> Path:
     """Path of a new file directly inside a folder.
 
-    Raises
-    ------
-    ResultError
-        If the name could lead elsewhere.
+    Raises:
+        ResultError: If the name could lead elsewhere.
     """
     stem = name.removesuffix(f".{ending}") if ending else name
     if not NAME.fullmatch(stem) or RESERVED.fullmatch(stem) or stem.endswith("."):

@@ -24,10 +24,8 @@ CHUNK = 64  # rollouts between two messages
 def cloud(_: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float], job: Job) -> None:
     """Roll out samples chunk by chunk, and tell what they say so far.
 
-    Raises
-    ------
-    SpaceRobotError
-        If the request asks for what there is not.
+    Raises:
+        SpaceRobotError: If the request asks for what there is not.
     """
     request, metric = job.request, plant.metrics[job.request.text("metric")]
     # campaign section of what the request says is uncertain

@@ -27,7 +27,7 @@ from viz.studio.job import Job
 from viz.studio.messages import Request
 
 DEPTHS = ("*.urdf", "*/*.urdf", "*/*/*.urdf")
-"""Where URDFs are looked for below the working folder."""
+"""Patterns of the URDFs that are searched for below the working folder."""
 
 MOST_URDFS = 300
 """Of a folder."""
@@ -37,22 +37,19 @@ PLACED = {
     "velocity": "target.base.velocity",
     "spin_deg": "target.base.spin_deg",
 }
-"""What of the object's motion may be given in place of what is drafted."""
+"""Settings of the object's motion that may replace drafted ones."""
 
 LEADS_ELSEWHERE = re.compile(r"""xacro|<!\w|filename\s*=\s*["'](?:[/\\]|[^"']*(?::|\.\.))""")
-"""What in an uploaded URDF could lead to other files than those beside it."""
+"""Parts of an uploaded URDF that could refer to files elsewhere."""
 
 
 @dataclass(frozen=True)
 class UrdfChoice:
     """URDFs that a page may name: those that ship, those in the working folder, and those it uploaded.
 
-    Attributes
-    ----------
-    working
-        The folder in which the studio was started.
-    folder
-        The only place where anything is written.
+    Attributes:
+        working: The folder in which the studio was started.
+        folder: The only place where anything is written.
     """
 
     working: Path
@@ -70,10 +67,8 @@ class UrdfChoice:
     def find(self, name: str) -> Path:
         """File of a name.
 
-        Raises
-        ------
-        ScenarioError
-            If a page may not name it.
+        Raises:
+            ScenarioError: If a page may not name it.
         """
         files = self.files()
         if name not in files:
@@ -85,10 +80,9 @@ class UrdfChoice:
     def upload(self, name: str, text: str) -> str:
         """Write a URDF that a page sends, and return its name.
 
-        Raises
-        ------
-        ScenarioError, ResultError
-            If it names other files that are not beside it, or its own name could lead elsewhere.
+        Raises:
+            ScenarioError, ResultError: If it names other files that are not beside it, or its own name could
+                lead elsewhere.
         """
         led = LEADS_ELSEWHERE.search(text)
         if led is not None:
@@ -117,10 +111,8 @@ class Docking:
 
         For a point of the surface the object's URDF with a mating frame there is written.
 
-        Raises
-        ------
-        ScenarioError, DescriptionError, ResultError
-            If there can be none.
+        Raises:
+            ScenarioError, DescriptionError, ResultError: If there can be none.
         """
         more = request.more
         file = place(choice.folder, request.text("name"), "yaml")
@@ -175,10 +167,8 @@ class Docking:
 def _numbers(text: Any, where: str) -> list[float]:
     """Three numbers that a page wrote, ``x, y, z``; none where it wrote nothing.
 
-    Raises
-    ------
-    ScenarioError
-        If it wrote something else.
+    Raises:
+        ScenarioError: If it wrote something else.
     """
     if text in (None, ""):
         return []
@@ -194,19 +184,13 @@ def _numbers(text: Any, where: str) -> list[float]:
 def plan(scene: Scene, folder: Path, job: Job) -> Path | None:
     """Plan the approach of a scene, and return the scenario that follows the plan; None if it was stopped.
 
-    Parameters
-    ----------
-    scene
-        The scene, with a ``plan`` section.
-    folder
-        Where the plan is written.
-    job
-        Told of the progress.
+    Args:
+        scene: The scene, with a ``plan`` section.
+        folder: Where the plan is written.
+        job: Told of the progress.
 
-    Raises
-    ------
-    SpaceRobotError
-        If there is no plan section, or no plan passes the verification.
+    Raises:
+        SpaceRobotError: If there is no plan section, or no plan passes the verification.
     """
 
     def tell(words: str) -> None:

@@ -24,16 +24,11 @@ class StoppedError(Exception):
 class Job:
     """One job: who asked, whether it shall stop, what was told last.
 
-    Attributes
-    ----------
-    id, page, request
-        Its name, who asked for it, and what was asked.
-    stop
-        Set where it shall end.
-    told_at
-        When something was told of it.
-    ended
-        Whether its end has been told: who hears of it may begin another one at once.
+    Attributes:
+        id, page, request: Its name, who asked for it, and what was asked.
+        stop: Set where it shall end.
+        told_at: When something was told of it.
+        ended: Whether its end has been told: who hears of it may begin another one at once.
     """
 
     id: str

@@ -19,14 +19,10 @@ from viz.studio.search import improve, tune
 class Jobs:
     """Jobs of a session, one at a time.
 
-    Parameters
-    ----------
-    plants
-        The structures that designs have.
-    send
-        Sends a message to a page.
-    more
-        What does kinds of jobs beside those of ``DO``.
+    Args:
+        plants: The structures that designs have.
+        send: Sends a message to a page.
+        more: What does kinds of jobs beside those of ``DO``.
     """
 
     def __init__(
@@ -39,10 +35,8 @@ class Jobs:
     def begin(self, page: Any, request: Request) -> None:
         """Begin a job.
 
-        Raises
-        ------
-        SpaceRobotError
-            If another one is running.
+        Raises:
+            SpaceRobotError: If another one is running.
         """
         if self._job is not None and not self._job.ended:
             raise SpaceRobotError("another job is running; stop it first")
@@ -82,4 +76,4 @@ DO: Mapping[str, Callable[..., None]] = {
     "campaign": cloud,
     "margins": loop_margins_job,
 }
-"""What does each kind of job."""
+"""Function of each kind of job."""

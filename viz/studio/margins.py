@@ -16,17 +16,12 @@ from viz.studio.prepared_design import DesignCache, PreparedDesign
 def loop_margins_job(plants: DesignCache, _: PreparedDesign, __: Mapping[str, float], job: Job) -> None:
     """Compute the margins of all loops of a design at one time, and send them, the least disk margin first.
 
-    Parameters
-    ----------
-    plants
-        Structures of designs, whose origin builds the design's scene.
-    job
-        Its request has ``values`` and the time ``at`` [s].
+    Args:
+        plants: Structures of designs, whose origin builds the design's scene.
+        job: Its request has ``values`` and the time ``at`` [s].
 
-    Raises
-    ------
-    SpaceRobotError
-        As :func:`spacerobot.linear.margins`.
+    Raises:
+        SpaceRobotError: As :func:`spacerobot.linear.margins`.
     """
 
     def tell(words: str) -> None:

@@ -55,23 +55,18 @@ KINDS = (
     *("set", "gradient", "improve", "tune", "campaign", "margins", "stop", "save", "command"),
     *("urdfs", "draft", "open", "plan"),
 )
-"""What a page may ask."""
+"""Requests that a page may send."""
 
 
 @dataclass(frozen=True)
 class Request:
     """Request of a page.
 
-    Attributes
-    ----------
-    kind
-        One of ``KINDS``.
-    values
-        The design that it is about: what differs from the scenario, by dotted path.
-    seq
-        Its number, which answers name.
-    more
-        All else that it says.
+    Attributes:
+        kind: One of ``KINDS``.
+        values: The design that it is about: what differs from the scenario, by dotted path.
+        seq: Its number, which answers name.
+        more: All else that it says.
     """
 
     kind: str
@@ -82,10 +77,8 @@ class Request:
     def check(self) -> None:
         """Refuse what is nested too deeply, and numbers that are not finite.
 
-        Raises
-        ------
-        SpaceRobotError
-            Naming the place.
+        Raises:
+            SpaceRobotError: Naming the place.
         """
         _check(self.values)
         _check(self.more)
@@ -93,10 +86,8 @@ class Request:
     def text(self, name: str, allowed: tuple[str, ...] = ()) -> str:
         """A word of the request.
 
-        Raises
-        ------
-        SpaceRobotError
-            If it is not there, or not one of those allowed.
+        Raises:
+            SpaceRobotError: If it is not there, or not one of those allowed.
         """
         value = self.more.get(name)
         if not isinstance(value, str) or (allowed and value not in allowed):
@@ -106,10 +97,8 @@ class Request:
     def pairs(self, name: str) -> dict[str, Any]:
         """A mapping of the request; empty if it is not there.
 
-        Raises
-        ------
-        SpaceRobotError
-            If it is something else.
+        Raises:
+            SpaceRobotError: If it is something else.
         """
         value = self.more.get(name, {})
         if not isinstance(value, dict) or len(value) > MOST_VALUES:
@@ -119,10 +108,8 @@ class Request:
     def count(self, name: str, default: int, most: int) -> int:
         """A whole number of the request.
 
-        Raises
-        ------
-        SpaceRobotError
-            If it is none, or out of its range.
+        Raises:
+            SpaceRobotError: If it is none, or out of its range.
         """
         value = self.more.get(name, default)
         if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= most:
@@ -133,10 +120,8 @@ class Request:
 def _check(node: Any, where: tuple[str, ...] = ()) -> None:
     """Refuse what is nested too deeply, and numbers that no floating-point number holds.
 
-    Raises
-    ------
-    SpaceRobotError
-        Naming the place in the message.
+    Raises:
+        SpaceRobotError: Naming the place in the message.
     """
     if isinstance(node, dict | list):
         if len(where) >= MAX_DEPTH:
@@ -152,10 +137,8 @@ def _check(node: Any, where: tuple[str, ...] = ()) -> None:
 def read(text: str | bytes) -> Request:
     """Request of a message.
 
-    Raises
-    ------
-    SpaceRobotError
-        If it is none.
+    Raises:
+        SpaceRobotError: If it is none.
     """
     try:
         # Python refuses to read whole numbers of more than 4300 digits; as floats they are infinite

@@ -24,21 +24,15 @@ def differences(
 ) -> Iterator[dict[str, float | None]]:
     """Derivative of a metric by each number, by two rollouts for each, on both sides where both are allowed.
 
-    Parameters
-    ----------
-    plant, numbers
-        The design.
-    metric
-        What changes.
-    paths
-        Of the numbers; those that do not follow at once are left out.
-    halted
-        Asked before each rollout whether something more urgent waits; then nothing more is told.
+    Args:
+        plant, numbers: The design.
+        metric: What changes.
+        paths: Of the numbers; those that do not follow at once are left out.
+        halted: Asked before each rollout whether something more urgent waits; then nothing more is told.
 
-    Yields
-    ------
-    dict
-        Some of them by path, in the metric's unit per unit of the number, None where a rollout diverged.
+    Yields:
+        dict: Some of them by path, in the metric's unit per unit of the number, None where a rollout
+            diverged.
     """
     nominal, told_at = plant.nominal | dict(numbers), time.monotonic()
     found: dict[str, float | None] = {}

@@ -23,22 +23,14 @@ MILLIMETRES = 1e3
 class Metric:
     """A number of each rollout, the smaller the better.
 
-    Attributes
-    ----------
-    key
-        Its name: that of a quantity, or that and of what.
-    label, text
-        What people call it, and what it is.
-    unit
-        In which it is told.
-    factor
-        Of a unit told in the rollout's own: 1000 for mm.
-    kind
-        The quantity.
-    places
-        Places in the quantity's measure that it is made of.
-    duration_s
-        Of a rollout.
+    Attributes:
+        key: Its name: that of a quantity, or that and of what.
+        label, text: What people call it, and what it is.
+        unit: In which it is told.
+        factor: Of a unit told in the rollout's own: 1000 for mm.
+        kind: The quantity.
+        places: Places in the quantity's measure that it is made of.
+        duration_s: Of a rollout.
     """
 
     key: str
@@ -64,12 +56,9 @@ class Metric:
 class Metrics:
     """All metrics of a scene, and the measures that they are made of, each metric being a cost.
 
-    Attributes
-    ----------
-    metrics
-        In the order in which they are told.
-    measures
-        For the rollout.
+    Attributes:
+        metrics: In the order in which they are told.
+        measures: For the rollout.
     """
 
     metrics: tuple[Metric, ...]
@@ -78,10 +67,8 @@ class Metrics:
     def __getitem__(self, key: str) -> Metric:
         """The metric of a key.
 
-        Raises
-        ------
-        SpaceRobotError
-            If there is none.
+        Raises:
+            SpaceRobotError: If there is none.
         """
         named = {metric.key: metric for metric in self.metrics}
         if key not in named:

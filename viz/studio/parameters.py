@@ -28,7 +28,7 @@ LEFT_OUT = ("name", "description", "tuning", "campaign", "plan")
 """Parts of a scenario that say nothing of the motion."""
 
 REACH = {"deg": 45.0, "deg/s": 10.0, "m": 0.1, "m/s": 0.1}
-"""How far a slider of a number that is zero, or an angle, reaches to both sides, by unit; else 1."""
+"""Range to both sides of the slider of an angle or of a number that is zero, by unit; else 1."""
 
 DECADES = 10.0  # a slider of a positive number reaches so many times lower and higher
 
@@ -37,23 +37,15 @@ DECADES = 10.0  # a slider of a positive number reaches so many times lower and 
 class Leaf:
     """One number or word of a scenario.
 
-    Attributes
-    ----------
-    path, value
-        Where it stands, and what stands there.
-    kind
-        ``number``, ``choice``, ``truth`` or ``text``.
-    unit, text
-        Of the schema.
-    low, high
-        Least and greatest value that is allowed; None where there is no limit.
-    open_ends
-        Whether these limits themselves are refused.
-    choices
-        What else may stand there.
-    joint_range
-        Least and greatest position of the joint whose initial position this is, infinite where the URDF gives
-        none; None for any other number.
+    Attributes:
+        path, value: Where it stands, and what stands there.
+        kind: ``number``, ``choice``, ``truth`` or ``text``.
+        unit, text: Of the schema.
+        low, high: Least and greatest value that is allowed; None where there is no limit.
+        open_ends: Whether these limits themselves are refused.
+        choices: What else may stand there.
+        joint_range: Least and greatest position of the joint whose initial position this is, infinite where
+            the URDF gives none; None for any other number.
     """
 
     path: str
@@ -70,10 +62,8 @@ class Leaf:
     def check(self, value: Any) -> None:
         """Refuse what may not stand here.
 
-        Raises
-        ------
-        ScenarioError
-            Saying what was found and what is allowed.
+        Raises:
+            ScenarioError: Saying what was found and what is allowed.
         """
         if self.kind == "number" and not isinstance(value, dict | list | None):
             told = self.fault(value)

@@ -30,7 +30,7 @@ from viz.studio.metrics import Metric, Metrics, build_metrics
 from viz.studio.parameters import Leaf, find_leaves
 
 Values = Mapping[str, Any]
-"""What differs from the scenario, by dotted path: a design."""
+"""Design: differences from the scenario, by dotted path."""
 
 Tell = Callable[[str], None]
 
@@ -42,16 +42,11 @@ MOST_KEPT = 4
 class PreparedDesign:
     """One structure, ready.
 
-    Attributes
-    ----------
-    scene
-        With what needed another compilation changed.
-    ready
-        What rolls it out.
-    metrics
-        What is measured of a rollout.
-    varied
-        Paths of numbers that follow because they were asked for: exact zeros, inertias.
+    Attributes:
+        scene: With what needed another compilation changed.
+        ready: What rolls it out.
+        metrics: What is measured of a rollout.
+        varied: Paths of numbers that follow because they were asked for: exact zeros, inertias.
     """
 
     scene: Scene
@@ -79,20 +74,16 @@ class PreparedDesign:
     def roll(self, scene: Scene, numbers: Mapping[str, float]) -> tuple[Result, Trajectory]:
         """One rollout; ``scene`` is the one that is drawn.
 
-        Raises
-        ------
-        DivergedError
-            If nothing of it can be kept.
+        Raises:
+            DivergedError: If nothing of it can be kept.
         """
         return self.ready.simulate(scene, numbers)
 
     def drawn(self, numbers: Mapping[str, float]) -> Scene:
         """The scene of a rollout as pictures and the ledger see it: another one with other masses or pads.
 
-        Raises
-        ------
-        ScenarioError
-            If no body has such masses.
+        Raises:
+            ScenarioError: If no body has such masses.
         """
         seen = {path: value for path, value in numbers.items() if ".links." in path or path[:5] == "pads."}
         return build_scene(self.scene.scenario, seen, source=self.scene.source) if seen else self.scene
@@ -153,14 +144,10 @@ class PreparedDesign:
 class Origin:
     """Origin of designs: a scene, and its name on the command line.
 
-    Attributes
-    ----------
-    scene
-        The scene.
-    name
-        The scenario's file or name; None for a scene that was made otherwise.
-    given
-        Changes that it was loaded with.
+    Attributes:
+        scene: The scene.
+        name: The scenario's file or name; None for a scene that was made otherwise.
+        given: Changes that it was loaded with.
     """
 
     scene: Scene
@@ -170,10 +157,8 @@ class Origin:
     def build(self, changes: Mapping[str, Any]) -> Scene:
         """The scene with further changes, as the command line would load it.
 
-        Raises
-        ------
-        ScenarioError, DescriptionError
-            If it cannot be simulated.
+        Raises:
+            ScenarioError, DescriptionError: If it cannot be simulated.
         """
         if self.name is None:
             return build_scene(self.scene.scenario, changes, source=self.scene.source)
@@ -183,12 +168,9 @@ class Origin:
 class DesignCache:
     """Structures of a scene, made ready when first asked for.
 
-    Parameters
-    ----------
-    origin
-        What designs differ from.
-    tell
-        Told in words what takes a while, and nothing when it is done.
+    Args:
+        origin: What designs differ from.
+        tell: Told in words what takes a while, and nothing when it is done.
     """
 
     def __init__(self, origin: Origin, tell: Tell = lambda _: None) -> None:
@@ -205,10 +187,8 @@ class DesignCache:
     def find(self, values: Values) -> tuple[PreparedDesign, dict[str, float]] | None:
         """The structure that a design has, if it is ready, and the design's numbers.
 
-        Raises
-        ------
-        ScenarioError
-            If a value may not stand where it does.
+        Raises:
+            ScenarioError: If a value may not stand where it does.
         """
         inner, others, asked = self._split(values)
         plant = self._kept.get(_key(others, asked))
@@ -222,12 +202,9 @@ class DesignCache:
     def make(self, values: Values) -> PreparedDesign:
         """Make the structure of a design ready.
 
-        Raises
-        ------
-        ScenarioError, DescriptionError
-            If it is none.
-        DivergedError
-            If no step keeps to the tolerance.
+        Raises:
+            ScenarioError, DescriptionError: If it is none.
+            DivergedError: If no step keeps to the tolerance.
         """
         self._tell("building the closed loop")
         try:
@@ -248,10 +225,9 @@ class DesignCache:
     def changes(self, values: Values) -> dict[str, Any]:
         """Values as changes to the scenario: another kind is a section that keeps what it knows.
 
-        Raises
-        ------
-        ScenarioError
-            If a path is a pattern, a URDF is one that a page may not name, or there is no such kind.
+        Raises:
+            ScenarioError: If a path is a pattern, a URDF is one that a page may not name, or there is no such
+                kind.
         """
         found = {}
         for path, value in values.items():

@@ -38,12 +38,9 @@ MOST_ROLLOUTS = 100_000
 class SearchBox:
     """Numbers that are searched, within bounds; where these are far apart, equal ratios are equal distances.
 
-    Attributes
-    ----------
-    paths
-        Of the k numbers.
-    lower, upper
-        Bounds (k,).
+    Attributes:
+        paths: Of the k numbers.
+        lower, upper: Bounds (k,).
     """
 
     paths: tuple[str, ...]
@@ -54,10 +51,8 @@ class SearchBox:
     def of(cls, request: Request, plant: PreparedDesign) -> SearchBox:
         """Search box that a request defines.
 
-        Raises
-        ------
-        ScenarioError
-            If a path is no number that follows at once, or bounds are none.
+        Raises:
+            ScenarioError: If a path is no number that follows at once, or bounds are none.
         """
         bounds = request.pairs("bounds")
         if not bounds:
@@ -120,10 +115,8 @@ def improve(_: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float],
 
     Gradients are exact where they are compiled and exist, else differences of rollouts.
 
-    Raises
-    ------
-    SpaceRobotError
-        If the request asks for what there is not.
+    Raises:
+        SpaceRobotError: If the request asks for what there is not.
     """
     box, metric = SearchBox.of(job.request, plant), plant.metrics[job.request.text("metric")]
     nominal = plant.nominal | dict(numbers)
@@ -197,10 +190,8 @@ def methods() -> dict[str, str]:
 def tune(plants: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float], job: Job) -> None:
     """A search by a method of tuning.
 
-    Raises
-    ------
-    SpaceRobotError
-        If the request asks for what there is not.
+    Raises:
+        SpaceRobotError: If the request asks for what there is not.
     """
     request = job.request
     box, metric = SearchBox.of(request, plant), plant.metrics[request.text("metric")]
@@ -228,14 +219,10 @@ def tune(plants: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float
 class MonitoredProblem:
     """A problem whose evaluations are told to a page, and end where it wants no more.
 
-    Parameters
-    ----------
-    problem, metric
-        The problem, and what the page calls its objective.
-    job, track
-        Who is told, and what is noted.
-    budget
-        Rollouts that it may spend.
+    Args:
+        problem, metric: The problem, and what the page calls its objective.
+        job, track: Who is told, and what is noted.
+        budget: Rollouts that it may spend.
     """
 
     def __init__(self, problem: TuningProblem, metric: Metric, job: Job, track: _Track, budget: int) -> None:

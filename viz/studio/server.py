@@ -12,16 +12,17 @@ from typing import Any
 import tornado.web
 
 from spacerobot.files import StrPath
-from spacerobot.scene import Scene
+from spacerobot.scene import Scene, to_scene
 from viz.page.animation import still
 from viz.page.loopback import FIRST_PORT, LocalRequestHandler, Loopback, Stream
 from viz.page.page import page
 from viz.studio.messages import MOST_BYTES
 from viz.studio.prepared_design import Origin
 from viz.studio.session import StudioSession
+from viz.studio.waiting import WaitingPage
 
 FOLDER = Path("out/studio")
-"""Where files are kept if nothing else is said."""
+"""Default folder of files."""
 
 MOST_BEHIND = 2
 """Messages on their way to a page before it is left to catch up."""
@@ -33,21 +34,15 @@ class Studio(Loopback):
     Beside what :class:`~viz.page.loopback.Loopback` asks of a request, it must name the token that stands in
     the page's address, which no other program on this computer knows.
 
-    Parameters
-    ----------
-    origin
-        What designs differ from.
-    folder
-        The only place where anything is written.
-    port
-        First port to try; a busy one is stepped over.
-    tell
-        Told in words what takes a while before the page can be opened.
+    Args:
+        origin: What designs differ from.
+        folder: The only place where anything is written.
+        port: First port to try; a busy one is stepped over.
+        tell: Told in words what takes a while before the page can be opened.
+        waiting: Page served until now, whose address the studio takes over; none if None.
 
-    Raises
-    ------
-    SpaceRobotError
-        If the scene cannot be rolled out, or no port is free.
+    Raises:
+        SpaceRobotError: If the scene cannot be rolled out, or no port is free.
     """
 
     largest_message = MOST_BYTES
@@ -58,9 +53,13 @@ class Studio(Loopback):
         folder: Path = FOLDER,
         port: int = FIRST_PORT,
         tell: Callable[[str], None] = lambda _: None,
+        waiting: WaitingPage | None = None,
     ) -> None:
         self.token = secrets.token_urlsafe(24)
         self.session = StudioSession(origin, folder, tell)
+        if waiting is not None:
+            self.token, port = waiting.token, waiting.port
+            waiting.close()
         super().__init__(port)
 
     @property
@@ -84,26 +83,20 @@ class Studio(Loopback):
         super().close()
 
 
-def studio(scene: Scene, *, folder: StrPath = FOLDER, port: int = FIRST_PORT) -> Studio:
+def studio(scene: Scene | StrPath, *, folder: StrPath = FOLDER, port: int = FIRST_PORT) -> Studio:
     """Studio of a scene, which shows itself as the last line of a notebook's cell.
 
     It serves until it is closed or Python ends.
 
-    Parameters
-    ----------
-    scene
-        What designs differ from.
-    folder
-        The only place where anything is written.
-    port
-        First port to try; a busy one is stepped over.
+    Args:
+        scene: What designs differ from, or the name or file of its scenario.
+        folder: The only place where anything is written.
+        port: First port to try; a busy one is stepped over.
 
-    Raises
-    ------
-    SpaceRobotError
-        If the scene cannot be rolled out, or no port is free.
+    Raises:
+        SpaceRobotError: If the scene cannot be rolled out, or no port is free.
     """
-    return Studio(Origin(scene), Path(folder), port)
+    return Studio(Origin(to_scene(scene)), Path(folder), port)
 
 
 class _TokenHolder(LocalRequestHandler):

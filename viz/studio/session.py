@@ -51,19 +51,13 @@ class PageConnection(Protocol):
 class StudioSession:
     """Answers what pages ask about designs of one scene.
 
-    Parameters
-    ----------
-    origin
-        What designs differ from.
-    folder
-        The only place where anything is written.
-    tell
-        Told in words what takes a while, before any page is there.
+    Args:
+        origin: What designs differ from.
+        folder: The only place where anything is written.
+        tell: Told in words what takes a while, before any page is there.
 
-    Raises
-    ------
-    SpaceRobotError
-        If the scene cannot be rolled out.
+    Raises:
+        SpaceRobotError: If the scene cannot be rolled out.
     """
 
     def __init__(self, origin: Origin, folder: Path, tell: Callable[[str], None] = lambda _: None) -> None:

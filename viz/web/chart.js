@@ -18,7 +18,7 @@ export function draggable(made, { title, name }) {
 }
 
 // Whether the first run has bounds of a signal.
-function isBounded({ bounds }) {
+export function isBounded({ bounds }) {
   return Boolean(bounds[0]);
 }
 

@@ -7,6 +7,14 @@ export const VIDEO = { width: 1280, kinds: ["video/mp4;codecs=avc1", "video/mp4"
 export const FILM = { width: 640, perSecond: 12.5, longest: 10, samples: 6, least: 24, within: 12000 };
 const AS_BEFORE = 255; // the last of a GIF's 256 colours: a pixel that has not changed
 
+// Parts of a text, divided by ``; ``, in as many lines as they need; ``fits``: whether a text fits into a line.
+export function inLines(words, fits) {
+  return words.split("; ").reduce((lines, part) => {
+    const joined = lines.length ? `${lines.at(-1)}; ${part}` : part;
+    return lines.length && fits(joined) ? [...lines.slice(0, -1), joined] : [...lines, part];
+  }, []);
+}
+
 export class Camera {
   // ``write``: says what is seen, in words, onto a picture; ``seek``: goes to a time.
   constructor(scene, labels, { seek, words }) {
@@ -28,9 +36,16 @@ export class Camera {
     const letters = Math.max(12, clientWidth / 95) / Math.min(1, ratio); // px of the pane: never smaller in the picture than on the page
     this.labels.draw(pen, letters);
     pen.font = `${letters}px system-ui, 'DejaVu Sans', sans-serif`;
-    pen.fillStyle = "#e8edf3";
     pen.textBaseline = "bottom";
-    pen.fillText(this.words(), 12, clientHeight - 8);
+    // from the bottom up, on a shade: the Earth may be behind it
+    const lines = inLines(this.words(), (text) => pen.measureText(text).width <= clientWidth - 24).reverse();
+    lines.forEach((text, k) => {
+      const bottom = clientHeight - 8 - 1.5 * letters * k;
+      pen.fillStyle = "#0009";
+      pen.fillRect(12 - letters / 2, bottom - 1.3 * letters, pen.measureText(text).width + letters, 1.5 * letters);
+      pen.fillStyle = "#e8edf3";
+      pen.fillText(text, 12, bottom);
+    });
     return canvas;
   }
 

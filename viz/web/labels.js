@@ -6,10 +6,6 @@ import { THREE } from "./three.js";
 
 const TALL = 20; // px of a name
 
-export function called(body) {
-  return body === "target" ? "object" : body;
-}
-
 // Names as people read them: without the robot where all have the same one, and in words ("servicer/left_tip": "left tip").
 export function shortNames(names) {
   const heads = new Set(names.map((name) => name.split("/", 2)).map(([head, rest]) => (rest === undefined ? "" : head)));
@@ -26,7 +22,7 @@ export class Labels {
   load(runs) {
     runs = runs.filter(({ data }) => !data.pale);
     this.bodies = runs.flatMap((run) => run.data.nodes.flatMap((node, k) => (
-      node.base ? [{ object: run.nodes[k], span: element("span", called(node.body), "name"), ...boxesOf(run.nodes[k]) }] : []
+      node.base ? [{ object: run.nodes[k], span: element("span", node.label, "name"), ...boxesOf(run.nodes[k]) }] : []
     )));
     this.feet = runs.length > 1 ? runs.map((run) => element("span", run.data.label)) : [];
     this.root.replaceChildren(...this.bodies.map(({ span }) => span), ...this.feet);
@@ -51,6 +47,7 @@ export class Labels {
   place(camera, pane, boxes, planar, { names, beside }) {
     const wide = pane.clientWidth, tall = pane.clientHeight, at = new THREE.Vector3(), corner = new THREE.Vector3();
     const taken = [];
+    camera.updateWorldMatrix(true, false); // where the camera has jumped nothing has been drawn yet
     const put = (span, x, y, visible) => {
       const half = 4 * span.textContent.length + 8; // px, about
       const left = Math.max(half, Math.min(wide - half, x));

@@ -4,7 +4,7 @@ import { Chart } from "./chart.js";
 import { EventStrip } from "./events.js";
 import { curvesPicture, curvesTable } from "./curve_export.js";
 import { $, element, floats, options } from "./format.js";
-import { Labels, called } from "./labels.js";
+import { Labels } from "./labels.js";
 import { LAYERS, Legend } from "./legend.js";
 import { Link } from "./permalink.js";
 import { Magnifier } from "./error_magnifier.js";
@@ -71,6 +71,7 @@ export class Player {
     this.toggled("magnifier");
     this.timeline.seek(0);
     this.chart.resize();
+    this.scene.refit(); // only now the words have their width, as after any change of the view
   }
 
   // Other motions of the same bodies: time, view and the choice of signals stay.
@@ -139,7 +140,7 @@ export class Player {
     this.enlarge($("enlarged").value);
     const { bodies } = this.scene;
     $("following").hidden = bodies.length === 0 || this.scene.end < 1e-6;
-    options($("follow"), [["", "nothing"], ...bodies.map((body) => [body, called(body)])]);
+    options($("follow"), [["", "nothing"], ...bodies.map(({ body, label }) => [body, label])]);
     this.controls();
   }
 
@@ -163,8 +164,8 @@ export class Player {
   view(change) {
     change();
     this.speak();
-    this.scene.refit(); // what the words say has another width
-    this.timeline.seek(this.timeline.time);
+    this.timeline.seek(this.timeline.time); // writes the words: what they leave to the scene is known only now
+    this.scene.refit();
     this.note();
   }
 
@@ -376,8 +377,8 @@ export class Player {
     const pose = (wanted.get("eye") || "").split(" ").map(Number);
     if (pose.length === 6 && pose.every(Number.isFinite)) scene.eye.pose = pose;
     this.speak();
-    scene.refit();
     timeline.seek(timeline.time);
+    scene.refit();
     if (wanted.get("play") === "1") timeline.play();
     else if (wanted.has("t") || wanted.get("play") === "0") timeline.pause();
   }

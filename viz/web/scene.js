@@ -165,7 +165,7 @@ export class Scene {
 
   // Bodies that a camera can follow.
   get bodies() {
-    return this.runs.length ? this.runs[0].data.nodes.filter(({ base }) => base).map(({ body }) => body) : [];
+    return this.runs.length ? this.runs[0].data.nodes.filter(({ base }) => base) : [];
   }
 
   // Colours of runs that lie over each other.
@@ -257,7 +257,7 @@ export class Scene {
 
   // The camera goes with a body of the first run; with nothing if the name is empty.
   follow(body) {
-    this.followed = this.bodies.includes(body) ? body : "";
+    this.followed = this.bodies.some((one) => one.body === body) ? body : "";
     if (this.eye.moved) this.eye.hold(this.followedPoint); else this.arrange();
   }
 

@@ -1,5 +1,7 @@
 """Scenes are looked at from where arms are seen, and from the same side everywhere."""
 
+import dataclasses
+
 import numpy as np
 
 from spacerobot.description import Geometry
@@ -13,7 +15,7 @@ from viz.record import frames
 
 
 def box(body, size, *, is_base=False):
-    return Node(1, body, is_base, (DrawnSolid(np.eye(4), Geometry("box", np.full(3, size)), GREY),))
+    return Node(1, body, body, is_base, (DrawnSolid(np.eye(4), Geometry("box", np.full(3, size)), GREY),))
 
 
 def motion(*places):
@@ -53,8 +55,22 @@ def test_a_grasp_is_seen_from_where_nothing_hides_it():
     )
     frame = _frame(moved, 0)._replace(links=np.zeros((0, 3)))
     assert frame.seen(oblique().towards) == 0
-    assert frame.seen(grasp_view(moved, 0, oblique()).towards) == 1
-    np.testing.assert_allclose(grasp_view(moved, 0, oblique(120)).towards, oblique(120).towards)
+    assert frame.seen(grasp_view(moved, [0], oblique()).towards) == 1
+    np.testing.assert_allclose(grasp_view(moved, [0], oblique(120)).towards, oblique(120).towards)
+
+
+def test_a_grasp_is_not_seen_at_a_grazing_angle():
+    """The direction nearest to the usual one from which a grasp at an edge is just visible is not taken."""
+    shown = motion([0.0, 0.6, 0.0])
+    face = np.array([[[0.55, 0.6, 0.0]]])  # before the face that looks along +x
+    moved = dataclasses.replace(shown, mates=face)
+    frame = _frame(moved, 0)._replace(links=np.zeros((0, 3)))
+    usual = oblique(-120)
+    grazing = next(turn for turn in range(0, 180, 5) if frame.seen(oblique(-120 + turn).towards) == 1)
+    chosen = grasp_view(moved, [0], usual).towards
+    azimuth = np.degrees(np.arctan2(chosen[1], chosen[0])) + 120
+    assert azimuth >= grazing + 15
+    assert frame.seen(chosen) == 1
 
 
 def test_pictures_and_pages_look_from_the_same_side(spatial):

@@ -41,8 +41,9 @@ from viz.figures import (
     tip_paths,
     wheels,
 )
+from viz.figures.labels import labels_of
 from viz.figures.ledger import energy_astray
-from viz.figures.style import drawn_for, labels_of, lay_out, to_bytes
+from viz.figures.style import drawn_for, lay_out, to_bytes
 from viz.figures.tips import enlargement
 from viz.figures.wheels import shares
 from viz.page.signals import quantities
@@ -199,6 +200,16 @@ def test_any_number_of_results_has_names_that_differ(paper):
     assert len(set(labels_of([again] * 12))) == 12
 
 
+def test_results_are_labelled_by_the_value_in_which_they_differ(paper):
+    """The number alone says nothing of curves of one scenario with three masses."""
+    several = []
+    for mass in (20, 60, 180):
+        scenario = load_scene("paper", {"target.links.body.mass": mass}).scenario
+        several.append(Result(scenario, paper.data, paper.summary))
+    assert labels_of(several) == ["body.mass = 20", "body.mass = 60", "body.mass = 180"]
+    assert labels_of([*several, several[0]]) == [f"paper ({k})" for k in (1, 2, 3, 4)]  # two are equal
+
+
 def test_paths_have_four_panels_for_two_results(paper, blind):
     figure = tip_paths(blind, paper)
     drawn = _lines(figure, "(d) rpr2/tip, amnesia")
@@ -208,7 +219,7 @@ def test_paths_have_four_panels_for_two_results(paper, blind):
 
 def test_object_and_bases_turn_and_move_as_the_result_says(paper):
     angle = paper.data.body_angle
-    turned = _lines(object_motion(paper), "(a) object rotation")["about z"][:, 1]
+    turned = _lines(object_motion(paper), "(a) rotation of rectangle")["about z"][:, 1]
     expected = angle.sel(body="target")
     np.testing.assert_allclose(turned, np.degrees(expected - expected[0]))
     moved = _lines(base_motion(paper), "base of rpr2, translation")["y"][:, 1]
@@ -442,7 +453,7 @@ def test_the_momentum_budget_adds_up():
         assert np.ptp(outside) > 1e-3
         np.testing.assert_allclose(sum(parts.values()), outside, atol=1e-12)
     (panel,) = (a for a in momentum_budget(result).axes if "angular" in a.get_title("left"))
-    assert {"robots without wheels", "wheels", "object", "all together"} <= {
+    assert {"robots without wheels", "wheels", result.scenario.body_label("target"), "all together"} <= {
         line.get_label() for line in panel.get_lines()
     }
     assert len(wheels(result).axes) == 2

@@ -113,8 +113,8 @@ def test_names_stand_on_the_robots_and_errors_are_enlarged(browser, paper, tmp_p
     page = _show(browser, tmp_path / "page.html", animation_page(paper), "#t=5", (1400, 850))
     page.picture()
     found = dict(page.evaluate(NAMES))
-    assert set(found) == {"rpr1", "rpr2", "object"}
-    assert found["rpr1"] < found["object"] < found["rpr2"]
+    assert set(found) == {"rpr1", "rpr2", "rectangle"}
+    assert found["rpr1"] < found["rectangle"] < found["rpr2"]
     caption = page.evaluate("document.getElementById('magnifier').title")
     assert re.fullmatch(r"Tips around their references, \d+ times enlarged; rings every 1 mm", caption)
     whole = int(re.search(r"(\d+) times", caption)[1])
@@ -146,7 +146,7 @@ def test_a_result_of_a_single_instant_and_a_body_without_shapes_are_shown(
     (tmp_path / "bare.urdf").write_text(re.sub(r"(?s)<(visual|collision)\b.*?</\1>", "", text))
     scene = load_scene("paper", {"target.urdf": str(tmp_path / "bare.urdf"), "simulation.duration": 0.02})
     page = _show(browser, tmp_path / "bare.html", animation_page(simulate(scene, backend="interpreted")))
-    assert "object" in dict(page.evaluate(NAMES_ALL))
+    assert "bare" in dict(page.evaluate(NAMES_ALL))
     assert page.errors == []
     instant = Result(paper.scenario, paper.data.isel(time=[0]), paper.summary)
     page = _show(browser, tmp_path / "instant.html", animation_page(instant))

@@ -116,7 +116,7 @@ def test_a_page_that_opens_late_misses_nothing(browser, viewer):
     browser.wait_for("document.body?.dataset.shown === '1'")
     browser.wait_for("document.getElementById('busy').innerText.startsWith('compiling')")
     names = browser.evaluate("[...document.querySelectorAll('#labels .name')].map((e) => e.textContent)")
-    assert names == ["rpr1", "rpr2", "object"]
+    assert names == ["rpr1", "rpr2", "rectangle"]
 
 
 def test_waiting_ends_with_an_interrupt_and_without_a_fault(viewer):

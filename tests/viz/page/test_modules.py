@@ -65,6 +65,21 @@ def test_what_is_drawn_gets_coarser_where_pictures_are_slow_and_finer_again_wher
     assert browser.evaluate("rest(600)") == 0  # what stands still is drawn in full
 
 
+def test_captions_are_broken_between_their_parts(browser):
+    """A picture 480 px wide cut the caption of a mission off."""
+    browser.open("about:blank")
+    text = (WEB / "image_export.js").read_text()
+    function = text[text.index("export function inLines") :].split("\n}\n")[0].removeprefix("export ") + "\n}"
+    lines = f"((text) => {{ {function}; return inLines(text, (line) => line.length <= 12); }})"
+    assert browser.evaluate(f"{lines}('aaaa; bbbb; cccc; a part of its own; d')") == [
+        "aaaa; bbbb",
+        "cccc",
+        "a part of its own",
+        "d",
+    ]
+    assert browser.evaluate(f"{lines}('')") == [""]
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

@@ -202,7 +202,7 @@ def test_masses_and_momenta_are_shown_where_asked(shown, paper):
 
 def test_the_camera_follows_what_is_chosen(shown, paper):
     """The object is carried 0.2 m through the picture, and stands still where the camera goes with it."""
-    label = "[...document.querySelectorAll('#labels .name')].find((e) => e.innerText === 'object')"
+    label = "[...document.querySelectorAll('#labels .name')].find((e) => e.innerText === 'rectangle')"
     where = f"((e) => [parseFloat(e.style.left), parseFloat(e.style.top)])({label})"
     moved = {}
     page = shown(paper, fragment="#t=0&look=near", size=(1200, 600))

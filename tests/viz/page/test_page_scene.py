@@ -70,3 +70,14 @@ def test_a_view_in_orbit_looks_past_the_limb(azimuth):
     assert to_earth == pytest.approx(np.degrees(np.arcsin(6378137 / 6878137)) + 6, abs=1e-6)
     assert seen.towards[2] == pytest.approx(usual.towards[2])
     assert limb_view(usual, None) is usual
+
+
+def test_the_first_view_is_fitted_as_any_later_one(browser, paper, tmp_path):
+    """What the words leave to the scene is the same at first and after the view was reset."""
+    (tmp_path / "page.html").write_text(animation_page(paper), encoding="utf-8")
+    browser.open(f"{(tmp_path / 'page.html').as_uri()}#t=0&play=0", 1000, 700)
+    browser.wait_for("document.body?.dataset.time === '0.000'")
+    first = browser.picture()
+    browser.evaluate("document.getElementById('reset').click()")
+    later = browser.picture()
+    assert (np.abs(first - later).sum(axis=2) > 30).mean() < 1e-3

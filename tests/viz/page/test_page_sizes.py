@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from optim.campaign import run_campaign
-from spacerobot.cli.campaign_page import campaign_page
 from spacerobot.scene import load_scene
 from tests.oracles import one_arm
 from viz.page.live import LiveViewer
 from viz.page.page import animation_page
+from viz.report.campaign_data import campaign_page
 from viz.report.comparison_section import comparison_report
 from viz.report.report import report
 
@@ -76,7 +76,7 @@ def _blank():
 def comparison(make_comparison, tmp_path_factory):
     gains = {LONG: 1.0} | {f"gain_{k}": 123.456 for k in range(8)}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("viz.report.sections.draw_all", lambda *_: ())  # the report's page has them all
+        patch.setattr("viz.report.sections.draw_all", lambda *_, **__: ())  # the report's page has them all
         return comparison_report(make_comparison(tmp_path_factory.mktemp("compared"), gains, []))
 
 

@@ -5,21 +5,29 @@ import itertools
 import re
 import time
 
+import numpy as np
 import pytest
 import typer
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from typer.testing import CliRunner
 
+from optim.methods.run_method import MethodOutcome
+from optim.problem.problem import EvaluationCost
+from optim.search.search import SearchRun
+from optim.tuning import TuningResult
 from spacerobot.errors import ResultError
 from spacerobot.registry import COMMANDS
 from spacerobot.result.result import Result
+from spacerobot.tables import content_html
 from viz.figures import draw_all, figure_kinds
 from viz.figures.collect import with_common_tips
+from viz.figures.docking import docking
+from viz.figures.labels import differences
 from viz.figures.phases import shade
+from viz.figures.storyboard import storyboard
 from viz.figures.style import panels
 from viz.report.report import SECTIONS, ReportSection, find_results, write_report
 from viz.report.report import report as report_page
-from viz.report.sections import differences
 from viz.report.verdict import verdict
 
 
@@ -30,8 +38,9 @@ def comparison(paper, blind):
 
 def test_it_holds_every_section_that_applies(comparison, paper):
     named = re.findall(r'<section id="(\w+)">', comparison)
-    assert named == [section.name for section in SECTIONS if section.name not in ("warnings", "events")]
-    assert comparison.count("data:image/svg+xml") == 3 + 2 * 6
+    absent = "warnings", "events", "tuning"
+    assert named == [section.name for section in SECTIONS if section.name not in absent]
+    assert comparison.count("data:image/svg+xml") == 3 + 2 * 5
     for assumption in paper.summary["assumptions"]:
         assert assumption.split("'")[0] in comparison
 
@@ -97,7 +106,7 @@ def test_only_the_papers_robots_are_held_against_its_figures(paper, monkeypatch)
     """Of own robots neither a heading nor a caption refers to the paper."""
     monkeypatch.setattr("viz.report.sections.to_bytes", lambda *_: b"<svg/>")
     drawn = [(kind.name, kind, None) for kind in figure_kinds()]
-    monkeypatch.setattr("viz.report.sections.draw_all", lambda *_: drawn)
+    monkeypatch.setattr("viz.report.sections.draw_all", lambda *_, **__: drawn)
     scenario = paper.scenario.model_copy(update={"name": "mine"})
     own = "".join(
         re.findall(r"<(?:h\d|figcaption)>[^<]*", report_page(dataclasses.replace(paper, scenario=scenario)))
@@ -194,3 +203,70 @@ def test_names_of_phases_do_not_lie_over_each_other():
     assert len(boxes) == 4
     for one, other in itertools.combinations(boxes, 2):
         assert not one.overlaps(other)
+
+
+def test_frames_are_shown_once(paper, docked):
+    """Evenly spaced where nothing happens, else at the events; not both, which would be almost the same."""
+
+    def shown(result):
+        return {"docking", "storyboard"} & set(re.findall(r'<figure id="(\w+)">', report_page(result)))
+
+    assert shown(paper) == {"docking"}
+    assert shown(docked) == {"storyboard"}
+
+
+def test_names_of_bodies_stay_inside_their_panel(paper, docked):
+    for drawing in (docking(paper), storyboard(docked)):
+        FigureCanvasAgg(drawing).draw()
+        panel = drawing.axes[0]
+        for text in panel.texts:
+            assert not text.get_window_extent().overlaps(panel._left_title.get_window_extent()), text
+
+
+def test_it_is_readable_on_a_phone(browser, flat, docked, paper, tmp_path):
+    """Figures fit, and a click enlarges them; a table of two columns is broken into lines; nothing is cut."""
+    path = tmp_path / "report.html"
+    write_report(docked, path)
+    browser.open(path.as_uri(), 390, 844)
+    browser.wait_for("document.readyState === 'complete'")
+    assert browser.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+    # figures fit; a click enlarges one until its letters are readable, and it scrolls in its box
+    assert browser.evaluate("[...document.querySelectorAll('figure img')].every((i) => i.width <= 390)")
+    browser.evaluate("document.querySelector('figure label').click()")
+    assert browser.evaluate("document.querySelector('figure img').width >= 600")
+    assert browser.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+    assert browser.evaluate(
+        "[...document.querySelectorAll('#numbers .wide')].every((box) => box.scrollWidth <= box.clientWidth)"
+    )
+    # nothing lies over the play button
+    assert browser.evaluate(
+        "(() => { const b = document.querySelector('.playable span'); b.scrollIntoView({block: 'center'});"
+        " const r = b.getBoundingClientRect();"
+        " return document.elementFromPoint(r.x + r.width / 2, r.y + r.height / 2) === b })()"
+    )
+
+
+def test_a_tuned_result_reports_its_gains(paper, tmp_path, undrawn):
+    result = paper.save(tmp_path / "tuned")
+    cost, point = EvaluationCost(rollouts=3, slopes=5), np.array([0.3, 0.0])
+    run = SearchRun("nlp", 0, 1, point, 0.0005, 0.0, cost, 1.5, "settled", "no further improvement")
+    tuning = TuningResult(
+        {"kp": 285.89, "kd": 0.0},
+        0.0005,
+        "settled",
+        "no further improvement",
+        result.scene(),
+        MethodOutcome("nlp", (run,)),
+        reading=("minimax", 1e3, "mm"),
+    )
+    tuning.save(result.folder)
+    file = result.folder / "tuning.json"
+    text = report_page(result)
+    section = text[text.index('<section id="tuning">') :]
+    assert section.startswith('<section id="tuning">')
+    assert content_html(tuning.content()) in section
+    assert "nlp: minimax 0.5 mm" in section
+    assert re.search(r"kd</th><td>0, at its lower bound", section)
+    file.write_text("{}")
+    with pytest.raises(ResultError, match=r"tuning\.json: holds no tuning that can be read"):
+        report_page(result)

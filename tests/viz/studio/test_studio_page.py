@@ -312,6 +312,7 @@ def test_a_docking_is_drafted_with_its_yaml(opened):
 def test_joints_are_moved_and_margins_computed_on_request(opened, studio, flat):
     page = opened()
     metric = page.evaluate(METRIC)
+    assert page.evaluate("estimates.hidden")  # the arm has no filter
     page.evaluate("joints.open = true")
     path = "robots.arm.joints.joint_2.angle_deg"
     bar = f"document.querySelector('#joints input[type=range][aria-label=\"{path}\"]')"
@@ -332,6 +333,39 @@ def test_joints_are_moved_and_margins_computed_on_request(opened, studio, flat):
     page.evaluate("undo.click()")
     page.wait_for(f"{words}.includes('compute again')")
     assert page.errors == []
+
+
+PLOTTED = """(() => {
+  const Plain = uPlot;
+  window.plotted = [];
+  uPlot = class extends Plain {
+    constructor(...all) { super(...all); plotted.push(all[1].map((column) => [...column])); }
+  };
+})()"""
+"""Keeps the columns of every plot that is drawn from now on."""
+
+
+def test_errors_of_estimates_are_drawn_in_the_bands_of_their_filters(browser, flat, tmp_path):
+    file = "examples/filters.yaml"
+    estimators = {"attitude": {"kind": "attitude_filter", "attitude_deg": 0.2}}
+    scene = load_scene(file, {"simulation.duration": 1.0, "robots.chaser.estimators": estimators})
+    data = simulate(scene, backend="interpreted").data.sel(body="chaser")
+    with Studio(Origin(scene, file), tmp_path, 7640) as served:
+        browser.open(f"{served.url}#play=0")
+        browser.wait_for("Number(document.body?.dataset.drawn) >= 1", 60)
+        browser.evaluate(PLOTTED)
+        browser.evaluate("estimates.open = true")
+        browser.wait_for("plotted.length >= 2")
+        words = browser.evaluate("estimates.innerText")
+        for name, (time, *columns) in zip(
+            ("attitude_estimate", "bias_estimate"), browser.evaluate("plotted.slice(-2)"), strict=True
+        ):
+            error, bound = data[f"{name}_error"], 3 * data[f"{name}_deviation"].values
+            assert f"{error.attrs['long_name']} [{error.attrs['units']}]" in words
+            np.testing.assert_allclose(time, data.time.values, rtol=1e-6)
+            edges = [sign * bound[:, axis] for axis in range(3) for sign in (1, -1)]
+            np.testing.assert_allclose(columns, [*edges, *error.values.T], rtol=1e-4, atol=1e-9)
+    assert browser.errors == []
 
 
 RED, BLUE = (255, 92, 92), (111, 168, 255)

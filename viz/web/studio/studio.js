@@ -3,6 +3,7 @@ import { $, digits } from "../format.js";
 import { Bookmarks } from "./bookmarks.js";
 import { Designs, parsed } from "./designs.js";
 import { Docking } from "./docking.js";
+import { Estimates } from "./estimates.js";
 import { Jobs } from "./jobs.js";
 import { Joints } from "./joints.js";
 import { Keep } from "./save_design.js";
@@ -32,6 +33,7 @@ export class Studio {
     this.margins = new Margins($("margins"), {
       begin: (request) => this.jobs.begin(request), design: () => this.designs.now, time: () => player.timeline.time,
     });
+    this.estimates = new Estimates($("estimates"), player.chart);
     this.jobs = new Jobs($("jobs"), {
       onMargins: (job) => this.margins.hear(job),
       onAble: (able) => this.margins.enable(able),
@@ -201,6 +203,7 @@ export class Studio {
     const runs = [{ nodes, ...known.run, label: "this design" }];
     if (other) runs.push({ nodes, ...other, label: this.designs.before.name, pale: true });
     this.player.renew(runs, known.warnings);
+    this.estimates.show(this.player.signals);
     document.body.dataset.drawn = String(Number(document.body.dataset.drawn || 0) + 1);
   }
 
@@ -295,7 +298,7 @@ export class Studio {
   listen() {
     $("sort").addEventListener("click", () => this.sort());
     $("undo").addEventListener("click", () => this.step(-1));
-    $("fullnames").addEventListener("click", () => this.show());
+    $("fullnames").addEventListener("click", () => { this.show(); this.estimates.draw(); });
     $("redo").addEventListener("click", () => this.step(1));
     $("restore").addEventListener("click", () => this.hand(() => this.designs.take({})));
     window.addEventListener("keydown", (event) => this.key(event));

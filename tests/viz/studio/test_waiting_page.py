@@ -1,0 +1,35 @@
+"""The page that is served while the studio loads."""
+
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+
+import pytest
+
+from viz.studio.waiting import WAITING, WaitingPage
+
+HEAVY = ("casadi", "numpy", "pinocchio", "xarray", "scipy")
+
+
+def test_it_says_what_the_studio_waits_for_to_who_knows_the_token():
+    words = []
+    with WaitingPage("a<b>.yaml", 7660) as waiting:
+        tell = waiting.telling(words.append)
+        tell("building <it>")
+        with urllib.request.urlopen(waiting.url) as answer:
+            page = answer.read().decode()
+            assert answer.headers[WAITING] == "1"
+        assert "building &lt;it&gt;" in page
+        assert "a&lt;b&gt;.yaml" in page
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            urllib.request.urlopen(waiting.url[:-1])
+    assert words == ["building <it>"]
+    with pytest.raises(urllib.error.URLError, match="refused"):
+        urllib.request.urlopen(waiting.url)
+
+
+def test_it_loads_no_library_that_takes_long():
+    code = f"import sys, viz.studio.waiting; print(*(n for n in {HEAVY} if n in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []
