@@ -25,6 +25,7 @@ FIXTURES = {"browser": {"browser"}, "dask": {"dask", "cluster"}}
 PLACES = {
     "compiler": (
         "tests/compiled/",
+        "tests/fmu/",
         "tests/rollout/test_batch.py::test_lanes_equal_single_rollouts",
         "tests/rollout/test_batch.py::test_where_many_are_wanted",
         "tests/rollout/test_edges.py::test_a_scene_without_target_and_grasps",
@@ -74,7 +75,7 @@ def undrawn(monkeypatch):
     """No figure of a report is drawn: what pages say is what is tested."""
     for home in ("report.sections", "report.campaign_section", "figures.comparison"):
         monkeypatch.setattr(f"viz.{home}.to_bytes", lambda *_: b"<svg/>")
-    monkeypatch.setattr("viz.report.sections.draw_all", lambda *_: ())
+    monkeypatch.setattr("viz.report.sections.draw_all", lambda *_, **__: ())
 
 
 @pytest.fixture(scope="session")
@@ -133,6 +134,7 @@ LARGE = (
             "transmissions",
         )
     ),
+    "tests/fmu/",
     "tests/pinocchio_engine/",
     "tests/result/",
     "tests/rollout/test_edges.py",

@@ -64,14 +64,10 @@ def start(
 ) -> Fork:
     """Begin to run a function in a fork of this process.
 
-    Parameters
-    ----------
-    work
-        What to run; its exceptions, ``SystemExit`` among them, end the process as they end Python's.
-    folder
-        Its working directory.
-    environment
-        Variables to add to this process's own.
+    Args:
+        work: What to run; its exceptions, ``SystemExit`` among them, end the process as they end Python's.
+        folder: Its working directory.
+        environment: Variables to add to this process's own.
     """
     out, err = (tempfile.TemporaryFile("w+", encoding="utf-8") for _ in range(2))  # noqa: SIM115 (till read)
     with warnings.catch_warnings():

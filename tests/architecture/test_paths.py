@@ -60,7 +60,8 @@ PATHS = {
 
 @pytest.mark.parametrize("name", PATHS)
 def test_a_path_may_be_a_text_or_like_a_path(name):
-    assert re.sub(r"Iterable|Sequence|Scene|[\[\]| ]|None|StrPath", "", PATHS[name]) == ""
+    types = r"Iterable|Sequence|OnboardController|Scene|PlanResult|(Robust|Tuning|Result)Problem|Result"
+    assert re.sub(rf"{types}|[\[\]| ]|None|StrPath", "", PATHS[name]) == ""
 
 
 def test_the_walk_finds_the_functions_that_take_paths():

@@ -49,7 +49,7 @@ def test_every_result_of_the_namespace_is_saved_loaded_and_shown():
     import spacerobot as sr
 
     results = [getattr(sr, name) for name in sr.__all__ if name.endswith("Result")]
-    assert len(results) == 8
+    assert len(results) == 12
     for result in results:
         assert {"save", "_repr_html_"} <= set(dir(result)), result
         assert "__repr__" in vars(result), result

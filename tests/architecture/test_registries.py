@@ -22,6 +22,7 @@ from optim import TuningMethod
 from spacerobot import elements
 from spacerobot.cli.command import Command
 from spacerobot.elements import quantity
+from spacerobot.exports import ExportFormat
 from spacerobot.registry import COMMANDS
 from spacerobot.samplers import Sampler
 from viz.figures import figure
@@ -61,6 +62,17 @@ class OwnMethod(TuningMethod):
             return search.finish("done")
 
         return [run]
+
+
+@sr.register
+class OwnFormat(ExportFormat):
+    "Names of the bodies."
+    name: ClassVar[str] = "own_format"
+    suffixes: ClassVar[tuple[str, ...]] = (".own",)
+    takes: ClassVar[tuple[str, ...]] = ("scene",)
+
+    def write(self, source, path, options):
+        path.write_text(" ".join(body.name for body in source.bodies))
 
 
 @figure("A figure of its own", applies=lambda result: True)
@@ -117,6 +129,9 @@ ends = [
 ]
 states = [end[: scene.model.nq] for end in ends]
 assert np.abs(states[0] - states[1]).max() < 1e-12, "the same as the ball of the URDF"
+
+assert "own_format" in runner.invoke(command_line, ["export", "--list"]).output
+assert sr.export(scene, Path(sys.argv[1]).with_suffix(".own")).read_text() == "one target"
 
 parameters = {"mass": {"paths": "target.links.body.mass", "lower": 1, "upper": 3}}
 campaign = Campaign.model_validate({"parameters": parameters, "design": "own_sampler", "samples": 3})

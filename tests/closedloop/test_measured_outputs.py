@@ -69,6 +69,16 @@ def frame_positions(scene, run, name):
     return np.array(found)
 
 
+def frame_rotations(scene, run, name):
+    """Rotations of a frame at all samples (samples, 3, 3)."""
+    data, frame = scene.model.createData(), scene.model.getFrameId(name)
+    found = []
+    for q in run.state[:, : scene.model.nq]:
+        pin.framesForwardKinematics(scene.model, data, q)
+        found.append(data.oMf[frame].rotation.copy())
+    return np.array(found)
+
+
 def test_what_a_controller_reads_has_bias_noise_and_steps_of_the_resolution():
     _, loop, run = rolled(SPATIAL, {"robots.one.sensors": TIP_SENSOR}, PERIOD)
     name = "one/tip.tip_position.3"
@@ -111,6 +121,72 @@ def test_what_a_target_filter_reads_is_a_place_in_the_world_and_a_rotation_since
     shown = after(part(run, loop, "measured_target_orientation", "chaser/eye"))
     for turn, error, true in zip(shown, noise, at(part(run, loop, "body_rotation", "target")), strict=True):
         np.testing.assert_allclose(pin.exp3(turn), pin.exp3(error) @ pin.exp3(true), atol=1e-8)
+
+
+COARSE, REACH = 0.04, 0.75
+"""Resolution and range [m or rad]: relative to the tip some components are below the range, some above."""
+
+
+def coarse(values):
+    """Values of a sensor that is coarse and does not reach far."""
+    return np.clip(COARSE * np.round(values / COARSE), -REACH, REACH)
+
+
+def coarse_turn(rotation):
+    """Rotation whose rotation vector such a sensor shows."""
+    return pin.exp3(coarse(pin.log3(rotation)))
+
+
+COARSE_ERRORS = {"resolution": COARSE, "range": REACH}
+
+
+def test_resolution_and_range_of_a_reference_act_on_the_vector_from_the_tip():
+    errors = {"period": PERIOD, "noise": 1e-3} | COARSE_ERRORS
+    changes = SEEN | {"robots.one.sensors": {"target_position": {"errors": errors}}}
+    scene, loop, run = rolled(PLANAR, changes, PERIOD)
+    name = "one/tip.robots.one.tips.tip.reference.target_position"
+    tip = at(part(run, loop, "tip_position", "one/tip"))[:, :2]
+    away = at(frame_positions(scene, run, "target/mate_2"))[:, :2] - tip
+    away += 1e-3 / PERIOD**0.5 * normal(name, COUNT, 2)
+    shown = after(part(run, loop, "measured_target_position", "one/tip"))[:, :2]
+    np.testing.assert_allclose(shown, tip + coarse(away), atol=1e-8)
+    assert np.abs(tip + away).max() > REACH > np.abs(away).min()
+
+
+def test_resolution_and_range_of_a_target_filter_act_on_the_pose_from_the_tip():
+    changes = with_target_filter("left") | LOCKED
+    for sensor in changes["robots.chaser.sensors"].values():
+        sensor["errors"] = sensor["errors"] | COARSE_ERRORS
+    changes["robots.chaser.base.position"] = [-2, 3, 0]
+    changes["robots.chaser.base.rotation_deg"] = [20, -50, 80]
+    scene, loop, run = rolled(BOXES, changes, IMAGES)
+    tip = at(part(run, loop, "tip_position", "chaser/eye"))
+    away = at(frame_positions(scene, run, "target/left")) - tip
+    away += PLACE * normal("chaser/seen.target_position", COUNT, 3)
+    shown = after(part(run, loop, "measured_target_position", "chaser/eye"))
+    np.testing.assert_allclose(shown, tip + coarse(away), atol=1e-8)
+    frames = ("target/left", "target/" + scene.target.description.root, "chaser/right")
+    link, root, camera = (at(frame_rotations(scene, run, frame)) for frame in frames)
+    noise = TURN * normal("chaser/seen.target_orientation", COUNT, 3)
+    shown = after(part(run, loop, "measured_target_orientation", "chaser/eye"))
+    for k, turn in enumerate(shown):
+        seen = coarse_turn(pin.exp3(noise[k]) @ link[k] @ camera[k].T) @ camera[k]
+        np.testing.assert_allclose(pin.exp3(turn), seen @ link[k].T @ root[k] @ root[0].T, atol=1e-8)
+
+
+def test_resolution_and_range_of_a_star_tracker_act_on_the_rotation_since_the_start():
+    changes = with_attitude_filter()
+    section = changes["robots.chaser.sensors"]["base_orientation"]
+    section = section | {"errors": section["errors"] | {"period": 1.0} | COARSE_ERRORS}
+    changes["robots.chaser.sensors"] = changes["robots.chaser.sensors"] | {"base_orientation": section}
+    changes["robots.chaser.base.rotation_deg"] = [20, -50, 80]
+    _, loop, run = rolled(BOX, changes, 1.0)
+    noise = section["errors"]["noise"] * normal("chaser/known.base_orientation", COUNT, 3)
+    shown = after(part(run, loop, "measured_base_orientation", "chaser"))
+    turned = at(part(run, loop, "body_rotation", "chaser"))
+    for turn, error, true in zip(shown, noise, turned, strict=True):
+        np.testing.assert_allclose(turn, coarse(pin.log3(pin.exp3(error) @ pin.exp3(true))), atol=1e-8)
+    assert np.ptp(shown) > 4 * COARSE
 
 
 @pytest.mark.parametrize("phases", [False, True])

@@ -48,6 +48,6 @@ def test_functions_of_two_or_more_parameters_describe_them(name):
     for label, function in functions_of(importlib.import_module(name)):
         parameters = [p for p in inspect.signature(function).parameters if p not in ("self", "cls")]
         own = function.__code__.co_filename != "<string>"  # of data classes
-        if own and len(parameters) > 1 and "Parameters\n------" not in (inspect.getdoc(function) or ""):
+        if own and len(parameters) > 1 and "Args:\n" not in (inspect.getdoc(function) or ""):
             missing.add(label)
     assert not missing

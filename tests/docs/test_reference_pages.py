@@ -95,12 +95,11 @@ INTERNAL = {
     "spacerobot.lazy_names",
     "spacerobot.version",
     "spacerobot.loop_cache",
-    "spacerobot.notebook",
     "spacerobot.numeric_function",
+    "spacerobot.optional",
     "spacerobot.progress",
     "spacerobot.cli",
     "optim.json_values",
-    "viz.readme_picture",
 }
 """Modules that serve the others; the command line has a page of its own."""
 

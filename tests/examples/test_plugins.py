@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import spacerobot as sr
 from spacerobot.cli.app import command_line, plugins_first
 from spacerobot.drafting.plugins import TEMPLATES, plugin_command, plugin_template
 from spacerobot.errors import SpaceRobotError
@@ -29,12 +30,11 @@ from optim.planning.search.make_plan import make_plan
 from spacerobot.scene.contacts import gaps
 from tests.optim.planning.conftest import REACH
 
-from spacerobot.cli.commands.new import write_plugin
 from spacerobot.drafting.plugins import TEMPLATES
 
 robot, folder = "robots.one", Path(sys.argv[1])
 for family in TEMPLATES:
-    write_plugin(family, folder / f"my_{family}.py")
+    sr.draft_plugin(family, folder / f"my_{family}.py")
     sr.load_plugin(folder / f"my_{family}.py")
 own = {
     "actuators": {"wheel": {"kind": "reaction_wheel", "gain": 0.5}},
@@ -42,7 +42,7 @@ own = {
     "joint_pd": {"kp": 0, "kd": 5},
     "tips": {
         "tip": {
-            "controllers": {"soft": {"kind": "impedance"}},
+            "controllers": {"soft": {"kind": "bounded_spring"}},
             "reference": {"kind": "lemniscate", "duration": 2},
         }
     },
@@ -72,7 +72,7 @@ scene_with_contact = sr.load_scene(folder / "scene.yaml", meets)
 result = sr.simulate(scene_with_contact, backend="interpreted")
 assert result.summary["status"]["state"] == "completed"
 assert float(abs(result.data.wheel_speed.sel(body="one")).max()) > 0
-assert float(abs(result.data.impedance_force).max()) > 0
+assert float(abs(result.data.spring_force).max()) > 0
 assert float(result.data.contact_gap.min()) < -0.01
 (by_coal,) = gaps(scene_with_contact, scene_with_contact.contacts[0])
 assert abs(float(result.data.contact_gap[0, 0]) - by_coal) < 1e-8
@@ -136,8 +136,9 @@ assert '"kind":"mesh"' in page.replace(" ", "")
 
 
 def test_there_is_a_plugin_of_each_kind_that_the_documentation_shows():
-    shown = ["ellipsoid", "impedance", "lemniscate", "pointing", "reaction_wheel", "thermal", "tip_speed"]
-    assert sorted(TEMPLATES.values()) == PLUGINS == shown
+    shown = ["bounded_spring", "ellipsoid", "lemniscate", "pointing", "python_pd", "reaction_wheel"]
+    shown += ["thermal", "tip_speed"]
+    assert sorted([*TEMPLATES.values(), "python_pd"]) == PLUGINS == shown
 
 
 def test_plugins_are_simulated_differentiated_planned_with_and_shown(tmp_path):
@@ -167,6 +168,19 @@ def test_the_command_in_a_template_uses_it(family, tmp_path):
     """
     loaded = forks.run(script, tmp_path / f"{family}.py", params["scenario"], *params["changes"])
     assert loaded.returncode == 0, loaded.stderr
+
+
+def test_the_test_of_every_template_passes(tmp_path):
+    for family in TEMPLATES:
+        file = tmp_path / f"my {family}.py"
+        sr.draft_plugin(family, file)
+    done = forks.run(
+        "import pytest, sys; sys.exit(pytest.main(['-q', '-p', 'no:cacheprovider', sys.argv[1]]))", tmp_path
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert sorted(path.name for path in tmp_path.glob("test_*.py")) == sorted(
+        f"test_my {family}.py" for family in TEMPLATES
+    )
 
 
 def test_a_template_replaces_no_file_and_has_a_family(tmp_path):

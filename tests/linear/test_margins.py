@@ -228,3 +228,10 @@ def test_progress_counts_the_loops_of_each_instant():
         first = stages.index(f"linearising at {label}")
         counted = [f"margins at {label}: {k} of {count} loops" for k in range(1, count + 1)]
         assert stages[first + 2 : first + 2 + count] == counted
+
+
+def test_a_damping_ratio_that_rounds_to_zero_has_no_sign():
+    A, nothing = np.array([[1e-7, 1.0], [-1.0, 1e-7]]), np.zeros((2, 0))
+    system = LinearSystem("0 s", 0.0, A, nothing, nothing.T, np.zeros((0, 0)), ("q", "v"), (), ())
+    assert system.modes[0].damping < 0
+    assert [row[2] for row in system.mode_table().rows] == ["0.0000"]

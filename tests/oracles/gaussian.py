@@ -15,14 +15,10 @@ def conditioned(mean, covariance, rows, values, variance):
 def chained(first, spread, transition, forcing, noise):
     """Joint mean and covariance of x_0 .. x_N, where x_k = transition x_k-1 + forcing_k + noise_k.
 
-    Parameters
-    ----------
-    first, spread
-        Mean (n,) and covariance (n, n) of x_0.
-    transition, noise
-        Matrices (n, n), the same for each step.
-    forcing
-        Known part of each step (N, n).
+    Args:
+        first, spread: Mean (n,) and covariance (n, n) of x_0.
+        transition, noise: Matrices (n, n), the same for each step.
+        forcing: Known part of each step (N, n).
     """
     n, count = len(first), len(forcing) + 1
     means, powers = [np.array(first)], [np.eye(n)]

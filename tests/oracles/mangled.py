@@ -101,14 +101,10 @@ NAMES = ("x", "tip", "target", "rpr1", "kp", "a.b", "", "*", "3", "body")
 class Case:
     """A mangled scenario.
 
-    Attributes
-    ----------
-    source
-        The file that it was made of.
-    document
-        What became of it: YAML, or what YAML holds.
-    is_simulated
-        Whether the scene is simulated, too.
+    Attributes:
+        source: The file that it was made of.
+        document: What became of it: YAML, or what YAML holds.
+        is_simulated: Whether the scene is simulated, too.
     """
 
     source: Path
@@ -217,10 +213,8 @@ MOTION = {"name", "description", "simulation", "tuning", "campaign", "plan"}
 def use(case: Case) -> None:
     """Read a scenario, build its scene, and whatever its sections describe.
 
-    Raises
-    ------
-    SpaceRobotError
-        What is wrong with it.
+    Raises:
+        SpaceRobotError: What is wrong with it.
     """
     source, document = case.source, case.document
     if isinstance(document, str):

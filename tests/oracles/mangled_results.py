@@ -23,12 +23,9 @@ VALUES = (np.nan, np.inf, -np.inf, 1e308, -1e308, 0.0, -1.0)
 def mangle(rng: random.Random, whole: Path, folder: Path) -> None:
     """Copy a result, and change one to three places in one of its files.
 
-    Parameters
-    ----------
-    rng
-        Source of the choices.
-    whole, folder
-        The result, and its copy.
+    Args:
+        rng: Source of the choices.
+        whole, folder: The result, and its copy.
     """
     shutil.copytree(whole, folder)
     match rng.choice(("summary.json", "scenario.yaml", "result.nc", "bytes")):
@@ -89,10 +86,8 @@ def _places(node: Any) -> Iterator[tuple[Any, Any]]:
 def use(folder: Path) -> None:
     """Load a result, rebuild its scene, and make what pages, tables and analyses show of it.
 
-    Raises
-    ------
-    SpaceRobotError
-        What is wrong with it.
+    Raises:
+        SpaceRobotError: What is wrong with it.
     """
     result = Result.load(folder)
     result.scene()

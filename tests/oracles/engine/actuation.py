@@ -35,16 +35,11 @@ class Push:
 class Turn:
     """An event that turns switches of an actuator; armed while one has not its value, or it sets states.
 
-    Attributes
-    ----------
-    name, kind, who
-        As the other engine calls it.
-    guard
-        Above zero it happens.
-    sets
-        Whether switches are on afterwards, by name.
-    states
-        The actuator's states (n,) afterwards, if they jump; only asked for when it happens.
+    Attributes:
+        name, kind, who: As the other engine calls it.
+        guard: Above zero it happens.
+        sets: Whether switches are on afterwards, by name.
+        states: The actuator's states (n,) afterwards, if they jump; only asked for when it happens.
     """
 
     name: str
@@ -59,14 +54,11 @@ class Turn:
 class Now:
     """What an actuator knows beside its states and what it is asked for.
 
-    Attributes
-    ----------
-    t
-        Time [s].
-    on
-        Names of the switches that are on.
-    wheels
-        Angular momentum (3,) [N m s] of each robot's wheels about their axes, world axes, by its name.
+    Attributes:
+        t: Time [s].
+        on: Names of the switches that are on.
+        wheels: Angular momentum (3,) [N m s] of each robot's wheels about their axes, world axes, by its
+            name.
     """
 
     t: float
@@ -87,24 +79,15 @@ class Stored:
 class Delivered:
     """What an actuator makes of what it is asked for.
 
-    Attributes
-    ----------
-    torque
-        Generalized forces that are delivered, or left to the next one (nv,).
-    inner, outside
-        Wrenches against what it stores, and from outside.
-    rates
-        Of its states.
-    power
-        Put in beside that of the generalized forces [W].
-    taken
-        Powers by the name of their work [W].
-    stored
-        What it holds.
-    seen
-        Outputs by name and label.
-    turns
-        What may happen to its switches.
+    Attributes:
+        torque: Generalized forces that are delivered, or left to the next one (nv,).
+        inner, outside: Wrenches against what it stores, and from outside.
+        rates: Of its states.
+        power: Put in beside that of the generalized forces [W].
+        taken: Powers by the name of their work [W].
+        stored: What it holds.
+        seen: Outputs by name and label.
+        turns: What may happen to its switches.
     """
 
     torque: Array

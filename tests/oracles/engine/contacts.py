@@ -24,16 +24,11 @@ from tests.oracles.engine.laws import refusal
 class Touch:
     """A pair of shapes, and what it does.
 
-    Attributes
-    ----------
-    pair
-        The two shapes.
-    gap
-        Signed distance [m].
-    normal, point
-        From the first to the second, and where it acts (3,) each, world axes.
-    velocity
-        Of the second relative to the first there (3,) [m/s].
+    Attributes:
+        pair: The two shapes.
+        gap: Signed distance [m].
+        normal, point: From the first to the second, and where it acts (3,) each, world axes.
+        velocity: Of the second relative to the first there (3,) [m/s].
     """
 
     pair: tuple[SceneShape, SceneShape]

@@ -42,26 +42,16 @@ class Drive:
 class Loads:
     """What acts on the plant and what it must obey.
 
-    Attributes
-    ----------
-    torque
-        Known generalized forces of the actuators (nv,).
-    resistance
-        Of the joints (nv,) [N m s/rad or N s/m].
-    wrenches
-        Of compliant grasps.
-    commands
-        Of the tips' channels.
-    constraints
-        Of rigid grasps.
-    drives
-        Of actuators, each after the one before.
-    spread
-        Velocities of all joints from those of the free ones (nv, nv).
-    pressures
-        Of contacts.
-    outside
-        Wrenches from outside.
+    Attributes:
+        torque: Known generalized forces of the actuators (nv,).
+        resistance: Of the joints (nv,) [N m s/rad or N s/m].
+        wrenches: Of compliant grasps.
+        commands: Of the tips' channels.
+        constraints: Of rigid grasps.
+        drives: Of actuators, each after the one before.
+        spread: Velocities of all joints from those of the free ones (nv, nv).
+        pressures: Of contacts.
+        outside: Wrenches from outside.
     """
 
     torque: Array
@@ -97,10 +87,8 @@ def solve(kinematics: Kinematics, loads: Loads) -> Solution:
     Actuators of what implicit outputs act on are asked as if they delivered everything; the others deliver
     before these are solved for.
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        In a posture in which rigid grasps fix a freedom twice.
+    Raises:
+        numpy.linalg.LinAlgError: In a posture in which rigid grasps fix a freedom twice.
     """
     implicit = [command for command in loads.commands if np.any(command.gain)]
     explicit = [command for command in loads.commands if not np.any(command.gain)]

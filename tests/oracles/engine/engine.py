@@ -47,24 +47,15 @@ WORKS = ("actuator", "joint", "grasp", "constraint")
 class Instant:
     """Everything the closed loop does at one instant.
 
-    Attributes
-    ----------
-    kinematics
-        Of the plant.
-    motions
-        Of the tips' references, by label.
-    relatives
-        Of the grasps, in the scene's order.
-    couplings
-        Of the compliant grasps.
-    pressures
-        Of every pair of shapes of the contacts, by the contact's name.
-    surroundings
-        What the environments do, in the scenario's order.
-    solution
-        Acceleration, actuator torques, wrenches of rigid grasps.
-    rates
-        Of z (nz,).
+    Attributes:
+        kinematics: Of the plant.
+        motions: Of the tips' references, by label.
+        relatives: Of the grasps, in the scene's order.
+        couplings: Of the compliant grasps.
+        pressures: Of every pair of shapes of the contacts, by the contact's name.
+        surroundings: What the environments do, in the scenario's order.
+        solution: Acceleration, actuator torques, wrenches of rigid grasps.
+        rates: Of z (nz,).
     """
 
     kinematics: Kinematics
@@ -83,24 +74,15 @@ class Engine:
     The state is x = (q, v, z): Pinocchio's configuration and velocity, the controllers' states and the works
     of the energy balance.
 
-    Attributes
-    ----------
-    state_names
-        Names of z.
-    works
-        Names of the works.
-    x0
-        Initial state (nx,).
-    laws
-        Of the controllers, by the phase's name.
-    mode
-        What is open and closed, and what leads; events replace it.
-    impulse
-        Names of the states that hold the impulse from outside, none where nothing acts from there.
-    touched
-        Places in z of impulse and loss of the contacts.
-    mated
-        Tip's orientation where mated (3, 3), axes of the mating frame, by the grasp's name.
+    Attributes:
+        state_names: Names of z.
+        works: Names of the works.
+        x0: Initial state (nx,).
+        laws: Of the controllers, by the phase's name.
+        mode: What is open and closed, and what leads; events replace it.
+        impulse: Names of the states that hold the impulse from outside, none where nothing acts from there.
+        touched: Places in z of impulse and loss of the contacts.
+        mated: Tip's orientation where mated (3, 3), axes of the mating frame, by the grasp's name.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -176,17 +158,12 @@ class Engine:
     def derivative(self, t: float, x: Array, within: float | None = None) -> Array:
         """Rate x' (nx,) of the state at time t [s].
 
-        Parameters
-        ----------
-        t, x
-            Time and state; the configuration need not be normalised.
-        within
-            A time in the interval that is meant where t itself lies between two; t if None.
+        Args:
+            t, x: Time and state; the configuration need not be normalised.
+            within: A time in the interval that is meant where t itself lies between two; t if None.
 
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            In a posture in which rigid grasps fix a freedom twice.
+        Raises:
+            numpy.linalg.LinAlgError: In a posture in which rigid grasps fix a freedom twice.
         """
         instant = self.instant(t, x, within)
         q, v, _ = self.split(x)
@@ -211,6 +188,13 @@ class Engine:
         motions = self._motions(t, t if within is None else within, kinematics)
         states = np.split(z, self._cuts)[:-1]
         channels = self.now.channels
+        relatives = [self.relative(kinematics, grasp, t) for grasp in self.now.scene.grasps]
+        pressures = {
+            contact.name: [contact_of(contact.config, touch) for touch in touches(kinematics, contact)]
+            for contact in self.scene.contacts
+        }
+        pressing = [pressure for several in pressures.values() for pressure in several]
+        kinematics.felt = self._felt(kinematics, relatives, pressing)
         asking = [
             (channel, channel.evaluate(kinematics, motions[channel.tip.label], own))
             for channel, own in zip(channels, states, strict=False)
@@ -222,13 +206,7 @@ class Engine:
         )
         torque, of_bases, own_rates = self._robot_control(now, commands, states[len(channels) :])
         asked = [*(command for _, command in commands), *of_bases]
-        relatives = [self.relative(kinematics, grasp, t) for grasp in self.now.scene.grasps]
         couplings, loads = self._loads(torque, asked, relatives)
-        pressures = {
-            contact.name: [contact_of(contact.config, touch) for touch in touches(kinematics, contact)]
-            for contact in self.scene.contacts
-        }
-        pressing = [pressure for several in pressures.values() for pressure in several]
         around = self.scene.scenario.environment.values()
         surroundings = [environment_of(config, self.scene, kinematics, t) for config in around]
         pulls = [wrench for found in surroundings for wrench in found.wrenches]
@@ -259,6 +237,29 @@ class Engine:
         mated, life = self.mated[grasp.name], self.mode.lives.get(grasp.name)
         rest = Rest(mated) if life is None else life.rest(grasp.config.capture, mated, t)
         return relative_motion(kinematics, grasp, rest)
+
+    def _felt(
+        self, kinematics: Kinematics, relatives: Sequence[Relative], pressing: Sequence[Pressure]
+    ) -> dict[str, Array]:
+        """Wrenches of compliant grasps and contacts on tips about their origins (6,), by label."""
+        wrenches: list[tuple[int, Array, Array, Array]] = []
+        for grasp, relative in zip(self.now.scene.grasps, relatives, strict=True):
+            coupling = grasp_of(grasp.config, self.scene, grasp, relative)
+            if self.is_closed(grasp.name) and isinstance(coupling, Coupling):
+                wrenches.append((grasp.tip.joint, relative.point, -coupling.force, -coupling.torque))
+        for pressure in pressing:
+            for sign, shape in zip((-1, 1), pressure.touch.pair, strict=True):
+                wrenches.append((shape.joint, pressure.touch.point, sign * pressure.force, np.zeros(3)))
+        felt = {}
+        for tip in self.scene.tips:
+            origin, beyond = kinematics.frame(tip.frame).position, self.model.subtrees[tip.joint]
+            parts = [
+                np.concatenate([force, torque + np.cross(point - origin, force)])
+                for joint, point, force, torque in wrenches
+                if joint in beyond
+            ]
+            felt[tip.label] = np.sum([np.zeros(6), *parts], axis=0)
+        return felt
 
     def _robot_control(
         self, now: Asking, commands: Sequence[tuple[Channel, Command]], states: Sequence[Array]

@@ -23,22 +23,16 @@ from tests.oracles.engine.references import Jet
 class Relative:
     """Tip relative to the target, world axes.
 
-    Attributes
-    ----------
-    point
-        The tip's origin (3,) [m].
-    apart, turned
-        From mating frame to tip (3,) [m]; rotation vector from where mated to the tip (3,) [rad].
-    slip
-        Velocity of the tip relative to the target's material point there, then angular (6,).
-    jacobian
-        Its Jacobian (6, nv).
-    gap, twist, velocity, drift
-        The same less the rest's own, and the rate of the velocity at zero joint acceleration (6,).
-    rest_velocity
-        Of the rest, then angular (6,).
-    mate_rotation
-        Of the mating frame (3, 3).
+    Attributes:
+        point: The tip's origin (3,) [m].
+        apart, turned: From mating frame to tip (3,) [m]; rotation vector from where mated to the tip (3,)
+            [rad].
+        slip: Velocity of the tip relative to the target's material point there, then angular (6,).
+        jacobian: Its Jacobian (6, nv).
+        gap, twist, velocity, drift: The same less the rest's own, and the rate of the velocity at zero joint
+            acceleration (6,).
+        rest_velocity: Of the rest, then angular (6,).
+        mate_rotation: Of the mating frame (3, 3).
     """
 
     point: Array
@@ -58,13 +52,10 @@ class Relative:
 class Rest:
     """Where a tip is at rest, axes of the mating frame.
 
-    Attributes
-    ----------
-    mated
-        Its orientation where mated (3, 3).
-    gap, turn
-        From there to the rest (3,) [m], and the rotation vector (3,) [rad], of a constant direction; each
-        with its first two derivatives.
+    Attributes:
+        mated: Its orientation where mated (3, 3).
+        gap, turn: From there to the rest (3,) [m], and the rotation vector (3,) [rad], of a constant
+            direction; each with its first two derivatives.
     """
 
     mated: Array
@@ -115,12 +106,9 @@ class Coupling:
 class Constraint:
     """A rigid grasp, ``jacobian v' = right``.
 
-    Attributes
-    ----------
-    rows
-        Which of the six components of the relative motion it fixes.
-    jacobian, right
-        (n, nv) and (n,); drift decays critically damped (Baumgarte).
+    Attributes:
+        rows: Which of the six components of the relative motion it fixes.
+        jacobian, right: (n, nv) and (n,); drift decays critically damped (Baumgarte).
     """
 
     grasp: SceneGrasp

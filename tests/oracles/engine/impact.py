@@ -16,14 +16,10 @@ from tests.oracles.engine.kinematics import Kinematics
 class Impact:
     """A plastic impact.
 
-    Attributes
-    ----------
-    velocity
-        Afterwards (nv,).
-    impulses
-        On the target at the tip's point, force and couple (6,), by the grasp's name [N s, N m s].
-    loss
-        Kinetic energy of the change of velocity [J], which is what it takes.
+    Attributes:
+        velocity: Afterwards (nv,).
+        impulses: On the target at the tip's point, force and couple (6,), by the grasp's name [N s, N m s].
+        loss: Kinetic energy of the change of velocity [J], which is what it takes.
     """
 
     velocity: Array

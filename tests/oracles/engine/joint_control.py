@@ -18,6 +18,7 @@ from scipy.interpolate import KroghInterpolator
 from spacerobot.arrays import Array
 from spacerobot.elements.controllers.joint_pd import JointPd
 from spacerobot.elements.controllers.joint_plan import JointPlanController
+from spacerobot.elements.controllers.policy import Policy
 from spacerobot.scene import Scene, SceneBody
 from tests.oracles.engine.kinematics import Kinematics, rotation_vector
 from tests.oracles.engine.planned import Pieces, hermite, plan_time, window_ends
@@ -196,6 +197,34 @@ class JointTracker(_Joints):
             return hermite(times, position, rate), None
         effort = KroghInterpolator(times, np.array(plan.effort[piece])[:, self._order])
         return hermite(times, position, rate), effort
+
+
+@dataclass(frozen=True)
+class HeldTorques(_Joints):
+    """Joint torques that are held: states without a rate; without a wrench on the base."""
+
+    key: str
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of its states."""
+        return tuple(f"{self.body.name}/{self.key}.held[{i}]" for i in range(len(self.body.driven_joints)))
+
+    def initial(self, kinematics: Kinematics) -> Array:
+        """None yet (n,)."""
+        del kinematics
+        return np.zeros(len(self.body.driven_joints))
+
+    def ask(self, now: Asking, states: Array) -> Asked:
+        """The torques (nv,), and zero rates (n,)."""
+        del now
+        return Asked(self._effort(states), np.zeros(len(states)))
+
+
+@robot_law.register
+def _(controller: Policy, scene: Scene, body: SceneBody, key: str) -> RobotLaw:
+    del controller
+    return HeldTorques(scene, body, key.rpartition(".")[2])
 
 
 @robot_law.register

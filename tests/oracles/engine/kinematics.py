@@ -5,6 +5,8 @@ What is no law of an element is not written again: mechanics by Pinocchio are th
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import pinocchio as pin
@@ -14,7 +16,13 @@ from spacerobot.pinocchio_engine.mechanical_state import MechanicalState
 
 
 class Kinematics(MechanicalState):
-    """Frames of a model at one configuration and velocity, computed when first asked for."""
+    """Frames of a model at one configuration and velocity, computed when first asked for.
+
+    Attributes:
+        felt: Wrench on each tip about its origin (6,), by the tip's label, once the engine knows it.
+    """
+
+    felt: Mapping[str, Array] = MappingProxyType({})
 
     def local_wrench(self, joint: int, force: Array, torque: Array, point: Array) -> Any:
         """Wrench on a joint's body, from a force and a torque at a point, in the joint's own axes."""

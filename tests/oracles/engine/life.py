@@ -26,18 +26,15 @@ def _zeros() -> Array:
 class Life:
     """What is known of a grasp that opens or closes.
 
-    Attributes
-    ----------
-    closed, inside, drawing, released
-        Whether it holds, is in its envelope and waits, is being drawn in, and has let go.
-    entered_at, captured_at, draw_time
-        Times of the last entry and capture, and how long drawing in takes [s].
-    velocity, spin
-        Of the tip relative to the target at the last capture (3,) each, world axes.
-    gap, turn
-        Tip relative to where it is mated at the last capture (3,) [m], [rad], axes of the mating frame.
-    impulse, couple
-        Of all impacts so far on the target (3,) each, world axes [N s], [N m s].
+    Attributes:
+        closed, inside, drawing, released: Whether it holds, is in its envelope and waits, is being drawn in,
+            and has let go.
+        entered_at, captured_at, draw_time: Times of the last entry and capture, and how long drawing in takes
+            [s].
+        velocity, spin: Of the tip relative to the target at the last capture (3,) each, world axes.
+        gap, turn: Tip relative to where it is mated at the last capture (3,) [m], [rad], axes of the mating
+            frame.
+        impulse, couple: Of all impacts so far on the target (3,) each, world axes [N s], [N m s].
     """
 
     closed: bool

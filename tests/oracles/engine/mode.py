@@ -46,24 +46,15 @@ Touching = Literal["pressed", "loose"]
 class Mode:
     """What holds between two events.
 
-    Attributes
-    ----------
-    phase
-        Its name, empty where there are no phases.
-    lives
-        Of the grasps that open or close, by name.
-    leads
-        What leads the tips, by label.
-    began_at
-        When the phase began [s].
-    on
-        Switches of actuators that are on.
-    settling, settled_at
-        Whether what the phase waits for moves slowly, and since when [s].
-    held
-        What sensors measured last, by tip, reference and signal.
-    touching
-        Pairs of shapes that overlap, by the contact's name and the pair's number.
+    Attributes:
+        phase: Its name, empty where there are no phases.
+        lives: Of the grasps that open or close, by name.
+        leads: What leads the tips, by label.
+        began_at: When the phase began [s].
+        on: Switches of actuators that are on.
+        settling, settled_at: Whether what the phase waits for moves slowly, and since when [s].
+        held: What sensors measured last, by tip, reference and signal.
+        touching: Pairs of shapes that overlap, by the contact's name and the pair's number.
     """
 
     phase: str
@@ -98,16 +89,11 @@ class Mode:
 class Laws:
     """Controllers as they are in one phase; the states of all phases' are the same.
 
-    Attributes
-    ----------
-    scene
-        The scene with the numbers of the phase.
-    keys
-        Places of channels and controllers in the scenario, in this order.
-    rest
-        Which of the channels and controllers, in this order, rest.
-    deliveries
-        Actuators, in the order in which they act.
+    Attributes:
+        scene: The scene with the numbers of the phase.
+        keys: Places of channels and controllers in the scenario, in this order.
+        rest: Which of the channels and controllers, in this order, rest.
+        deliveries: Actuators, in the order in which they act.
     """
 
     scene: Scene
@@ -126,10 +112,8 @@ class Laws:
 def laws_of(scene: Scene) -> dict[str, Laws]:
     """Laws by the phase's name; under no name where there are no phases.
 
-    Raises
-    ------
-    ScenarioError
-        If an element, or what a phase asks for, has no second writing.
+    Raises:
+        ScenarioError: If an element, or what a phase asks for, has no second writing.
     """
     base = _laws(scene)
     if not scene.scenario.phases:

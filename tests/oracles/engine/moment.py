@@ -51,20 +51,14 @@ class Moment:
 class Event:
     """Something that may happen.
 
-    Attributes
-    ----------
-    name, kind, who
-        As the other engine calls it.
-    guard
-        Above zero it happens.
-    then
-        What holds afterwards; None at the end of the simulation.
-    impact
-        Whether rigid grasps that hold afterwards stop what moves in them.
-    springs
-        Grasp whose springs lose what they store.
-    state
-        The state (nx,) afterwards, where an actuator's jumps, from that before with what holds afterwards.
+    Attributes:
+        name, kind, who: As the other engine calls it.
+        guard: Above zero it happens.
+        then: What holds afterwards; None at the end of the simulation.
+        impact: Whether rigid grasps that hold afterwards stop what moves in them.
+        springs: Grasp whose springs lose what they store.
+        state: The state (nx,) afterwards, where an actuator's jumps, from that before with what holds
+            afterwards.
     """
 
     name: str

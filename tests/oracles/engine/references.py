@@ -51,21 +51,14 @@ class Motion:
 class TipReference:
     """Reference of one tip.
 
-    Attributes
-    ----------
-    path
-        ``(t, within)`` to the displacement since the start (3,) [m] with its derivatives.
-    turn
-        ``(t, within)`` to the rotation vector since the start (3,) [rad] with its derivatives; its
-        direction is constant.
-    pivot
-        Where the displaced point begins (3,) [m].
-    lever
-        From the pivot to the tip at the start (3,) [m]; turns with the reference.
-    rotation
-        The tip's orientation at the start (3, 3).
-    ends
-        Times since the start at which it is not smooth, beside those that its section tells [s].
+    Attributes:
+        path: ``(t, within)`` to the displacement since the start (3,) [m] with its derivatives.
+        turn: ``(t, within)`` to the rotation vector since the start (3,) [rad] with its derivatives; its
+            direction is constant.
+        pivot: Where the displaced point begins (3,) [m].
+        lever: From the pivot to the tip at the start (3,) [m]; turns with the reference.
+        rotation: The tip's orientation at the start (3, 3).
+        ends: Times since the start at which it is not smooth, beside those that its section tells [s].
     """
 
     path: Path
@@ -116,18 +109,13 @@ class Leads(Protocol):
 class Begins:
     """A tip and the target when a reference begins to lead it.
 
-    Attributes
-    ----------
-    scene, tip
-        The scene, and the tip.
-    start
-        Where everything is, and how it moves.
-    sight
-        What the tip sees of the mating frame that the reference follows, if it does.
-    carried
-        Whether the reference belongs to the target, whose centre it then moves, and not to the tip itself.
-    ahead
-        What led the tip until now, where the reference begins there and not at the tip's pose.
+    Attributes:
+        scene, tip: The scene, and the tip.
+        start: Where everything is, and how it moves.
+        sight: What the tip sees of the mating frame that the reference follows, if it does.
+        carried: Whether the reference belongs to the target, whose centre it then moves, and not to the tip
+            itself.
+        ahead: What led the tip until now, where the reference begins there and not at the tip's pose.
     """
 
     scene: Scene

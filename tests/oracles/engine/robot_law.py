@@ -20,16 +20,11 @@ from tests.oracles.engine.tip_control import Command
 class Asking:
     """An instant as controllers of robots see it.
 
-    Attributes
-    ----------
-    t, within
-        Time since the phase began [s], and one that tells which piece of a motion is meant.
-    phase
-        Name of the phase; empty where there are none.
-    kinematics
-        Of the plant.
-    motions
-        Of the tips' references, by label.
+    Attributes:
+        t, within: Time since the phase began [s], and one that tells which piece of a motion is meant.
+        phase: Name of the phase; empty where there are none.
+        kinematics: Of the plant.
+        motions: Of the tips' references, by label.
     """
 
     t: float
@@ -43,16 +38,11 @@ class Asking:
 class Asked:
     """What a controller of a robot asks for.
 
-    Attributes
-    ----------
-    torque
-        Generalized forces (nv,).
-    rates
-        Of its states (n,).
-    null_space
-        Whether only the part of the torque that does not accelerate the robot's tips shall act.
-    command
-        In place of the torque: what depends on the acceleration it causes.
+    Attributes:
+        torque: Generalized forces (nv,).
+        rates: Of its states (n,).
+        null_space: Whether only the part of the torque that does not accelerate the robot's tips shall act.
+        command: In place of the torque: what depends on the acceleration it causes.
     """
 
     torque: Array

@@ -31,16 +31,11 @@ class Held:
 class Sight:
     """What a tip with a reference sees.
 
-    Attributes
-    ----------
-    scene, tip
-        With the numbers of the present phase.
-    frame
-        Of the mating frame in the model.
-    name
-        Of the tip and its reference.
-    held
-        What sensors measured last, by tip, reference and signal.
+    Attributes:
+        scene, tip: With the numbers of the present phase.
+        frame: Of the mating frame in the model.
+        name: Of the tip and its reference.
+        held: What sensors measured last, by tip, reference and signal.
     """
 
     scene: Scene
@@ -78,12 +73,9 @@ def sight_of(scene: Scene, tip: SceneTip, reference: SceneReference, held: Mappi
 class Holding:
     """A sensor that holds what it measures of a signal, for one reference.
 
-    Attributes
-    ----------
-    sight, signal
-        What it sees.
-    period
-        Time between two measurements [s].
+    Attributes:
+        sight, signal: What it sees.
+        period: Time between two measurements [s].
     """
 
     sight: Sight

@@ -16,7 +16,10 @@ import pinocchio as pin
 
 from spacerobot.arrays import Array
 from spacerobot.elements import TipController
+from spacerobot.elements.controllers.admittance import Admittance
 from spacerobot.elements.controllers.amnesia import Amnesia
+from spacerobot.elements.controllers.hybrid_force import HybridForce
+from spacerobot.elements.controllers.impedance import Impedance
 from spacerobot.elements.controllers.payload_feed_forward import PayloadFeedForward
 from spacerobot.elements.controllers.pid import Pid
 from spacerobot.pinocchio_engine.mechanical_state import FrameMotion
@@ -32,18 +35,12 @@ from tests.oracles.engine.sensing import reading_of, sensors_of
 class Command:
     """What a channel asks for at one instant: ``u = command - gain (feedback v')``, torques ``J^T u``.
 
-    Attributes
-    ----------
-    jacobian, feedback
-        (n, nv) each.
-    command
-        (n,).
-    gain
-        K_d of an ideal derivative, zero of a filtered one.
-    velocity_error
-        e_v (n,).
-    rates
-        Rates of the channel's states, in their order.
+    Attributes:
+        jacobian, feedback: (n, nv) each.
+        command: (n,).
+        gain: K_d of an ideal derivative, zero of a filtered one.
+        velocity_error: e_v (n,).
+        rates: Rates of the channel's states, in their order.
     """
 
     jacobian: Array
@@ -58,14 +55,10 @@ class Command:
 class Channel:
     """The translation or the rotation of one tip, controlled.
 
-    Attributes
-    ----------
-    rows
-        Its rows of a Jacobian: 0 to 2 of a translation, 3 to 5 of a rotation.
-    columns
-        Places of the arm's joints in v.
-    spread
-        Velocities of all joints from those of the free ones (nv, nv).
+    Attributes:
+        rows: Its rows of a Jacobian: 0 to 2 of a translation, 3 to 5 of a rotation.
+        columns: Places of the arm's joints in v.
+        spread: Velocities of all joints from those of the free ones (nv, nv).
     """
 
     tip: SceneTip
@@ -206,13 +199,182 @@ class Payload:
         return Command(jacobian @ self.spread, none, command[rows], 0.0, np.zeros(0), np.zeros(0))
 
 
+@dataclass(frozen=True)
+class TipImpedance:
+    """Spring and damper at a tip, by the momentum of the robot and Pinocchio's logarithm."""
+
+    tip: SceneTip
+    config: Impedance
+    sensors: Sensors
+    rows: tuple[int, ...]
+    columns: tuple[int, ...]
+    spread: Array
+    state_names: tuple[str, ...] = ()
+
+    def initial(self, kinematics: Kinematics, motion: Motion) -> Array:
+        """No states."""
+        del kinematics, motion
+        return np.zeros(0)
+
+    def evaluate(self, kinematics: Kinematics, motion: Motion, states: Array) -> Command:
+        """Force or couple, by the joints' motion that conserves the robot's momentum."""
+        del states
+        frame, rows, turns = kinematics.frame(self.tip.frame), list(self.rows), self.rows[0] >= 3
+        axes = motion.rotation if self.config.axes == "reference" else np.eye(3)
+        stiffness, damping = (
+            axes @ np.diag(gains) @ axes.T for gains in (self.config.stiffness, self.config.damping)
+        )
+        names = ("tip_orientation", "tip_angular_velocity") if turns else ("tip_position", "tip_velocity")
+        pose, rate = (reading_of(self.sensors[name]) for name in names)
+        seen = rate.offset + rate.scale * frame.velocity[3 * turns : 3 * turns + 3]
+        if turns:
+            phi = -(pose.offset + pose.scale * rotation_vector(frame.rotation, motion.rotation))
+            # Jlog3 is the inverse of the right Jacobian, whose transpose is the inverse of the left one
+            spring = pin.Jlog3(pin.exp3(phi)).T @ stiffness @ phi
+            wrench = spring + damping @ (motion.angular_velocity - seen)
+        else:
+            spring = stiffness @ (motion.position - (pose.offset + pose.scale * frame.position))
+            wrench = spring + damping @ (motion.velocity - seen)
+        feedback = frame.jacobian[rows]
+        command = wrench[[row % 3 for row in rows]]
+        carried = reacting(kinematics, self.tip, self.columns, self.spread)
+        return Command(feedback @ carried, feedback, command, 0.0, np.zeros(0), np.zeros(0))
+
+
+def reacting(kinematics: Kinematics, tip: SceneTip, columns: tuple[int, ...], spread: Array) -> Array:
+    """Velocities of all joints and of the base, whose momentum the arm's joints conserve (nv, nv)."""
+    carried = spread.copy()
+    carried[:, [k for k in range(len(carried)) if k not in columns]] = 0
+    if tip.body.root_joint:
+        root = kinematics.model.joints[tip.body.root_joint]
+        base = slice(root.idx_v, root.idx_v + root.nv)
+        momentum = kinematics.inertia[base]
+        carried[base] = -np.linalg.solve(momentum[:, base], momentum @ carried)
+    return carried
+
+
+@dataclass(frozen=True)
+class TipAcceleration:
+    """Torques that accelerate a tip as a law of force asks for, solved in the coordinates of the whole scene.
+
+    Attributes:
+        coupled: Tips of the robot, and rows of a Jacobian that their controllers control; its own first.
+        resistance: Viscous resistance of each velocity component (nv,).
+    """
+
+    tip: SceneTip
+    key: str
+    config: Impedance | Admittance | HybridForce
+    sensors: Sensors
+    rows: tuple[int, ...]
+    coupled: tuple[tuple[SceneTip, tuple[int, ...]], ...]
+    columns: tuple[int, ...]
+    spread: Array
+    resistance: Array
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of its states."""
+        blocks = {"admittance": ("offset", "rate"), "hybrid_force": ("integral",)}
+        names = blocks.get(self.config.kind, ())
+        return tuple(f"{self.tip.label}/{self.key}.{n}[{i}]" for n in names for i in range(len(self.rows)))
+
+    def initial(self, kinematics: Kinematics, motion: Motion) -> Array:
+        """Zero."""
+        del kinematics, motion
+        return np.zeros(len(self.state_names))
+
+    def evaluate(self, kinematics: Kinematics, motion: Motion, states: Array) -> Command:
+        """Torques whose acceleration, with the measured wrench in place of the true one, is the desired."""
+        frame, model = kinematics.frame(self.tip.frame), kinematics.model
+        felt, *others = (self._felt(kinematics, tip) for tip, _ in self.coupled)
+        desired, rates = self._desired(frame, motion, felt, states)
+        free = self.spread[:, np.diag(self.spread) > 0]
+        inverse = free @ np.linalg.solve(free.T @ kinematics.inertia @ free, free.T)
+        # the robot knows itself alone: what others do to the scene does not reach its joints
+        pushed = frame.jacobian.T @ felt
+        for (tip, _), wrench in zip(self.coupled[1:], others, strict=True):
+            pushed = pushed + kinematics.frame(tip.frame).jacobian.T @ wrench
+        load = pushed - pin.nonLinearEffects(model, model.createData(), kinematics.q, kinematics.v)
+        falling = frame.jacobian @ inverse @ (load - self.resistance * kinematics.v) + frame.drift
+        carried = reacting(kinematics, self.tip, self.columns, self.spread)
+        controlled = np.vstack([kinematics.frame(tip.frame).jacobian[list(own)] for tip, own in self.coupled])
+        actuation = (controlled @ carried).T
+        effect, rows = controlled @ inverse @ actuation, list(self.rows)
+        chosen = [self.coupled[0][1].index(row) for row in rows]
+        shaped = actuation @ np.linalg.inv(effect)[:, chosen]
+        axes = [row % 3 for row in rows]
+        command = desired[axes] - falling[rows]
+        return Command(shaped.T, frame.jacobian[rows], command, 0.0, np.zeros(0), rates)
+
+    def _felt(self, kinematics: Kinematics, tip: SceneTip) -> Array:
+        """Wrench on a tip as the robot's sensors give it (6,)."""
+        parts = np.split(kinematics.felt.get(tip.label, np.zeros(6)), 2)
+        readings = [reading_of(self.sensors[name]) for name in ("tip_force", "tip_torque")]
+        return np.concatenate([r.offset + r.scale * part for r, part in zip(readings, parts, strict=True)])
+
+    def _desired(self, frame: FrameMotion, motion: Motion, felt: Array, states: Array) -> tuple[Array, Array]:
+        """Acceleration (3,) of the law, and the rates of its states."""
+        config, turns = self.config, self.rows[0] >= 3
+        axes = motion.rotation if config.axes == "reference" else np.eye(3)
+        part, free = slice(3 * turns, 3 * turns + 3), [row % 3 for row in self.rows]
+        names = ("tip_orientation", "tip_angular_velocity") if turns else ("tip_position", "tip_velocity")
+        pose, rate = (reading_of(self.sensors[name]) for name in names)
+        speed = rate.offset + rate.scale * frame.velocity[part]
+        if turns:
+            place = rotation_vector(frame.rotation, motion.rotation)
+            error = -(pose.offset + pose.scale * place)
+            error_rate, ahead = motion.angular_velocity - speed, motion.angular_acceleration
+        else:
+            error = motion.position - (pose.offset + pose.scale * frame.position)
+            error_rate, ahead = motion.velocity - speed, motion.acceleration
+
+        def along(values: tuple[float, ...]) -> Array:
+            return axes @ np.diag(values) @ axes.T
+
+        def spread_out(values: Array) -> Array:
+            full = np.zeros(3)
+            full[free] = values
+            return full
+
+        if isinstance(config, Impedance):
+            spring = along(config.stiffness) @ error
+            if turns:
+                spring = pin.Jlog3(pin.exp3(error)).T @ spring
+            load = spring + along(config.damping) @ error_rate + felt[part]
+            assert config.inertia is not None
+            return ahead + np.linalg.solve(along(config.inertia), load), np.zeros(0)
+        if isinstance(config, Admittance):
+            offset, moving = (spread_out(half) for half in np.split(states, 2))
+            load = felt[part] - along(config.damping) @ moving - along(config.stiffness) @ offset
+            acceleration = np.linalg.solve(along(config.inertia), load)
+            rates = np.concatenate([moving[free], acceleration[free]])
+            if turns:
+                turned = pin.exp3(offset)
+                spin = pin.Jexp3(-offset) @ moving + turned @ motion.angular_velocity
+                error_rate = spin - speed
+                error = pin.log3(turned @ pin.exp3(error))
+            else:
+                error, error_rate = error + offset, error_rate + moving
+            w = config.bandwidth
+            return ahead + acceleration + 2 * w * error_rate + w**2 * error, rates
+        chosen = along(config.selection)
+        missing = chosen @ (axes @ np.array(config.force) + felt[part])
+        push = config.force_gain * missing + config.force_damping * chosen @ error_rate
+        push = push + config.force_integral * chosen @ spread_out(states)
+        stay = (np.eye(3) - chosen) @ (config.kd * error_rate + config.kp * error)
+        return ahead + stay + push, missing[free]
+
+
 def arm_columns(model: object, body: SceneBody) -> tuple[int, ...]:
     """Places in v of a body's joints, its floating base and what actuators own left out."""
     return tuple(int(model.joints[joint].idx_v) for joint in body.arm_joints)  # type: ignore[attr-defined]
 
 
 @functools.singledispatch
-def tip_law(controller: TipController, scene: Scene, tip: SceneTip, key: str) -> Channel | Payload:
+def tip_law(
+    controller: TipController, scene: Scene, tip: SceneTip, key: str
+) -> Channel | Payload | TipImpedance | TipAcceleration:
     """What a controller of a tip asks for, of each kind; ``key`` is its own in the tip's section."""
     del scene, tip, key
     raise refusal(controller)
@@ -234,3 +396,43 @@ def _(controller: PayloadFeedForward, scene: Scene, tip: SceneTip, key: str) -> 
     del key
     rows = (*scene.translation_axes, *(axis + 3 for axis in scene.rotation_axes))
     return Payload(tip, controller, rows, arm_columns(scene.model, tip.body), scene.spread)
+
+
+@tip_law.register(Admittance)
+@tip_law.register(HybridForce)
+def _(
+    controller: Admittance | HybridForce | Impedance, scene: Scene, tip: SceneTip, key: str
+) -> TipAcceleration:
+    translation, rotation = scene.translation_axes, tuple(axis + 3 for axis in scene.rotation_axes)
+    coupled = []
+    for each in sorted(scene.tips, key=lambda other: other.label != tip.label):
+        controlled = {one.controls(name) for name, one in each.config.elements()}
+        rows = translation * ("translation" in controlled) + rotation * ("rotation" in controlled)
+        if each.body.name == tip.body.name:
+            coupled.append((each, rows))
+    resistance = np.zeros(scene.model.nv)
+    for name, joint in tip.body.config.joints.items():
+        place = scene.model.joints[scene.model.getJointId(f"{tip.body.name}/{name}")]
+        resistance[place.idx_v] = joint.damping or 0.0
+    return TipAcceleration(
+        tip,
+        key,
+        controller,
+        sensors_of(tip.body),
+        rotation if controller.controls(key) == "rotation" else translation,
+        tuple(coupled),
+        arm_columns(scene.model, tip.body),
+        scene.spread,
+        resistance,
+    )
+
+
+@tip_law.register
+def _(controller: Impedance, scene: Scene, tip: SceneTip, key: str) -> TipImpedance | TipAcceleration:
+    if controller.inertia is not None:
+        return tip_law.dispatch(Admittance)(controller, scene, tip, key)
+    rows = scene.translation_axes
+    if controller.controls(key) == "rotation":
+        rows = tuple(axis + 3 for axis in scene.rotation_axes)
+    columns = arm_columns(scene.model, tip.body)
+    return TipImpedance(tip, controller, sensors_of(tip.body), rows, columns, scene.spread)

@@ -30,12 +30,9 @@ from tests.oracles.engine.kinematics import Kinematics
 class Wheels:
     """Wheels of one section; those that are joints have columns of their own, the others states.
 
-    Attributes
-    ----------
-    axes
-        Of the wheels (n, 3), root link's axes.
-    inertia, resistance
-        Of each about its axis (n,) [kg m^2], and by its joint (n,) [N m s/rad].
+    Attributes:
+        axes: Of the wheels (n, 3), root link's axes.
+        inertia, resistance: Of each about its axis (n,) [kg m^2], and by its joint (n,) [N m s/rad].
     """
 
     scene: Scene
