@@ -4,7 +4,6 @@ from pathlib import Path
 
 import spacerobot as sr
 import viz
-from spacerobot import description
 
 SCENARIO = """
 name: mine
@@ -30,10 +29,8 @@ def main(folder: Path = Path("out/examples/own_robot"), duration_s: float = 4.0)
     """An arm of three links moves an object that it holds rigidly."""
     folder.mkdir(parents=True, exist_ok=True)
     # any URDF will do; this one is written from numbers, as `spacerobot make-arm arm` does
-    urdf = description.planar_arm_urdf(
-        3, description.PlanarLink(mass_kg=5.0), description.PlanarBase(mass_kg=100.0, inertia_kg_m2=10.0)
-    )
-    (folder / "my_arm.urdf").write_text(urdf, encoding="utf-8")
+    link, base = sr.PlanarLink(mass_kg=5.0), sr.PlanarBase(mass_kg=100.0, inertia_kg_m2=10.0)
+    sr.make_arm(folder / "my_arm.urdf", 3, link, base)
     (folder / "mine.yaml").write_text(SCENARIO, encoding="utf-8")
 
     scene = sr.load_scene(folder / "mine.yaml", {"simulation.duration": duration_s})

@@ -14,20 +14,20 @@ def main(
     duration_s: float = 10.0,
     backend: rollout.Backend = "auto",
 ) -> None:
-    """Both robots fly a lemniscate; a soft impedance helps the first."""
-    for name in ("lemniscate", "impedance"):
+    """Both robots fly a lemniscate; a bounded spring helps the first."""
+    for name in ("lemniscate", "bounded_spring"):
         sr.load_plugin(PLUGINS / f"{name}.py")  # on the command line: --plugin FILE
     scene = sr.load_scene(
         "paper",
         {
             "robots.*.tips.tip.reference": {"kind": "lemniscate", "size": 0.05},
-            "robots.rpr1.tips.tip.controllers": {"soft": {"kind": "impedance", "stiffness": 80}},
+            "robots.rpr1.tips.tip.controllers": {"soft": {"kind": "bounded_spring", "stiffness": 80}},
             "simulation.duration": duration_s,
         },
     )
     result = sr.simulate(scene, backend=backend, progress=print)
-    force = result.data.impedance_force.sel(tip="rpr1/tip")  # the element's own output, with its unit
-    print(f"impedance force at most {float(abs(force).max()):.3f} {force.attrs['units']}")
+    force = result.data.spring_force.sel(tip="rpr1/tip")  # the element's own output, with its unit
+    print(f"force of the spring at most {float(abs(force).max()):.3f} {force.attrs['units']}")
 
     viz.save_figures(result, folder / "figures", formats=("png",), names=["tip_paths"])
     viz.write_recording(result, folder / "film.gif", frames_per_s=5, speed=2, size_px=(480, 300))

@@ -41,7 +41,7 @@ def main(scenario: str | Path = "capture", changes: Mapping[str, Any] = CHANGES)
             speed = 1e3 * sum(v**2 for v in event["relative_velocity_m_s"]) ** 0.5
             print(f"{event['who']:8} captured at {event['time_s']:.3f} s, at {speed:.1e} mm/s")
     viz.save_figures(flown, folder / "figures", formats=("png",), names=["storyboard"])
-    viz.write_recording(flown, folder / "film.gif", frames_per_s=5, speed=2, size_px=(480, 300))
+    viz.write_recording(flown, folder / "film.gif", frames_per_s=5, speed=3, size_px=(480, 300))
 
 
 if __name__ == "__main__":

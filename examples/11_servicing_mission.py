@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from rich.console import Console
+
 import spacerobot as sr
 import viz
 from viz import figures
@@ -34,13 +36,18 @@ def main(
     """Draft, simulate, plan, run a campaign, and draw each; the first run takes some minutes."""
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / "mission.yaml"
+    console = Console(stderr=True)
     # the draft is simulated, linearised and slowed down until it captures with margins
-    draft = sr.draft(REQUEST, file, capture=True, simulate=verify, progress=print)
+    print("1. draft")
+    with console.status("drafting") as line:  # one line of progress, in a terminal
+        draft = sr.draft(REQUEST, file, capture=True, simulate=verify, progress=line.update)
     file.write_text(draft.text, encoding="utf-8")
     print(*draft.problems, *draft.checks, sep="\n")
 
     scene = sr.load_scene(file, {**changes, "campaign.samples": samples})
-    result = sr.simulate(scene, progress=print)
+    print("2. simulation")
+    with console.status("simulating") as line:
+        result = sr.simulate(scene, progress=line.update)
     for event in result.summary["events"]:
         print(f"{event['time_s']:7.2f} s  {event['kind']}")
     names = ["storyboard", "approach", "wheels"]
@@ -49,10 +56,15 @@ def main(
 
     # the approach from the draft's posture with the least torque and base rotation, verified by replay
     if planned:
-        print(sr.plan(sr.load_scene(file), folder / "plan", progress=print))
+        print("3. plan of the approach")
+        with console.status("planning") as line:
+            plan = sr.plan(sr.load_scene(file), folder / "plan", progress=line.update)
+        print(plan)
 
     # uncertain masses, drift and sensor noise
-    campaign = sr.campaign(scene, folder / "campaign", progress=print)
+    print("4. Monte Carlo analysis")
+    with console.status("campaign") as line:
+        campaign = sr.campaign(scene, folder / "campaign", progress=lambda done: line.update(str(done)))
     failed = campaign.summary["gains"]["scenario"]["failure"]["any"]
     print(f"fails with {failed['value']:.1%} ({failed['low']:.1%} to {failed['high']:.1%})")
     times = {"scenario": campaign.data.capture_time.values.ravel()}
