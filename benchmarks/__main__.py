@@ -19,6 +19,7 @@ from benchmarks import (
     aba,
     campaign,
     compilation,
+    contact_gradient,
     ddp,
     dockings,
     events,
@@ -33,6 +34,7 @@ from benchmarks import (
     recording,
     rollouts,
     sampled,
+    soft_capture,
     studio,
     studio_page,
     wheels,
@@ -45,6 +47,7 @@ JOBS: dict[str, Callable[[], list[Row]]] = {
     "methods": methods.rows,
     "batch": rollouts.batch,
     "gradient": rollouts.gradient,
+    "limited": lambda: [rollouts.limited()],
     "events": events.rows,
     "sampled": sampled.rows,
     "filters": filters.rows,
@@ -52,12 +55,14 @@ JOBS: dict[str, Callable[[], list[Row]]] = {
     "follow": plan_following.rows,
     "campaign": lambda: [campaign.row()],
     "aba": aba.rows,
+    "contact": contact_gradient.rows,
     "compilation": compilation.rows,
     "first": first_answers.rows,
     "process": process.rows,
     "planning": planning.rows,
     "dockings": dockings.rows,
     "reach": lambda: [ddp.measured()],
+    "soft": soft_capture.row,
     "page": page_frames.rows,
     "recording": recording.rows,
     "studio": lambda: [*studio.rows(), *studio_page.rows()],
@@ -66,13 +71,13 @@ JOBS: dict[str, Callable[[], list[Row]]] = {
 
 def main() -> None:
     """Measure the jobs named on the command line, or all."""
-    given = [word for word in sys.argv[1:] if word != "--keep"]
-    wanted = given or list(JOBS)
-    unknown = [name for name in wanted if name not in JOBS]
+    words = [word for word in sys.argv[1:] if word != "--keep"]
+    names = words or list(JOBS)
+    unknown = [name for name in names if name not in JOBS]
     if unknown:
         sys.exit(f"error: no benchmark {', '.join(unknown)}; allowed: {', '.join(JOBS)}")
     console, rows = Console(width=None if sys.stdout.isatty() else 150, highlight=False), []
-    for name in wanted:
+    for name in names:
         with Console(stderr=True).status(f"measuring {name}"):
             rows += JOBS[name]()
     table = Table(header_style="bold")

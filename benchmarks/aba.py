@@ -29,13 +29,13 @@ extern "C" void repeat(const real* const* arg, real* const* res, int64_t calls) 
 
 def rows() -> list[Row]:
     """One row for each robot, and the slope of cost over links."""
-    found, cost = [], {}
+    table, cost = [], {}
     for links in LINKS:
         model = pin.buildModelFromXML(planar_arm_urdf(links=links), pin.JointModelPlanar())
         cost[links], row = _measure(f"planar arm of {links} links", model)
-        found.append(row)
+        table.append(row)
     servicer = find_urdf("servicer.urdf").read_text(encoding="utf-8")
-    found.append(_measure("servicer", pin.buildModelFromXML(servicer, pin.JointModelFreeFlyer()))[1])
+    table.append(_measure("servicer", pin.buildModelFromXML(servicer, pin.JointModelFreeFlyer()))[1])
     a, b = LINKS[0], LINKS[-1]
     slope = math.log(cost[b] / cost[a]) / math.log(b / a)
     gradient = Row(
@@ -48,7 +48,7 @@ def rows() -> list[Row]:
         slope <= SLOPE_TARGET,
         f"{a} to {b} links, without the calls from Python",
     )
-    return [*found, gradient]
+    return [*table, gradient]
 
 
 def _measure(name: str, model: pin.Model) -> tuple[float, Row]:
@@ -58,25 +58,25 @@ def _measure(name: str, model: pin.Model) -> tuple[float, Row]:
     function = ca.Function("aba", [q, v, tau], [ca.densify(body.acceleration(tau))], ["q", "v", "tau"], ["a"])
     library = compile_functions({"aba": function}, tail=REPEAT)
     rng, data = np.random.default_rng(0), model.createData()
-    given = [pin.randomConfiguration(model, -np.ones(model.nq), np.ones(model.nq)), rng.normal(size=model.nv)]
-    given.append(rng.normal(size=model.nv))
+    state = [pin.randomConfiguration(model, -np.ones(model.nq), np.ones(model.nq)), rng.normal(size=model.nv)]
+    state.append(rng.normal(size=model.nv))
     out = np.empty(model.nv)
     call = library.entry("call_aba")
-    arguments = (ctypes.c_void_p * 3)(*[a.ctypes.data for a in given])
+    arguments = (ctypes.c_void_p * 3)(*[a.ctypes.data for a in state])
     results = (ctypes.c_void_p * 1)(out.ctypes.data)
     call(arguments, results)
-    exact = pin.aba(model, data, *given)
+    exact = pin.aba(model, data, *state)
     difference = float(np.abs(out - exact).max() / np.abs(exact).max())
 
     quick = numpy_function(function)
 
     def ours() -> None:
         for _ in range(CALLS):
-            quick(*given)
+            quick(*state)
 
     def theirs() -> None:
         for _ in range(CALLS):
-            pin.aba(model, data, *given)
+            pin.aba(model, data, *state)
 
     times = paired(ours, theirs, turns=9, calls=(CALLS, CALLS))
     repeat = library.entry("repeat")

@@ -29,19 +29,19 @@ IMAGES = Path(__file__).parents[1] / "docs" / "images"
 
 def spreads(folder: Path, metrics: tuple[str, ...]) -> list[SampleSpread]:
     """Samples of metrics of a campaign that were captured, those of each grasp apart."""
-    found = []
+    table = []
     with xr.open_dataset(folder / "campaign.nc") as data:
         captured = data["captured"].isel(gains=0).values > 0
         for metric in metrics:
-            known = quantities()[metric]
-            unit, factor = FACTORS.get(known.unit, (known.unit, 1.0))
+            quantity = quantities()[metric]
+            unit, factor = FACTORS.get(quantity.unit, (quantity.unit, 1.0))
             values = data[metric].isel(gains=0)
             samples = {
                 str(label): factor * values.isel({f"{metric}_of": k}).values[captured[:, k]]
                 for k, label in enumerate(data[f"{metric}_of"].values)
             }
-            found.append(SampleSpread(samples, known.label, unit))
-    return found
+            table.append(SampleSpread(samples, quantity.label, unit))
+    return table
 
 
 @styled
@@ -72,8 +72,8 @@ def compare_engines(name: str) -> str:
 
     Of a state that exceeds 1 in its unit, as the work of actuators, relative to its largest value.
     """
-    own = {"step": 0.005, "output_step": 0.25, "tolerance": 1e-11}
-    changes = {f"simulation.{key}": value for key, value in own.items()}
+    settings = {"step": 0.005, "output_step": 0.25, "tolerance": 1e-11}
+    changes = {f"simulation.{key}": value for key, value in settings.items()}
     ours, theirs = (
         sr.simulate(sr.load_scene(name, changes | {"simulation.engine": engine}))
         for engine in ("casadi", "pinocchio")

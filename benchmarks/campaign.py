@@ -60,22 +60,22 @@ def row() -> Row:
             else:
                 bare.append(_bare(evaluator, draws))
     rolling = [spent[ROLLING] for spent in phases]
-    kept, worked = (
+    metrics, worked = (
         statistics.median(getattr(b, name) / getattr(c, name) for b, c in zip(bare, rolling, strict=True))
         for name in ("clock", "processor")
     )
     rate, bare_rate = (rollouts / statistics.median(s.clock for s in spent) for spent in (rolling, bare))
     building, merging = (statistics.median(s[name].clock for s in phases) for name in (BUILDING, MERGING))
-    taken = evaluator.members[0].rollout
-    how = f"{taken.kernel.method.name} at {taken.grid.step_s * 1e3:g} ms"
+    rollout = evaluator.members[0].rollout
+    how = f"{rollout.kernel.method.name} at {rollout.grid.step_s * 1e3:g} ms"
     return Row(
         f"campaign of the paper's scenario, {rollouts} rollouts of 10 s, {usable_cores()} cores",
         "bare batch of the same rollouts",
         f"{rate:.0f} rollouts/s",
         f"{bare_rate:.0f} rollouts/s",
-        kept,
+        metrics,
         f"at least {KEPT_AT_LEAST:g} of it",
-        kept >= KEPT_AT_LEAST,
+        metrics >= KEPT_AT_LEAST,
         f"{how}; by processor time {worked:.3f}; "
         f"in addition building {building:.1f} s, merging {merging:.2f} s",
         {
@@ -90,16 +90,16 @@ def row() -> Row:
 
 def _phases(scene: Scene) -> dict[str, Spent]:
     """Resources that each phase of a campaign takes, in a store of its own."""
-    begun: list[tuple[str, Spent]] = []
+    phases: list[tuple[str, Spent]] = []
 
     def note(now: CampaignProgress) -> None:
         if not now.total:
-            begun.append((now.phase, Spent.now()))
+            phases.append((now.phase, Spent.now()))
 
     with tempfile.TemporaryDirectory() as folder:
         run_campaign(scene, Path(folder) / "campaign", progress=note)
-        begun.append(("end", Spent.now()))
-    return {phase: later.since(at) for (phase, at), (_, later) in itertools.pairwise(begun)}
+        phases.append(("end", Spent.now()))
+    return {phase: later.since(at) for (phase, at), (_, later) in itertools.pairwise(phases)}
 
 
 def _bare(evaluator: CampaignEvaluator, draws: Array) -> Spent:

@@ -48,10 +48,10 @@ def rows() -> list[Row]:
                 "what `run servicer` compiles": lambda: build_rollout(loop, duration_s=0.01, step_s=0.005),
                 "the servicer's loop with a cost, and its adjoint": gradient,
             }
-            found = []
+            table = []
             for what, job in jobs.items():
                 cpu_s, wall_s = _time_of(job)
-                found.append(
+                table.append(
                     Row(
                         what,
                         "a fixed C++ file of 2 lines over <regex>",
@@ -62,7 +62,7 @@ def rows() -> list[Row]:
                         numbers={"wall_s": wall_s},
                     )
                 )
-            return found
+            return table
         finally:
             os.environ.pop("SPACEROBOT_CACHE_DIR")
             if before is not None:

@@ -40,10 +40,10 @@ def measured() -> Row:
     if importlib.util.find_spec("crocoddyl") is None:
         return Row(*here, note="not measured: `pip install crocoddyl` (its wheel 3.2.1 wants pin 4.0)")
     command = [sys.executable, "-m", "benchmarks.ddp"]
-    done = subprocess.run(command, check=False, capture_output=True, text=True)
-    if done.returncode:
+    process = subprocess.run(command, check=False, capture_output=True, text=True)
+    if process.returncode:
         return Row(*here, note=f"not measured: crocoddyl failed with pin {pin.__version__}")
-    return Row(**json.loads(done.stdout.splitlines()[-1]))
+    return Row(**json.loads(process.stdout.splitlines()[-1]))
 
 
 def row() -> Row:
@@ -61,13 +61,13 @@ def row() -> Row:
     )
     scale = CollocationProgram(problem, instants, lobatto, COARSE).objective(first.unknowns)
     rival = Rival(crocoddyl, problem, KNOTS)
-    found: dict[str, Any] = {}
+    results: dict[str, Any] = {}
 
     def ours() -> None:
-        found["ours"] = solve_from(first, program, scale=scale)
+        results["ours"] = solve_from(first, program, scale=scale)
 
     times = paired(ours, rival.solve, turns=TURNS)
-    coarse, fine = found["ours"]
+    coarse, fine = results["ours"]
     cost = program.objective(fine.w)
     apart = abs(cost - rival.cost) / cost
     same = fine.converged and rival.converged and apart <= SAME_COST
@@ -91,14 +91,10 @@ class Rival:
 
     It begins with no torque, which it takes better than our guess: from that it is not done after 300 steps.
 
-    Parameters
-    ----------
-    crocoddyl
-        The module.
-    problem
-        What is solved; its base floats on a planar joint.
-    intervals
-        Steps of it.
+    Args:
+        crocoddyl: The module.
+        problem: What is solved; its base floats on a planar joint.
+        intervals: Steps of it.
     """
 
     def __init__(self, crocoddyl: Any, problem: PlanningProblem, intervals: int) -> None:

@@ -33,16 +33,18 @@ def cell(robot: str = "", joint: str = "", mode: str = "") -> str:
     if robot:
         failure = {"kind": "joint_failure", "joint": joint, "mode": mode, "at": FAILED_S}
         actuators[robot] |= {"failure": failure}
-    scene = sr.load_scene("paper", {f"robots.{name}.actuators": own for name, own in actuators.items()})
+    scene = sr.load_scene(
+        "paper", {f"robots.{name}.actuators": actuator for name, actuator in actuators.items()}
+    )
     result = sr.simulate(scene, backend="interpreted")
     if not result.completed:
         return f"lost at {result.summary['status']['reached_s']:.1f} s"
     data, events = result.data, result.summary["events"]
     tips = 1e3 * float(np.linalg.norm(data.tip_error.values, axis=-1).max())
     turned = np.degrees(float(np.abs(data.body_rotation.values[..., 2]).max()))
-    found = f"{tips:.1f} / {turned:.0f} / {float(np.abs(data.joint_torque.values).max()):.0f}"
+    text = f"{tips:.1f} / {turned:.0f} / {float(np.abs(data.joint_torque.values).max()):.0f}"
     alarms = [event.get("delay_s", np.nan) for event in events if event["kind"] == "detected"]
-    return " / ".join([found, *(f"{delay:.2f}" for delay in alarms)])
+    return " / ".join([text, *(f"{delay:.2f}" for delay in alarms)])
 
 
 def main() -> None:

@@ -38,9 +38,9 @@ def rows() -> list[Row]:
     rng = np.random.default_rng(SEED)
     times, intervals, iterations, faults = list[float](), list[int](), list[int](), list[str]()
     for _ in range(DRAWS):
-        drawn, begin = changes(rng), time.process_time()
+        designs, begin = changes(rng), time.process_time()
         try:
-            plan = make_plan(load_scene("docking", drawn))
+            plan = make_plan(load_scene("docking", designs))
         except SpaceRobotError as fault:
             faults.append(str(fault))
         else:
@@ -48,7 +48,7 @@ def rows() -> list[Row]:
             iterations.append(sum(one.iterations for one in plan.runs))
         times.append(time.process_time() - begin)
     median, planned = statistics.median(times), DRAWS - len(faults)
-    taken = statistics.median(iterations or [0])
+    median_iterations = statistics.median(iterations or [0])
     return [
         Row(
             f"`docking` planned after small changes of pose, motion and mass, {DRAWS} draws",
@@ -56,7 +56,7 @@ def rows() -> list[Row]:
             f"{planned} of {DRAWS}, {median:.2g} s of processor time each (at most {max(times):.3g} s)",
             target=f"all, at most {TARGET_S:g} s",
             met=not faults and median <= TARGET_S,
-            note=f"up to {max(intervals, default=0)} intervals; {taken:g} iterations",
+            note=f"up to {max(intervals, default=0)} intervals; {median_iterations:g} iterations",
             numbers={"seconds": times, "iterations": iterations, "intervals": intervals, "faults": faults},
         )
     ]

@@ -78,14 +78,10 @@ def paper() -> None:
 class LockedArm:
     """An arm with one joint locked, its base where it is nominally.
 
-    Attributes
-    ----------
-    model, frame
-        The scene's model, and the tip's frame.
-    joints
-        Ids of the arm's joints.
-    rows
-        Components of the tip's motion that matter, of six, world axes.
+    Attributes:
+        model, frame: The scene's model, and the tip's frame.
+        joints: Ids of the arm's joints.
+        rows: Components of the tip's motion that matter, of six, world axes.
     """
 
     model: Any
@@ -96,46 +92,42 @@ class LockedArm:
     def remaining(self, q: Array, failed: Array, locked: int, starts: int = 40) -> tuple[Array, float]:
         """Error (n,) to the tip's pose at q, and the smallest singular value there.
 
-        Parameters
-        ----------
-        q, failed
-            Configurations (nq,): nominal, and where the joint failed.
-        locked
-            Number of the joint among the arm's; the others are solved for.
-        starts
-            Of the search, at most: the present posture, then random ones.
+        Args:
+            q, failed: Configurations (nq,): nominal, and where the joint failed.
+            locked: Number of the joint among the arm's; the others are solved for.
+            starts: Of the search, at most: the present posture, then random ones.
         """
         model, data = self.model, self.model.createData()
         pin.framesForwardKinematics(model, data, q)
         goal = data.oMf[self.frame].copy()
-        own = [model.joints[joint] for i, joint in enumerate(self.joints) if i != locked]
+        free_joints = [model.joints[joint] for i, joint in enumerate(self.joints) if i != locked]
         stuck, base = model.joints[self.joints[locked]], q.copy()
         base[stuck.idx_q : stuck.idx_q + stuck.nq] = failed[stuck.idx_q : stuck.idx_q + stuck.nq]
 
         def posture(angles: Array) -> Array:
             change = np.zeros(model.nv)
-            change[[joint.idx_v for joint in own]] = angles
+            change[[joint.idx_v for joint in free_joints]] = angles
             return np.asarray(pin.integrate(model, base, change))
 
         def missing(angles: Array) -> Array:
             pin.framesForwardKinematics(model, data, posture(angles))
-            found = data.oMf[self.frame]
-            turned = pin.log3(found.rotation @ goal.rotation.T)
-            return np.concatenate([found.translation - goal.translation, turned])[list(self.rows)]
+            solution = data.oMf[self.frame]
+            turned = pin.log3(solution.rotation @ goal.rotation.T)
+            return np.concatenate([solution.translation - goal.translation, turned])[list(self.rows)]
 
         rng = np.random.default_rng(0)
-        tries = [np.zeros(len(own)), *rng.uniform(-2.5, 2.5, (starts - 1, len(own)))]
+        tries = [np.zeros(len(free_joints)), *rng.uniform(-2.5, 2.5, (starts - 1, len(free_joints)))]
         best = None
         for first in tries:
-            found = least_squares(missing, first, xtol=1e-14, ftol=1e-14, gtol=1e-14)
-            best = found if best is None or found.cost < best.cost else best
+            solution = least_squares(missing, first, xtol=1e-14, ftol=1e-14, gtol=1e-14)
+            best = solution if best is None or solution.cost < best.cost else best
             if best.cost < 1e-18:
                 break
         assert best is not None
         pin.computeJointJacobians(model, data, posture(best.x))
         pin.updateFramePlacements(model, data)
         jacobian = pin.getFrameJacobian(model, data, self.frame, pin.LOCAL_WORLD_ALIGNED)
-        jacobian = jacobian[np.ix_(list(self.rows), [joint.idx_v for joint in own])]
+        jacobian = jacobian[np.ix_(list(self.rows), [joint.idx_v for joint in free_joints])]
         smallest = np.linalg.svd(jacobian, compute_uv=False)[-1]
         return best.fun, float(smallest)
 
@@ -195,12 +187,12 @@ def servicer() -> None:
                 rows.append((number, NEVER if mode == "locked" else at, left, lock))
         values = {}
         for number in range(1, 8):
-            own = [row if row[0] == number else rows[0] for row in rows]
+            values_of_row = [row if row[0] == number else rows[0] for row in rows]
             for key, i in (("weak_{}.at", 1), ("weak_{}.remaining", 2), ("lock_{}.at", 3)):
-                values[f"{place}.{key.format(number)}"] = np.array([row[i] for row in own])
+                values[f"{place}.{key.format(number)}"] = np.array([row[i] for row in values_of_row])
         scene = sr.load_scene("capture", {place: actuators})
-        found = sr.batch(scene, quantities, values).data
-        cells = [capture_cell(found.isel(sample=i), side) for i in range(len(rows))]
+        batch = sr.batch(scene, quantities, values).data
+        cells = [capture_cell(batch.isel(sample=i), side) for i in range(len(rows))]
         print(f"| none, {side} arm | {cells[0]} |" + " |" * (len(COLUMNS) - 1))
         for number in range(1, 8):
             own_cells = cells[1 + 5 * (number - 1) : 1 + 5 * number]
@@ -261,16 +253,11 @@ class FailureInstant:
         itself, exact where the gradients are (Lu, Song, Yue and Wang, Structural Safety 30, 2008, who have
         one r on each line).
 
-        Parameters
-        ----------
-        z
-            Points (n, k) of the lines, across their direction.
-        along
-            Unit vector (k,) along which the limit state falls.
-        slope
-            Whether it is asked for.
-        parts
-            Number of parts of each line in which the limit is met once at most.
+        Args:
+            z: Points (n, k) of the lines, across their direction.
+            along: Unit vector (k,) along which the limit state falls.
+            slope: Whether it is asked for.
+            parts: Number of parts of each line in which the limit is met once at most.
         """
 
         def value(r: Array, index: Array) -> Array:
@@ -341,11 +328,11 @@ def instant() -> None:
         *markdown_head(["instant, s", "P(success)", "plain", "slope, 1/s", "by differences, 1/s"]), sep="\n"
     )
     for at in INSTANTS:
-        found, error, slope = FailureInstant(state, at).probability(z, along, slope=True)
+        probability, error, slope = FailureInstant(state, at).probability(z, along, slope=True)
         crude = float(np.mean(FailureInstant(state, at).values(plain) > 0))
         row = (
             f"{at:g}",
-            f"{found:.3f} ± {error:.3f}",
+            f"{probability:.3f} ± {error:.3f}",
             f"{crude:.3f}",
             f"{slope:.3f}",
             f"{by_differences(state, at, STEP_S, z, along):.3f}",
@@ -359,9 +346,9 @@ def crossings() -> None:
     print(*markdown_head(head + [f"over {2e3 * step_s:g} ms" for step_s in DIFFERENCES_S]), sep="\n")
     for step_s in (1e-2, 2.5e-3):
         state = instant_state(step_s)
-        found, _, slope = FailureInstant(state, GRAZED_S).probability(*lines, slope=True, parts=PARTS)
+        probability, _, slope = FailureInstant(state, GRAZED_S).probability(*lines, slope=True, parts=PARTS)
         rates = [by_differences(state, GRAZED_S, each, *lines, parts=PARTS) for each in DIFFERENCES_S]
-        row = [f"{1e3 * step_s:g}", f"{found:.3f}", f"{slope:.2f}", *(f"{rate:.2f}" for rate in rates)]
+        row = [f"{1e3 * step_s:g}", f"{probability:.3f}", f"{slope:.2f}", *(f"{rate:.2f}" for rate in rates)]
         print("| " + " | ".join(row) + " |", flush=True)
 
 

@@ -24,10 +24,10 @@ def rows() -> list[Row]:
     """Each mean against the 95 % bounds of its chi-squared distribution."""
     section = "robots.chaser.estimators.object"
     wide = {f"{section}.inertia": WIDE}
-    found = _compared({}, COMPARED, "initial error of the inertia ratios 3 %", bound=True)
-    found += _compared(wide, ("target_nees",), f"{100 * WIDE:g} %", bound=False)
+    table = _compared({}, COMPARED, "initial error of the inertia ratios 3 %", bound=True)
+    table += _compared(wide, ("target_nees",), f"{100 * WIDE:g} %", bound=False)
     note = f"{100 * WIDE:g} %, spin_acceleration {ADMITTED:g} rad/s^1.5"
-    return found + _compared(
+    return table + _compared(
         wide | {f"{section}.spin_acceleration": ADMITTED}, ("target_nees",), note, bound=False
     )
 
@@ -44,13 +44,13 @@ def _compared(changes: dict[str, Any], names: tuple[str, ...], note: str, *, bou
             else np.ravel(data[f"{name}_dof"].values)
             for name, each in values.items()
         }
-    found = []
+    table = []
     for name, each in values.items():
         count, freedoms = len(each), freedoms_of[name].mean()
         low, high = chi2.ppf([0.025, 0.975], freedoms_of[name].sum()) / count
         inside = (each <= chi2.ppf(0.95, freedoms_of[name])).mean()
         mean = each.mean()
-        found.append(
+        table.append(
             Row(
                 f"mean {name} of {count} draws, {note}",
                 f"chi-squared, {freedoms:g} degrees of freedom",
@@ -62,4 +62,4 @@ def _compared(changes: dict[str, Any], names: tuple[str, ...], note: str, *, bou
                 f"{100 * inside:.1f} % of the draws below the 95 % quantile",
             )
         )
-    return found
+    return table

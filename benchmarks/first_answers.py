@@ -24,14 +24,14 @@ LIMITS_S = {"paper": 3.0, "docking": 3.0}
 def rows() -> list[Row]:
     """One row for each shipped scenario without model predictive control, and one for a gradient."""
     bare_s = min(_cold(BARE)[0] for _ in range(3))
-    found = []
+    table = []
     names = [name for name in shipped() if not name.endswith("as-flown")]
     for name in names:
         with tempfile.TemporaryDirectory() as out:
             run = [sys.executable, "-m", "spacerobot", "run", name, "--out", f"{out}/result"]
-            found.append(_row(f"`run {name}`, nothing cached", run, bare_s, LIMITS_S.get(name)))
+            table.append(_row(f"`run {name}`, nothing cached", run, bare_s, LIMITS_S.get(name)))
     gradient = [sys.executable, "-c", GRADIENT]
-    return [*found, _row("`sr.gradient` of the servicer, nothing cached", gradient, bare_s, None)]
+    return [*table, _row("`sr.gradient` of the servicer, nothing cached", gradient, bare_s, None)]
 
 
 def _row(what: str, command: list[str], bare_s: float, limit_s: float | None) -> Row:

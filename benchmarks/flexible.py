@@ -107,8 +107,8 @@ def exudyn(base: str, elements: int = 32) -> Array | None:
         system.AddObject(ObjectGenericODE2(nodeNumbers=[nodes[0]], massMatrix=mass))
     system.Assemble()
     values = system.ComputeODE2Eigenvalues(useSparseSolver=False)[0]
-    found = np.sqrt(np.maximum(values, 0)) / (2 * np.pi)
-    return np.sort(found[found > 1e-2])[:2]
+    frequencies_hz = np.sqrt(np.maximum(values, 0)) / (2 * np.pi)
+    return np.sort(frequencies_hz[frequencies_hz > 1e-2])[:2]
 
 
 def frequencies() -> list[str]:
@@ -139,16 +139,11 @@ def panel(
 ) -> dict[str, Any]:
     """First bending mode of a uniform panel out of the x-y plane.
 
-    Parameters
-    ----------
-    link
-        Link of the URDF whose mass includes the panel's.
-    root, along
-        Where it is attached [m], and the direction from there to its end, axes of the link.
-    mass, length
-        Of the panel [kg, m].
-    f
-        Clamped frequency [Hz].
+    Args:
+        link: Link of the URDF whose mass includes the panel's.
+        root, along: Where it is attached [m], and the direction from there to its end, axes of the link.
+        mass, length: Of the panel [kg, m].
+        f: Clamped frequency [Hz].
     """
     section = clamped_modes(1)["participation"][0]
     force = section[1] / np.sqrt(MASS) * np.sqrt(mass)
@@ -195,9 +190,9 @@ def ets7() -> list[str]:
         (linear,) = linearise(scene, [10.0], backend="interpreted")
         loop = next(one for one in loop_margins(linear) if one.name == "torque/wheels/root[3]")
         modes = sorted(m.pole.imag / (2 * np.pi) for m in linear.modes if m.pole.imag > 0 and m.damping < 0.1)
-        told = ", ".join(f"{mode:.3f}" for mode in modes if mode > 0.05)
+        modes_text = ", ".join(f"{mode:.3f}" for mode in modes if mode > 0.05)
         cells = [f"{f:g}" if f else "rigid", f"{1e3 * 1e3 * norm(data['tip_error'].values):.3f}"]
-        cells += [f"{turned.max():.3f}", f"{turned[data['time'].values > 48].max():.3f}", told]
+        cells += [f"{turned.max():.3f}", f"{turned[data['time'].values > 48].max():.3f}", modes_text]
         rows.append(f"| {' | '.join([*cells, f'{loop.disk:.3f}', f'{loop.delay:.3f}'])} |")
     return rows
 

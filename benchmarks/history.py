@@ -24,8 +24,10 @@ def machine() -> dict[str, Any]:
     """The processor by its maker's name where Linux states it, cores, Python and compiler."""
     toolchain, info = find_toolchain(), Path("/proc/cpuinfo")
     lines = info.read_text(encoding="utf-8").splitlines() if info.exists() else []
-    told = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in reversed(lines))}
-    parts = [told[key] if key == "model name" else f"{key} {told[key]}" for key in CPU if key in told]
+    fields = {
+        key.strip(): value.strip() for key, _, value in (line.partition(":") for line in reversed(lines))
+    }
+    parts = [fields[key] if key == "model name" else f"{key} {fields[key]}" for key in CPU if key in fields]
     return {
         "processor": ", ".join(parts) or platform.processor() or platform.machine(),
         "cores": os.cpu_count(),
@@ -53,17 +55,17 @@ def commit() -> str:
 
 def previous(measured_on: Mapping[str, Any], path: Path = HISTORY) -> dict[str, float]:
     """Latest kept ratio of each row on machines of the same kind."""
-    found: dict[str, float] = {}
+    latest_ratios: dict[str, float] = {}
     for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
         entry = json.loads(line)
         if all(entry["machine"].get(key) == measured_on[key] for key in ("processor", "cores")):
-            found |= entry["ratios"]
-    return found
+            latest_ratios |= entry["ratios"]
+    return latest_ratios
 
 
 def regressions(rows: Sequence[Row], before: Mapping[str, float]) -> list[str]:
     """Rows whose ratio is worse than the kept one, in words."""
-    found = []
+    slower = []
     for row in rows:
         name = f"{row.what} / {row.against}"
         if row.ratio is None or name not in before:
@@ -72,8 +74,8 @@ def regressions(rows: Sequence[Row], before: Mapping[str, float]) -> list[str]:
         larger_is_better = "faster" in row.target or "at least" in row.target
         worse = 1 / change if larger_is_better else change
         if worse > REGRESSION:
-            found.append(f"{name}: ratio {row.ratio:.3g}, kept {before[name]:.3g}")
-    return found
+            slower.append(f"{name}: ratio {row.ratio:.3g}, kept {before[name]:.3g}")
+    return slower
 
 
 def keep(rows: Sequence[Row], measured_on: Mapping[str, Any], path: Path = HISTORY) -> None:

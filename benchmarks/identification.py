@@ -41,14 +41,14 @@ CASES: dict[str, dict[str, Any]] = {
 
 def turned(seconds: float) -> dict[str, Any]:
     """Phases that turn the satellite about one axis after another and back, each in so many seconds."""
-    found = {}
+    results = {}
     for k in range(round(60 / seconds)):
         axis, sign = k % len(AXES), 1 - 2 * (k // len(AXES) % 2)
         rotation, way = (sign * np.array(vector) for vector in AXES[axis])
         line = {"kind": "line", "displacement": way.tolist(), "rotation_deg": rotation.tolist()}
         own = {"reference": line | {"duration": 0.9 * seconds}}
-        found[f"turn_{k}"] = {"target": own, "until": {"time": seconds}}
-    return found
+        results[f"turn_{k}"] = {"target": own, "until": {"time": seconds}}
+    return results
 
 
 # star tracker 29 urad at 4 Hz and gyro 0.316 urad/s^0.5 (the presets' sources), 19-bit encoders and their
@@ -61,30 +61,34 @@ def plain(result: sr.Result, seed: int, noise: sr.SensorNoise) -> Array:
     scene = result.scene()
     measured = _Momentum(result, scene, *_held(scene), result.array("time") >= 0)
     deviation = np.sqrt(measured.variances(noise))
-    drawn = np.random.Generator(np.random.Philox(seed)).normal(size=(len(measured.states), len(deviation)))
-    states = [measured.moved(x, deviation * each) for x, each in zip(measured.states, drawn, strict=True)]
+    random_numbers = np.random.Generator(np.random.Philox(seed)).normal(
+        size=(len(measured.states), len(deviation))
+    )
+    states = [
+        measured.moved(x, deviation * each) for x, each in zip(measured.states, random_numbers, strict=True)
+    ]
     return _named(_regression(measured, states, np.zeros_like(deviation))[0][:10])
 
 
 def accuracy(what: str, result: sr.Result, noise: sr.SensorNoise | None = None) -> None:
     """Print the errors that one motion leaves."""
     noise = noise or sr.SensorNoise()
-    found = [sr.identify(result, noise=noise, seed=seed) for seed in range(DRAWS)]
-    truth = found[0].truth
+    identifications = [sr.identify(result, noise=noise, seed=seed) for seed in range(DRAWS)]
+    truth = identifications[0].truth
     mean = truth[4:7].mean()
     scale = np.array([truth[0], *[np.sqrt(1.5 * mean / truth[0])] * 3, *[mean] * 6])
-    errors = 100 * np.array([(one.values - truth) / scale for one in found])
+    errors = 100 * np.array([(one.values - truth) / scale for one in identifications])
     others = 100 * np.array([(plain(result, seed, noise) - truth) / scale for seed in range(DRAWS)])
-    told = 100 * np.array([one.deviations / scale for one in found]).mean(axis=0)
-    whole, without = (np.median(np.abs(each)) for each in (errors, others))
-    print(f"\n{what}: {whole:.2f} % median of all, {without:.2f} % by plain least squares\n")
+    percent = 100 * np.array([one.deviations / scale for one in identifications]).mean(axis=0)
+    with_all, without = (np.median(np.abs(each)) for each in (errors, others))
+    print(f"\n{what}: {with_all:.2f} % median of all, {without:.2f} % by plain least squares\n")
     print("| [%] | median | 95 % | standard deviation | scatter | plain least squares: median |")
     print("|---|---|---|---|---|---|")
     names = ["mass", *(f"com_{axis}" for axis in "xyz")]
     names += [f"inertia_{axes}" for axes in ("xx", "yy", "zz", "xy", "xz", "yz")]
     for i, name in enumerate(names):
         sizes = np.abs(errors[:, i])
-        row = np.median(sizes), np.quantile(sizes, 0.95), told[i], errors[:, i].std()
+        row = np.median(sizes), np.quantile(sizes, 0.95), percent[i], errors[:, i].std()
         row += (np.median(np.abs(others[:, i])),)
         print(f"| {name} | " + " | ".join(f"{value:.2f}" for value in row) + " |", flush=True)
 

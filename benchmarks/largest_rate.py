@@ -83,10 +83,8 @@ def beyond_reach(rate: float) -> float:
     from it, with d_k from the origin of link k to that of the next one, c_k its centre of mass, and M_k the
     mass of all links farther out. Envisat turns steadily about a principal axis, and the ring with it.
 
-    Parameters
-    ----------
-    rate
-        Rate of Envisat [deg/s].
+    Args:
+        rate: Rate of Envisat [deg/s].
     """
     scene = scene_at(rate)
     model, (servicer,) = scene.model, scene.robots

@@ -65,7 +65,7 @@ def rows() -> list[Row]:
     """One row for each method and job; ratios are medians over turns in which all methods take part."""
     loop = build_closed_loop(load_scene("paper"))
     exact = built(loop, "dop853", FINE).run().state
-    found = {name: longest(built(loop, name), exact) for name in METHODS}
+    longest_steps = {name: longest(built(loop, name), exact) for name in METHODS}
     values = np.linspace(280, 320, COUNT)[:, None]
     jobs: dict[str, tuple[Callable[[Rollout], object], int]] = {
         "one rollout": (lambda rollout: rollout.run(), 1),
@@ -78,17 +78,17 @@ def rows() -> list[Row]:
             1,
         ),
     }
-    told = []
+    texts = []
     for what, (job, calls) in jobs.items():
         # processor times [s] by each method, in turns, after a warm-up of each
-        times: dict[str, list[float]] = {name: [] for name in found}
-        for rollout, _ in found.values():
+        times: dict[str, list[float]] = {name: [] for name in longest_steps}
+        for rollout, _ in longest_steps.values():
             job(rollout)
         for _ in range(TURNS):
-            for name, (rollout, _) in found.items():
+            for name, (rollout, _) in longest_steps.items():
                 times[name].append(cpu_time_of(lambda rollout=rollout, job=job: job(rollout)) / calls)
         for name in (name for name in METHODS if name != "rk4"):
-            (rollout, error), pairs = found[name], zip(times[name], times["rk4"], strict=True)
+            (rollout, error), pairs = longest_steps[name], zip(times[name], times["rk4"], strict=True)
             ratio = median(theirs / ours for ours, theirs in pairs)
             evaluations = rollout.grid.steps * rollout.kernel.method.stages
             target = ("stated", None) if name != DEFAULT else (f"{FASTER:g}x faster", ratio >= FASTER)
@@ -102,5 +102,5 @@ def rows() -> list[Row]:
                 f"{step}, {evaluations} evaluations, error {error:.0e}",
                 {"error": error, "evaluations": evaluations},
             )
-            told.append(row)
-    return told
+            texts.append(row)
+    return texts

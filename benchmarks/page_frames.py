@@ -85,9 +85,9 @@ def _open(browser: Browser, file: Path, state: str) -> None:
 def _played(browser: Browser, file: Path) -> Row:
     """Pictures a second that a user sees, once the page has chosen how finely it draws."""
     _open(browser, file, "play=1")
-    begun = _browser_ms()
+    begin_ms = _browser_ms()
     pictures, level = browser.evaluate(PLAY.replace("SETTLE", str(SETTLE_S)).replace("LASTS", str(LASTS_S)))
-    busy = (_browser_ms() - begun) / 1000 / (SETTLE_S + LASTS_S)
+    busy = (_browser_ms() - begin_ms) / 1000 / (SETTLE_S + LASTS_S)
     return Row(
         "pictures a second of the servicer's page while it plays, 1400 x 900, drawn in software",
         f"{CORES} cores",

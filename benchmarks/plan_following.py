@@ -49,12 +49,12 @@ def rows() -> list[Row]:
     loops = {count: loop(count) for count in (0, FEW, MANY)}
     rollouts = {count: rollout(each) for count, each in loops.items()}
     operations = {count: each.dynamics.n_instructions() for count, each in loops.items()}
-    found = []
+    table = []
     for count in (FEW, MANY):
         times = paired(rollouts[count].run, rollouts[0].run)
         what = f"one rollout of the paper's arm following a plan of {count} intervals of {POINTS} points"
         both = [operations[count], operations[0]]
         note = f"{both[0]} operations and {both[1]}; {STEP * 1e3:g} ms steps"
         row = at_most(MOST, (what, "the same arm without a controller"), times, note)
-        found.append(replace(row, numbers={"operations": both}))
-    return found
+        table.append(replace(row, numbers={"operations": both}))
+    return table

@@ -224,14 +224,10 @@ class Shooting:
 
     Derivatives are exact; one step's are found as expressions without common parts twice, and mapped.
 
-    Parameters
-    ----------
-    problem
-        What is solved, for a given duration.
-    first
-        Motion to begin with, whose points are the knots.
-    scale
-        Size of the cost.
+    Args:
+        problem: What is solved, for a given duration.
+        first: Motion to begin with, whose points are the knots.
+        scale: Size of the cost.
     """
 
     def __init__(self, problem: PlanningProblem, first: Motion, scale: float) -> None:

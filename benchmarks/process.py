@@ -25,7 +25,7 @@ def rows() -> list[Row]:
             program = "from spacerobot.cli.app import main; main()"
             command = [sys.executable, "-c", program, *command[1:]]
         before = children_s()
-        whole = statistics.median(_run(command) for _ in range(RUNS))
+        median_s = statistics.median(_run(command) for _ in range(RUNS))
         busy = (children_s() - before) / RUNS
         timing = json.loads((out / "summary.json").read_text(encoding="utf-8"))["timing_s"]
         started = _start("`spacerobot run paper`, processor time", command, 6.5)
@@ -33,12 +33,12 @@ def rows() -> list[Row]:
     python = statistics.median(_run([sys.executable, "-c", "pass"]) for _ in range(RUNS))
     inside = ("closed_loop", "compile_or_load", "rollout")
     spent = ", ".join(f"{name.replace('_', ' ')} {timing[name]:.2f} s" for name in inside)
-    rest = whole - sum(timing[name] for name in inside)
+    rest = median_s - sum(timing[name] for name in inside)
     return [
         Row(
             "`spacerobot run paper`, process start to files",
             "",
-            f"{whole:.2f} s",
+            f"{median_s:.2f} s",
             note=f"{spent}, imports and files {rest:.2f} s; {busy:.2f} s of processor time",
             numbers={"timing_s": timing, "processor_s": busy},
         ),

@@ -28,8 +28,8 @@ def wheels(changes: dict[str, Any]) -> str:
     error = np.degrees(np.linalg.norm(data.base_attitude_error.sel(body="servicer").values, axis=-1))
     torque = float(np.abs(data.wheel_torque.values[data.time.values > 5]).max())
     delays = [e.get("delay_s", np.nan) for e in result.summary["events"] if e["kind"] == "detected"]
-    found = f"{error[data.time.values > 5].max():.3f} / {error[-1]:.4f} / {torque:.2f}"
-    return " / ".join([found, *(f"{delay:.1f}" for delay in delays)])
+    text = f"{error[data.time.values > 5].max():.3f} / {error[-1]:.4f} / {torque:.2f}"
+    return " / ".join([text, *(f"{delay:.1f}" for delay in delays)])
 
 
 def jets(changes: dict[str, Any]) -> str:

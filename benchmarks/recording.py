@@ -19,7 +19,7 @@ def rows() -> list[Row]:
     """A row for each format, as it is recorded if nothing else is said."""
     if program() is None:
         return [Row("recordings of the servicer", "", "", note="not measured: no Chromium here")]
-    result, found = simulate(load_scene("servicer")), []
+    result, table = simulate(load_scene("servicer")), []
     with tempfile.TemporaryDirectory() as folder:
         for kind, most in MOST_S.items():
             path, (per_s, (width, height)) = Path(folder) / f"servicer{kind}", USUAL[kind]
@@ -31,5 +31,5 @@ def rows() -> list[Row]:
             )
             size = f"{path.stat().st_size / 1e6:.1f} MB; drawn in software"
             measured = f"{spent:.1f} s", f"{most:g} s", spent / most, "at most 1", spent <= most, size
-            found.append(Row(*what, *measured, {"processor_s": spent}))
-    return found
+            table.append(Row(*what, *measured, {"processor_s": spent}))
+    return table

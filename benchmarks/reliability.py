@@ -42,7 +42,7 @@ def openturns(state: CountedLimitState) -> dict[str, str]:
     )
     variable = ot.CompositeRandomVector(ot.Function(function), ot.RandomVector(ot.Normal(k)))
     event = ot.ThresholdEvent(variable, ot.Less(), 0.0)
-    found = {}
+    estimates = {}
     form = ot.FORM(ot.AbdoRackwitz(), event, ot.Point(k))
     form.run()
     sampling = ot.PostAnalyticalImportanceSampling(form.getResult())
@@ -55,8 +55,8 @@ def openturns(state: CountedLimitState) -> dict[str, str]:
         algorithm.run()
         result = algorithm.getResult()
         estimate, variation = result.getProbabilityEstimate(), result.getCoefficientOfVariation()
-        found[name] = told(estimate, variation, state.rollouts - before)
-    return found
+        estimates[name] = told(estimate, variation, state.rollouts - before)
+    return estimates
 
 
 def told(probability: float, variation: float, rollouts: int) -> str:

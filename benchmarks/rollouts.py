@@ -120,3 +120,25 @@ def gradient() -> list[Row]:
             {"batched_gradient_s": many.second_s, "batched_ratio": many.ratio},
         )
     ]
+
+
+def limited() -> Row:
+    """Rollouts in lanes with limits at every joint's torque, at which steps end, against those without."""
+    limits = {f"robots.{robot}.torque_limits": True for robot in ("rpr1", "rpr2")}
+    free, bounded = _rollout(TUNING), built(build_closed_loop(load_scene("paper", limits)), DEFAULT, TUNING)
+    values = np.linspace(280, 320, 64)[:, None]
+    one = paired(free.run, bounded.run)
+    many = paired(
+        *(lambda rollout=each: rollout.batch(GAINS[:1], values, threads=1) for each in (free, bounded))
+    )
+    return Row(
+        "torque limits at 16 joints, a batch",
+        "the same without limits",
+        f"{many.second_s / len(values) * 1e3:.2f} ms",
+        f"{many.first_s / len(values) * 1e3:.2f} ms",
+        many.ratio,
+        "at most 1.6 times",
+        many.ratio <= 1.6,
+        f"one rollout: {one.ratio:.2f} times",
+        {"one_rollout_ratio": one.ratio},
+    )

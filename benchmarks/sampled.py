@@ -24,14 +24,14 @@ def rows() -> list[Row]:
     """Sampled against continuous, and with noise against without."""
     period = {"period": 1 / RATE_HZ}
     sampled: Changes = {f"robots.{name}.tips.tip.pid.sampled": period for name in ("rpr1", "rpr2")}
-    seen: Changes = {"robots.rpr1.sensors": {"joint_rate": {"errors": period}}}
+    changes: Changes = {"robots.rpr1.sensors": {"joint_rate": {"errors": period}}}
     noisy: Changes = {"robots.rpr1.sensors": {"joint_rate": {"errors": period | {"noise": 1e-7}}}}
     note = f"tanaka6 at {STEP * 1e3:g} ms, one thread; correction of rpr2 as that of rpr1"
     what = f"the paper's scenario, controllers at {RATE_HZ} Hz"
     noise = f"{what} and joint rates with noise, a draw each", "the same without noise"
     return [
         _compared((what, "the same, continuous"), sampled, {}, note, MOST),
-        _compared(noise, sampled | noisy, sampled | seen, note, MOST_OF_NOISE),
+        _compared(noise, sampled | noisy, sampled | changes, note, MOST_OF_NOISE),
     ]
 
 

@@ -26,8 +26,8 @@ def rows() -> list[Row]:
     with tempfile.TemporaryDirectory() as folder:
         origin = Origin(load_scene("paper"), "paper")
         with Studio(origin, Path(folder)) as studio:
-            found = asyncio.run(_measured(studio))
-    times, cpu_s, sent = found["times"], found["cpu_s"], found["bytes"]
+            measured = asyncio.run(_measured(studio))
+    times, cpu_s, sent = measured["times"], measured["cpu_s"], measured["bytes"]
     what = "the paper's studio: a number changed to its motion, curves and metrics received"
     cost = f"{cpu_s * 1e3:.0f} ms of processor time; {sent / 1e3:.0f} kB, without the browser's drawing"
     return [
@@ -35,7 +35,7 @@ def rows() -> list[Row]:
         Row(
             "rollouts a second while a slider is dragged",
             "",
-            f"{found['drag']:.0f}",
+            f"{measured['drag']:.0f}",
             note=f"{1 / EVERY_S:.0f} changes a second sent for {DRAG_S:g} s; the last one answered last",
         ),
     ]

@@ -60,12 +60,12 @@ def rows() -> list[Row]:
         if browser is None:
             return [Row("the paper's studio in a browser", "", "", note="not measured: no Chromium here")]
         with Studio(Origin(load_scene("paper"), "paper"), Path(folder)) as studio:
-            whole = _measured(browser, studio)
+            latencies = _measured(browser, studio)
             browser.call("Page.enable")
             browser.call("Page.addScriptToEvaluateOnNewDocument", source=NO_3D)
             flat = _measured(browser, studio)
     view = "three-dimensional view drawn in software, without a graphics processor"
-    return [_row(view, whole), _row("without the three-dimensional view", flat)]
+    return [_row(view, latencies), _row("without the three-dimensional view", flat)]
 
 
 def _measured(browser: Browser, studio: Studio) -> dict[str, Any]:
@@ -80,13 +80,14 @@ def _measured(browser: Browser, studio: Studio) -> dict[str, Any]:
     return {"times_s": times, "finished_s": finished, "drag": drag, "load": os.getloadavg()[0]}
 
 
-def _row(how: str, found: dict[str, Any]) -> Row:
-    finished = found["finished_s"]
-    whole = statistics.median(finished), statistics.quantiles(finished, n=20)[-1]
+def _row(how: str, measured: dict[str, Any]) -> Row:
+    finished = measured["finished_s"]
+    quantiles = statistics.median(finished), statistics.quantiles(finished, n=20)[-1]
     note = (
-        f"until the view's last pixel is drawn {whole[0] * 1e3:.0f} and {whole[1] * 1e3:.0f} ms; dragging "
-        f"{found['drag']:.0f} motions a second drawn; load {found['load']:.0f} on {os.cpu_count()} cores"
+        f"until the view's last pixel is drawn {quantiles[0] * 1e3:.0f} and {quantiles[1] * 1e3:.0f} ms; "
+        f"dragging {measured['drag']:.0f} motions a second drawn; "
+        f"load {measured['load']:.0f} on {os.cpu_count()} cores"
     )
     return hand_row(
-        f"the paper's studio: a slider moved to the frame painted, {how}", found["times_s"], note, found
+        f"the paper's studio: a slider moved to the frame painted, {how}", measured["times_s"], note, measured
     )

@@ -40,24 +40,24 @@ def record(browser: Browser, url: str) -> list[tuple[Image.Image, int]]:
     browser.wait_for("document.querySelector('.slider .gradient')?.textContent.includes('+10 %')")
     browser.wait_for("document.getElementById('doubt').hidden")
     browser.evaluate("document.getElementById('sort').click()")
-    found = [(_picture(browser), 1500)]
+    pictures = [(_picture(browser), 1500)]
     begin, end = (int(browser.evaluate(f"{BAR}.value")), 250)
     for k in range(1, 15):
         browser.evaluate(f"{BAR}.value = {begin + (end - begin) * k // 14}")
         browser.evaluate(f"{BAR}.dispatchEvent(new Event('input'))")
         browser.wait_for(SETTLED)
-        found.append((_picture(browser), 120))
+        pictures.append((_picture(browser), 120))
     browser.evaluate(f"{BAR}.dispatchEvent(new Event('change'))")
     time.sleep(0.5)
-    found.append((_picture(browser), 1500))
+    pictures.append((_picture(browser), 1500))
     browser.evaluate("document.querySelector('#jobs .improve').click()")
     search = []
     while not browser.evaluate(f"{WORDS}.startsWith('done')"):
         search.append((_picture(browser), 160))
-    found += search[:: -(-len(search) // MOST_OF_SEARCH) or 1]
+    pictures += search[:: -(-len(search) // MOST_OF_SEARCH) or 1]
     time.sleep(0.5)
-    found.append((_picture(browser), 2500))
-    return found
+    pictures.append((_picture(browser), 2500))
+    return pictures
 
 
 def _picture(browser: Browser) -> Image.Image:
@@ -72,9 +72,9 @@ def main() -> None:
         if browser is None:
             sys.exit("error: no Chromium on this computer")
         with Studio(Origin(load_scene("paper"), "paper"), Path(folder)) as studio:
-            found = record(browser, studio.url)
-    palette = palette_of(found[-1][0], COLOURS)
-    pictures = steady(picture for picture, _ in found)
+            shots = record(browser, studio.url)
+    palette = palette_of(shots[-1][0], COLOURS)
+    pictures = steady(picture for picture, _ in shots)
     frames = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     content = io.BytesIO()
     frames[0].save(
@@ -82,7 +82,7 @@ def main() -> None:
         "GIF",
         save_all=True,
         append_images=frames[1:],
-        duration=[ms for _, ms in found],
+        duration=[ms for _, ms in shots],
         loop=0,
         optimize=True,
     )

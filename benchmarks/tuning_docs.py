@@ -16,6 +16,7 @@ from typing import Any
 
 from optim.comparison import tables
 from optim.comparison.conclusion import conclusion
+from spacerobot.tables import Table
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "docs" / "data"
@@ -34,12 +35,12 @@ def kept(value: Any) -> Any:
     return [kept(item) for item in value] if isinstance(value, list) else value
 
 
-def to_one_percent(data: Mapping[str, Any]) -> tables.ComparisonTable:
+def to_one_percent(data: Mapping[str, Any]) -> Table:
     """Expected running times to 1 %; those to other targets are in `docs/data`."""
     table = tables.summary_table(data)
-    shown = [i for i, heading in enumerate(table.headings) if i != 1 and heading not in BASELINES]
-    rows = tuple(tuple(row[i] for i in shown) for row in table.rows if row[1] == "1 %")
-    return dataclasses.replace(table, headings=tuple(table.headings[i] for i in shown), rows=rows)
+    columns = [i for i, heading in enumerate(table.headings) if i != 1 and heading not in BASELINES]
+    rows = tuple(tuple(row[i] for i in columns) for row in table.rows if row[1] == "1 %")
+    return dataclasses.replace(table, headings=tuple(table.headings[i] for i in columns), rows=rows)
 
 
 def blocks(data: Mapping[str, Any]) -> dict[str, str]:
@@ -47,15 +48,15 @@ def blocks(data: Mapping[str, Any]) -> dict[str, str]:
     return {
         # the table shows where another method is better
         "conclusion": f"**{conclusion(data).split('; elsewhere')[0].rstrip('.')}.**",
-        "table": tables.as_markdown(to_one_percent(data)),
+        "table": to_one_percent(data).markdown(),
     }
 
 
 def filled(text: str) -> str:
     """A page with the texts between its marks generated again."""
 
-    def made(found: re.Match[str]) -> str:
-        name, block = found.groups()
+    def made(match: re.Match[str]) -> str:
+        name, block = match.groups()
         data = json.loads((DATA / f"comparison-{name}.json").read_text(encoding="utf-8"))
         return f"<!-- {name}: {block} -->\n{blocks(data)[block]}\n<!-- end -->"
 

@@ -25,7 +25,7 @@ def rows() -> list[Row]:
         settings = {"duration_s": duration_s, "step_s": STEP, "output_step_s": duration_s / 50}
         return [build_rollout(loop, **settings, many=many) for loop in loops]
 
-    found = []
+    table = []
     single, batch = built(many=False), built(many=True)
     mass = batch[0].values()[batch[0].indices([VARIED])[0]]
     values = mass * np.linspace(0.9, 1.1, COUNT)[:, None]
@@ -36,5 +36,5 @@ def rows() -> list[Row]:
         names = f"{what} of the servicer with four wheels and attitude control", "the same without"
         times = paired(jobs[0], jobs[1], calls=(calls, calls))
         note = f"tanaka6 at {STEP * 1e3:g} ms, one thread, {duration_s:g} s"
-        found.append(at_most(MOST, names, times, note))
-    return found
+        table.append(at_most(MOST, names, times, note))
+    return table

@@ -62,15 +62,15 @@ def in_a_process(name: str) -> dict[str, Any]:
     return {"missing": f"ended with code {ended.returncode}: {last}"}
 
 
-def row(scene: PeerScene, found: Mapping[str, Any]) -> str:
+def row(scene: PeerScene, results: Mapping[str, Any]) -> str:
     """A line of the table."""
-    if "missing" in found:
-        cells = [scene.peer, scene.title, "not measured", "", "", "", "", "", found["missing"]]
+    if "missing" in results:
+        cells = [scene.peer, scene.title, "not measured", "", "", "", "", "", results["missing"]]
     else:
-        ours, theirs = found["ours_s"], found["theirs_s"]
-        cells = [f"{scene.peer} {found['version']}", scene.title, found["agreement"], found["error"]]
+        ours, theirs = results["ours_s"], results["theirs_s"]
+        cells = [f"{scene.peer} {results['version']}", scene.title, results["agreement"], results["error"]]
         cells += [time(ours), time(theirs), f"{theirs / ours:.3g}"]
-        cells += [f"ours: {found['ours']}; theirs: {found['theirs']}", scene.note]
+        cells += [f"ours: {results['ours']}; theirs: {results['theirs']}", scene.note]
     return f"| {' | '.join(cells)} |"
 
 
@@ -87,16 +87,16 @@ def filled(page: str, lines: list[str]) -> str:
 
 def main() -> None:
     """Measure the scenes named on the command line, or all; all of them fill the page."""
-    known, given = found_scenes(), sys.argv[1:]
-    if given[:1] == ["--one"]:
-        print(json.dumps(measured(known[given[1]])))
+    all_scenes, names = found_scenes(), sys.argv[1:]
+    if names[:1] == ["--one"]:
+        print(json.dumps(measured(all_scenes[names[1]])))
         return
-    if unknown := [name for name in given if name not in known]:
-        sys.exit(f"error: no scene {', '.join(unknown)}; allowed: {', '.join(known)}")
+    if unknown := [name for name in names if name not in all_scenes]:
+        sys.exit(f"error: no scene {', '.join(unknown)}; allowed: {', '.join(all_scenes)}")
     rows, results = [], {}
-    for name in given or known:
+    for name in names or all_scenes:
         results[name] = in_a_process(name)
-        rows.append(row(known[name], results[name]))
+        rows.append(row(all_scenes[name], results[name]))
         print(rows[-1], flush=True)
     here = machine()
     day = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
@@ -104,7 +104,7 @@ def main() -> None:
     where += f"{here['toolchain']}{load_words()}."
     report = {"machine": here, "date": day, "commit": commit(), "scenes": results}
     write_text(Path("out/peers.json"), json.dumps(report, indent=2) + "\n")
-    if not given:
+    if not names:
         table = [where, "", HEAD, RULE, *rows]
         write_text(PAGE, filled(PAGE.read_text(encoding="utf-8"), table))
 

@@ -64,8 +64,8 @@ def spent_s() -> float:
 def timed(job: Callable[[], Any]) -> tuple[Any, float]:
     """Result of a job, and the processor time that it takes [s]."""
     before = spent_s()
-    found = job()
-    return found, spent_s() - before
+    result = job()
+    return result, spent_s() - before
 
 
 def distance(a: Array, b: Array) -> float:
@@ -94,13 +94,13 @@ def compare(ours: Side, theirs: Side, tolerance: float, quantity: str = "state")
     """Refine both up to a tolerance, compare the results, let them take turns at the levels found."""
     _, prepare_s = timed(lambda: ours.ready(0))
     sides = (ours, theirs)
-    found = [converged(side, tolerance) for side in sides]
+    results = [converged(side, tolerance) for side in sides]
     times: tuple[list[float], list[float]] = ([], [])
     for _ in range(TURNS):
-        for side, (level, _, _), kept in zip(sides, found, times, strict=True):
+        for side, (level, _, _), kept in zip(sides, results, times, strict=True):
             kept.append(timed(side.ready(level))[1])
-    words = [side.setting(level) for side, (level, _, _) in zip(sides, found, strict=True)]
-    apart, errors = distance(found[0][2], found[1][2]), [change for _, change, _ in found]
+    words = [side.setting(level) for side, (level, _, _) in zip(sides, results, strict=True)]
+    apart, errors = distance(results[0][2], results[1][2]), [change for _, change, _ in results]
     return Outcome(
         f"{quantity} {apart:.0e}",
         " / ".join(f"{error:.0e}" for error in errors),
@@ -121,6 +121,13 @@ def our_side(scene: Scene, step_s: float, state: Callable[[Array], Array], metho
         rollout = build_rollout(
             loop, duration_s=duration_s, step_s=step_s / 2**level, output_step_s=duration_s, method=method
         )
-        return lambda: state(rollout.run().state[-1])
+
+        def run() -> Array:
+            trajectory = rollout.run()
+            final = state(trajectory.state[-1])
+            # numbers of a rollout that diverged are none, so that its level does not count as converged
+            return final if trajectory.status == "completed" else np.full_like(final, np.nan)
+
+        return run
 
     return Side(ready, lambda level: f"{method}, {step_s / 2**level * 1e3:g} ms")

@@ -1,4 +1,4 @@
-"""Torques that no program has to compute: constant ones of joints and of a base."""
+"""Torques that each program computes in one line: constant ones, and position control of joints."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from spacerobot.elements import Contribution, RobotContext, register
 from spacerobot.elements.controllers.controller import RobotController
 from spacerobot.elements.core.contribution import ControlChannel
 from spacerobot.elements.core.robot_element import Part
+from spacerobot.elements.sensors.joint_position import joint_position
 from spacerobot.section import Vector, quantity
 
 
@@ -42,3 +43,23 @@ class ConstantBaseTorque(RobotController):
         drive = plant.reduced(turning)
         channel = ControlChannel(robot.name, turning, drive, sense, command, None, moves_tip=False)
         return Contribution(channels=(channel,))
+
+
+@register
+class SinePosition(RobotController):
+    """Position control of joints with sinusoidal commands."""
+
+    kind: Literal["sine_position"] = "sine_position"
+    kp: tuple[float, ...] = quantity("N m/rad", "of each free joint, in the order of the model")
+    kv: tuple[float, ...] = quantity("N m s/rad", "of each free joint")
+    amplitude: tuple[float, ...] = quantity("rad", "of each joint's command")
+    frequency: tuple[float, ...] = quantity("Hz", "of each joint's command")
+
+    def build(self, robot: RobotContext) -> Contribution:
+        """Torques kp (command - position) - kv rate."""
+        plant = robot.plant
+        positions = ca.vertcat(*(joint_position(plant.model, joint, plant.q) for joint in robot.joints))
+        angles = 2 * ca.pi * ca.DM(self.frequency) * robot.context.time
+        errors = ca.DM(self.amplitude) * ca.sin(angles) - positions
+        rates = plant.v[list(robot.columns)]
+        return Contribution(torques=(robot.torque(ca.DM(self.kp) * errors - ca.DM(self.kv) * rates),))

@@ -6,8 +6,8 @@ import numpy as np
 
 from benchmarks.peers.basilisk import Built, basilisk_side, driven
 from benchmarks.peers.compare import Outcome, PeerScene, Side, compare, our_side
-from benchmarks.peers.mjcf import coordinates, mjcf, motors
 from spacerobot.arrays import Array
+from spacerobot.exports.mjcf_bodies import coordinates, mjcf, motors
 from spacerobot.scene import Scene, load_scene
 
 DURATION, TOLERANCE = 60.0, 1e-6
@@ -41,7 +41,7 @@ def measure() -> Outcome:
     storage = scene.robots[0].config.actuators["wheels"].momentum_storage()
     count = len(storage.speeds)
     names = [f"wheel_{i}" for i in range(count)]
-    text = mjcf(scene, wheels=(storage.axes, storage.inertia), more=motors(names))
+    text = mjcf(scene, wheels={1: (storage.axes, storage.inertia)}, more=motors(names))
     commands = -np.linalg.pinv(storage.axes) @ TORQUE
 
     def moved(position: Array, velocity: Array, t: float, sign: int) -> tuple[Array, Array]:

@@ -7,7 +7,6 @@ import functools
 import numpy as np
 
 from benchmarks.peers.compare import Job, Outcome, PeerScene, Side, compare
-from benchmarks.peers.mjcf import coordinates, mjcf, motors
 from optim.planning.formulation.formulate import formulate
 from optim.planning.solver.ipopt import solve
 from optim.planning.transcription.collocation_program import CollocationProgram
@@ -15,6 +14,7 @@ from optim.planning.transcription.initial_guess import initial_guess
 from optim.planning.transcription.instant_functions import build_instants
 from optim.planning.transcription.lobatto import Lobatto
 from spacerobot.arrays import Array
+from spacerobot.exports.mjcf_bodies import coordinates, mjcf, motors
 from spacerobot.scene import Scene, load_scene
 
 SCENARIO, TOLERANCE = "detumble-published", 1e-5

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.peers.compare import Job, Outcome, PeerScene, Side, compare
-from benchmarks.peers.mjcf import coordinates, mjcf
 from benchmarks.peers.scenes.mujoco_plant import our_plant
 from spacerobot.arrays import Array
+from spacerobot.exports.mjcf_bodies import coordinates, mjcf
 from spacerobot.scene import Scene, load_scene
 
 DURATION, TOLERANCE = 4.0, 1e-6

@@ -7,9 +7,9 @@ import math
 from scipy.optimize import brentq
 
 from benchmarks.peers.compare import Outcome, PeerScene, compare
-from benchmarks.peers.mjcf import mjcf, numbers
 from benchmarks.peers.scenes.drake_contact import DURATION, STIFFNESS, TITLE, bounce, spheres
 from benchmarks.peers.scenes.mujoco_plant import our_plant, their_plant
+from spacerobot.exports.mjcf_bodies import mjcf, numbers
 from spacerobot.scene import load_scene
 
 TOLERANCE, STIFF = 1e-4, 5000.0  # [1/s^2] about the stiffness of ours over the masses that meet

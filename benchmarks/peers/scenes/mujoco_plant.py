@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.peers.compare import Job, Outcome, PeerScene, Side, compare, our_side
-from benchmarks.peers.mjcf import coordinates, mjcf
 from spacerobot.arrays import Array
+from spacerobot.exports.mjcf_bodies import coordinates, mjcf
 from spacerobot.scene import Scene, load_scene
 
 DURATION, TOLERANCE = 10.0, 1e-7

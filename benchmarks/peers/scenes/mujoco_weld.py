@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.peers.compare import Job, Outcome, PeerScene, Side, compare
-from benchmarks.peers.mjcf import coordinates, mjcf, pose
 from benchmarks.peers.scenes.mujoco_plant import our_plant
 from spacerobot.arrays import Array
 from spacerobot.elements import load_plugin
+from spacerobot.exports.mjcf_bodies import coordinates, mjcf, pose
 from spacerobot.scene import Scene, load_scene
 
 DURATION, TOLERANCE = 4.0, 1e-5

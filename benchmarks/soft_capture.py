@@ -1,0 +1,291 @@
+"""Soft captures of tumbling satellites: 250 draws planned, flown by independent equations and judged.
+
+The problem is that of Sow, Gutow, Choset and Manchester 2024 (arXiv:2405.00867), the scenario
+``soft-capture``.
+``python -m benchmarks.soft_capture FILE [FIRST LAST]`` plans draws and adds them to a file, line by line.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import itertools
+import json
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from benchmarks.table_row import Row
+from optim.planning.search.make_plan import make_plan
+from optim.planning.transcription.motion import Motion
+from spacerobot.arrays import Array
+from spacerobot.errors import NoPlanError
+from spacerobot.scene import load_scene
+
+SEED, DRAWS, IN_BENCH = 0, 250, 20
+MU, AXIS = 3.986004418e14, 7738e3
+RATE = float(np.sqrt(MU / AXIS**3))
+"""Mean motion [rad/s]."""
+PORT = 1.35
+"""Distance of each port from its body's centre along its own z axis [m]."""
+MASS = 1500.0
+CHASER = np.array([[16.072, 3.07409e-11, 4.25544e-8], [0, 13.3014, 4.49124e-10], [0, 0, 16.0409]])
+TARGET = np.array([[5.89056, -1.37725e-7, 2.97917e-8], [0, 11.4462, 0.233516], [0, 0, 11.5365]])
+THRUST, SPEED, SPIN = 100.0, 1.5, 0.2
+POSITION, VELOCITY = 0.35, 0.03
+CONE, VIEW = np.radians(30), np.radians(30)
+CONE_TIME = 5.0
+ALLOWED = 1e-3
+"""Excess over a limit that counts as none, relative to it: the planner's own."""
+
+
+@dataclass(frozen=True)
+class Draw:
+    """Initial conditions in rotating Hill axes.
+
+    Attributes:
+        position, velocity: Of the chaser (3,) each [m], [m/s].
+        attitude: Of the target, a quaternion x, y, z, w (4,).
+        spin: Of the target, its own axes (3,) [rad/s].
+    """
+
+    position: Array
+    velocity: Array
+    attitude: Array
+    spin: Array
+
+    @property
+    def pointing(self) -> Rotation:
+        """Attitude of the chaser: its z axis points at the target, turned the shortest way."""
+        to_target = -self.position / np.linalg.norm(self.position)
+        axis = np.cross([0, 0, 1], to_target)
+        angle = np.arctan2(np.linalg.norm(axis), to_target[2])
+        return Rotation.from_rotvec(angle * axis / np.linalg.norm(axis))
+
+    def changes(self) -> dict[str, Any]:
+        """Numbers of the scenario."""
+        target = Rotation.from_quat(self.attitude)
+        return {
+            "robots.chaser.base.position": self.position.tolist(),
+            "robots.chaser.base.velocity": self.velocity.tolist(),
+            "robots.chaser.base.rotation_deg": self.pointing.as_euler("xyz", degrees=True).tolist(),
+            "target.base.rotation_deg": target.as_euler("xyz", degrees=True).tolist(),
+            "target.base.spin_deg": np.degrees(target.apply(self.spin)).tolist(),
+        }
+
+
+def draws(count: int = DRAWS) -> list[Draw]:
+    """Safety ellipses of 15 to 25 m radially and 10 to 25 m across the orbit, tumbles up to 10 deg/s."""
+    rng, drawn = np.random.default_rng(SEED), []
+    for _ in range(count):
+        sides = rng.choice([-1.0, 1.0], 6)
+        a, b = rng.uniform(15, 25), rng.uniform(10, 25)
+        x, z = sides[0] * a * rng.uniform(0.5, 1), sides[1] * b * rng.uniform(0.5, 1)
+        u, w = sides[2] * RATE * np.sqrt(a**2 - x**2), sides[3] * RATE * np.sqrt(b**2 - z**2)
+        direction, attitude = rng.normal(size=3), rng.normal(size=4)
+        spin = np.radians(10) * rng.uniform() * direction / np.linalg.norm(direction)
+        drawn.append(
+            Draw(
+                np.array([x, 2 * u / RATE, z]),
+                np.array([u, -2 * RATE * x, w]),
+                attitude / np.linalg.norm(attitude),
+                spin,
+            )
+        )
+    return drawn
+
+
+def symmetric(upper: Array) -> Array:
+    """Matrix of its upper triangle."""
+    return np.asarray(upper + np.triu(upper, 1).T)
+
+
+def flown(draw: Draw, wrench: Callable[[float], Array], knots: Array) -> tuple[Array, Array, Array]:
+    """Times (n,), states of chaser (n, 13) and target (n, 7) under a wrench, by independent equations.
+
+    The chaser's centre moves by the exact relative equations of two bodies in Hill axes, with x = (position,
+    velocity); attitudes x, y, z, w are relative to inertial axes and spins, in own axes, too, so that the
+    bodies obey Euler's equations with the torque of the gravity gradient. At the start both axes coincide.
+
+    Args:
+        draw: Initial conditions.
+        wrench: Force and torque (6,) on the chaser, its own axes, at a time [s].
+        knots: Times at which the wrench jumps, first and last among them [s].
+    """
+    inertias = symmetric(CHASER), symmetric(TARGET)
+
+    def turning(state: Array, inertia: Array, up: Array, torque: Array) -> Array:
+        q, w = state[:4], state[4:]
+        n = Rotation.from_quat(q).inv().apply(up)
+        torque = torque + 3 * RATE**2 * np.cross(n, inertia @ n)
+        rate = 0.5 * np.concatenate([q[3] * w + np.cross(q[:3], w), [-q[:3] @ w]])
+        return np.concatenate([rate, np.linalg.solve(inertia, torque - np.cross(w, inertia @ w))])
+
+    def rates(t: float, x: Array) -> Array:
+        force = wrench(t)
+        hill = Rotation.from_rotvec([0, 0, RATE * t])  # from Hill to inertial axes
+        push = hill.inv().apply(Rotation.from_quat(x[6:10]).apply(force[:3])) / MASS
+        place, speed = x[:3], x[3:6]
+        away = np.array([AXIS, 0, 0]) + place
+        pull = -MU * away / np.linalg.norm(away) ** 3
+        pull += [RATE**2 * away[0] + 2 * RATE * speed[1], RATE**2 * away[1] - 2 * RATE * speed[0], 0]
+        up = hill.apply([1.0, 0, 0])
+        chaser = turning(x[6:13], inertias[0], up, force[3:])
+        return np.concatenate([speed, pull + push, chaser, turning(x[13:], inertias[1], up, np.zeros(3))])
+
+    frame = np.array([0, 0, RATE])
+    target, chaser = Rotation.from_quat(draw.attitude), draw.pointing
+    x = np.concatenate(
+        [
+            draw.position,
+            draw.velocity,
+            chaser.as_quat(),
+            chaser.inv().apply(frame),
+            draw.attitude,
+            draw.spin + target.inv().apply(frame),
+        ]
+    )
+    times, states = [0.0], [x]
+    for begin, end in itertools.pairwise(knots):
+        inside = np.linspace(begin, end, max(2, int(np.ceil((end - begin) / 0.25)) + 1))
+        solved = solve_ivp(rates, (begin, end), x, "DOP853", inside, rtol=1e-9, atol=1e-10)
+        x = solved.y[:, -1]
+        times += inside[1:].tolist()
+        states += list(solved.y.T[1:])
+    found = np.array(states)
+    return np.array(times), found[:, :13], found[:, 13:]
+
+
+def violations(times: Array, chaser: Array, target: Array, wrenches: Array) -> dict[str, float]:
+    """Largest value over its limit of each constraint, less one; of hulls the least distance negated [m]."""
+    import coal
+
+    hill = Rotation.from_rotvec(np.outer(times, [0, 0, RATE]))
+    bodies = [
+        hill.inv() * Rotation.from_quat(one) for one in (chaser[:, 6:10], target[:, :4])
+    ]  # in Hill axes
+    frame = np.array([0, 0, RATE])
+    spins = [b.apply(w) - frame for b, w in zip(bodies, (chaser[:, 10:], target[:, 4:]), strict=True)]
+    place, speed = chaser[:, :3], chaser[:, 3:6]
+    axes = [body.apply([0.0, 0, 1]) for body in bodies]
+    ports = place + PORT * axes[0], PORT * axes[1]
+    # of the chaser's port, and of the target's point there
+    moving = speed + np.cross(spins[0], PORT * axes[0]), np.cross(spins[1], ports[0])
+    # the chaser's centre in the cone of the target's port, as published
+    away = place - ports[1]
+    along = np.einsum("ij,ij->i", away, axes[1])
+    across = np.linalg.norm(away - along[:, None] * axes[1], axis=1)
+    late = times >= times[-1] - CONE_TIME
+    angle = np.arccos(np.clip(np.einsum("ij,ij->i", axes[0], -place) / np.linalg.norm(place, axis=1), -1, 1))
+    pads, shapes = load_scene("soft-capture").scenario.pads, []
+    for name in ("chaser", "target"):
+        points = coal.StdVec_Vec3s()
+        points.extend([np.array(point) for point in pads[name].points])
+        shapes.append(coal.Convex.convexHull(points, False, ""))
+    gaps = []
+    for k in range(len(times)):
+        result = coal.DistanceResult()
+        chaser_at = coal.Transform3s(bodies[0][k].as_matrix(), place[k])
+        target_at = coal.Transform3s(bodies[1][k].as_matrix(), np.zeros(3))
+        coal.distance(shapes[0], chaser_at, shapes[1], target_at, coal.DistanceRequest(), result)
+        gaps.append(result.min_distance)
+    return {
+        "thrust": float(np.linalg.norm(wrenches[:, :3], axis=1).max() / THRUST - 1),
+        "speed": float(np.linalg.norm(speed, axis=1).max() / SPEED - 1),
+        "spin": float(np.linalg.norm(spins[0], axis=1).max() / SPIN - 1),
+        "view": float(angle.max() / VIEW - 1),
+        "cone": float((np.arctan2(across, along)[late]).max() / CONE - 1),
+        "position": float(np.linalg.norm(ports[0][-1] - ports[1][-1]) / POSITION - 1),
+        "velocity": float(np.linalg.norm(moving[0][-1] - moving[1][-1]) / VELOCITY - 1),
+        "hulls": -float(min(gaps)),
+    }
+
+
+def wrench_of(motion: Motion) -> Callable[[float], Array]:
+    """Force and torque (6,) of a plan on the chaser at a time [s]."""
+    knots, points = np.array(motion.mesh.knots) * motion.duration_s, motion.lobatto.points
+
+    def wrench(time: float) -> Array:
+        n = int(np.clip(np.searchsorted(knots, time, side="right") - 1, 0, motion.intervals - 1))
+        place = (time - knots[n]) / (knots[n + 1] - knots[n])
+        rows = slice(n * (points - 1), (n + 1) * (points - 1) + 1)
+        return np.asarray(motion.lobatto.values_at(np.array([place]))[0] @ motion.u[rows])
+
+    return wrench
+
+
+def planned(draw: Draw) -> dict[str, Any]:
+    """Plan a draw, fly it and judge it: status, processor time [s], duration [s], impulse [N s], excesses."""
+    scene = load_scene("soft-capture", draw.changes())
+    began = time.process_time()
+    try:
+        plan = make_plan(scene)
+    except NoPlanError as fault:
+        return {"status": "no plan", "cpu_s": time.process_time() - began, "why": fault.message}
+    spent, motion = time.process_time() - began, plan.motion
+    knots, wrench = np.array(motion.mesh.knots) * motion.duration_s, wrench_of(motion)
+    times, chaser, target = flown(draw, wrench, knots)
+    wrenches = np.array([wrench(t) for t in times])
+    excess = violations(times, chaser, target, wrenches)
+    fine = np.linspace(0, motion.duration_s, 20 * len(times))
+    forces = np.array([wrench(t)[:3] for t in fine])
+    return {
+        "status": "verified" if all(value <= ALLOWED for value in excess.values()) else "violated",
+        "cpu_s": spent,
+        "duration_s": motion.duration_s,
+        "impulse_Ns": float(np.trapezoid(np.linalg.norm(forces, axis=1), fine)),
+        "iterations": sum(run.iterations for run in plan.runs),
+        "excess": excess,
+    }
+
+
+def row() -> list[Row]:
+    """The first draws planned, beside the published convex formulation."""
+    results = [planned(draw) for draw in draws()[:IN_BENCH]]
+    verified = [one for one in results if one["status"] == "verified"]
+    ours = statistics.median(one["cpu_s"] for one in results)
+    what = f"{IN_BENCH} soft captures planned, position and attitude"
+    note = f"{len(verified)} of {IN_BENCH} verified by an independent flight"
+    numbers: dict[str, Any] = {"ours": results}
+    missing = [name for name in ("cvxpy", "clarabel") if importlib.util.find_spec(name) is None]
+    if missing:
+        note += f"; theirs not measured: {', '.join(missing)} missing, `pip install 'spacerobot[convex]'`"
+        return [Row(what, "convex program of the translation", f"{ours:.2f} s", note=note, numbers=numbers)]
+    from benchmarks import soft_capture_convex as convex
+
+    theirs = [convex.solved(draw) for draw in draws()[:IN_BENCH]]
+    safe = [one for one in theirs if one["status"] == "safe"]
+    median = statistics.median(one["cpu_s"] for one in theirs)
+    note += f"; {len(safe)} of {IN_BENCH} safe by theirs"
+    return [
+        Row(
+            what,
+            "convex program of the translation, CVXPY and Clarabel",
+            f"{ours:.2f} s",
+            f"{median:.2f} s",
+            ours / median,
+            note=note,
+            numbers=numbers | {"theirs": theirs},
+        )
+    ]
+
+
+def main() -> None:
+    """Plan draws and append their results to a file."""
+    path, *numbers = sys.argv[1:]
+    first, last = (int(number) for number in numbers) if numbers else (0, DRAWS)
+    for k, draw in enumerate(draws()[first:last], first):
+        line = json.dumps({"draw": k, **planned(draw)})
+        with Path(path).open("a") as file:
+            file.write(line + "\n")
+
+
+if __name__ == "__main__":
+    main()
