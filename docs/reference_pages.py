@@ -298,6 +298,7 @@ LAWS = {
     "spacerobot/elements/actuators": "Actuators",
     "spacerobot/elements/contacts": "Contacts",
     "spacerobot/elements/estimators": "Estimators",
+    "spacerobot/elements/sensors": "Sensors",
     "spacerobot/elements/flexible": "Flexible links",
     "spacerobot/elements/core": "Sampling",
     "spacerobot/closedloop": "Closed loop",
