@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 
 from spacerobot.elements import RobotController, TipController
-from spacerobot.elements.controllers.joint_plan import JointPlanController
 from spacerobot.scenario import Robot
 from spacerobot.scene import Scene
 from spacerobot.updates import UpdatedScene
@@ -39,12 +39,11 @@ def plans(scene: Scene) -> dict[str, Sequence[str]]:
     """Parameters that plans from outside replace, dotted paths by a name."""
     plans = dict[str, Sequence[str]]()
     for path, controller in controllers(scene):
-        if isinstance(controller, JointPlanController) and controller.replanning is not None:
-            motion = controller.planned
-            points, joints = range(len(motion.times)), range(len(motion.joints))
+        if isinstance(controller, RobotController) and controller.replanning is not None:
             plans[f"{path}.begin"] = [f"{path}.begin"]
-            for key in ("position", "rate", "effort"):
-                plans[f"{path}.{key}"] = [f"{path}.knots.{key}.{k}.{j}" for k in points for j in joints]
+            for key, (rows, columns) in controller.replanning.tables.items():
+                cells = itertools.product(range(rows), range(columns))
+                plans[f"{path}.{key.removeprefix('knots.')}"] = [f"{path}.{key}.{k}.{j}" for k, j in cells]
     return plans
 
 

@@ -160,6 +160,15 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
             "rate": [[0, 0, 0], [0.2, -0.1, 0.3], [0, 0, 0]],
             "effort": [[1, 2, 3], [0.5, -1, 2], [1, 0.5, 0.5]],
         },
+        "kd_linear": 20,
+        "kd_angular": 3,
+        "base_knots": {
+            "times": [0, 0.8, 1.6],
+            "points": 3,
+            "axes": ["tz", "fx"],
+            "wrench": [[1, 2], [0.5, -1], [1, 0.5]],
+            "rate": [[0, 0], [0.1, 0.2], [0, 0]],
+        },
     },
     # what it refuses and what its actions do is in tests/learning
     ("robot_controller", "policy"): {"held": True},
@@ -298,7 +307,8 @@ def changes(family, kind):
         return {"robots.one.estimators": {"own": section}}
     if family == "robot_controller":
         ideal = {"robots.one.actuators": {"ideal": {"kind": "base_wrench"}}}
-        return {"robots.one.controllers": {"own": section}} | (ideal if kind.startswith("base_") else {})
+        drives_base = kind.startswith("base_") or kind == "mpc"
+        return {"robots.one.controllers": {"own": section}} | (ideal if drives_base else {})
     if family == "actuator":
         held = {"turn": {"kind": "base_attitude", "kp": 40, "kd": 20}}
         holds = {"robots.one.controllers": held} if elements.kinds(family)[kind].base_wrench else {}

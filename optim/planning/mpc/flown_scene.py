@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optim.planning.formulation.formulate import plan_section
+from optim.planning.formulation.path_constraints import driven_coordinates
 from optim.planning.mpc.horizon import ROUNDING, Horizon
 from optim.planning.mpc.measured_state import sensors_of
 from optim.planning.transcription.lobatto import Lobatto
@@ -22,8 +23,8 @@ from spacerobot.scenario.phases import reached_from, successors
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scene import Scene, build_scene
 
-TABLES = ("position", "rate", "effort")
-"""Values of a plan at its points."""
+TABLES, BASE_TABLES = ("position", "rate", "effort"), ("wrench", "rate")
+"""Values of a plan at its points, of joints and of a base."""
 
 
 def mpc_controllers(scene: Scene) -> dict[str, tuple[str, Replanning]]:
@@ -48,7 +49,8 @@ class FlownScene:
     Attributes:
         scene: Scene whose controllers hold the points of one period, numbers that plans replace.
         settings: Settings that all mpc controllers share.
-        joints: Names of each robot's joints in the order of these points, by robot.
+        joints, axes: Names of each robot's joints, and of the axes of its base that plans drive, in the order
+            of these points, by robot.
         duration_s: Duration of the simulation [s]: that of the plan where there are no phases.
         phase: Phase in which plans are made, if another one comes before it.
     """
@@ -56,6 +58,7 @@ class FlownScene:
     scene: Scene
     settings: Replanning
     joints: dict[str, tuple[str, ...]]
+    axes: dict[str, tuple[str, ...]]
     duration_s: float
     phase: str | None = None
 
@@ -71,21 +74,36 @@ class FlownScene:
             ScenarioError: If the scene has no such controllers, or the plan does not fit them.
         """
         settings, plan, changes = mpc_settings(scene), first_plan(scene), dict[str, Any]()
-        duration, joints = scene.scenario.simulation.duration, dict[str, tuple[str, ...]]()
+        duration, phase = scene.scenario.simulation.duration, mpc_phase(scene)
+        joints, axes = dict[str, tuple[str, ...]](), dict[str, tuple[str, ...]]()
         if not scene.scenario.phases:
             changes["simulation.duration"] = duration = plan.duration.upper
-        lobatto = Lobatto.of_order(plan.order)
+        lobatto, driven = Lobatto.of_order(plan.order), driven_coordinates(scene, plan.limits)
         mating = dict(goal.mating for goal in plan.goals.values() if goal.mating)
+        active = scene.scenario.during(phase) if phase else scene.scenario
         for body in scene.robots:
             name, (key, _) = body.name, mpc_controllers(scene)[body.name]
             joints[name] = tuple(body.joint_name(scene.model, joint) for joint in body.driven_joints)
-            rows = np.ones((lobatto.points, len(joints[name]))).tolist()
+            axes[name] = tuple(driven.of_base(name))
             path = f"robots.{name}.controllers.{key}"
+            for other, controller in active.robots[name].controllers.items():
+                if axes[name] and other != key and controller.own_wrench:
+                    raise scene.error(
+                        f"acts on the base, which plans drive; write `{other}: null` where plans are made, "
+                        "or leave the base to it by `limits: {base_torque: 0, base_force: 0}` of the plan",
+                        f"robots.{name}.controllers.{other}",
+                    )
             estimators = body.config.estimators.values() if isinstance(body.config, Robot) else ()
             made = {signal for estimator in estimators for signal in estimator.makes}
             times = (lobatto.nodes * settings.period).tolist()
-            points = {"times": times, "points": len(times), "joints": list(joints[name])}
-            changes[f"{path}.knots"] = points | dict.fromkeys(TABLES, rows)
+            for knots, what, columns, tables in (
+                ("knots", "joints", joints[name], TABLES),
+                ("base_knots", "axes", axes[name], BASE_TABLES),
+            ):
+                if columns:
+                    rows = np.ones((lobatto.points, len(columns))).tolist()
+                    points = {"times": times, "points": len(times), what: list(columns)}
+                    changes[f"{path}.{knots}"] = points | dict.fromkeys(tables, rows)
             changes[f"{path}.signals"] = [
                 signal
                 for signal, sensor in sensors_of(scene)[name]
@@ -96,20 +114,20 @@ class FlownScene:
             changes[f"{path}.frames"] = {
                 tip: link for tip, link in mating.items() if tip.startswith(f"{name}/")
             }
-        phase = mpc_phase(scene)
         if phase == next(iter(scene.scenario.phases), None):
             phase = None
         built = build_scene(scene.scenario, changes, source=scene.source)
-        return cls(built, settings, joints, duration, phase)
+        return cls(built, settings, joints, axes, duration, phase)
 
     def places(self, paths: Sequence[str]) -> NDArray[np.int64]:
         """Places among the parameters of a closed loop, by their paths, of what :meth:`numbers` gives."""
         place, indices = {path: i for i, path in enumerate(paths)}, []
-        for robot, (key, _) in mpc_controllers(self.scene).items():
-            path, count = f"robots.{robot}.controllers.{key}", len(self.joints[robot])
-            points = first_plan(self.scene).order // 2 + 1
-            cells = list(itertools.product(TABLES, range(points), range(count)))
-            indices += [place[f"{path}.begin"], *(place[f"{path}.knots.{t}.{k}.{j}"] for t, k, j in cells)]
+        for robot, (key, replanning) in mpc_controllers(self.scene).items():
+            path = f"robots.{robot}.controllers.{key}"
+            indices.append(place[f"{path}.begin"])
+            for table, (rows, columns) in replanning.tables.items():
+                cells = itertools.product(range(rows), range(columns))
+                indices += [place[f"{path}.{table}.{k}.{j}"] for k, j in cells]
         return np.array(indices, dtype=np.int64)
 
     def resting(self, state: Array) -> Array:
@@ -122,7 +140,8 @@ class FlownScene:
         values: list[Array] = []
         for body in self.scene.robots:
             angles = [joint_angle(model.joints[joint], state) for joint in body.driven_joints]
-            values += [np.zeros(1), np.tile(angles, points), np.zeros(2 * points * len(angles))]
+            none = np.zeros(2 * points * (len(angles) + len(self.axes[body.name])))
+            values += [np.zeros(1), np.tile(angles, points), none]
         return np.concatenate(values)
 
     def replans_at(self, begin: float) -> bool:
@@ -155,6 +174,8 @@ class FlownScene:
                 still = rests if table == "position" else dict.fromkeys(names, 0.0)
                 knots[table] = [(still | row)[name] for row in rows for name in names]
             values += [np.array([begin + now]), *(np.array(knots[table]) for table in TABLES)]
+            if self.axes[robot]:
+                values += [table.ravel() for table in horizon.base_knots(now, self.settings.period, robot)]
         return np.concatenate(values)
 
 

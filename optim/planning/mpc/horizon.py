@@ -11,20 +11,23 @@ flown of the first one suits them. It is not planned again behind its end.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import time
 from dataclasses import dataclass, field
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 
+from optim.planning.formulation.reaction_wheels import commanded_base_wrench
 from optim.planning.formulation.stage import PlanningProblem
 from optim.planning.search.make_plan import failure_message
 from optim.planning.search.plan_solver import PlanSolver
 from optim.planning.search.solve_request import solve_request
 from optim.planning.solver.ipopt import PATIENCE, Solution, solve
-from optim.planning.transcription.collocation_program import CollocationProgram
 from optim.planning.transcription.initial_guess import initial_guess
+from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.mesh_transfer import transfer_constrained, transfer_remaining
 from optim.planning.transcription.motion import Motion, PhasedMotion
 from optim.planning.transcription.phase_chain import PhaseChain
@@ -117,6 +120,7 @@ class Horizon:
             inertia: Inertial parameters of the target as they are estimated (10,); as before if None.
         """
         clock, scale = time.perf_counter(), self.solution.scale
+        measured = continued(self.solver.scene.model, measured, self.at(np.array([begin]))[0][0])
         solver = self.solver.with_first(problem=with_inertia(self.solver.problem, inertia))
         problem = self._problem(solver, begin, measured)
         duration, full_intervals = problem.duration[0], self.solver.plan.intervals
@@ -137,7 +141,9 @@ class Horizon:
         parts[0] = transfer_remaining(parts[0], self.program.programs[0], program.programs[0], gone)
         warm = dataclasses.replace(
             self.solution,
-            multipliers=np.concatenate([part.multipliers for part in parts]),
+            multipliers=np.concatenate(
+                [*(part.multipliers for part in parts), np.zeros(len(program.rest.least))]
+            ),
             bound_multipliers=np.concatenate([part.bound_multipliers for part in parts]),
         )
         # unknowns of what is left of the present plan, and on as everything moves at its end
@@ -148,9 +154,10 @@ class Horizon:
         for k, late in enumerate(times - end):
             if late > ROUNDING * duration:
                 q[k], a[k], u[k] = pin.integrate(model, q[k], v[k] * late), 0.0, 0.0
-        z = np.hstack([q, v, a, u, w])
+        z = np.hstack([q, v, a, u, w, np.zeros((len(q), problem.stage.s.numel()))])
         z[0, : first.nx] = measured
-        ahead = np.concatenate([z.ravel(), [duration], *later])
+        ahead = Motion(problem, solver.lobatto, first.mesh, duration, z).split_forces().unknowns
+        ahead = np.concatenate([ahead, *later])
         candidate = solve(program, ahead, warm, iterations=min(iterations, PATIENCE))
         spent = candidate.iterations
         if not is_usable(program, candidate) and spent < iterations:
@@ -182,12 +189,9 @@ class Horizon:
 
     def _program(self, solver: PlanSolver, problem: PlanningProblem, intervals: int) -> PhaseChain:
         """Program of what is left of the first phase, and of those that follow."""
-        first = CollocationProgram(problem, solver.instants, solver.lobatto, intervals)
-        rest = [
-            CollocationProgram(one.problem, one.instants, solver.lobatto, old.mesh)
-            for one, old in zip(solver.phases[1:], self.program.programs[1:], strict=True)
-        ]
-        return PhaseChain([first, *rest], solver.links)
+        meshes = Mesh.of(intervals), *(old.mesh for old in self.program.programs[1:])
+        request = solver.request(duration=problem.duration, weights=problem.weights)
+        return solver.with_first(problem=problem).program(request, meshes)
 
     def _problem(self, solver: PlanSolver, begin: float, measured: Array) -> PlanningProblem:
         """The problem from a time on.
@@ -198,7 +202,7 @@ class Horizon:
         problem, left = solver.problem, self.first_duration_s - begin
         behind = left < ROUNDING * self.first_duration_s
         duration = self.min_horizon if behind else left
-        z = np.concatenate(self.at(np.array([begin])), axis=1)[0]
+        z = self._instants(np.array([begin]))[0]
         z[: measured.size] = measured
         values = solver.instants.call("values", problem.arguments(z[None, :]))[measured.size :, 0]
         rows = []
@@ -225,8 +229,28 @@ class Horizon:
 
         Behind its end they are those at its end.
         """
-        parts = np.clip((times - self.begin_s) / self.motion.duration_s, 0.0, 1.0)
-        return self.motion.parts(self.motion.along(parts))
+        return self.motion.parts(self._instants(times))
+
+    def _instants(self, times: Array) -> Array:
+        """Instants (n, nz) of the present plan at times (n,) [s]; see :meth:`at`."""
+        return self.motion.along(np.clip((times - self.begin_s) / self.motion.duration_s, 0.0, 1.0))
+
+    @functools.cached_property
+    def _commanded(self) -> ca.Function:
+        """Wrench commanded along the axes of driven bases (n x 1) [N, N m] as a function of an instant."""
+        stage = self.motion.problem.stage
+        return ca.Function("commanded", [stage.z], [ca.densify(commanded_base_wrench(stage))])
+
+    def base_knots(self, now: float, period: float, robot: str) -> tuple[Array, Array]:
+        """Commanded wrench and rate (points, axes) of a robot's base in the next period, as :meth:`knots`.
+
+        Forces, torques, velocities and spins are along the driven axes of the root link [N, N m, m/s, rad/s].
+        """
+        driven, count = self.motion.problem.stage.driven, len(self.motion.problem.stage.driven.joints)
+        z = self._instants(now + self.solver.lobatto.nodes * period)
+        base = [k for k, name in enumerate(driven.names) if name.startswith(f"{robot}/base.") and k >= count]
+        wrench = np.array(self._commanded(z.T).full())[[k - count for k in base]].T
+        return wrench, self.motion.parts(z)[1][:, [driven.columns[k] for k in base]]
 
     def knots(self, now: float, period: float, robot: str) -> dict[str, Any]:
         """Motion of a robot's joints in the next period [s], at the points of one interval."""
@@ -251,6 +275,16 @@ class Horizon:
 def with_inertia(problem: PlanningProblem, inertia: Array | None) -> PlanningProblem:
     """Problem with an estimate of the target's inertial parameters (10,); as it is if None."""
     return problem if inertia is None else dataclasses.replace(problem, inertia=inertia)
+
+
+def continued(model: Any, state: Array, near: Array) -> Array:
+    """State (nq + nv,) with each quaternion of the sign that is nearer to that of a configuration (nq,)."""
+    state = state.copy()
+    for joint in model.joints[1:]:
+        if joint.nq == 7:
+            turn = slice(joint.idx_q + 3, joint.idx_q + 7)
+            state[turn] *= 1.0 if state[turn] @ near[turn] >= 0 else -1.0
+    return state
 
 
 def is_usable(program: PhaseChain, found: Solution) -> bool:

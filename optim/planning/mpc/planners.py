@@ -42,9 +42,6 @@ class Planners:
         backend: ``auto``, ``compiled`` or ``interpreted``.
         notify: Callback that receives a short message at each step.
         begun: Places of plans and where they begin, if not at the start of the simulation.
-
-    Raises:
-        ScenarioError: If the plan does not suit model predictive control.
     """
 
     def __init__(
@@ -58,13 +55,6 @@ class Planners:
         scene = self._handover.scene
         self._solver = PlanSolver.of(scene, backend, notify, motions=OFTEN)
         self._horizons: dict[int, Horizon] = {}
-        driven = self._solver.problem.stage.driven
-        if len(driven.names) > len(driven.joints):
-            message = (
-                "found an actuator on a base, allowed with kind mpc: only joints are controlled; leave the "
-                "base to its own controller by `limits: {base_torque: 0, base_force: 0}`"
-            )
-            raise scene.error(message, "plan.limits")
 
     def first(self, numbers: Sequence[int], measured: Array, inertia: Sequence[Array | None]) -> list[str]:
         """Plan simulations from their start, each from a first guess.

@@ -1,10 +1,4 @@
-r"""Tracking of a planned motion of a floating base.
-
-$$ w = f\,w_p + K_d\,(v_p - v) $$
-
-with the wrench $w_p$ and velocity $v_p$ of the plan, for each axis of the root link. Position and attitude
-are not fed back. After its end the plan is at rest and commands no wrench.
-"""
+"""Following a planned motion of a floating base; see :mod:`spacerobot.elements.controllers.base_plan`."""
 
 from __future__ import annotations
 
@@ -12,13 +6,13 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
-import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
 
+from spacerobot.elements.controllers.base_plan import PLANAR, planned_parts, planned_wrench
 from spacerobot.elements.controllers.controller import RobotController
 from spacerobot.elements.core.context import RobotContext
-from spacerobot.elements.core.contribution import CommandedTorque, Contribution
+from spacerobot.elements.core.contribution import Contribution
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import Part, RobotProperties
 from spacerobot.elements.references.knot_motion import Knots
@@ -28,11 +22,8 @@ from spacerobot.elements.references.plan_following import (
     known,
     plan_file,
     plan_phase,
-    table,
 )
 from spacerobot.section import Name, quantity
-
-PLANAR, SPATIAL = ("fx", "fy", "tz"), ("fx", "fy", "fz", "tx", "ty", "tz")
 
 
 @register
@@ -72,25 +63,16 @@ class BaseTracking(RobotController):
     @property
     def own_wrench(self) -> frozenset[Part]:
         """Force, torque or both, by the axes that are planned."""
-        return frozenset("torque" if axis.startswith("t") else "force" for axis in self.planned.axes)
+        return planned_parts(self.planned)
 
     def build(self, robot: RobotContext) -> Contribution:
         """Wrench on the base."""
-        motion, number, model = self.planned, robot.context.number, robot.plant.model
+        motion, model = self.planned, robot.plant.model
         knots = Knots.at(robot.context, np.array(motion.times), motion.points, motion.time(robot))
-        axes = range(len(motion.axes))
-        wrench, rate = (
-            knots.force(key, table(robot.context, f"knots.{key}", len(motion.times), axes))
-            for key in ("wrench", "rate")
-        )
         first, size = int(model.idx_vs[robot.base_joint]), int(model.nvs[robot.base_joint])
-        names, command = PLANAR if size == 3 else SPATIAL, ca.SX(robot.plant.v.size1(), 1)
-        for k, axis in enumerate(motion.axes):
-            column = first + names.index(axis)
-            gain = number("kd_angular" if axis.startswith("t") else "kd_linear")
-            command[column] = number("feed_forward") * wrench[k] + gain * (rate[k] - robot.plant.v[column])
+        wrench = planned_wrench(robot, motion, knots, "knots", robot.plant.v[first : first + size])
         events = () if knots.event is None else (knots.event,)
-        return Contribution(torques=(CommandedTorque(robot.name, command),), events=events)
+        return Contribution(torques=(wrench,), events=events)
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
         """Axes that a planar base does not have."""

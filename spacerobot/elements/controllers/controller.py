@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
 from spacerobot.elements.core.context import RobotContext, TipContext
@@ -74,12 +74,14 @@ class Replanning:
         min_horizon: Time that a plan looks ahead at least [s].
         delay: Time from what is sensed to the plan that is made from it being flown [s].
         iterations: Maximum number of the solver's iterations for one plan.
+        tables: Rows (points) and columns of the numbers that a plan replaces, by their keys in the section.
     """
 
     period: float
     min_horizon: float
     delay: float
     iterations: int
+    tables: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
 
 class RobotController(RobotElement):

@@ -18,7 +18,7 @@ from pydantic import Field, model_validator
 
 from spacerobot.elements.controllers.controller import RobotController
 from spacerobot.elements.core.context import RobotContext
-from spacerobot.elements.core.contribution import Contribution
+from spacerobot.elements.core.contribution import CommandedTorque, Contribution
 from spacerobot.elements.core.robot_element import RobotProperties
 from spacerobot.elements.references.knot_motion import Knots
 from spacerobot.elements.references.plan_following import (
@@ -63,7 +63,17 @@ class JointPlanController(RobotController):
 
     def build(self, robot: RobotContext) -> Contribution:
         """Torques."""
-        motion, number, knots = self.planned, robot.context.number, self.among(robot)
+        knots = self.among(robot)
+        events = () if knots.event is None else (knots.event,)
+        return Contribution(torques=(self.joint_torques(robot, knots),), events=events)
+
+    def joint_torques(self, robot: RobotContext, knots: Knots) -> CommandedTorque:
+        """Torques of the joints.
+
+        Args:
+            robot, knots: The robot, and the present instant among the points of the plan.
+        """
+        motion, number = self.planned, robot.context.number
         reference = knots.motion("position", self._table(robot, "position"), self._table(robot, "rate"))
         efforts = ca.SX(len(robot.joints), 1)
         if motion.effort is not None:
@@ -74,8 +84,7 @@ class JointPlanController(RobotController):
             efforts[i] + kp * (reference.value[i] - position) + kd * (reference.rate[i] - speeds[i])
             for i, position in enumerate(read_positions(robot, reference.value))
         ]
-        events = () if knots.event is None else (knots.event,)
-        return Contribution(torques=(robot.torque(ca.vertcat(*torques)),), events=events)
+        return robot.torque(ca.vertcat(*torques))
 
     @property
     def begins(self) -> float:

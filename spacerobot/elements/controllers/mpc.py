@@ -1,8 +1,11 @@
-"""Model predictive control: the plan is recomputed from measurements in each period; the joints track it."""
+"""Model predictive control: the plan is recomputed from measurements in each period; robots track it.
+
+Joints track it as by :mod:`spacerobot.elements.controllers.joint_plan`, a base that the plan drives as by
+:mod:`spacerobot.elements.controllers.base_plan`, with the velocity and spin that its sensors show.
+"""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable, Iterator
 from typing import Literal
 
@@ -10,14 +13,16 @@ import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
 
+from spacerobot.elements.controllers.base_plan import planned_parts, planned_wrench
 from spacerobot.elements.controllers.controller import MPC_INPUT, Replanning
 from spacerobot.elements.controllers.joint_plan import JointPlanController
 from spacerobot.elements.controllers.measurements import robot_values, target_readings
 from spacerobot.elements.core.context import RobotContext
-from spacerobot.elements.core.contribution import Contribution, Output
+from spacerobot.elements.core.contribution import CommandedTorque, Contribution, Output
 from spacerobot.elements.core.registry import register
-from spacerobot.elements.core.robot_element import RobotProperties
+from spacerobot.elements.core.robot_element import Part, RobotProperties
 from spacerobot.elements.references.knot_motion import Knots
+from spacerobot.elements.references.plan_following import BaseMotion
 from spacerobot.elements.sensors.signals import SIGNALS
 from spacerobot.errors import ScenarioError
 from spacerobot.section import MAX_PLANS, quantity
@@ -32,7 +37,7 @@ HELD_UNITS = {
 
 @register
 class Mpc(JointPlanController):
-    """Joints track a plan that is recomputed in each period for the remaining time (MPC)."""
+    """Joints and base track a plan that is recomputed in each period for the remaining time (MPC)."""
 
     kind: Literal["mpc"] = "mpc"
     file: None = Field(default=None, description="none: plans are made in flight")
@@ -48,6 +53,11 @@ class Mpc(JointPlanController):
         ge=0,
     )
     iterations: int = Field(default=60, ge=1, description="of the solver, at most, for a plan in flight")
+    kd_linear: float = quantity("N s/m", "gain of the base's velocity", default=0.0, ge=0)
+    kd_angular: float = quantity("N m s/rad", "gain of the base's spin", default=0.0, ge=0)
+    base_knots: BaseMotion | None = Field(
+        default=None, description="points of the planned trajectory of the base; filled in by the simulation"
+    )
     begin: float = quantity("s", "when the plan in `knots` begins", default=0.0, ge=0)
     signals: tuple[str, ...] = Field(default=(), description="none: filled in by the simulation")
     frames: dict[str, str] = Field(default={}, description="none: filled in by the simulation")
@@ -67,21 +77,59 @@ class Mpc(JointPlanController):
     @property
     def replanning(self) -> Replanning:
         """Once in each period."""
-        return Replanning(self.period, self.min_horizon, self.delay, self.iterations)
+        tables = dict[str, tuple[int, int]]()
+        if self.knots is not None:
+            sizes = len(self.knots.times), len(self.knots.joints)
+            tables |= {f"knots.{name}": sizes for name in ("position", "rate", "effort")}
+        if self.base_knots is not None:
+            sizes = len(self.base_knots.times), len(self.base_knots.axes)
+            tables |= {f"base_knots.{name}": sizes for name in ("wrench", "rate")}
+        return Replanning(self.period, self.min_horizon, self.delay, self.iterations, tables)
+
+    @property
+    def own_wrench(self) -> frozenset[Part]:
+        """Force, torque or both, by the axes of the base that the plan drives."""
+        return frozenset() if self.base_knots is None else planned_parts(self.base_knots)
 
     def build(self, robot: RobotContext) -> Contribution:
-        """Torques; the plan is that of the present period.
+        """Torques of the joints and wrench on the base; the plan is that of the present period.
 
         Raises:
             ScenarioError: If there is none.
         """
-        if self.knots is None:
+        motion = self.knots or self.base_knots
+        if motion is None:
             raise ScenarioError(
                 "kind mpc solves a plan in each period, which has no gradient: simulations, batches and "
                 "campaigns do it, gradients and searches do not; there, follow a plan by joint_tracking",
                 where=robot.context.path,
             )
-        return dataclasses.replace(super().build(robot), outputs=tuple(self._inputs(robot)))
+        times, begin = np.array(motion.times), robot.context.number("begin")
+        knots = Knots.at(robot.context, times, motion.points, begin=begin)
+        torques = list[CommandedTorque]()
+        if self.knots is not None:
+            torques.append(self.joint_torques(robot, knots))
+        if self.base_knots is not None:
+            velocity = self._base_velocity(robot)
+            torques.append(planned_wrench(robot, self.base_knots, knots, "base_knots", velocity))
+        events = () if knots.event is None else (knots.event,)
+        return Contribution(torques=tuple(torques), events=events, outputs=tuple(self._inputs(robot)))
+
+    def _base_velocity(self, robot: RobotContext) -> ca.SX:
+        """Velocity and spin of the base (3 or 6 x 1), root link's axes, as its sensors show them.
+
+        Readings are in world axes and are turned by the base's true attitude.
+        """
+        plant = robot.plant
+        first, size = (int(of[robot.base_joint]) for of in (plant.model.idx_vs, plant.model.nvs))
+        if not {"base_velocity", "base_spin"} & set(self.signals):
+            return plant.v[first : first + size]
+        inverse, values = plant.placement(robot.base_frame)[0].T, robot_values(robot)
+        velocity, spin = (
+            ca.mtimes(inverse, robot.read(signal, values[signal]))
+            for signal in ("base_velocity", "base_spin")
+        )
+        return ca.vertcat(velocity[:2], spin[2]) if size == 3 else ca.vertcat(velocity, spin)
 
     def _inputs(self, robot: RobotContext) -> Iterator[Output]:
         """Measurements and estimates from which plans begin, of the signals named in ``signals``.
@@ -113,11 +161,6 @@ class Mpc(JointPlanController):
             for signal in (each for each in self.signals if each in tip_values):
                 yield _output(signal, tip.read(signal, *tip_values[signal]), "tip", tip.label)
 
-    def among(self, robot: RobotContext) -> Knots:
-        """The present instant among the points of the plan."""
-        motion, begin = self.planned, robot.context.number("begin")
-        return Knots.at(robot.context, np.array(motion.times), motion.points, begin=begin)
-
     @property
     def begins(self) -> float:
         """Time at which the plan begins [s]."""
@@ -139,7 +182,8 @@ class Mpc(JointPlanController):
 
     def words(self) -> str:
         """Gains and period."""
-        return f"{self.kp:g} / {self.kd:g} along plans recomputed every {self.period:g} s"
+        base = f", base {self.kd_linear:g} / {self.kd_angular:g}" if self.base_knots is not None else ""
+        return f"{self.kp:g} / {self.kd:g}{base} along plans recomputed every {self.period:g} s"
 
 
 def _output(signal: str, value: ca.SX, dimension: str, label: str) -> Output:

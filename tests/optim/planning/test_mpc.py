@@ -277,7 +277,17 @@ def test_the_base_is_where_its_sensors_show_it(reach):
         ),
         ([("phases", {"wait": {"robots": {"one": {"controllers": {"lead": None}}}}})], "rest in all of them"),
         ([("robots.one.controllers.lead.delay", 0.6)], "delay: found 0.6 s, allowed: at most the period"),
-        ([("plan.limits.base_force", 1.0)], "found an actuator on a base, allowed with kind mpc"),
+        (
+            [("plan.limits.base_force", 1.0)],
+            "controllers.lead: commands a force on the base, which no actuator of the robot delivers",
+        ),
+        (
+            [
+                ("robots.one.actuators", {"jets": {"kind": "base_wrench", "force": 1.0}}),
+                ("robots.one.controllers.hold", {"kind": "base_attitude", "kp": 1, "kd": 1}),
+            ],
+            "controllers.hold: acts on the base, which plans drive; write `hold: null`",
+        ),
     ],
 )
 def test_what_does_not_fit_is_refused_in_one_line(reach, changes, message):
