@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from spacerobot.api.results import CampaignResult, ComparisonResult, PlanResult
 from spacerobot.api.studies import DesignStudyResult, ParetoFrontResult
+from spacerobot.api.study import Study
 from spacerobot.errors import ResultError
 from spacerobot.files import StrPath
 from spacerobot.result import Result
@@ -24,10 +25,7 @@ if TYPE_CHECKING:
     from spacerobot.linear import SavedMargins
 
 
-FolderResult: TypeAlias = (
-    "CampaignResult | ComparisonResult | PlanResult | ParetoFrontResult | DesignStudyResult | "
-    "TuningResult | RobustTuningResult | SweepResult | SavedMargins"
-)
+FolderResult: TypeAlias = "Study | TuningResult | RobustTuningResult | SweepResult | SavedMargins"
 """Results that are folders, those of simulations aside."""
 
 
@@ -55,15 +53,20 @@ def _margins(path: Path) -> SavedMargins:
     return SavedMargins.load(path)
 
 
+STUDIES: tuple[type[Study], ...] = (
+    CampaignResult,
+    ComparisonResult,
+    ParetoFrontResult,
+    DesignStudyResult,
+    PlanResult,
+)
+"""Kinds of studies, in the order in which their files are looked for: a design study holds a plan too."""
+
 FOLDERS: dict[str, Callable[[Path], FolderResult]] = {
-    "campaign.json": CampaignResult.load,
-    "comparison.json": ComparisonResult.load,
+    **{kind.file: kind.load for kind in STUDIES},
     "tuning.json": _tuning,
     "robust.json": _robust_tuning,
     "sweep.json": _sweep,
-    "front.json": ParetoFrontResult.load,
-    "design.json": DesignStudyResult.load,
-    "plan.json": PlanResult.load,
     "margins.nc": _margins,
 }
 """Files by which folders are known, in this order, and what reads each; other folders hold a result."""

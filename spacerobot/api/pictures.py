@@ -5,17 +5,16 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from spacerobot.api.load import load
-from spacerobot.api.results import CampaignResult, ComparisonResult, PlanResult
-from spacerobot.api.studies import DesignStudyResult, ParetoFrontResult
+from spacerobot.api.load import STUDIES, load
+from spacerobot.api.results import PlanResult
+from spacerobot.api.study import Playback, Study
 from spacerobot.errors import ResultError
 from spacerobot.files import StrPath
 from spacerobot.result import Result
-from spacerobot.simulation import Progress, simulate
+from spacerobot.simulation import Progress
 from spacerobot.tables import Tabular
 
 if TYPE_CHECKING:
@@ -23,26 +22,9 @@ if TYPE_CHECKING:
     from viz.page.live import LiveViewer
     from viz.page.notebook import EmbeddedPage
 
-Study = CampaignResult | ComparisonResult | PlanResult | ParetoFrontResult | DesignStudyResult
-"""Result that is no single simulation."""
 Source = Result | Study
 Sources = Source | StrPath | Sequence[Source | StrPath]
 """Results, or the folders that hold them."""
-STUDY_NAMES: dict[type[Study], str] = {
-    CampaignResult: "campaign",
-    ComparisonResult: "comparison",
-    PlanResult: "plan",
-    ParetoFrontResult: "Pareto front",
-    DesignStudyResult: "design study",
-}
-STUDY_FILES = {
-    "campaign.json": "campaign",
-    "comparison.json": "comparison",
-    "front.json": "Pareto front",
-    "design.json": "design study",
-    "plan.json": "plan",
-}
-"""Files by which folders of studies are known."""
 
 
 def figures(
@@ -83,34 +65,13 @@ def figures(
         else:
             simulated = _only_results(others)
             if names:
-                name = STUDY_NAMES[type(first)]
-                message = f"the figures of a {name} are drawn together; leave out --only (names)"
+                message = f"the figures of a {first.name} are drawn together; leave out --only (names)"
                 raise ResultError(message, source=first.folder)
-            drawings = _study_figures(first, simulated)
+            drawings = first.drawings(simulated)
         if folder is not None:
             written = write_drawings(drawings.items(), Path(folder), formats)
             note_derived([result.folder for result in simulated], written)
     return drawings
-
-
-def _study_figures(study: Study, flown: Sequence[Result]) -> dict[str, Drawing]:
-    """Figures of a plan, with the result that follows it if there is one, or of a study of plans."""
-    from optim.planning.output.constraint_values import with_flown
-    from viz.figures.design_study import study as draw_study
-    from viz.figures.pareto_front import front as draw_front
-    from viz.figures.plan import plan_figures
-
-    if isinstance(study, ParetoFrontResult):
-        return {"front": draw_front(study.summary)}
-    if isinstance(study, DesignStudyResult):
-        return {"design": draw_study(study.summary), **_study_figures(study.plan, flown)}
-    if isinstance(study, PlanResult):
-        result, data = next(iter(flown), None), study.data
-        if result is not None and "constraint" in data:
-            data = with_flown(data, study.problem_scene(), result.data)
-        return dict(plan_figures(data, study.summary, result))
-    message = "has no figures of its own; `spacerobot report` makes a page of it"
-    raise ResultError(f"a {STUDY_NAMES[type(study)]} {message}", source=study.folder)
 
 
 def animate(
@@ -189,16 +150,11 @@ def view(
     from viz.page.live import LiveViewer
 
     sources = opened(results)
-    first: dict[str, Any] | None = None
-    if len(sources) == 1 and isinstance(sources[0], CampaignResult):
-        from viz.report.campaign_data import first_page
-
-        first = first_page(sources[0].folder, sources[0].evaluator)
-    else:
-        data = playback(sources).data
+    first = sources[0].first_view() if len(sources) == 1 and isinstance(sources[0], Study) else None
+    data = playback(sources).data if first is None else first
     viewer = LiveViewer(port)
     try:
-        viewer.show_data(data if first is None else first)
+        viewer.show_data(data)
         if on_start is not None:
             on_start(viewer)
         if first is not None:
@@ -245,7 +201,7 @@ def report(
     sources = opened(named, several=True)
     study = sources[0]
     if not isinstance(study, Result):
-        write_text(Path(path), _study_page(study, progress or (lambda _: None)))
+        write_text(Path(path), study.page(progress or (lambda _: None)))
         return
     results_shown = _only_results(sources)
     write_text(Path(path), results_page(*results_shown, title=title))
@@ -288,33 +244,6 @@ def _heading(result: Tabular) -> str:
     return f"{words[:1].upper()}{words[1:]}"
 
 
-def _study_page(study: Study, progress: Progress) -> str:
-    """Page about a campaign, a comparison or a plan."""
-    if isinstance(study, CampaignResult):
-        from viz.report.campaign_data import campaign_page
-
-        return campaign_page(study.folder, progress, study.evaluator)
-    if isinstance(study, ComparisonResult):
-        from viz.report.comparison_section import comparison_report
-
-        return comparison_report(_folder(study))
-    if isinstance(study, ParetoFrontResult):
-        raise ResultError("a Pareto front has no page; name the plan of a point", source=study.folder)
-    from viz.report.plan_section import plan_report
-
-    plan = study.plan if isinstance(study, DesignStudyResult) else study
-    played = playback(plan, progress)
-    return plan_report(plan.data, plan.summary, played.results[0], played.data)
-
-
-@dataclass(frozen=True)
-class Playback:
-    """Data of an animated page, and the results in it."""
-
-    data: dict[str, Any]
-    results: Sequence[Result]
-
-
 def playback(sources: Sources, progress: Progress | None = None, title: str | None = None) -> Playback:
     """Data of the animated page for results, or for one campaign, comparison or plan.
 
@@ -323,42 +252,14 @@ def playback(sources: Sources, progress: Progress | None = None, title: str | No
     """
     from viz.page.animation import animation
 
-    tell = progress or (lambda _: None)
     inputs = opened(sources)
     first, last = inputs[0], inputs[-1]
     if len(inputs) == 2 and isinstance(first, Result) and isinstance(last, PlanResult):
-        return _over_its_plan(first, last)
-    if isinstance(first, Result) or len(inputs) > 1:
-        results = _only_results(inputs)
-        return Playback(animation(*results, title=title), results)
-    if isinstance(first, CampaignResult):
-        from viz.report.campaign_data import campaign_data
-        from viz.report.campaign_section import animated_worst
-
-        campaign = campaign_data(first.folder, tell, first.evaluator)
-        if not campaign.worst:
-            fault = next(iter(campaign.faults.values()))
-            raise ResultError(f"no worst sample can be simulated: {fault}", source=first.folder)
-        return Playback(animated_worst(campaign), list(campaign.worst.values()))
-    if isinstance(first, ComparisonResult):
-        from viz.report.comparison_section import designs_of
-
-        heading, named = designs_of(_folder(first))
-        results = list(named.values())
-        return Playback(animation(*results, names=list(named), title=title or heading), results)
-    if isinstance(first, ParetoFrontResult):
-        raise ResultError(
-            "a Pareto front has no motion to play; name the plan of a point", source=first.folder
-        )
-    plan = first.plan if isinstance(first, DesignStudyResult) else first
-    return _over_its_plan(simulate(plan.scene(), progress=progress), plan)
-
-
-def _over_its_plan(flown: Result, plan: PlanResult) -> Playback:
-    """Playback of a result, with the plan that it follows drawn pale underneath."""
-    from viz.page.plan_overlay import beside_its_plan
-
-    return Playback(beside_its_plan(flown, plan.problem_scene(), plan.data), [flown])
+        return last.followed_by(first)
+    if isinstance(first, Study) and len(inputs) == 1:
+        return first.playback(progress or (lambda _: None), title)
+    results = _only_results(inputs)
+    return Playback(animation(*results, title=title), results)
 
 
 def opened(sources: Sources, *, several: bool = False) -> list[Source]:
@@ -395,8 +296,8 @@ def _listed(sources: Sources) -> Sequence[Source | StrPath]:
 def _study_name(source: Source | StrPath) -> str | None:
     """Kind of study that a result or a folder is; None for a result of a simulation."""
     if isinstance(source, Source):
-        return None if isinstance(source, Result) else STUDY_NAMES[type(source)]
-    return next((name for file, name in STUDY_FILES.items() if (Path(source) / file).is_file()), None)
+        return source.name if isinstance(source, Study) else None
+    return next((kind.name for kind in STUDIES if (Path(source) / kind.file).is_file()), None)
 
 
 def _holds_results(folder: Path) -> bool:
@@ -425,18 +326,6 @@ def _only_results(sources: Sequence[Source]) -> list[Result]:
     for source in sources:
         if not isinstance(source, Result):
             raise ResultError(
-                f"a {STUDY_NAMES[type(source)]} cannot be shown with others; name it alone",
-                source=source.folder,
+                f"a {source.name} cannot be shown with others; name it alone", source=source.folder
             )
     return [source for source in sources if isinstance(source, Result)]
-
-
-def _folder(study: ComparisonResult) -> Path:
-    """Folder of a comparison.
-
-    Raises:
-        ResultError: If it is not saved.
-    """
-    if study.folder is None:
-        raise ResultError("a comparison is shown from its files; save it first")
-    return study.folder

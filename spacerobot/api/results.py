@@ -9,13 +9,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
+from spacerobot.api.study import Playback, Study
 from spacerobot.errors import ResultError
 from spacerobot.files import StrPath
 from spacerobot.result import Result
 from spacerobot.scene import Scene, load_scene
-from spacerobot.tables import Content, Tabular
+from spacerobot.simulation import Progress, simulate
+from spacerobot.tables import Content
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -23,10 +25,11 @@ if TYPE_CHECKING:
     from optim.campaign import CampaignEvaluator
     from optim.comparison.compare import Comparison
     from optim.planning.search.make_plan import PlanSolution
+    from viz.figures import Drawing
 
 
 @dataclass(frozen=True)
-class CampaignResult(Tabular):
+class CampaignResult(Study):
     """A Monte Carlo campaign in its folder.
 
     Attributes:
@@ -35,6 +38,9 @@ class CampaignResult(Tabular):
         is_complete: Whether every sample was run; started again with the same folder, an interrupted one
             continues.
     """
+
+    name: ClassVar[str] = "campaign"
+    file: ClassVar[str] = "campaign.json"
 
     folder: Path
     evaluator: CampaignEvaluator
@@ -86,7 +92,7 @@ class CampaignResult(Tabular):
         return CampaignResult(copied(self.folder, path), self.evaluator, self.is_complete)
 
     @classmethod
-    def load(cls, path: StrPath) -> CampaignResult:
+    def load(cls, path: StrPath) -> Self:
         """Open the folder of a campaign.
 
         Raises:
@@ -116,9 +122,32 @@ class CampaignResult(Tabular):
 
         return [text for text in (unfinished(self.summary), *self.summary["doubts"]) if text]
 
+    def playback(self, progress: Progress, title: str | None = None) -> Playback:
+        """Worst samples, simulated, with the spread of the metrics."""
+        from viz.report.campaign_data import campaign_data
+        from viz.report.campaign_section import animated_worst
+
+        campaign = campaign_data(self.folder, progress, self.evaluator)
+        if not campaign.worst:
+            fault = next(iter(campaign.faults.values()))
+            raise ResultError(f"no worst sample can be simulated: {fault}", source=self.folder)
+        return Playback(animated_worst(campaign), list(campaign.worst.values()))
+
+    def page(self, progress: Progress) -> str:
+        """Page with failure probabilities, distributions, sensitivities and worst samples."""
+        from viz.report.campaign_data import campaign_page
+
+        return campaign_page(self.folder, progress, self.evaluator)
+
+    def first_view(self) -> dict[str, Any]:
+        """Spread of the metrics, before the worst samples are simulated."""
+        from viz.report.campaign_data import first_page
+
+        return first_page(self.folder, self.evaluator)
+
 
 @dataclass(frozen=True)
-class PlanResult(Tabular):
+class PlanResult(Study):
     """A planned motion, verified by replay.
 
     Attributes:
@@ -127,6 +156,9 @@ class PlanResult(Tabular):
         folder: Where it was read from or written to, if it was.
         planned: The solved problem, from :func:`spacerobot.plan`; None where it was read from files.
     """
+
+    name: ClassVar[str] = "plan"
+    file: ClassVar[str] = "plan.json"
 
     data: xr.Dataset
     summary: Mapping[str, Any]
@@ -201,7 +233,7 @@ class PlanResult(Tabular):
         return replace(self, folder=Path(path))
 
     @classmethod
-    def load(cls, path: StrPath) -> PlanResult:
+    def load(cls, path: StrPath) -> Self:
         """Read the folder of a plan.
 
         Raises:
@@ -226,9 +258,36 @@ class PlanResult(Tabular):
         notices: Sequence[str] = self.summary.get("warnings", ())
         return notices
 
+    def drawings(self, simulated: Sequence[Result]) -> dict[str, Drawing]:
+        """Figures of the plan, with the simulation that follows it where there is one."""
+        from optim.planning.output.constraint_values import with_flown
+        from viz.figures.plan import plan_figures
+
+        result, data = next(iter(simulated), None), self.data
+        if result is not None and "constraint" in data:
+            data = with_flown(data, self.problem_scene(), result.data)
+        return dict(plan_figures(data, self.summary, result))
+
+    def playback(self, progress: Progress, title: str | None = None) -> Playback:
+        """Simulation that follows the plan, with the plan drawn pale underneath."""
+        return self.followed_by(simulate(self.scene(), progress=progress))
+
+    def followed_by(self, simulated: Result) -> Playback:
+        """Playback of a result with the plan that it follows drawn pale underneath."""
+        from viz.page.plan_overlay import beside_its_plan
+
+        return Playback(beside_its_plan(simulated, self.problem_scene(), self.data), [simulated])
+
+    def page(self, progress: Progress) -> str:
+        """Page with motion, binding limits, cost, replay and mesh."""
+        from viz.report.plan_section import plan_report
+
+        played = self.playback(progress)
+        return plan_report(self.data, self.summary, played.results[0], played.data)
+
 
 @dataclass(frozen=True)
-class ComparisonResult(Tabular):
+class ComparisonResult(Study):
     """Tuning methods compared on several benchmark problems.
 
     Attributes:
@@ -236,6 +295,9 @@ class ComparisonResult(Tabular):
         folder: Where it was read from or written to, if it was.
         comparison: All runs, from :func:`spacerobot.compare`; None where it was read from files.
     """
+
+    name: ClassVar[str] = "comparison"
+    file: ClassVar[str] = "comparison.json"
 
     summary: Mapping[str, Any]
     folder: Path | None = None
@@ -262,13 +324,13 @@ class ComparisonResult(Tabular):
         return replace(self, summary=write(self.comparison, path), folder=Path(path))
 
     @classmethod
-    def load(cls, path: StrPath) -> ComparisonResult:
+    def load(cls, path: StrPath) -> Self:
         """Read the folder of a comparison.
 
         Raises:
             ResultError: If it holds none.
         """
-        file = Path(path) / "comparison.json"
+        file = Path(path) / cls.file
         try:
             data = json.loads(file.read_text(encoding="utf-8"))
         except (OSError, ValueError) as fault:
@@ -291,6 +353,31 @@ class ComparisonResult(Tabular):
         from optim.comparison.tables import doubts
 
         return [doubt for benchmark in self.summary["problems"] for doubt in doubts(benchmark)]
+
+    def playback(self, progress: Progress, title: str | None = None) -> Playback:
+        """Best designs of the methods, side by side."""
+        from viz.page.animation import animation
+        from viz.report.comparison_section import designs_of
+
+        heading, designs = designs_of(self._saved())
+        results = list(designs.values())
+        return Playback(animation(*results, names=list(designs), title=title or heading), results)
+
+    def page(self, progress: Progress) -> str:
+        """Page with the tables, convergence and designs of each problem."""
+        from viz.report.comparison_section import comparison_report
+
+        return comparison_report(self._saved())
+
+    def _saved(self) -> Path:
+        """Folder of the comparison.
+
+        Raises:
+            ResultError: If it is not saved.
+        """
+        if self.folder is None:
+            raise ResultError("a comparison is shown from its files; save it first")
+        return self.folder
 
 
 def copied(folder: Path, path: StrPath) -> Path:

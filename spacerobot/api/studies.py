@@ -6,23 +6,26 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, Unpack
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, Self, Unpack
 
 from spacerobot.api.options import PlanOptions, journals
 from spacerobot.api.results import PlanResult, copied
+from spacerobot.api.study import Playback, Study
 from spacerobot.errors import ResultError, ScenarioError
 from spacerobot.files import StrPath
-from spacerobot.result import check_folder
+from spacerobot.result import Result, check_folder
 from spacerobot.scene import Scene, to_scene
-from spacerobot.tables import Content, Tabular
+from spacerobot.simulation import Progress
+from spacerobot.tables import Content
 
 if TYPE_CHECKING:
     from optim.planning.studies.design_study import DesignStudy
     from optim.planning.studies.pareto_front import ParetoFront
+    from viz.figures import Drawing
 
 
 @dataclass(frozen=True)
-class ParetoFrontResult(Tabular):
+class ParetoFrontResult(Study):
     """Pareto front of two terms of a plan's cost.
 
     Attributes:
@@ -32,6 +35,9 @@ class ParetoFrontResult(Tabular):
         folder: Folder that it was read from or written to, if it was.
         front: The solved problems, from :func:`spacerobot.pareto_front`; None if it was read from files.
     """
+
+    name: ClassVar[str] = "Pareto front"
+    file: ClassVar[str] = "front.json"
 
     summary: Mapping[str, Any]
     folder: Path | None = None
@@ -91,6 +97,21 @@ class ParetoFrontResult(Tabular):
 
         return [front_table(self.summary)]
 
+    def drawings(self, simulated: Sequence[Result]) -> dict[str, Drawing]:
+        """Figure of the front."""
+        from viz.figures.pareto_front import front
+
+        return {"front": front(self.summary)}
+
+    def playback(self, progress: Progress, title: str | None = None) -> NoReturn:
+        """Refuse to play: each point has a motion of its own."""
+        message = "a Pareto front has no motion to play; name the plan of a point"
+        raise ResultError(message, source=self.folder)
+
+    def page(self, progress: Progress) -> NoReturn:
+        """Refuse to write a page: each point has one of its own."""
+        raise ResultError("a Pareto front has no page; name the plan of a point", source=self.folder)
+
     def __repr__(self) -> str:
         """Scenario, terms and number of points, in one line."""
         terms = " and ".join(self.summary["terms"])
@@ -98,7 +119,7 @@ class ParetoFrontResult(Tabular):
 
 
 @dataclass(frozen=True)
-class DesignStudyResult(Tabular):
+class DesignStudyResult(Study):
     """Design that minimises a plan's optimal cost, and that cost around it.
 
     Attributes:
@@ -107,6 +128,9 @@ class DesignStudyResult(Tabular):
         folder: Folder that it was read from or written to, if it was.
         study: All designs, from :func:`spacerobot.design_study`; None if it was read from files.
     """
+
+    name: ClassVar[str] = "design study"
+    file: ClassVar[str] = "design.json"
 
     summary: Mapping[str, Any]
     plan: PlanResult
@@ -154,6 +178,20 @@ class DesignStudyResult(Tabular):
     def notices(self) -> Sequence[str]:
         """Warnings about the plan."""
         return self.plan.notices()
+
+    def drawings(self, simulated: Sequence[Result]) -> dict[str, Drawing]:
+        """Figure of the optimal cost over each variable, and those of the optimal plan."""
+        from viz.figures.design_study import study
+
+        return {"design": study(self.summary), **self.plan.drawings(simulated)}
+
+    def playback(self, progress: Progress, title: str | None = None) -> Playback:
+        """Simulation that follows the optimal plan."""
+        return self.plan.playback(progress, title)
+
+    def page(self, progress: Progress) -> str:
+        """Page of the optimal plan."""
+        return self.plan.page(progress)
 
     def __repr__(self) -> str:
         """Scenario and optimal values, in one line."""
