@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -255,11 +256,13 @@ def playback(sources: Sources, progress: Progress | None = None, title: str | No
     inputs = opened(sources)
     first, last = inputs[0], inputs[-1]
     if len(inputs) == 2 and isinstance(first, Result) and isinstance(last, PlanResult):
-        return last.followed_by(first)
-    if isinstance(first, Study) and len(inputs) == 1:
-        return first.playback(progress or (lambda _: None), title)
-    results = _only_results(inputs)
-    return Playback(animation(*results, title=title), results)
+        played = last.followed_by(first)
+    elif isinstance(first, Study) and len(inputs) == 1:
+        played = first.playback(progress or (lambda _: None))
+    else:
+        results = _only_results(inputs)
+        return Playback(animation(*results, title=title), results)
+    return played if title is None else replace(played, data=played.data | {"title": title})
 
 
 def opened(sources: Sources, *, several: bool = False) -> list[Source]:

@@ -122,7 +122,7 @@ class CampaignResult(Study):
 
         return [text for text in (unfinished(self.summary), *self.summary["doubts"]) if text]
 
-    def playback(self, progress: Progress, title: str | None = None) -> Playback:
+    def playback(self, progress: Progress) -> Playback:
         """Worst samples, simulated, with the spread of the metrics."""
         from viz.report.campaign_data import campaign_data
         from viz.report.campaign_section import animated_worst
@@ -268,7 +268,7 @@ class PlanResult(Study):
             data = with_flown(data, self.problem_scene(), result.data)
         return dict(plan_figures(data, self.summary, result))
 
-    def playback(self, progress: Progress, title: str | None = None) -> Playback:
+    def playback(self, progress: Progress) -> Playback:
         """Simulation that follows the plan, with the plan drawn pale underneath."""
         return self.followed_by(simulate(self.scene(), progress=progress))
 
@@ -354,14 +354,14 @@ class ComparisonResult(Study):
 
         return [doubt for benchmark in self.summary["problems"] for doubt in doubts(benchmark)]
 
-    def playback(self, progress: Progress, title: str | None = None) -> Playback:
+    def playback(self, progress: Progress) -> Playback:
         """Best designs of the methods, side by side."""
         from viz.page.animation import animation
         from viz.report.comparison_section import designs_of
 
         heading, designs = designs_of(self._saved())
         results = list(designs.values())
-        return Playback(animation(*results, names=list(designs), title=title or heading), results)
+        return Playback(animation(*results, names=list(designs), title=heading), results)
 
     def page(self, progress: Progress) -> str:
         """Page with the tables, convergence and designs of each problem."""

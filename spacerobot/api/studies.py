@@ -103,7 +103,7 @@ class ParetoFrontResult(Study):
 
         return {"front": front(self.summary)}
 
-    def playback(self, progress: Progress, title: str | None = None) -> NoReturn:
+    def playback(self, progress: Progress) -> NoReturn:
         """Refuse to play: each point has a motion of its own."""
         message = "a Pareto front has no motion to play; name the plan of a point"
         raise ResultError(message, source=self.folder)
@@ -185,9 +185,9 @@ class DesignStudyResult(Study):
 
         return {"design": study(self.summary), **self.plan.drawings(simulated)}
 
-    def playback(self, progress: Progress, title: str | None = None) -> Playback:
+    def playback(self, progress: Progress) -> Playback:
         """Simulation that follows the optimal plan."""
-        return self.plan.playback(progress, title)
+        return self.plan.playback(progress)
 
     def page(self, progress: Progress) -> str:
         """Page of the optimal plan."""

@@ -63,12 +63,11 @@ class Study(Tabular):
         raise ResultError(message, source=self.folder)
 
     @abstractmethod
-    def playback(self, progress: Progress, title: str | None = None) -> Playback:
+    def playback(self, progress: Progress) -> Playback:
         """Data of the animated page.
 
         Args:
             progress: Called with a few words whenever a step that may take a while begins.
-            title: Title of the page; a fitting one if None.
 
         Raises:
             ResultError: If nothing can be played.
