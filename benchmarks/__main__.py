@@ -37,6 +37,7 @@ from benchmarks import (
     soft_capture,
     studio,
     studio_page,
+    throughput,
     wheels,
 )
 from benchmarks.table_row import Row
@@ -47,6 +48,7 @@ JOBS: dict[str, Callable[[], list[Row]]] = {
     "methods": methods.rows,
     "batch": rollouts.batch,
     "gradient": rollouts.gradient,
+    "throughput": lambda: [throughput.row()],
     "limited": lambda: [rollouts.limited()],
     "events": events.rows,
     "sampled": sampled.rows,

@@ -3,8 +3,7 @@
 python -m benchmarks.astrobee train OUT 701         # a network by exact gradients, in 701 iterations (torch)
 python -m benchmarks.astrobee evaluate OUT 1000     # a campaign of 1 000 draws
 python -m benchmarks.astrobee follow OUT 1000       # one plan followed by feedback on 1 000 draws
-python -m benchmarks.astrobee ppo OUT 1200          # PPO (extra learning, stable-baselines3)
-python -m benchmarks.astrobee evaluate_ppo OUT 200  # 200 episodes
+python -m benchmarks.astrobee ppo OUT 20000000      # the same network by PPO, in 20 000 000 steps (sb3)
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import yaml
+from scipy.spatial.transform import Rotation
 
 import spacerobot as sr
 from optim.evaluation import parameter_paths
@@ -150,84 +150,170 @@ OBSERVATIONS = (
     "base_velocity",
     "base_spin",
     "body_rotation",
-    "tip_velocity",
+    "body_position[target]",
+    "body_momentum_linear[target]",
+    "body_momentum_angular[target]",
     "grasp_gap",
     "grasp_misalignment",
-    "body_momentum_linear",
-    "body_momentum_angular",
 )
-"""Observations of PPO: world axes, as an environment offers them."""
+"""Outputs in world axes (31 numbers), of which :func:`network_inputs` makes the inputs of the network."""
+PERIOD = 0.1
+BONUS = 10.0
+"""Reward of a capture; the reward of each step is minus the cost of the approach times the period."""
 
 
-def environment(file: Path) -> Any:
-    """Environment of the approach, with the limits of the network's commands."""
-    return sr.make_environment(
+def network_inputs(observed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs (N, 22) of the network in axes of the flyer's root link, and its rotations (N, 3, 3)."""
+    joints, (velocity, spin), (turned, target_turned), (place, p, h), (gap, misaligned) = (
+        observed[:, :4],
+        observed[:, 4:10].reshape(-1, 2, 3).swapaxes(0, 1),
+        observed[:, 10:16].reshape(-1, 2, 3).swapaxes(0, 1),
+        observed[:, 16:25].reshape(-1, 3, 3).swapaxes(0, 1),
+        observed[:, 25:31].reshape(-1, 2, 3).swapaxes(0, 1),
+    )
+    rotations = Rotation.from_rotvec(turned).as_matrix()
+    cargo = Rotation.from_rotvec(target_turned)
+    # the origin of the cylinder is its centre of mass; h is about the origin of the world
+    target_spin = cargo.apply(cargo.inv().apply(h - np.cross(place, p)) / CARGO_INERTIA)
+    bar = cargo.apply(np.tile(BAR, (len(place), 1)))
+    vectors = [velocity, spin, -gap, -misaligned, p / CARGO_MASS + np.cross(target_spin, bar), target_spin]
+    in_root = [np.einsum("nji,nj->ni", rotations, vector) for vector in vectors]
+    return np.hstack([joints, *in_root]), rotations
+
+
+CARGO_MASS, CARGO_INERTIA, BAR = 5.0, np.array([0.042, 0.042, 0.036]), np.array([-0.205, 0, 0])
+"""Mass [kg] and inertia [kg m^2] of the cylinder, and the place of its bar [m]: grapple_cylinder.urdf."""
+
+
+def environments(file: Path, count: int, duration: float) -> Any:
+    """Environments of the approach whose observations and actions are those of the network.
+
+    Observations are its inputs. Actions are what its last layer gives before the tanh, so that a policy of
+    PPO has the same limits of torque, force and base torque, in the same axes.
+    """
+    from gymnasium.spaces import Box
+    from stable_baselines3.common.vec_env import VecEnvWrapper
+
+    largest = {"flyer/shoulder": 0.05, "flyer/wrist": 0.05}
+    # world axes, along which vectors of the box in axes of the root link reach sqrt(3) times as far
+    largest |= {"flyer/base.force": 1.5 * np.sqrt(3), "flyer/base.torque": 0.15 * np.sqrt(3)}
+    venv = sr.make_vector_environment(
         file,
+        count,
+        threads=1,
+        interface="stable_baselines3",
         observations=OBSERVATIONS,
-        actions={
-            "flyer/shoulder": 0.05,
-            "flyer/wrist": 0.05,
-            "flyer/base.force": 1.5,
-            "flyer/base.torque": 0.15,
-        },
-        reward={"grasp_gap": -1.0, "grasp_misalignment": -0.3, "action": -0.01, "events.captured": 10.0},
+        actions=largest,
+        reward={"events.captured": BONUS},
         terminations=["captured"],
-        limits={"grasp_gap": 3.0},
-        duration=30.0,
-        period=0.1,
+        duration=duration,
+        period=PERIOD,
+        changes={"simulation.step": 0.02},
     )
 
+    class NetworkAxes(VecEnvWrapper):
+        """Observations, actions and rewards in the network's terms."""
 
-def ppo(out: Path, seconds: float) -> None:
-    """Train by PPO, with observations and rewards normalised, until the time is over."""
+        def __init__(self) -> None:
+            spaces = (Box(-np.inf, np.inf, (SIZES[0],)), Box(-3.0, 3.0, (SIZES[-1],)))
+            super().__init__(venv, *spaces)
+
+        def reset(self) -> np.ndarray:
+            inputs, self.rotations = network_inputs(self.venv.reset())
+            self.returns = np.zeros(count)
+            return inputs
+
+        def step_async(self, actions: np.ndarray) -> None:
+            commands = np.tanh(actions).reshape(count, -1)
+            wrench = np.einsum("nij,nkj->nki", self.rotations, commands[:, 2:].reshape(count, 2, 3))
+            self.venv.step_async(np.hstack([commands[:, :2], wrench.reshape(count, 6) / np.sqrt(3)]))
+
+        def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+            observed, rewards, ended, infos = self.venv.step_wait()
+            reached = observed.copy()
+            for row in np.flatnonzero(ended):
+                reached[row] = infos[row]["terminal_observation"]
+            inputs, self.rotations = network_inputs(observed)
+            last, _ = network_inputs(reached)
+            for row in np.flatnonzero(ended):
+                infos[row]["terminal_observation"] = last[row]
+            gap, turn = (np.square(reached[:, k : k + 3]).sum(axis=1) for k in (25, 28))
+            cost = (np.sqrt(gap + GAP**2) - GAP) / 0.3 + (np.sqrt(turn + TURN**2) - TURN) / 2
+            rewards = rewards - PERIOD * cost
+            self.returns += rewards
+            for row in np.flatnonzero(ended):
+                infos[row]["episode"]["r"] = float(self.returns[row])
+            self.returns[ended] = 0.0
+            return inputs, rewards, ended, infos
+
+    return NetworkAxes()
+
+
+def ppo(out: Path, steps: int) -> None:
+    """Train the same network by PPO, with observations and rewards normalised, for a number of steps."""
     import torch
     from stable_baselines3 import PPO
     from stable_baselines3.common.callbacks import BaseCallback
-    from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+    from stable_baselines3.common.vec_env import VecNormalize
 
     torch.set_num_threads(1)
-    file = prepared(out, network(seed=1))
     begin, used = time.perf_counter(), time.process_time()
-    venv = VecNormalize(DummyVecEnv([lambda: environment(file)]))
-    venv.seed(3)
+    file = prepared(out, network(seed=1))
+    venv = VecNormalize(environments(file, 256, duration=15.0), clip_obs=100.0)
+    log, captures = [], []
 
-    class UntilLate(BaseCallback):
-        """Stop when the time is over."""
+    class Progress(BaseCallback):
+        """Log of the training, and the network so far."""
 
         def _on_step(self) -> bool:
-            return time.perf_counter() - begin < seconds
+            captures.extend(bool(one["events"]) for one in self.locals["infos"] if "episode" in one)
+            return True
 
-    model = PPO("MlpPolicy", venv, n_steps=3000, batch_size=250, policy_kwargs={"net_arch": [32, 32]}, seed=3)
-    model.learn(100_000_000, callback=UntilLate())
+        def _on_rollout_end(self) -> None:
+            wall, cpu = time.perf_counter() - begin, time.process_time() - used
+            returns = [one["r"] for one in self.model.ep_info_buffer] or [np.nan]
+            share = float(np.mean(captures[-256:])) if captures else 0.0
+            log.append((self.num_timesteps, wall, cpu, share))
+            if len(log) % 20 == 1:
+                spread = self.model.policy.log_std.exp().detach().numpy().round(2)
+                print(
+                    f"{self.num_timesteps} {wall:.0f} s, cpu {cpu:.0f} s: captured {share:.2f}, "
+                    f"noise {spread}, {np.mean(returns):.2f}",
+                    flush=True,
+                )
+                export(out, self.model, venv)
+
+    model = PPO(
+        "MlpPolicy",
+        venv,
+        n_steps=64,
+        batch_size=2048,
+        n_epochs=6,
+        learning_rate=lambda left: 1e-3 * left,
+        policy_kwargs={"net_arch": {"pi": [SIZES[1]], "vf": [64, 64]}, "log_std_init": -1.0},
+        seed=3,
+    )
+    # little noise at the joints: their torques turn light links, and a capture needs a slow gripper
+    model.policy.log_std.data[:2] = -2.5
+    model.learn(steps, callback=Progress())
+    export(out, model, venv)
     model.save(out / "ppo")
     venv.save(str(out / "normalisation.pkl"))
-    spent = {
-        "steps": model.num_timesteps,
-        "wall_s": time.perf_counter() - begin,
-        "cpu_s": time.process_time() - used,
-        "episode_reward": float(np.mean([one["r"] for one in model.ep_info_buffer] or [np.nan])),
-    }
-    (out / "ppo.json").write_text(json.dumps(spent))
+    spent = {"wall_s": time.perf_counter() - begin, "cpu_s": time.process_time() - used}
+    (out / "training.json").write_text(json.dumps({"steps": model.num_timesteps, **spent, "log": log}))
     print(spent)
 
 
-def evaluate_ppo(out: Path, episodes: int) -> None:
-    """Captures of the policy of PPO in fresh episodes."""
-    from stable_baselines3 import PPO
-    from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
-
-    env = environment(out / "astrobee.yaml")
-    scales = VecNormalize.load(str(out / "normalisation.pkl"), DummyVecEnv([lambda: env]))
-    model, captured = PPO.load(out / "ppo", device="cpu"), 0
-    for episode in range(episodes):
-        observation, _ = env.reset(seed=10_000 + episode)
-        done = False
-        while not done:
-            action, _ = model.predict(scales.normalize_obs(observation), deterministic=True)
-            observation, _, terminated, truncated, info = env.step(action)
-            done = terminated or truncated
-        captured += "grip.captured" in info["events"]
-        (out / "ppo_episodes.json").write_text(json.dumps({"episodes": episode + 1, "captured": captured}))
+def export(out: Path, model: Any, venv: Any) -> None:
+    """Write the policy's mean as the network, with the normalisation of inputs in its first layer."""
+    mean, scale = venv.obs_rms.mean, np.sqrt(venv.obs_rms.var + venv.epsilon)
+    layers = [model.policy.mlp_extractor.policy_net[0], model.policy.action_net]
+    (first, first_bias), (last, last_bias) = (
+        [one.detach().numpy().astype(float) for one in (layer.weight, layer.bias)] for layer in layers
+    )
+    scaled = first / scale
+    named = {"0.weight": scaled, "0.bias": first_bias - scaled @ mean}
+    np.savez(out / "astrobee.npz", **named, **{"2.weight": last, "2.bias": last_bias})
 
 
 WIDE = {
@@ -276,7 +362,45 @@ def follow(out: Path, samples: int) -> None:
     (out / "followed.json").write_text(json.dumps(done.summary["gains"]["scenario"], indent=1, default=str))
 
 
+REPLANNED = {
+    "duration": 12,
+    "goals": PLAN["goals"],
+    "costs": {"torque": 1, "joint_acceleration": 0.1, "base_wrench": 1},
+    "limits": PLAN["limits"],
+    "intervals": 12,
+}
+LEAD = {
+    "kind": "mpc",
+    "period": 1.0,
+    "min_horizon": 3.0,
+    "kp": 0.2,
+    "kd": 0.05,
+    "kd_linear": 4.0,
+    "kd_angular": 0.5,
+}
+
+
+def mpc(out: Path, samples: int) -> None:
+    """Plan again in each second of each of the draws, by model predictive control."""
+    file = prepared(out, network(seed=1))
+    document = yaml.safe_load(file.read_text())
+    controllers = document["robots"]["flyer"]["controllers"] | {"lead": LEAD}
+    del controllers["policy"]
+    changes = {
+        "phases.stop.robots": {"flyer": {"controllers": {"lead": None}}},
+        "robots.flyer.controllers": controllers,
+        "plan": REPLANNED,
+        "campaign": document["campaign"] | {"samples": samples, "seed": 4711},
+    }
+    begin, used = time.perf_counter(), time.process_time()
+    done = sr.campaign(sr.load_scene(file, changes), out / "replanned")
+    spent = {"wall_s": time.perf_counter() - begin, "cpu_s": time.process_time() - used}
+    found = {"spent": spent, **done.summary["gains"]["scenario"]}
+    (out / "replanned.json").write_text(json.dumps(found, indent=1, default=str))
+    print(spent, found["captured"])
+
+
 if __name__ == "__main__":
-    {"train": train, "ppo": ppo, "evaluate": evaluate, "evaluate_ppo": evaluate_ppo, "follow": follow}[
-        sys.argv[1]
-    ](Path(sys.argv[2]), int(sys.argv[3]))
+    {"train": train, "ppo": ppo, "evaluate": evaluate, "follow": follow, "mpc": mpc}[sys.argv[1]](
+        Path(sys.argv[2]), int(sys.argv[3])
+    )

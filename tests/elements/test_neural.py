@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import spacerobot as sr
-from spacerobot.elements.controllers.neural import MOST_WEIGHTS, read_network
+from spacerobot.elements.controllers.network_files import MOST_WEIGHTS, read_network
 from spacerobot.errors import ScenarioError, SpaceRobotError
 from tests.oracles import engine as independent
 from tests.oracles.small_scenes import PLANAR, folder, random_x, small_scene

@@ -7,41 +7,30 @@ layers, $\sigma_o$ that of the output layer, and $S$ are the ``scales`` of the `
 are smooth, so that the gradient of a rollout by the weights is exact. With $\sigma_o = \tanh$ no command
 exceeds its scale.
 
-A file of weights has, for each layer, a matrix ``*.weight`` (outputs, inputs) and a vector ``*.bias``
-(outputs,), which may be left out: the state of PyTorch's ``Sequential`` as ``safetensors``, or the same
-arrays in numpy's ``npz``. Layers are in the order of the numbers in their names. A normalisation of inputs
-belongs into the weights and biases of the first layer.
+:mod:`spacerobot.elements.controllers.network_files` reads files of weights. A normalisation of inputs belongs
+into the weights and biases of the first layer.
 """
 
 from __future__ import annotations
 
 import itertools
-import re
-import zipfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import casadi as ca
-import numpy as np
 from pydantic import Field, model_validator
 
-from spacerobot.arrays import Array
 from spacerobot.dynamics.rotations import rotation_exp
 from spacerobot.elements.controllers.controller import RobotController
 from spacerobot.elements.controllers.measurements import first_rotation, robot_values, target_readings
+from spacerobot.elements.controllers.network_files import check_chain, read_network
 from spacerobot.elements.core.context import RobotContext, TipContext
 from spacerobot.elements.core.contribution import CommandedTorque, Contribution
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import Part, RobotProperties
 from spacerobot.errors import ScenarioError, near_names
-from spacerobot.optional import optional_module
-from spacerobot.section import LARGEST, Name, Section, quantity
-
-MOST_WEIGHTS = 50_000
-"""Largest number of weights and biases: each is a number of the scenario, and an operation of the compiled
-loop."""
-MOST_BYTES = 10_000_000
+from spacerobot.section import Name, Section, quantity
 
 JOINT_SIGNALS = ("joint_position", "joint_rate")
 Input = Literal[
@@ -62,6 +51,7 @@ Input = Literal[
 ]
 Command = Literal["joint_torque", "base_force", "base_torque", "tip_force", "tip_torque"]
 Activation = Literal["tanh", "softplus", "sigmoid", "silu"]
+LayerActivation = Literal["tanh", "softplus", "sigmoid", "silu", "linear"]
 
 
 def _sigmoid(x: ca.SX) -> ca.SX:
@@ -87,6 +77,9 @@ class NetworkLayer(Section):
 
     weights: tuple[tuple[float, ...], ...] = quantity("1", "matrix, a row for each output", min_length=1)
     biases: tuple[float, ...] = quantity("1", "one for each output; zero if not given", default=())
+    activation: LayerActivation | None = Field(
+        default=None, description="activation of this layer, if not that of the network"
+    )
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -114,7 +107,8 @@ class Neural(RobotController):
         default=None,
         min_length=1,
         max_length=4096,
-        description="weights, `.safetensors` or `.npz`: a path in the scenario's folder; fills in `layers`",
+        description="weights, `.safetensors`, `.onnx` or `.npz`: a path in the scenario's folder; "
+        "fills in `layers`",
     )
     layers: tuple[NetworkLayer, ...] | None = Field(
         default=None, min_length=1, description="layers from inputs to outputs, if not in a file"
@@ -190,8 +184,8 @@ class Neural(RobotController):
         signal = ca.vertcat(*(values[name] for name in self.inputs))
         last = len(self.layers) - 1
         for k, layer in enumerate(self.layers):
-            activation = ACTIVATIONS[self.output_activation if k == last else self.activation]
-            signal = activation(_affine(robot, f"layers.{k}", layer, signal))
+            activation = layer.activation or (self.output_activation if k == last else self.activation)
+            signal = ACTIVATIONS[activation](_affine(robot, f"layers.{k}", layer, signal))
         commands, first = dict[str, ca.SX](), 0
         for k, (name, size) in enumerate(self._output_sizes(len(robot.joints)).items()):
             scale = ca.SX(1) if self.scales is None else robot.context.number(f"scales.{k}")
@@ -309,96 +303,3 @@ def _affine(robot: RobotContext, key: str, layer: NetworkLayer, signal: ca.SX) -
         bias = number(f"{key}.biases.{i}") if layer.biases else ca.SX(1, 1)
         rows.append(ca.mtimes(weights, signal) + bias)
     return ca.densify(ca.vertcat(*rows))
-
-
-def check_chain(shapes: Sequence[tuple[int, int]], names: Iterable[str]) -> None:
-    """Refuse layers of which one does not take what the one before gives.
-
-    Args:
-        shapes: Number of outputs and of inputs of each layer.
-        names: Name of each layer in messages.
-
-    Raises:
-        ValueError: Names the layer; also if there are too many weights.
-    """
-    labels = [name for _, name in zip(shapes, names, strict=False)]
-    for (before, after), (first, second) in zip(
-        itertools.pairwise(shapes), itertools.pairwise(labels), strict=True
-    ):
-        if after[1] != before[0]:
-            raise ValueError(
-                f"{second}: found shape ({after[0]}, {after[1]}), allowed: ({after[0]}, {before[0]}), "
-                f"for {first} has {before[0]} outputs"
-            )
-    count = sum(outputs * (inputs + 1) for outputs, inputs in shapes)
-    if count > MOST_WEIGHTS:
-        raise ValueError(f"found {count} weights and biases, allowed: at most {MOST_WEIGHTS}")
-
-
-def read_network(file: Path) -> list[dict[str, Any]]:
-    """Layers of a file of weights in the form of a scenario's section.
-
-    Args:
-        file: A file ``.safetensors`` or ``.npz`` with ``*.weight`` (outputs, inputs) and ``*.bias``
-            (outputs,) of each layer.
-
-    Raises:
-        ScenarioError: If it cannot be read, or is not a chain of layers.
-        SpaceRobotError: If the package ``safetensors`` is needed and not installed.
-    """
-    arrays = _arrays(file)
-    stems = sorted(
-        {name.rpartition(".")[0] for name in arrays if name.endswith(("weight", "bias"))},
-        key=lambda stem: [int(part) if part.isdecimal() else -1 for part in re.split(r"(\d+)", stem)],
-    )
-    stray = [name for name in arrays if not re.fullmatch(r"(.*\.)?(weight|bias)", name)]
-    if stray or not stems:
-        what = f"{stray[0]!r}" if stray else "no arrays"
-        raise ScenarioError(f"found {what}, allowed: arrays NAME.weight and NAME.bias", source=file)
-    layers, shapes = [], []
-    for stem in stems:
-        prefix = f"{stem}." if stem else ""
-        weights, biases = arrays.get(f"{prefix}weight"), arrays.get(f"{prefix}bias")
-        if weights is None:
-            raise ScenarioError(f"layer {stem!r}: found a bias without {prefix}weight", source=file)
-        if weights.ndim != 2 or not weights.size:
-            found = f"{prefix}weight: found shape {weights.shape}"
-            raise ScenarioError(f"layer {stem!r}: {found}, allowed: (outputs, inputs)", source=file)
-        if biases is not None and biases.shape != weights.shape[:1]:
-            found = f"{prefix}bias: found shape {biases.shape}"
-            raise ScenarioError(f"layer {stem!r}: {found}, allowed: ({len(weights)},)", source=file)
-        shapes.append((weights.shape[0], weights.shape[1]))
-        layers.append({"weights": weights.tolist(), "biases": [] if biases is None else biases.tolist()})
-    try:
-        check_chain(shapes, [f"layer {stem!r}" for stem in stems])
-    except ValueError as fault:
-        raise ScenarioError(str(fault), source=file) from None
-    return layers
-
-
-def _arrays(file: Path) -> dict[str, Array]:
-    """Arrays of a file by name, finite numbers."""
-    if file.suffix not in (".npz", ".safetensors"):
-        found = f"found {file.suffix or 'no suffix'!r}"
-        raise ScenarioError(f"{found}, allowed: .safetensors or .npz", source=file)
-    if file.stat().st_size > MOST_BYTES:
-        raise ScenarioError(f"larger than {MOST_BYTES // 1_000_000} MB, so not such a network", source=file)
-    load: Callable[[Path], Mapping[str, Any]] = _load_npz
-    faults: tuple[type[Exception], ...] = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
-    if file.suffix == ".safetensors":
-        load = optional_module("safetensors.numpy", "neural", f"the file {file.name}").load_file
-        faults += (optional_module("safetensors", "neural", "").SafetensorError,)
-    try:
-        raw = load(file)
-        arrays = {name: np.asarray(value, dtype=float) for name, value in raw.items()}
-    except faults as fault:
-        raise ScenarioError(f"cannot be read: {fault}", source=file) from None
-    for name, value in arrays.items():
-        if not (np.abs(value) <= LARGEST).all():
-            raise ScenarioError(f"{name}: holds what is no finite number", source=file)
-    return arrays
-
-
-def _load_npz(file: Path) -> dict[str, Any]:
-    with np.load(file, allow_pickle=False) as stored:  # a pickle could run code
-        return {name: stored[name] for name in stored.files}

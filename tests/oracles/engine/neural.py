@@ -45,7 +45,9 @@ class Network:
         signals = self._signals(now, axes)
         h = np.concatenate([signals[name] for name in config.inputs])
         for k, layer in enumerate(config.layers):
-            name = config.output_activation if k == len(config.layers) - 1 else config.activation
+            name = layer.activation or (
+                config.output_activation if k == len(config.layers) - 1 else config.activation
+            )
             h = ACTIVATIONS[name](np.array(layer.weights) @ h + np.array(layer.biases))
         effort = np.zeros(self.scene.model.nv)
         columns = [int(self.scene.model.idx_vs[joint]) for joint in self.body.driven_joints]
