@@ -5,6 +5,7 @@ import base64
 import io
 import json
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 
 
 def test_notebooks_are_here_and_small():
-    assert len(NOTEBOOKS) >= 2
+    assert len(NOTEBOOKS) >= 3
     assert max(path.stat().st_size for path in NOTEBOOKS) < 600_000
 
 
@@ -38,7 +39,11 @@ def grey(picture: bytes) -> np.ndarray:
 def test_a_notebook_shows_what_it_holds(path, tmp_path, monkeypatch, capsys):
     """Texts are the same; figures too, up to small differences of fonts."""
     draw_square_frames(monkeypatch)
-    monkeypatch.chdir(tmp_path)
+    for file in (file for file in FOLDER.parent.iterdir() if file.suffix in (".yaml", ".urdf", ".npz")):
+        shutil.copy(file, tmp_path)
+    place = tmp_path / FOLDER.name
+    place.mkdir()
+    monkeypatch.chdir(place)
     names: dict[str, object] = {}
     pictures = 0
     cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
@@ -58,5 +63,5 @@ def test_a_notebook_shows_what_it_holds(path, tmp_path, monkeypatch, capsys):
     # the film that the last cell writes is shown, with as many frames
     text = "".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
     (film,) = re.findall(r"\]\(([^)]+\.gif)\)", text)
-    with Image.open(FOLDER / film) as stored, Image.open(tmp_path / "film.gif") as drawn:
+    with Image.open(FOLDER / film) as stored, Image.open(place / "film.gif") as drawn:
         assert (stored.size, stored.n_frames) == (drawn.size, drawn.n_frames)
