@@ -9,6 +9,7 @@ from typing import Literal
 
 import casadi as ca
 
+from spacerobot.flightcode.c_text import comment_text
 from spacerobot.flightcode.onboard import OnboardSoftware, Task
 
 Precision = Literal["double", "float"]
@@ -89,7 +90,7 @@ def functions_header(software: OnboardSoftware) -> str:
     for task in software.functions:
         reads = ", ".join(["time[1]", *(f"{one.name}[{one.size}]" for one in task.reads)])
         writes = ", ".join(f"{one.name}[{one.size}]" for one in task.writes)
-        lines.append(f"/* {task.text}: ({reads}) -> ({writes}) */")
+        lines.append(f"/* {comment_text(task.text)}: ({reads}) -> ({writes}) */")
         lines.append(f"void {function_name(software, task)}({_arguments(software)});")
     return "\n".join([*lines, "", "#endif", ""])
 

@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Iterator
 
 from spacerobot.flightcode.c_functions import Precision, function_name
+from spacerobot.flightcode.c_text import comment_text, number_literal
 from spacerobot.flightcode.onboard import Field, OnboardSoftware, Task
 
 HEADINGS = {
@@ -37,7 +38,10 @@ def public_header(software: OnboardSoftware, precision: Precision) -> str:
     lines = [
         f"/* On-board software of the scenario {software.title}.",
         f" * Call {name}_init once, then {name}_step every {tick} s; {name}_enter_* when a phase begins.",
-        *(f" * In the plant, not here: {one}: {reason}." for one, reason in software.plant_side.items()),
+        *(
+            f" * In the plant, not here: {comment_text(f'{one}: {reason}')}."
+            for one, reason in software.plant_side.items()
+        ),
         " */",
         f"#ifndef {guard}",
         f"#define {guard}",
@@ -88,7 +92,7 @@ def public_header(software: OnboardSoftware, precision: Precision) -> str:
     for task in software.entries:
         lines += [
             "",
-            f"/* {task.path}: {task.text} at a time [s]. */",
+            f"/* {comment_text(f'{task.path}: {task.text}')} at a time [s]. */",
             f"void {name}_{task.name}({name}_state *state, const {name}_inputs *inputs, {name}_real time);",
         ]
     return "\n".join([*lines, "", "#endif", ""])
@@ -206,11 +210,11 @@ def _ordered(software: OnboardSoftware) -> Iterator[Field]:
 def _member(software: OnboardSoftware, one: Field) -> str:
     """Member of a struct with its description."""
     size = f"[{one.size}]" if one.size > 1 else ""
-    words = [one.text.replace("*/", "* /"), "" if one.role == "state" else f"[{one.unit}]"]
+    words = [one.text, "" if one.role == "state" else f"[{one.unit}]"]
     words += [one.frame] if one.frame != "-" else []
     words += [f"every {one.period_s:.12g} s"] if one.period_s else []
     text = "; ".join([" ".join(words[:2]).strip(), *words[2:]])
-    return f"    {software.name}_real {one.name}{size}; /* {text} */"
+    return f"    {software.name}_real {one.name}{size}; /* {comment_text(text)} */"
 
 
 def _address(struct: str, one: Field) -> str:
@@ -227,7 +231,7 @@ def _call(software: OnboardSoftware, task: Task) -> list[str]:
     """Function that calls that of a task on members of the structs."""
     name = software.name
     lines = [
-        f"/* {task.text}: {task.path} */",
+        f"/* {comment_text(f'{task.text}: {task.path}')} */",
         f"static void run_{task.name}({_parameters(software, task)})",
         "{",
         f"    const {name}_real *arg[{1 + len(task.reads)}];",
@@ -278,9 +282,3 @@ def _due(task: Task) -> str:
     if not task.offset:
         return f"(tick % {task.period}u) == 0u"
     return f"(tick >= {task.offset}u) && (((tick - {task.offset}u) % {task.period}u) == 0u)"
-
-
-def number_literal(value: float) -> str:
-    """Number as a C literal that is read back exactly."""
-    text = repr(float(value))
-    return text if any(mark in text for mark in ".en") else f"{text}.0"

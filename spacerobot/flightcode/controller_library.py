@@ -153,7 +153,7 @@ def loaded_controller(
         SpaceRobotError: As of :class:`ControllerLibrary`.
     """
     if isinstance(controller, str) and controller.startswith(PREFIXES):
-        return ControllerLink(open_stream(controller), onboard_software(scene, loop))
+        return ControllerLink(open_stream(controller), onboard_software(scene, loop), controller)
     if isinstance(controller, str | os.PathLike):
         return ControllerLibrary(controller, onboard_software(scene, loop))
     return controller

@@ -24,14 +24,21 @@ PREFIXES = ("tcp:", "serial:")
 """Beginnings of addresses of processors."""
 
 
+MAX_PAYLOAD = 0xFFFF
+"""Largest payload of a frame [bytes]: its length is a number of 16 bits."""
+
+
 class ByteStream(Protocol):
-    """Two-way stream of bytes."""
+    """Two-way stream of bytes.
+
+    Both methods raise ``TimeoutError`` after :data:`TIMEOUT_S`, and ``OSError`` if the connection fails.
+    """
 
     def send(self, data: bytes) -> None:
         """Send all bytes."""
 
     def receive(self, size: int) -> bytes:
-        """Receive at most so many bytes, at least one; none at the end or after :data:`TIMEOUT_S`."""
+        """Receive at most so many bytes, at least one; none if the other side closed the stream."""
 
 
 class SocketStream:
@@ -47,10 +54,7 @@ class SocketStream:
 
     def receive(self, size: int) -> bytes:
         """See :class:`ByteStream`."""
-        try:
-            return self._socket.recv(size)
-        except TimeoutError:
-            return b""
+        return self._socket.recv(size)
 
 
 class SerialStream:
@@ -65,7 +69,8 @@ class SerialStream:
         import termios
         import tty
 
-        self._file = os.open(device, os.O_RDWR | os.O_NOCTTY)
+        # non-blocking: a line whose other side does not read must not block a write
+        self._file = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         tty.setraw(self._file)
         if baud is not None:
             speed = getattr(termios, f"B{baud}", None)
@@ -76,16 +81,22 @@ class SerialStream:
             settings = termios.tcgetattr(self._file)
             settings[4] = settings[5] = speed
             termios.tcsetattr(self._file, termios.TCSANOW, settings)
+        termios.tcflush(self._file, termios.TCIFLUSH)  # answers to an earlier simulation
 
     def send(self, data: bytes) -> None:
         """See :class:`ByteStream`."""
         while data:
+            _, ready, _ = select.select([], [self._file], [], TIMEOUT_S)
+            if not ready:
+                raise TimeoutError
             data = data[os.write(self._file, data) :]
 
     def receive(self, size: int) -> bytes:
         """See :class:`ByteStream`."""
         ready, _, _ = select.select([self._file], [], [], TIMEOUT_S)
-        return os.read(self._file, size) if ready else b""
+        if not ready:
+            raise TimeoutError
+        return os.read(self._file, size)
 
 
 def open_stream(address: str) -> ByteStream:
@@ -113,28 +124,43 @@ class ControllerLink:
     Args:
         stream: The stream.
         software: Software of the scenario that it shall control.
+        address: Address of the processor for messages.
 
     Raises:
-        SpaceRobotError: If the processor does not answer, or runs other software.
+        SpaceRobotError: If the software needs frames that are too long, or the processor does not answer,
+            ends the connection, or runs other software.
     """
 
-    def __init__(self, stream: ByteStream, software: OnboardSoftware) -> None:
-        self.software, self._stream = software, stream
+    def __init__(self, stream: ByteStream, software: OnboardSoftware, address: str = "processor") -> None:
+        self.software, self._stream, self._address = software, stream, address
         self.tick = 0
         self.longest_step_s = 0.0
-        signature = self._request(b"H")[:64].decode("ascii", "replace")
+        inputs, states, commands = (
+            sum(one.size for one in fields)
+            for fields in (software.inputs, software.states, software.commands)
+        )
+        longest = 8 * (max(inputs, states + commands) + 1)
+        if longest > MAX_PAYLOAD:
+            raise SpaceRobotError(
+                f"found a frame of {longest} bytes, allowed over a link: {MAX_PAYLOAD}; a library has no "
+                "limit",
+                where=address,
+            )
+        signature = self._request(b"H", 65)[:64].decode("ascii", "replace")
         if signature != interface_signature(software):
             raise SpaceRobotError(
                 f"the processor has other fields or rates than those of the scenario {software.title!r}; "
-                "export it again"
+                "export it again",
+                where=address,
             )
-        self._request(b"I")
-        self._states = sum(one.size for one in software.states)
+        self._request(b"I", 0)
+        self._states, self._commands = states, commands
         self._transitions = [task.name for task in software.entries]
 
     def step(self, inputs: Array) -> tuple[Array, Array]:
         """Run one step on the processor; see :class:`ControllerLibrary`."""
-        numbers = np.frombuffer(self._request(b"S", np.asarray(inputs, "<f8").tobytes()), "<f8")
+        size = 8 * (self._states + self._commands + 1)
+        numbers = np.frombuffer(self._request(b"S", size, np.asarray(inputs, "<f8").tobytes()), "<f8")
         self.tick += 1
         self.longest_step_s = max(self.longest_step_s, float(numbers[-1]))
         return numbers[: self._states].copy(), numbers[self._states : -1].copy()
@@ -143,23 +169,35 @@ class ControllerLink:
         """Begin a phase on the processor; see :class:`ControllerLibrary`."""
         content = np.concatenate([[time], inputs]).astype("<f8").tobytes()
         index = self._transitions.index(transition.name)
-        return np.frombuffer(self._request(b"E", content, index), "<f8").copy()
+        return np.frombuffer(self._request(b"E", 8 * self._states, content, index), "<f8").copy()
 
-    def _request(self, kind: bytes, content: bytes = b"", transition: int = 0) -> bytes:
-        """Send a frame and return the payload of the answer."""
+    def _request(self, kind: bytes, size: int, content: bytes = b"", transition: int = 0) -> bytes:
+        """Send a frame and return the payload of the answer, which has ``size`` bytes."""
         body = kind + struct.pack("<BH", transition, len(content)) + content
-        self._stream.send(b"SR" + body + struct.pack("<H", checksum(body)))
-        head = self._receive(6)
-        answer, size = head[2:3], struct.unpack("<H", head[4:])[0]
-        content = self._receive(size)
-        check = struct.unpack("<H", self._receive(2))[0]
-        if head[:2] != b"SR" or check != checksum(head[2:] + content):
-            raise SpaceRobotError("found a damaged answer of the processor; check the line")
-        if answer != kind:
+        try:
+            self._stream.send(b"SR" + body + struct.pack("<H", checksum(body)))
+            head = self._receive(6)
+            payload = self._receive(struct.unpack("<H", head[4:])[0])
+            check = struct.unpack("<H", self._receive(2))[0]
+        except TimeoutError:
             raise SpaceRobotError(
-                f"the processor refused request {kind.decode()}: it runs software of another interface"
+                f"the processor gave no answer for {TIMEOUT_S:g} s; is it running?", where=self._address
+            ) from None
+        except OSError as error:
+            raise SpaceRobotError(
+                f"the connection to the processor ended ({error.strerror or error}); is it running?",
+                where=self._address,
+            ) from None
+        if head[:2] != b"SR" or check != checksum(head[2:] + payload):
+            raise SpaceRobotError(
+                "found a damaged answer of the processor; check the line", where=self._address
             )
-        return content
+        if head[2:3] != kind or len(payload) != size:
+            raise SpaceRobotError(
+                f"the processor refused request {kind.decode()}: it runs software of another interface",
+                where=self._address,
+            )
+        return payload
 
     def _receive(self, size: int) -> bytes:
         """Receive so many bytes."""
@@ -167,7 +205,7 @@ class ControllerLink:
         while len(received) < size:
             part = self._stream.receive(size - len(received))
             if not part:
-                raise SpaceRobotError(f"the processor gave no answer for {TIMEOUT_S:g} s; is it running?")
+                raise ConnectionError("closed by the processor")
             received += part
         return received
 

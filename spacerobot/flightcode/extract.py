@@ -25,7 +25,8 @@ from spacerobot.closedloop.build import EvaluatedLoop, builder_of, evaluate
 from spacerobot.closedloop.onboard_ports import OnboardLoopBuilder
 from spacerobot.elements import Event, State
 from spacerobot.elements.core.clock import EARLY, ONCE
-from spacerobot.flightcode.field_names import SampleNames, column_names, identifier, true_motion
+from spacerobot.flightcode.c_text import identifier
+from spacerobot.flightcode.field_names import SampleNames, column_names, true_motion
 from spacerobot.flightcode.flyable import controllers, plans
 from spacerobot.flightcode.onboard import Field, OnboardSoftware, Role, Task, common_tick
 from spacerobot.scenario import Robot
@@ -39,6 +40,16 @@ COINCIDENT = 1e-9
 
 TRIALS = 24
 """Number of random points at which an input is tested for influence."""
+
+MEMBERS = {"arg", "copy", "i", "inputs", "last", "outputs", "res", "state", "tick", "time", "work"}
+"""Names in the C sources that no field may have."""
+
+FUNCTIONS = {"allocate", "flow", "init", "output", "step"}
+"""Names of functions that no task of an event may have."""
+
+PROGRAMS = {"all", "clean", "controller", "install", "m", "processor_in_the_loop", "processor_table", "test"}
+PROGRAMS |= {"test_vectors", "vector_table"}
+"""Names of files and of CMake targets that the software may not have."""
 
 INFLUENCE = 1e-10
 """Relative change of a task's results below which an input has no influence."""
@@ -246,8 +257,10 @@ class _Extraction:
     # -- fields ----------------------------------------------------------------------------------------------
 
     def add(self, one: Field) -> Field:
-        """Register a field under its symbols."""
+        """Register a field under its symbols; its name becomes a C identifier that no other field has."""
         if one.path not in self.pools:
+            names = {field.name for field in self.pools.values()}
+            one = replace(one, name=identifier(one.name, names | MEMBERS))
             self.pools[one.path] = one
             self.symbols |= {part.element_hash(): one for part in ca.vertsplit(one.symbol)}
         return self.pools[one.path]
@@ -262,9 +275,9 @@ class _Extraction:
         for name, state in self.states.items():
             places = tuple(names[each] for each in state.names)
             role: Role = "state" if name in self.own_states else "truth"
-            made = Field(identifier(name), name, role, state.symbol, x0[list(places)], name, places=places)
+            made = Field(name, name, role, state.symbol, x0[list(places)], name, places=places)
             if role == "truth":
-                unit, text = _PLANT_STATES.get(name.rpartition(".")[2], ("1", "state of the plant"))
+                unit, text = _PLANT_STATES.get(name.rpartition(".")[2], ("SI unit", "state of the plant"))
                 made = replace(made, text=f"{text}: {name}", unit=unit)
             self.add(samples(made) if name not in self.own_states else made)
         constants, loop_switches = self.builder.context.constants, self.loop.switches
@@ -272,15 +285,13 @@ class _Extraction:
             role = "state" if name in self.own_switches else "mode"
             text = f"1 while: {name}" if role == "mode" else name
             at = loop_switches[self.loop.switch_names.index(name)]
-            made = Field(identifier(name), name, role, constants.symbols[place], c0[[at]], text, places=(at,))
+            made = Field(name, name, role, constants.symbols[place], c0[[at]], text, places=(at,))
             self.add(made)
         for table in (table for table in constants.tables if table.noise >= 0):
             window = list(range(table.window, table.window + table.width))
             name = constants.symbols[window[0]].name().rpartition("[")[0]
             text = "standard normal numbers of simulated errors; zero on board"
-            made = Field(
-                identifier(name), name, "draw", constants.symbols[window], np.zeros(table.width), text
-            )
+            made = Field(name, name, "draw", constants.symbols[window], np.zeros(table.width), text)
             self.add(replace(made, places=tuple(window)))
         parameters = self.builder.context.parameters
         for name, paths in self.plans.items():
@@ -293,7 +304,7 @@ class _Extraction:
             text = "time at which the plan begins" if key == "begin" else f"{key} {text}"
             self.add(
                 Field(
-                    identifier(name),
+                    name,
                     name,
                     "plan",
                     symbol,
@@ -357,8 +368,10 @@ class _Extraction:
         is due at that instant.
         """
         tasks, conditions, detections, entries = (list[_Draft]() for _ in range(4))
+        names = set(FUNCTIONS)
         for event in self.own_events:
-            values, name = self._values(event), identifier(event.name)
+            values, name = self._values(event), identifier(event.name, names)
+            names.add(name)
             text = _TEXTS.get(event.kind, event.kind)
             if event.clock and any(key.endswith(".count") for key in event.updates):
                 period, offset = self.instants(event)
@@ -385,7 +398,9 @@ class _Extraction:
                 detections.append(detection)
         for event in self.transitions:
             text = f"phase {event.who} begins"
-            entries.append(_Draft(f"enter_{identifier(event.name)}", event.name, text, self._values(event)))
+            name = identifier(f"enter_{event.name}", names)
+            names.add(name)
+            entries.append(_Draft(name, event.name, text, self._values(event)))
         return [*tasks, *detections], conditions, entries
 
     def _written(self, task: _Draft) -> set[int]:
@@ -491,7 +506,7 @@ class _Extraction:
             if more is not None:
                 used |= {one.path for one in (*more.reads, *more.writes)}
         return OnboardSoftware(
-            name=identifier(self.scene.scenario.name),
+            name=identifier(self.scene.scenario.name, PROGRAMS),
             title=self.scene.scenario.name,
             tick=tick,
             fields=tuple(one for path, one in self.pools.items() if path in used),
@@ -557,7 +572,7 @@ class _Extraction:
     def _command(self, path: str, value: ca.SX, unit: str, text: str, frame: str = "-") -> ca.SX:
         """Value of a command, which is registered as a field."""
         symbol = ca.SX.sym(path, value.numel())
-        self.add(Field(identifier(path), path, "command", symbol, np.zeros(value.numel()), text, unit, frame))
+        self.add(Field(path, path, "command", symbol, np.zeros(value.numel()), text, unit, frame))
         return ca.densify(value)
 
     def _flow(self, tick: float) -> _Draft | None:
@@ -686,6 +701,12 @@ def _reason(symbols: Sequence[str]) -> str:
 _PLANT_STATES = {
     "momentum": ("N m s", "angular momentum of each wheel about its axis, inertia (speed + a . spin)"),
     "propellant": ("kg", "propellant spent"),
+    "captured_at": ("s", "time of the capture"),
+    "rest_gap": ("m", "gap of the grasp at the capture"),
+    "rest_turn": ("rad", "rotation vector of the grasp at the capture"),
+    "draw_time": ("s", "time in which the grasp draws in"),
+    "velocity": ("m/s", "relative velocity at the capture"),
+    "spin": ("rad/s", "relative spin at the capture"),
 }
 """Units and descriptions of states of the plant, by the last word of their names."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
@@ -13,12 +12,6 @@ from spacerobot.closedloop.loop_builder import LoopBuilder
 from spacerobot.elements.sensors.signals import BODY_AXES, SIGNALS
 from spacerobot.flightcode.onboard import Field
 from spacerobot.scene import Scene
-
-
-def identifier(path: str) -> str:
-    """C identifier of a path."""
-    name = re.sub(r"[^0-9A-Za-z]+", "_", path).strip("_").lower()
-    return f"n{name}" if name[:1].isdigit() else name
 
 
 @dataclass(frozen=True)
@@ -53,9 +46,7 @@ class SampleNames:
                 what = "attitude as quaternion (x, y, z, w)" if made.size == 5 else "cosine and sine"
                 unit = "1"
             text = f"{text}: {what}, last the time of the sample [s], below zero for none"
-        return replace(
-            made, name=identifier(name), role="sample", text=text, unit=unit, frame=frame, period_s=period
-        )
+        return replace(made, name=name, role="sample", text=text, unit=unit, frame=frame, period_s=period)
 
 
 def column_names(model: pin.Model) -> list[str]:
@@ -96,7 +87,7 @@ def true_motion(scene: Scene, builder: LoopBuilder, x0: Array) -> Iterator[Field
         at = [model.nq + i for i in v]
         path = f"true.{body}"
         yield Field(
-            f"true_{identifier(body)}_{kinds[0]}",
+            f"true_{body}_{kinds[0]}",
             f"{path}.{kinds[0]}",
             "truth",
             plant.q[q],
@@ -107,7 +98,7 @@ def true_motion(scene: Scene, builder: LoopBuilder, x0: Array) -> Iterator[Field
             places=tuple(q),
         )
         yield Field(
-            f"true_{identifier(body)}_{kinds[1]}",
+            f"true_{body}_{kinds[1]}",
             f"{path}.{kinds[1]}",
             "truth",
             plant.v[v],

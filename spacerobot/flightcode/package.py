@@ -115,5 +115,6 @@ def build_and_measure(software: OnboardSoftware, folder: Path, compiler: str) ->
 def _run(command: list[str], folder: Path) -> None:
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode:
-        first = (done.stderr.strip().splitlines() or ["no message"])[0]
+        lines = done.stderr.strip().splitlines() or ["no message"]
+        first = next((line for line in lines if "error:" in line), lines[0])
         raise CompileError(f"{Path(command[0]).name} refuses the exported code: {first}")

@@ -8,7 +8,7 @@ import xarray as xr
 from spacerobot.arrays import Array
 from spacerobot.elements.references.knot_motion import nodes_of, slices_of
 from spacerobot.elements.references.plan_file import parted, points_of
-from spacerobot.flightcode.c_source import number_literal
+from spacerobot.flightcode.c_text import comment_text, number_literal
 
 TABLES = {
     "joint_position": "positions of joints [rad or m]",
@@ -120,12 +120,12 @@ def plan_sources(data: xr.Dataset) -> dict[str, str]:
         f"#define PLAN_JOINTS {len(joints)}u",
         f"#define PLAN_DURATION {number_literal(times[-1])}",
         "",
-        f"/* Joints: {', '.join(joints)} */",
+        f"/* Joints: {comment_text(', '.join(joints))} */",
         "extern const double plan_time[PLAN_ROWS]; /* [s] */",
     ]
     for name, text in tables.items():
         labels = [str(label) for label in plan[_dimension(plan[name])].values]
-        header.append(f"/* {text}: {', '.join(labels)} */")
+        header.append(f"/* {text}: {comment_text(', '.join(labels))} */")
         header.append(f"extern const double plan_{name}[PLAN_ROWS][{sizes[name]}];")
     header += [
         "",

@@ -26,11 +26,11 @@ ${name}_init(&state);
 ${name}_step(&state, &inputs, &outputs);  /* every $tick s; the first one at the start */
 $entries```
 
-`$name.h` states unit, frame and period of each input. The caller owns the memory: $sizes; nothing else is
-static.
+`$name.h` states unit, frame and period of each input. The caller owns the memory: $sizes.
+The code has no other memory that it writes, apart from the stack.
 
     cmake -B build && cmake --build build && ctest --test-dir build
-    spacerobot run $title --controller libcontroller.so
+    spacerobot run SCENARIO --controller libcontroller.so
 
 ## What it relies on
 
@@ -211,7 +211,10 @@ def _longest_step(software: OnboardSoftware, measured: Mapping[str, FunctionRepo
     steps = [task for task in software.functions if task not in software.entries and task.name in measured]
     worst = sum(measured[task.name].worst_ns for task in steps) / 1e3
     tick = float(software.tick) * 1e6
-    return f"A step in which every task is due takes at most {worst:.3g} us of its {tick:.6g} us."
+    return (
+        f"The worst times of all functions of a step add up to {worst:.3g} us; "
+        f"a step is due every {tick:.6g} us."
+    )
 
 
 def _agreement(precision: Precision, measured: Mapping[str, FunctionReport]) -> list[str]:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from spacerobot.arrays import Array
 from spacerobot.flightcode.c_functions import Precision, function_name
+from spacerobot.flightcode.c_text import comment_text
 from spacerobot.flightcode.evaluation import evaluate_rows, library_bounds
 from spacerobot.flightcode.onboard import Field, OnboardSoftware, Task
 
@@ -102,7 +103,8 @@ def write_vectors(vectors: Sequence[TestVectors], folder: Path, precision: Preci
             file.write(MAGIC + struct.pack("<4I", *sizes))
             file.write(rows.astype(number).tobytes())
         with (folder / f"{one.task.name}.txt").open("w", encoding="utf-8") as text:
-            text.write(f"# {one.task.text}: {one.task.path}; results end in +, bound in roundings\n")
+            subject = comment_text(f"{one.task.text}: {one.task.path}")
+            text.write(f"# {subject}; results end in +, bound in roundings\n")
             text.write(f"# {' '.join(one.columns)}\n")
             np.savetxt(text, rows, fmt=digits)
 

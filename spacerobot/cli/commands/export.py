@@ -91,6 +91,7 @@ def _interpret(positional: Sequence[str], out: Path | None) -> tuple[str | None,
 def _reject_missing(words: Sequence[str], out: Path | None) -> None:
     """Refuse a source that is neither a folder nor a scenario, before the formats' libraries are loaded."""
     from spacerobot.errors import SpaceRobotError
+    from spacerobot.registry import EXPORT_FORMATS
     from spacerobot.scenario.catalogue import find_scenario
 
     if not words:
@@ -102,6 +103,12 @@ def _reject_missing(words: Sequence[str], out: Path | None) -> None:
     leading = list(takewhile(lambda word: not word.startswith("--"), words))
     if len(leading) in (1, 2):
         source = leading[0 if out is None else -1]
+        if out is None and len(leading) == 2 and source in EXPORT_FORMATS.names():
+            raise SpaceRobotError(
+                f"found the format {source!r} without --out; "
+                f"allowed: spacerobot export {source} {leading[1]} --out PATH",
+                where="spacerobot export",
+            )
         if not Path(source).is_dir():
             find_scenario(source)
 

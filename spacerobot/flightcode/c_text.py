@@ -1,0 +1,43 @@
+"""Texts and numbers of a scenario as C source."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection
+
+KEYWORDS = {"auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum"}
+KEYWORDS |= {"extern", "float", "for", "goto", "if", "inline", "int", "long", "register", "restrict"}
+KEYWORDS |= {"return", "short", "signed", "sizeof", "static", "struct", "switch", "typedef", "union"}
+KEYWORDS |= {"unsigned", "void", "volatile", "while"}
+"""Keywords of C99 in lower case."""
+
+
+def identifier(path: str, used: Collection[str] = ()) -> str:
+    """C identifier of a path, in lower case.
+
+    Args:
+        path: Any text. What is no letter of English and no digit becomes an underscore.
+        used: Names that are not free. A number is appended to one of them.
+    """
+    name = re.sub(r"[^0-9A-Za-z]+", "_", path).strip("_").lower()
+    if not name or name[0].isdigit():
+        name = f"n{name}"
+    free, number = name, 2
+    while free in used or free in KEYWORDS:
+        free, number = f"{name}_{number}", number + 1
+    return free
+
+
+def comment_text(text: str) -> str:
+    """Text for a comment of one line: it neither begins nor ends a comment, and has no trigraphs."""
+    text = " ".join(text.split())
+    for mark in ("*/", "/*", "??"):
+        while mark in text:
+            text = text.replace(mark, " ".join(mark))
+    return text
+
+
+def number_literal(value: float) -> str:
+    """Number as a C literal that is read back exactly."""
+    text = repr(float(value))
+    return text if any(mark in text for mark in ".en") else f"{text}.0"
