@@ -32,13 +32,13 @@ from spacerobot.elements import (
 from spacerobot.elements.actuators.joint_lock import known_lock
 from spacerobot.elements.core.context import ContactSurface
 from spacerobot.elements.core.contribution import concatenate, gated
+from spacerobot.elements.core.registry import create
 from spacerobot.elements.core.sampling import periodic
 from spacerobot.elements.estimators.estimator import HELD_INERTIA
 from spacerobot.elements.references.reference import DEGREE
 from spacerobot.elements.sensors.sensor import Flange
 from spacerobot.elements.sensors.signals import WRENCHES
 from spacerobot.scenario import Robot
-from spacerobot.scenario.sensors import IDEAL
 from spacerobot.scene import SceneBody, SceneTip
 from spacerobot.scene.scene import SceneContact, SceneShape
 from spacerobot.shapes import Shape
@@ -132,7 +132,7 @@ class LoopBuilder(LoopParts):
         config, parts = tip.body.config, []
         sections = config.sensors if isinstance(config, Robot) else None
         for k, signal in enumerate(WRENCHES):
-            sensor = IDEAL if sections is None else sections[signal]
+            sensor = create("sensor", "linear") if sections is None else sections[signal]
             key = tip.label, sensor.flange
             if key not in self.wrenches:
                 grasps = list(zip(self.scene.grasps, self.grasps, strict=True))

@@ -18,9 +18,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import casadi as ca
-import pinocchio
 
 from spacerobot.dynamics.algebra import (
     SymmetricFactors,
@@ -36,6 +36,9 @@ from spacerobot.dynamics.joints import sparse
 from spacerobot.dynamics.kinematics import Kinematics
 from spacerobot.dynamics.local_motion import LocalMotion
 from spacerobot.dynamics.recorded import recorded
+
+if TYPE_CHECKING:
+    import pinocchio
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import casadi as ca
-import pinocchio
 
 from spacerobot.dynamics.algebra import cross, mirror
 from spacerobot.dynamics.inertias import Inertias, shifted_inertia, sparse_rotor_inertia
 from spacerobot.dynamics.kinematics import Kinematics
+
+if TYPE_CHECKING:
+    import pinocchio
 
 
 def mass_matrix(

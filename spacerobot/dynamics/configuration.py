@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import casadi as ca
-import pinocchio
 
 from spacerobot.dynamics.joints import JointKind, JointModel, read_joints
 from spacerobot.dynamics.rotations import rotation_from_quaternion
+
+if TYPE_CHECKING:
+    import pinocchio
 
 
 def configuration_derivative(model: pinocchio.Model, q: ca.SX, v: ca.SX) -> ca.SX:

@@ -12,10 +12,10 @@ $J^*$ is Umetani and Yoshida's generalized Jacobian. Joint rates with $H_{bm} r 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
-import pinocchio
 
 from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import IDENTITY3, SymmetricFactors, cross_columns
@@ -25,6 +25,9 @@ from spacerobot.dynamics.joints import JointKind, JointModel
 from spacerobot.dynamics.kinematics import Kinematics, forward_kinematics, frame_jacobian
 from spacerobot.dynamics.momentum import centre_of_mass, subtree
 from spacerobot.errors import DescriptionError, near_names
+
+if TYPE_CHECKING:
+    import pinocchio
 
 
 @dataclass(frozen=True)

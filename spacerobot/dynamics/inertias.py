@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
-import pinocchio
 
 from spacerobot.dynamics.algebra import IDENTITY3, ZERO3, ZERO33, mirror, rotate_symmetric
 from spacerobot.dynamics.joints import sparse
 from spacerobot.dynamics.kinematics import Kinematics
 from spacerobot.dynamics.recorded import recorded
+
+if TYPE_CHECKING:
+    import pinocchio
 
 
 @dataclass(frozen=True)

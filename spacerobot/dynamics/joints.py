@@ -9,17 +9,19 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 import numpy.typing as npt
-import pinocchio
 
 from spacerobot.arrays import Array
 from spacerobot.dynamics.algebra import IDENTITY3, ZERO3
 from spacerobot.dynamics.rotations import rotation_from_quaternion, turn
 from spacerobot.errors import DescriptionError
+
+if TYPE_CHECKING:
+    import pinocchio
 
 NOISE = 1e-15
 """Entries of a rotation or a direction nearer than this to 0, 1 or -1 are taken as exactly that.
@@ -87,6 +89,8 @@ def read_joints(model: pinocchio.Model) -> tuple[JointModel, ...]:
     Raises:
         DescriptionError: If a joint is of a type the algorithms do not cover; it names the joint.
     """
+    import pinocchio  # laws import this package; a scenario that is only validated has no model
+
     neutral = pinocchio.neutral(model)
     return tuple(_read(model, index, neutral) for index in range(1, model.njoints))
 

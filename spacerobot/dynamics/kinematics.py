@@ -8,13 +8,16 @@ need.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import casadi as ca
-import pinocchio
 
 from spacerobot.dynamics.algebra import ZERO3, cross
 from spacerobot.dynamics.joints import JointModel, exact_directions, read_joints, sparse
 from spacerobot.dynamics.local_motion import LocalMotion, local_motions
+
+if TYPE_CHECKING:
+    import pinocchio
 
 
 @dataclass(frozen=True)

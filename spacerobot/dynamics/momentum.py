@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import casadi as ca
-import pinocchio
 
 from spacerobot.dynamics.algebra import ZERO3, cross
 from spacerobot.dynamics.inertias import Inertias, sparse_rotor_inertia
 from spacerobot.dynamics.kinematics import Kinematics
 from spacerobot.dynamics.recorded import recorded
+
+if TYPE_CHECKING:
+    import pinocchio
 
 
 def subtree(model: pinocchio.Model, joint_id: int) -> tuple[int, ...]:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import casadi as ca
-import pinocchio
 
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.articulated import Wrench, applied_loads, inertia_force
 from spacerobot.dynamics.inertias import Inertias, sparse_rotor_inertia
 from spacerobot.dynamics.kinematics import Kinematics
+
+if TYPE_CHECKING:
+    import pinocchio
 
 
 def inverse_dynamics(

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field, model_validator
 
-from spacerobot.elements import (
+from spacerobot.elements.core.registry import create
+from spacerobot.scenario.element_fields import (
     Actuator,
     Estimator,
-    Family,
     FlexibleLink,
+    JointPd,
+    Pid,
     Reference,
     RobotController,
-    RobotElement,
     TipController,
-    create,
 )
-from spacerobot.elements.controllers.amnesia import Amnesia
 from spacerobot.scenario.sensors import Sensors
 from spacerobot.section import Name, Section, Vector, quantity
 
-Pid = Annotated[TipController, Family("tip_controller", only="pid")]
-JointPd = Annotated[RobotController, Family("robot_controller", only="joint_pd")]
+if TYPE_CHECKING:
+    from spacerobot.elements import RobotElement
 
 
 class Base(Section):
@@ -161,9 +160,16 @@ class Body(Section):
         default={},
         description="initial state and resistance, by joint name; `*` in a name matches any letters",
     )
-    flexible: dict[Name, Annotated[FlexibleLink, Family("flexible_link")]] = Field(
+    flexible: dict[Name, FlexibleLink] = Field(
         default={}, description="links that bend, of any kind, by name; their joints are called NAME_..."
     )
+
+
+class Amnesia(Section):
+    """Leaky integral of the tip's position error that corrects the reference velocity (Eq. 37, 38)."""
+
+    ge: float = quantity("1/s^2", "gain G_e", ge=0)
+    ta: float = quantity("1/s", "forgetting rate t_a = K_e / R_e", ge=0)
 
 
 class Tip(Section):
@@ -180,11 +186,11 @@ class Tip(Section):
     orientation_amnesia: Amnesia | None = Field(
         default=None, description="amnesia controller of the tip's orientation"
     )
-    reference: Annotated[Reference, Family("reference")] | None = Field(
+    reference: Reference | None = Field(
         default=None,
         description="the tip's reference; derived from the target's if not given, and to hold if neither is",
     )
-    controllers: dict[Name, Annotated[TipController, Family("tip_controller")]] = Field(
+    controllers: dict[Name, TipController] = Field(
         default={}, description="further controllers of the tip, of any kind, by name"
     )
 
@@ -236,11 +242,11 @@ class Robot(Body):
     joint_pd: JointPd | None = Field(
         default=None, description="joint PD towards the inverse kinematics of the references"
     )
-    controllers: dict[Name, Annotated[RobotController, Family("robot_controller")]] = Field(
+    controllers: dict[Name, RobotController] = Field(
         default={}, description="further controllers of all joints, of any kind, by name"
     )
     sensors: Sensors | None = Field(default=None, description="sensor errors; ideal sensors if not given")
-    estimators: dict[Name, Annotated[Estimator, Family("estimator")]] = Field(
+    estimators: dict[Name, Estimator] = Field(
         default={},
         description="filters whose estimates its controllers read instead of sensors, of any kind, by name",
     )
@@ -249,7 +255,7 @@ class Robot(Body):
         description="clip joint torques at `torque_limit`, the URDF's effort limits; an actuator of kind "
         "torque_limit for all joints",
     )
-    actuators: dict[Name, Annotated[Actuator, Family("actuator")]] = Field(
+    actuators: dict[Name, Actuator] = Field(
         default={},
         description="actuators of its joints and its base, of any kind, by name; forces that none takes "
         "over are delivered as commanded",
@@ -294,6 +300,6 @@ class Robot(Body):
 class Target(Body):
     """Object that is captured, held or carried."""
 
-    reference: Annotated[Reference, Family("reference")] | None = Field(
+    reference: Reference | None = Field(
         default=None, description="the object's reference, from which tips derive theirs"
     )

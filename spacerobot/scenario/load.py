@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from spacerobot.elements import kinds
+from spacerobot.elements.core.registry import kinds
 from spacerobot.errors import ScenarioError
 from spacerobot.quantities import planned
 from spacerobot.scenario.paths import Document

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from spacerobot.elements import TipController, kinds
+from spacerobot.elements.core.registry import find_kind
 from spacerobot.errors import near_names
 from spacerobot.scenario.paths import Document
 from spacerobot.section import is_number, leaves, matching
@@ -151,8 +151,9 @@ def _words(base: Document, path: tuple[str, ...]) -> tuple[str, ...]:
     section: Any = base
     for key in path:
         section = section[key]
-    kind = kinds("tip_controller").get(section.get("kind", ""))
-    return kind.by_phase if kind is not None and issubclass(kind, TipController) else ()
+    kind = find_kind("tip_controller", section.get("kind", ""))
+    by_phase: tuple[str, ...] = getattr(kind, "by_phase", ())
+    return by_phase
 
 
 def _may_differ(path: tuple[str, ...]) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 from pydantic import (
     Field,
@@ -15,10 +15,9 @@ from pydantic import (
     model_validator,
 )
 
-from spacerobot.elements import Family, kinds
-from spacerobot.elements.goals.goal import Goal
-from spacerobot.elements.limits.plan_limit import PlanLimit
+from spacerobot.elements.core.registry import find_kind
 from spacerobot.quantities import planned
+from spacerobot.scenario.element_fields import ApproachCone, Goal, KeepOut, LineOfSight, PlanLimit
 from spacerobot.scenario.merge import overlay, pick, without_null
 from spacerobot.scenario.plan_cost import PlanCost
 from spacerobot.scenario.tuning import DesignVariable
@@ -132,7 +131,7 @@ class PlanSection(Section):
         "duration, or the limits between which it is free; missing where phases give theirs",
         default=None,
     )
-    goals: dict[Name, Annotated[Goal, Family("goal")]] = Field(
+    goals: dict[Name, Goal] = Field(
         default={}, description="terminal conditions, by name; those of a phase are given in the phase"
     )
     start: dict[Name, FreeStart] = Field(
@@ -144,18 +143,14 @@ class PlanSection(Section):
         description="terms of the cost, by name: a weight alone, or a section; the name is the kind where "
         "the section gives none",
     )
-    limits: dict[Name, Annotated[PlanLimit, Family("plan_limit")]] = Field(
+    limits: dict[Name, PlanLimit] = Field(
         default={},
         description="limits that hold at all times, by name: a number alone, or a section; the name is the "
         "kind where the section gives none. Ranges, rates and efforts of the URDFs hold in any case",
     )
-    keep_out: dict[Name, Annotated[PlanLimit, Family("plan_limit", only="keep_out")]] = Field(
-        default={}, description="pairs of shapes that stay apart, by name"
-    )
-    approach_cones: dict[Name, Annotated[PlanLimit, Family("plan_limit", only="approach_cone")]] = Field(
-        default={}, description="approach cones, by name"
-    )
-    line_of_sight: dict[Name, Annotated[PlanLimit, Family("plan_limit", only="line_of_sight")]] = Field(
+    keep_out: dict[Name, KeepOut] = Field(default={}, description="pairs of shapes that stay apart, by name")
+    approach_cones: dict[Name, ApproachCone] = Field(default={}, description="approach cones, by name")
+    line_of_sight: dict[Name, LineOfSight] = Field(
         default={}, description="lines of sight that are kept, by name"
     )
     collision_avoidance: bool = Field(
@@ -220,7 +215,7 @@ class PlanSection(Section):
         found = dict[Any, Any]()
         for name, one in data.items():
             if isinstance(one, int | float | list | tuple) and not isinstance(one, bool):
-                kind = PlanCost if info.field_name == "costs" else kinds("plan_limit").get(str(name))
+                kind = PlanCost if info.field_name == "costs" else find_kind("plan_limit", str(name))
                 short = getattr(kind, "short", None)  # an unknown kind is refused with the near names
                 found[name] = {"kind": str(name)} | ({short: one} if short else {})
             elif isinstance(one, dict):

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import casadi as ca
 from pydantic import Field
 
-from spacerobot.elements.goals.plan_instant import PlanInstant
 from spacerobot.errors import near_names
 from spacerobot.quantities import Columns, Quantity, planned
 from spacerobot.section import OneOf, Section, matching, quantity
+
+if TYPE_CHECKING:
+    from spacerobot.elements.goals.plan_instant import PlanInstant
 
 
 class PlanCost(Section):

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from spacerobot.elements import CollisionShape, Contact, Environment, Family, Grasp
-from spacerobot.elements.core.registry import on_change
 from spacerobot.errors import near_names
-from spacerobot.scenario.bodies import Base, Robot, Target, Tip
+from spacerobot.scenario.bodies import Base, Robot, Target
 from spacerobot.scenario.campaign import Campaign
+from spacerobot.scenario.element_fields import CollisionShape, Contact, Environment, Grasp
 from spacerobot.scenario.merge import check_changes, expand_names, overlay, pick, without_resting
 from spacerobot.scenario.paths import Document
 from spacerobot.scenario.phases import Phase, check_phases, check_planned
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scenario.recurrences import check_recurrences
-from spacerobot.scenario.sensors import Sensors
 from spacerobot.scenario.tuning import Tuning
 from spacerobot.scenario.validation_errors import explain
 from spacerobot.section import MAX_SAMPLES, MAX_STEPS, Name, Section, Vector, quantity
@@ -74,18 +72,16 @@ class Scenario(Section):
     name: Name = Field(default="scenario", description="name of the scenario; that of its file if not given")
     description: str = Field(default="", description="what it shows, for people")
     gravity: Vector = quantity("m/s^2", "gravity; none in orbit", default=(0.0, 0.0, 0.0))
-    environment: dict[Name, Annotated[Environment, Family("environment")]] = Field(
+    environment: dict[Name, Environment] = Field(
         default={}, description="what acts from outside on everything that moves, by name"
     )
     robots: dict[Name, Robot] = Field(min_length=1, description="robots by name")
     target: Target | None = Field(default=None, description="the object that is held")
-    grasps: dict[Name, Annotated[Grasp, Family("grasp")]] = Field(default={}, description="grasps by name")
-    pads: dict[Name, Annotated[CollisionShape, Family("shape")]] = Field(
+    grasps: dict[Name, Grasp] = Field(default={}, description="grasps by name")
+    pads: dict[Name, CollisionShape] = Field(
         default={}, description="shapes for contact that no URDF has, by name"
     )
-    contacts: dict[Name, Annotated[Contact, Family("contact", default="hunt_crossley")]] = Field(
-        default={}, description="what may touch, by name"
-    )
+    contacts: dict[Name, Contact] = Field(default={}, description="what may touch, by name")
     phases: dict[Name, Phase] = Field(
         default={}, description="what differs from the scenario for a while, in turn; one phase if not given"
     )
@@ -191,12 +187,3 @@ class Scenario(Section):
     def _laid_over(base: Document, changes: Document) -> Scenario:
         """Scenario of a plain form with changes, without the controllers that rest."""
         return Scenario.model_validate(without_resting(overlay(base, changes)))
-
-
-def _rebuild() -> None:
-    """Take in the kinds that were added, from the inside out."""
-    for section in (Tip, Sensors, Robot, Target, PlanSection, Scenario):
-        section.model_rebuild(force=True)
-
-
-on_change(_rebuild)

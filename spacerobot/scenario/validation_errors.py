@@ -6,7 +6,6 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from spacerobot.elements import FAMILIES, PLANS, kinds
 from spacerobot.scenario.paths import Document
 
 _SECTION = "a section of keys and values"
@@ -47,17 +46,9 @@ def explain(error: Mapping[str, Any], document: Document) -> tuple[str, str]:
     """Dotted path and one line for one of pydantic's errors."""
     # dotted path of a place in the document, from pydantic's; its last key may be what is missing there
     location = error["loc"]
-    missing = error["type"] == "missing"
     path: list[str] = []
     node: Any = document
-    for i, key in enumerate(location):
-        # pydantic puts a union's tag into the location; the document does not hold it, nor always the kind
-        absent = isinstance(node, dict) and key not in node and not (missing and i == len(location) - 1)
-        if absent and (
-            key == node.get("kind")
-            or ("kind" not in node and any(key in kinds(family) for family in FAMILIES | PLANS))
-        ):
-            continue
+    for key in location:
         if key == "[key]":
             continue
         if isinstance(node, int | float | str) or (isinstance(node, list | tuple) and isinstance(key, str)):

@@ -16,7 +16,8 @@ from spacerobot.description.parts import UrdfJoint as UrdfJoint
 from spacerobot.description.read import Description, read_description
 from spacerobot.description.relocated_links import placed
 from spacerobot.description.xacro import SUFFIX, expand_xacro
-from spacerobot.elements import FAMILIES, Element, create, kinds
+from spacerobot.elements import FAMILIES, Element, create
+from spacerobot.elements.core.registry import find_kind
 from spacerobot.errors import DescriptionError, ScenarioError, near_names
 from spacerobot.scenario import Joint, Scenario
 from spacerobot.scenario.paths import Document
@@ -116,13 +117,12 @@ def forget_files(document: Document, before: Document) -> Document:
 
 def _reading(document: Document) -> list[tuple[str, Document, type[Element]]]:
     """Sections of elements that read files, with their dotted paths."""
-    readers = {
-        name: kind for family in FAMILIES for name, kind in kinds(family).items() if kind.fills is not None
-    }
-    sections = (
-        (where, section, readers.get(str(section.get("kind")))) for where, section in _sections(document)
-    )
-    return [(where, section, kind) for where, section, kind in sections if kind is not None]
+    reading = []
+    for where, section in _sections(document):
+        if "kind" in section and "file" in section:
+            found = (find_kind(family, str(section["kind"])) for family in FAMILIES)
+            reading += [(where, section, kind) for kind in found if kind is not None and kind.fills][:1]
+    return reading
 
 
 def _sections(node: Any, path: str = "") -> Iterator[tuple[str, Document]]:

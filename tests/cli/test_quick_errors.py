@@ -53,3 +53,33 @@ def test_an_error_that_needs_no_model_is_reported_without_loading_one(arguments,
     (code, *loaded), error = attempt(*arguments, folder=tmp_path)
     assert (code, loaded) == ("2", [])
     assert message in error
+
+
+WRONG = """
+robots:
+  mine:
+    urdf: short_arm.urdf
+    base: {joint: planar}
+    tips: {tip: {pid: {kp: KP}, reference: {kind: hold, WORD: 1}}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("word", "kp", "message"),
+    [
+        ("frame", "high", "robots.mine.tips.tip.pid.kp: found 'high', allowed: a number"),
+        ("speed", "1", "robots.mine.tips.tip.reference: unknown key 'speed'"),
+    ],
+)
+def test_a_wrong_key_or_value_is_reported_without_pinocchio_or_other_kinds(word, kp, message, tmp_path):
+    (tmp_path / "wrong.yaml").write_text(WRONG.replace("WORD", word).replace("KP", kp))
+    kinds = ("spacerobot.elements.controllers.mpc", "spacerobot.elements.actuators.thrusters")
+    done = subprocess.run(
+        [sys.executable, "-c", RUN.format(heavy=("pinocchio", "xarray", *kinds)), "run", "wrong.yaml"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        check=True,
+    )
+    assert done.stdout.split() == ["2"]
+    assert message in " ".join(done.stderr.split())

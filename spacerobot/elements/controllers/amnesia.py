@@ -7,14 +7,6 @@ import casadi as ca
 from spacerobot.elements.core.context import TipContext
 from spacerobot.elements.core.contribution import State
 from spacerobot.elements.core.desired_motion import TimeProfile
-from spacerobot.section import Section, quantity
-
-
-class Amnesia(Section):
-    """Leaky integral of the tip's position error that corrects the reference velocity (Eq. 37, 38)."""
-
-    ge: float = quantity("1/s^2", "gain G_e", ge=0)
-    ta: float = quantity("1/s", "forgetting rate t_a = K_e / R_e", ge=0)
 
 
 def correct(tip: TipContext, key: str, error: ca.SX) -> tuple[State, TimeProfile]:

@@ -10,14 +10,14 @@ import importlib.util
 import operator
 import pkgutil
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
-from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter, ValidationInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
@@ -52,7 +52,6 @@ PLANS = {
 
 _HOMES = FAMILIES | PLANS
 _KINDS: dict[str, dict[str, type[Element]]] = {family: {} for family in _HOMES}
-_LISTENERS: list[Callable[[], None]] = []
 _LOADED: set[str] = set()
 _PLUGINS: dict[Path, bytes] = {}
 
@@ -88,8 +87,6 @@ def register(kind: Kind) -> Kind:
         raise SpaceRobotError(f"the {family} kind {name!r} is taken by {held}", where=where)
     check_methods(kind)
     _KINDS[family][name] = kind
-    for listener in _LISTENERS:
-        listener()
     return kind
 
 
@@ -114,6 +111,13 @@ def kinds(family: str) -> Mapping[str, type[Element]]:
     return MappingProxyType(dict(ordered))
 
 
+def find_kind(family: str, name: str) -> type[Element] | None:
+    """Kind of a name, None if there is none; a kind that ships is loaded alone if its file has that name."""
+    if name not in _KINDS[family] and name in _shipped_modules(_HOMES[family]):
+        importlib.import_module(f"{_HOMES[family]}.{name}")
+    return _KINDS[family].get(name) or kinds(family).get(name)
+
+
 def create(family: str, kind: str, **values: Any) -> Any:
     """Create a section of a registered kind; keys that are not given have their defaults.
 
@@ -126,17 +130,15 @@ def create(family: str, kind: str, **values: Any) -> Any:
         pydantic.ValidationError: If a value is not allowed by the kind.
         KeyError: If there is no such family or kind.
     """
-    return kinds(family)[kind].model_validate({"kind": kind} | values)
+    found = find_kind(family, kind)
+    if found is None:
+        raise KeyError(kind)
+    return found.model_validate({"kind": kind} | values)
 
 
 def only_shipped() -> bool:
-    """Whether every kind of element there is ships with this package."""
-    return all(kind.__module__.startswith(home) for f, home in _HOMES.items() for kind in kinds(f).values())
-
-
-def on_change(listener: Callable[[], None]) -> None:
-    """Have a function called whenever a kind is added."""
-    _LISTENERS.append(listener)
+    """Whether every kind of element that has been loaded ships with this package."""
+    return all(kind.__module__.startswith(home) for f, home in _HOMES.items() for kind in _KINDS[f].values())
 
 
 def load_plugin(path: StrPath) -> None:
@@ -193,8 +195,14 @@ def _load_shipped(package: str) -> None:
     if package in _LOADED:
         return
     _LOADED.add(package)
-    for module in pkgutil.iter_modules(importlib.import_module(package).__path__):
-        importlib.import_module(f"{package}.{module.name}")
+    for name in _shipped_modules(package):
+        importlib.import_module(f"{package}.{name}")
+
+
+@functools.cache
+def _shipped_modules(package: str) -> tuple[str, ...]:
+    """Names of a package's modules."""
+    return tuple(module.name for module in pkgutil.iter_modules(importlib.import_module(package).__path__))
 
 
 @dataclass(frozen=True)
@@ -212,50 +220,59 @@ class Family:
     only: str | None = None
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Schema of the union of all kinds there are now."""
-        kinds_by_name = kinds(self.name)
-        if self.only is not None:
-            return handler.generate_schema(kinds_by_name[self.only])
-        union = handler.generate_schema(
-            Annotated[functools.reduce(operator.or_, kinds_by_name.values()), Field(discriminator="kind")]
-        )
+        """Schema that finds the kind of a section when it is validated, and loads no other kind."""
+        del source, handler
 
-        def known(value: Any) -> Any:
-            """The section with its kind, which it names, has by default, or tells by a key of its own."""
+        def validate(value: Any, info: ValidationInfo) -> Any:
+            """Element of a section, of the kind that it names, has by default or tells by a key."""
             if not isinstance(value, dict | Element):
                 raise PydanticCustomError("dict_type", "a section is required")
-            if isinstance(value, dict) and self.default is not None:
-                value = {"kind": self.default} | value
-            if isinstance(value, dict) and "kind" not in value:
-                # a section with its kind, where the kinds of its family are told by a key that each has alone
-                keys = {kind.told_by: name for name, kind in kinds_by_name.items() if kind.told_by}
-                present_keys = [key for key in keys if value.get(key)]
-                if keys and len(present_keys) != 1:
-                    message = f"found {', '.join(present_keys) or 'none'}, allowed: one of {', '.join(keys)}"
-                    raise PydanticCustomError("unknown_kind", "{told}", {"told": message})
-                value = {"kind": keys[present_keys[0]]} | dict(value) if keys else value
-                former = [key for key in value if FORMER_NAMES.get(key) == "kind"]
-                if former and "kind" not in value:
-                    raise ValueError(f"unknown key {former[0]!r}; use 'kind'")
-            if isinstance(value, dict) and value.get("kind") not in tuple(kinds_by_name):
+            if isinstance(value, dict) and self.only is None:
+                value = self._with_kind(value)
+            name = self.only or (value.get("kind") if isinstance(value, dict) else value.kind)
+            kind = find_kind(self.name, name) if isinstance(name, str) else None
+            if kind is None:
                 # the kind that was found, the registered kinds and those with similar names
-                allowed = f"allowed: {', '.join(kinds_by_name)}"
+                names = tuple(kinds(self.name))
+                allowed = f"allowed: {', '.join(names)}"
                 message = f"missing, {allowed}"
-                if "kind" in value:
-                    near = difflib.get_close_matches(str(value["kind"]), tuple(kinds_by_name), n=2)
+                if not isinstance(value, dict) or "kind" in value:
+                    near = difflib.get_close_matches(str(name), names, n=2)
                     hint = f"did you mean {' or '.join(near)}? " if near else ""
-                    message = f"found {value['kind']!r}, {allowed}; {hint}your own come with --plugin FILE"
+                    message = f"found {name!r}, {allowed}; {hint}your own come with --plugin FILE"
                 raise PydanticCustomError("unknown_kind", "{told}", {"told": message})
-            return value
+            return kind.model_validate(value, context=info.context)
 
-        return core_schema.no_info_before_validator_function(known, union)
+        return core_schema.with_info_plain_validator_function(validate)
+
+    def _with_kind(self, section: dict[Any, Any]) -> dict[Any, Any]:
+        """The section with its kind: the default one, or the kind that one of its keys tells."""
+        if self.default is not None:
+            section = {"kind": self.default} | section
+        if "kind" in section:
+            return section
+        keys = {kind.told_by: name for name, kind in kinds(self.name).items() if kind.told_by}
+        if keys:
+            present_keys = [key for key in keys if section.get(key)]
+            if len(present_keys) != 1:
+                message = f"found {', '.join(present_keys) or 'none'}, allowed: one of {', '.join(keys)}"
+                raise PydanticCustomError("unknown_kind", "{told}", {"told": message})
+            return {"kind": keys[present_keys[0]]} | section
+        former = [key for key in section if FORMER_NAMES.get(key) == "kind"]
+        if former:
+            raise ValueError(f"unknown key {former[0]!r}; use 'kind'")
+        return section
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        """Schema for editors, in which a section without ``kind`` is of the default kind alone."""
-        json_schema = handler(schema)
-        if self.default is None or self.only is not None:
+        """Schema for editors: any kind there is; a section without ``kind`` is of the default kind alone."""
+        del schema
+        union: Any = functools.reduce(operator.or_, kinds(self.name).values())
+        json_schema = handler(TypeAdapter[Any](Annotated[union, Field(discriminator="kind")]).core_schema)
+        if self.only is not None:
+            return {"$ref": json_schema["discriminator"]["mapping"][self.only]}
+        if self.default is None:
             return json_schema
         default = json_schema["discriminator"]["mapping"][self.default]
         json_schema["oneOf"] = [

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from typing import ClassVar, Literal
 
 import numpy as np
-import pinocchio as pin
 from pydantic import Field
 
 from spacerobot.dynamics.joints import exact_directions
@@ -36,6 +35,8 @@ class Attitude(Goal):
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """Terminal constraints on the remaining rotation."""
+        import pinocchio as pin  # not needed to validate a section
+
         target_rotation = exact_directions(pin.rpy.rpyToMatrix(np.radians(self.rotation_deg)))
         turn = instant.turned(target_rotation, instant.base(self.attitude, "attitude").rotation)
         if self.rotation_within_deg is not None:

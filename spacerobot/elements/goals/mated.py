@@ -7,7 +7,6 @@ from typing import Any, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
-import pinocchio as pin
 from pydantic import Field, model_validator
 
 from spacerobot.arrays import Array
@@ -117,6 +116,8 @@ class Mated(TipGoal):
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """Pose and motion relative to the mating frame."""
+        import pinocchio as pin  # not needed to validate a section
+
         tip, mate, axis = instant.tip(self.tip), instant.mating(self.frame), unit(self.axis)
         place, speed, spin = tip.seen_from(mate)
         place, speed = place + self.standoff * axis, speed - self.closing_speed * axis
@@ -171,5 +172,7 @@ class Mated(TipGoal):
 
 def axis_frame(axis: Sequence[float]) -> Array:
     """Rotation (3, 3) whose first column is along an axis (3,)."""
+    import pinocchio as pin  # not needed to validate a section
+
     turn = pin.Quaternion.FromTwoVectors(np.eye(3)[0], np.array(axis, dtype=float))
     return np.asarray(turn.toRotationMatrix())

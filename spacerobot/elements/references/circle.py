@@ -7,7 +7,6 @@ from typing import Literal
 
 import casadi as ca
 import numpy as np
-import pinocchio as pin
 
 from spacerobot.dynamics.rotations import rotation_from_rpy
 from spacerobot.elements.core.desired_motion import TimeProfile
@@ -57,6 +56,8 @@ class Circle(TimedReference):
 
     def leaves_plane(self) -> Iterator[tuple[str, list[float]]]:
         """A rotation about another axis than z, or a plane that is not the x-y plane."""
+        import pinocchio as pin  # not needed to validate a section
+
         yield from super().leaves_plane()
         normal = pin.rpy.rpyToMatrix(np.radians(self.plane_deg))[:, 2]
         if np.abs(normal[:2]).max() > PLANE_TOLERANCE:

@@ -9,7 +9,6 @@ from typing import Any, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
-import pinocchio as pin
 from pydantic import Field, model_validator
 
 from spacerobot.arrays import Array
@@ -89,6 +88,8 @@ class PlanReference(Reference):
 
     def way(self) -> tuple[Array, Array]:
         """Positions and rotation vectors at the points, relative to the first one."""
+        import pinocchio as pin  # not needed to validate a section
+
         position, rotation = np.array(self.planned.position), np.array(self.planned.rotation)
         first = pin.exp3(rotation[0])
         return position - position[0], np.array([pin.log3(pin.exp3(r) @ first.T) for r in rotation])
@@ -113,6 +114,8 @@ def turning(planned: TipMotion) -> tuple[Array, Array, Array]:
 
     With them rotation vectors from there to the points of the interval and their rates (s, n + 1, 3) each.
     """
+    import pinocchio as pin  # not needed to validate a section
+
     step = planned.points - 1
     rotations, spins = [pin.exp3(np.array(vector)) for vector in planned.rotation], np.array(planned.spin)
     starts = [interval.start for interval in slices_of(planned.times, planned.points)]

@@ -7,7 +7,6 @@ from typing import Any, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
-import pinocchio as pin
 
 from spacerobot.arrays import Array
 from spacerobot.elements.core.registry import register
@@ -40,6 +39,8 @@ class Capsule(CollisionShape):
     @classmethod
     def around(cls, points: Array, axes: Sequence[int]) -> Wrapping:
         """Capsule of minimum volume whose segment goes through the middle of the extents along an axis."""
+        import pinocchio as pin  # not needed to validate a section
+
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         candidates = [(*_smallest(points - middle, axis), axis) for axis in axes]
         _, radius, half, shift, axis = min(candidates, key=lambda one: one[0])

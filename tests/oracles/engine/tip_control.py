@@ -17,12 +17,12 @@ import pinocchio as pin
 from spacerobot.arrays import Array
 from spacerobot.elements import TipController
 from spacerobot.elements.controllers.admittance import Admittance
-from spacerobot.elements.controllers.amnesia import Amnesia
 from spacerobot.elements.controllers.hybrid_force import HybridForce
 from spacerobot.elements.controllers.impedance import Impedance
 from spacerobot.elements.controllers.payload_feed_forward import PayloadFeedForward
 from spacerobot.elements.controllers.pid import Pid
 from spacerobot.pinocchio_engine.mechanical_state import FrameMotion
+from spacerobot.scenario.bodies import Amnesia
 from spacerobot.scenario.sensors import Sensors
 from spacerobot.scene import Scene, SceneBody, SceneTip
 from tests.oracles.engine.kinematics import Kinematics, rotation_vector
