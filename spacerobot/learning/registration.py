@@ -8,6 +8,8 @@ _TARGET = "phases.reach.robots.servicer.tips.left_tip.reference"
 CAPTURE: dict[str, Any] = {
     "scenario": "capture",
     "changes": {
+        "description": "The left arm of a free-flying servicer of 575 kg follows the targets of a policy "
+        "until it grips a satellite of 100 kg that tumbles at 3 deg/s.",
         **{
             f"robots.servicer.tips.*.{key}": None
             for key in ("pid", "amnesia", "orientation_pid", "orientation_amnesia")

@@ -2,6 +2,7 @@
 
 import pytest
 
+import spacerobot as sr
 from tests import forks
 
 pytest.importorskip("gymnasium")
@@ -42,6 +43,18 @@ def episode(env, seed, actions):
 CHECKED = """
 for name in ("capture", "servicer", "detumble"):
     check_env(sr.make_environment(name, duration=0.5, backend="interpreted"), skip_render_check=True)
+"""
+
+RANDOM = """
+env = sr.make_environment("SCENARIO", duration=0.2, backend="interpreted")
+env.action_space.seed(1)
+space, ended = env.observation_space, False
+assert env.reset(seed=1)[0] in space
+while not ended:
+    observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+    ended = terminated or truncated
+    assert observation in space and np.isfinite(observation).all() and np.isfinite(reward)
+assert (info["summary"]["status"]["state"] == "diverged") == bool(info.get("cause"))
 """
 
 SEEDS = """
@@ -194,6 +207,12 @@ SCRIPTS |= {"quantities": QUANTITIES, "numbers": NUMBERS, "diverged": DIVERGED}
 def test_environments(script, tmp_path):
     script = script.replace('"episode"', repr(str(tmp_path / "episode")))
     done = forks.run(HEAD + script)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("name", list(sr.list_scenarios().scenarios))
+def test_a_random_policy_runs_in_every_shipped_scenario(name):
+    done = forks.run(HEAD + RANDOM.replace("SCENARIO", name))
     assert done.returncode == 0, done.stderr
 
 
