@@ -11,6 +11,16 @@ KEYWORDS |= {"return", "short", "signed", "sizeof", "static", "struct", "switch"
 KEYWORDS |= {"unsigned", "void", "volatile", "while"}
 """Keywords of C99 in lower case."""
 
+MEMBERS = {"arg", "copy", "i", "inputs", "last", "outputs", "res", "state", "tick", "time", "work"}
+"""Names in the C sources that no field may have."""
+
+FUNCTIONS = {"allocate", "flow", "init", "output", "step"}
+"""Names of functions that no task of an event may have."""
+
+PROGRAMS = {"all", "clean", "controller", "install", "m", "processor_in_the_loop", "processor_table", "test"}
+PROGRAMS |= {"test_vectors", "vector_table"}
+"""Names of files and of CMake targets that the software may not have."""
+
 
 def identifier(path: str, used: Collection[str] = ()) -> str:
     """C identifier of a path, in lower case.

@@ -25,8 +25,8 @@ from spacerobot.closedloop.build import EvaluatedLoop, builder_of, evaluate
 from spacerobot.closedloop.onboard_ports import OnboardLoopBuilder
 from spacerobot.elements import Event, State
 from spacerobot.elements.core.clock import EARLY, ONCE
-from spacerobot.flightcode.c_text import identifier
-from spacerobot.flightcode.field_names import SampleNames, column_names, true_motion
+from spacerobot.flightcode.c_text import FUNCTIONS, MEMBERS, PROGRAMS, identifier
+from spacerobot.flightcode.field_names import PLANT_STATES, SampleNames, column_names, true_motion
 from spacerobot.flightcode.flyable import controllers, plans
 from spacerobot.flightcode.onboard import Field, OnboardSoftware, Role, Task, common_tick
 from spacerobot.scenario import Robot
@@ -40,16 +40,6 @@ COINCIDENT = 1e-9
 
 TRIALS = 24
 """Number of random points at which an input is tested for influence."""
-
-MEMBERS = {"arg", "copy", "i", "inputs", "last", "outputs", "res", "state", "tick", "time", "work"}
-"""Names in the C sources that no field may have."""
-
-FUNCTIONS = {"allocate", "flow", "init", "output", "step"}
-"""Names of functions that no task of an event may have."""
-
-PROGRAMS = {"all", "clean", "controller", "install", "m", "processor_in_the_loop", "processor_table", "test"}
-PROGRAMS |= {"test_vectors", "vector_table"}
-"""Names of files and of CMake targets that the software may not have."""
 
 INFLUENCE = 1e-10
 """Relative change of a task's results below which an input has no influence."""
@@ -277,7 +267,7 @@ class _Extraction:
             role: Role = "state" if name in self.own_states else "truth"
             made = Field(name, name, role, state.symbol, x0[list(places)], name, places=places)
             if role == "truth":
-                unit, text = _PLANT_STATES.get(name.rpartition(".")[2], ("SI unit", "state of the plant"))
+                unit, text = PLANT_STATES.get(name.rpartition(".")[2], ("SI unit", "state of the plant"))
                 made = replace(made, text=f"{text}: {name}", unit=unit)
             self.add(samples(made) if name not in self.own_states else made)
         constants, loop_switches = self.builder.context.constants, self.loop.switches
@@ -697,18 +687,6 @@ def _reason(symbols: Sequence[str]) -> str:
     names = ", ".join(words.get(stem, stem) for stem in stems)
     return f"it reads {names}, which change between the instants of software"
 
-
-_PLANT_STATES = {
-    "momentum": ("N m s", "angular momentum of each wheel about its axis, inertia (speed + a . spin)"),
-    "propellant": ("kg", "propellant spent"),
-    "captured_at": ("s", "time of the capture"),
-    "rest_gap": ("m", "gap of the grasp at the capture"),
-    "rest_turn": ("rad", "rotation vector of the grasp at the capture"),
-    "draw_time": ("s", "time in which the grasp draws in"),
-    "velocity": ("m/s", "relative velocity at the capture"),
-    "spin": ("rad/s", "relative spin at the capture"),
-}
-"""Units and descriptions of states of the plant, by the last word of their names."""
 
 _TEXTS = {
     "measured": "sample of a residual of momenta",

@@ -13,6 +13,18 @@ from spacerobot.elements.sensors.signals import BODY_AXES, SIGNALS
 from spacerobot.flightcode.onboard import Field
 from spacerobot.scene import Scene
 
+PLANT_STATES = {
+    "momentum": ("N m s", "angular momentum of each wheel about its axis, inertia (speed + a . spin)"),
+    "propellant": ("kg", "propellant spent"),
+    "captured_at": ("s", "time of the capture"),
+    "rest_gap": ("m", "gap of the grasp at the capture"),
+    "rest_turn": ("rad", "rotation vector of the grasp at the capture"),
+    "draw_time": ("s", "time in which the grasp draws in"),
+    "velocity": ("m/s", "relative velocity at the capture"),
+    "spin": ("rad/s", "relative spin at the capture"),
+}
+"""Units and descriptions of states of the plant, by the last word of their names."""
+
 
 @dataclass(frozen=True)
 class SampleNames:

@@ -14,7 +14,7 @@ from pathlib import Path
 from spacerobot.closedloop import build_closed_loop, build_commanded_loop
 from spacerobot.compiled import NO_COMPILER, Toolchain, find_toolchain
 from spacerobot.compiled.build import SourceUnit, build
-from spacerobot.errors import CompileError, ScenarioError
+from spacerobot.errors import CompileError, ScenarioError, SpaceRobotError
 from spacerobot.fmu.model_description import Fmi, UnitDescription, build_description, model_description
 from spacerobot.fmu.ports import find_ports
 from spacerobot.fmu.sources import plant_sources
@@ -54,7 +54,8 @@ def build_fmu(
         vary: Numbers that are parameters although they are exactly zero, by dotted path.
 
     Raises:
-        ScenarioError: If Python updates a controller, as model predictive control does.
+        ScenarioError: If Python updates a controller, as model predictive control does, or a name cannot be
+            that of an FMU's variable.
         CompileError: If there is no compiler, or it fails, or the machine is none for which FMI names
             binaries.
     """
@@ -77,7 +78,10 @@ def build_fmu(
     else:
         grid = time_grid(simulation.duration, simulation.step, simulation.output_step)
     kernel = build_kernel(loop, method=METHODS[simulation.method])
-    ports = find_ports(scene, loop, commands)
+    try:
+        ports = find_ports(scene, loop, commands)
+    except SpaceRobotError as error:
+        raise scene.error(str(error)) from None
     token, sources = plant_sources(loop, kernel, sampled_steps(grid), ports, fmi)
     name = scene.scenario.name
     unit = UnitDescription(
