@@ -1,4 +1,4 @@
-"""Exact gradients of costs by the discrete adjoint: one sweep back, whatever the number of parameters."""
+"""Exact gradients of costs by the discrete adjoint: one backward pass, whatever the number of parameters."""
 
 from __future__ import annotations
 
@@ -19,23 +19,26 @@ from spacerobot.rollout.tables import places_in, reached_with, sources
 from spacerobot.rollout.time_grid import TimeGrid
 
 WHOLE_BYTES = 128 * 2**20
-"""Longest tape that holds a whole rollout, for each thread and over the number of lanes: a group of lanes
-integrates a piece once more in about the time of a single rollout, but its tape is so many times longer."""
+"""Maximum tape [bytes] of a whole rollout per thread, divided by the number of lanes.
+
+Above it a rollout is integrated piece by piece, once more in the backward pass. For a group of lanes that
+takes about the time of a single rollout, whereas its tape is as many times longer as it has lanes.
+"""
 
 FEWEST = 8
 """Minimum number of steps between two jumps of a sample interval, as in ``loops/steps.hpp``."""
 
 SEGMENT_BYTES = 2**20
-"""Tape of longer rollouts, which are integrated once more between checkpoints: it stays in a core's cache."""
+"""Tape [bytes] of one piece of a longer rollout, integrated again from a checkpoint: it fits in cache."""
 
 
 def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
-    """The kernel and the reverse of each of its functions, as ``loops/adjoint.hpp`` lists them.
+    """Kernel with the reverse (vector-Jacobian product) of each function, as listed in ``loops/adjoint.hpp``.
 
     Args:
         kernel: The forward functions.
-        wrt: Places in p of the parameters that gradients are asked for. Only the prepared constants that
-            these reach take part in the sweep back.
+        wrt: Indices in p of the parameters to differentiate with respect to. Only the prepared constants that
+            depend on these get adjoints.
     """
     sizes = {name: kernel.size("dynamics", name) for name in ("x", "c", "m")}
     t, x, c = ca.SX.sym("t"), ca.SX.sym("x", sizes["x"]), ca.SX.sym("c", sizes["c"])
@@ -60,21 +63,21 @@ def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
     normal, nbar = kernel.functions["normalise"](x), ca.SX.sym("nbar", sizes["x"])
     jump_places = tuple(reached.index(jump) if jump in reached else -1 for jump in kernel.jumps)
     bar_places = places_in(reached, sizes["c"]) if kernel.tables else ()
-    moved = t if max(jump_places, default=-1) >= 0 or kernel.events else ca.SX(0, 1)
+    event_time = t if max(jump_places, default=-1) >= 0 or kernel.events else ca.SX(0, 1)
 
-    def reverse(name: str, value: ca.SX, bar: str, time: ca.SX, **given: ca.SX) -> ca.Function:
+    def reverse(name: str, value: ca.SX, bar: str, time: ca.SX, **arguments: ca.SX) -> ca.Function:
         seed = ca.SX.sym(bar, value.numel())
         parts = {"xbar": x, "cbar": constants, "tbar": time}
         back = _transposed(value, ca.vertcat(*parts.values()), seed)
         places = slices({name: part.numel() for name, part in parts.items()})
         split = {name: entries(back, where) for name, where in places.items()}
-        return sx_function(name, {**at, **given, bar: seed}, split)
+        return sx_function(name, {**at, **arguments, bar: seed}, split)
 
     functions = {**kernel.functions} | {
         "objective_reverse": sx_function("objective_reverse", {"r": r, "p": p, "Jbar": jbar}, ends),
         "setup_reverse": sx_function("setup_reverse", {"p": p, "xbar": xbar, "cbar": cbar}, {"pbar": back}),
-        "dynamics_reverse": reverse("dynamics_reverse", xdot, "vbar", moved),
-        "peaks_reverse": reverse("peaks_reverse", m, "mbar", moved),
+        "dynamics_reverse": reverse("dynamics_reverse", xdot, "vbar", event_time),
+        "peaks_reverse": reverse("peaks_reverse", m, "mbar", event_time),
         "final_reverse": reverse("final_reverse", final, "ebar", t if kernel.events else ca.SX(0, 1)),
         "normalise_reverse": sx_function(
             "normalise_reverse", {"x": x, "nbar": nbar}, {"xbar": _transposed(normal, x, nbar)}
@@ -91,7 +94,7 @@ def adjoint_kernel(kernel: Kernel, wrt: Sequence[int]) -> Kernel:
 
 
 def _transposed(value: ca.SX, variables: ca.SX, seed: ca.SX) -> ca.SX:
-    """Transposed Jacobian times a seed, dense also where nothing depends on anything."""
+    """Transposed Jacobian of ``value`` times a seed (n,), stored dense even where its entries are zero."""
     if value.numel() == 0 or variables.numel() == 0:
         return ca.SX.zeros(variables.numel())
     return ca.densify(ca.jtimes(value, variables, seed, True))

@@ -15,7 +15,7 @@ from spacerobot.rollout.trajectory import Batch, BatchEvents, FiredEvent, Gradie
 
 
 def trajectory_of(raw: RolloutArrays, kernel: Kernel, grid: TimeGrid, p: Array) -> Trajectory:
-    """The only rollout of ``raw``, which holds every state and output; cut short where it ended."""
+    """Trajectory of ``raw``, one rollout with every state and output, up to the rollout's end."""
     sample_count, ended = int(raw.done[0]), raw.status[0] == ENDED
     (cause,) = kernel.closure.messages(raw.gaps)
     lost: Status = "chattering" if raw.status[0] == CHATTERING else "diverged"
@@ -78,7 +78,7 @@ def batch_of(
     threads: int,
     wall_s: float,
 ) -> Batch:
-    """Every rollout of ``raw``, which holds the named outputs."""
+    """Batch of all rollouts in ``raw``, with the named outputs."""
     kernel = engine.kernel
     events = None
     if kernel.events:
@@ -127,20 +127,22 @@ def gradient_of(
 
 
 def statuses(raw: RolloutArrays, kernel: Kernel, every: int = 1) -> tuple[str, ...]:
-    """Whether the derivatives of each rollout hold, in words, where so many rows in turn are of one."""
+    """Gradient status of each rollout, as text; ``every`` consecutive rows belong to one rollout."""
     steps = next((event.who for event in kernel.events if event.quantised), "")
     quantised = f"inaccurate: quantised: derivatives leave out the steps of '{steps}'" if steps else ""
 
     def status_of(is_complete: bool, warning: int, event: int) -> str:
-        """One rollout, and the event that its derivatives are doubted for."""
+        """Gradient status of one rollout; ``event`` is the index of the event behind its gradient warning."""
         name = kernel.events[event].name if kernel.events else ""
         if not is_complete:
             return "lost"
         if warning == GRAZING:
             return f"grazing: a small change may add or remove the event '{name}'"
         if warning == COINCIDENT:
-            what = f"the event '{name}' and another one" if event >= 0 else "two ends of references"
-            return f"coincident: {what} may change places"
+            coincident_pair = (
+                f"the event '{name}' and another one" if event >= 0 else "two ends of references"
+            )
+            return f"coincident: {coincident_pair} may change places"
         if warning == AT_END:
             return f"at the end: a small change may move the event '{name}' past the end of the rollout"
         return quantised or "exact"
@@ -158,7 +160,7 @@ def gaps_of(raw: RolloutArrays, kernel: Kernel) -> dict[str, Array]:
 
 
 def diverged_at(raw: RolloutArrays) -> Array:
-    """Time of the last good state of each rollout that diverged, 0 if it did not begin, NaN elsewhere."""
+    """Time of the last valid state of each diverged rollout [s], 0 if it did not start, else NaN."""
     lost = (raw.done >= 0) & ~raw.completed
     return frozen(np.where(lost, raw.reached, np.nan))
 

@@ -19,7 +19,7 @@ from spacerobot.rollout.rollout_arrays import MOST_EVENTS, CoincidentInstants, I
 from spacerobot.rollout.time_grid import TimeGrid
 
 TASK_STEPS = 20_000
-"""Most steps of a task, over its groups: long enough to hide Python, short enough to report and cancel."""
+"""Maximum number of steps in a task, over all groups: long against Python's overhead, short to cancel."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class BatchProgress:
 
 
 class Stop(Protocol):
-    """Something that can be asked whether to stop, such as ``threading.Event``."""
+    """Cancellation flag that is polled, such as ``threading.Event``."""
 
     def is_set(self) -> bool:
         """Whether to stop."""
@@ -52,7 +52,7 @@ Progress = Callable[[BatchProgress], object]
 
 
 class Controls(TypedDict, total=False):
-    """Keyword arguments of what runs on threads; see :class:`Control`."""
+    """Keyword arguments of threaded computations; see :class:`Control`."""
 
     threads: int | None
     progress: Progress | None
@@ -63,19 +63,21 @@ class Controls(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class Control:
-    """On how many threads something runs, who is told, and who may cancel it.
+    """Threads, progress reports, cancellation and derivative checks of a threaded computation.
 
     Attributes:
-        threads: How many; one for each usable core if None. Results do not depend on it, not even by a bit.
-        progress: Called now and then with what is done; the rest is left out if it returns False.
+        threads: Number of threads; one for each usable core if None. Results are bit-identical for any
+            number.
+        progress: Called repeatedly with a :class:`BatchProgress`; returning False cancels the remaining
+            rollouts.
         stop: Event (``threading.Event``) that cancels when set.
-        orders: Whether both orders of what happens at one instant are tried, so that derivatives are called
-            coincident only where they differ; without, all through events at one instant are. It costs
-            gradients a fraction of a rollout; sensitivities are then taken twice.
-        accuracy: Whether derivatives are taken once more with half the step, so that their status says where
-            the step falsifies them; it then costs three times as much, else it is ``unchecked``. As
-            ``orders`` if None.
-        backwards: Whether what is at one instant shall happen in the other order.
+        orders: Whether coincident events are evaluated in both orders, so that derivatives are reported as
+            coincident only where the two orders differ. Without it, derivatives through all coincident events
+            are. The check costs a gradient a fraction of a rollout, and sensitivities a second evaluation.
+        accuracy: Whether derivatives are computed again with half the step, so that their status reports
+            errors due to the step. This takes three times as long; without it the status is ``unchecked``.
+            The value of ``orders`` if None.
+        backwards: Whether coincident events fire in the reverse order.
     """
 
     threads: int | None = None
@@ -87,7 +89,7 @@ class Control:
 
     @property
     def halves(self) -> bool:
-        """Whether derivatives are taken once more with half the step."""
+        """Whether derivatives are computed again with half the step."""
         return self.orders if self.accuracy is None else self.accuracy
 
     @property
@@ -114,17 +116,17 @@ class BatchArrays:
 
 
 def run_one(engine: Engine, grid: TimeGrid, p: Array, estimate: bool) -> RolloutArrays:
-    """One rollout of parameters p (np,) with every state and output, and the states at all of its events."""
+    """Single rollout of parameters p (np,) with every state and output, and the states at all its events."""
     outputs = range(engine.kernel.size("outputs", "y"))
     raw = RolloutArrays.empty(engine.kernel, grid, 1, True, outputs)
     raw = replace(raw, error=np.zeros(1)) if estimate else raw
-    most = MOST_EVENTS if engine.kernel.events else 0
+    event_capacity = MOST_EVENTS if engine.kernel.events else 0
     while True:  # once more where there were more events than room for them
-        raw = raw.with_events(most)
+        raw = raw.with_events(event_capacity)
         engine.rollouts(p[None, :], grid, raw, outputs, StopFlag())
-        if raw.log.fired[0] <= most:
+        if raw.log.fired[0] <= event_capacity:
             break
-        most = int(raw.log.fired[0])
+        event_capacity = int(raw.log.fired[0])
     raw.check_start(engine.kernel.closure, p[None, :])
     return raw
 
@@ -139,9 +141,9 @@ def run_batch(
 ) -> BatchArrays:
     """Roll out ``total`` rows of parameters on some threads.
 
-    Every group of lanes does the same arithmetic wherever it runs, so results depend neither on threads nor
-    on N. ``p`` gives the full rows (n, np) of a piece when its turn comes: all at once may be too many.
-    Sensitivities with events or jumps at one instant are taken in both orders.
+    Every group of lanes does the same arithmetic on any thread, so results depend neither on threads nor on
+    N. ``p`` returns the full rows (n, np) of a piece when a thread starts it, since all rows at once may not
+    fit in memory. Sensitivities with coincident events or jumps are computed in both orders.
     """
     raw, flag = RolloutArrays.empty(engine.kernel, grid, total, samples.states, samples.rows), StopFlag()
     raw = replace(raw, backwards=control.backwards)
@@ -159,9 +161,13 @@ def run_batch(
     raw.cost[~raw.completed] = np.nan
     if engine.kernel.rate is not None and control.orders and len(rows := raw.coincident):
         parameters = np.vstack([p(slice(row, row + 1)) for row in rows])
-        other = replace(control, progress=None, orders=False, backwards=True)
-        again = run_batch(engine, grid, parameters.__getitem__, len(rows), samples, other).raw
-        raw.trust_same(rows, again, _derivatives(raw, rows), _derivatives(again, slice(None)))
+        reverse_control = replace(control, progress=None, orders=False, backwards=True)
+        reverse_arrays = run_batch(
+            engine, grid, parameters.__getitem__, len(rows), samples, reverse_control
+        ).raw
+        raw.trust_same(
+            rows, reverse_arrays, _derivatives(raw, rows), _derivatives(reverse_arrays, slice(None))
+        )
     return BatchArrays(raw, control.thread_count, seconds)
 
 
@@ -195,20 +201,20 @@ def run_gradients(
 
 
 def fair_pieces(total: int, lanes: int, longest: int, threads: int) -> Iterator[slice]:
-    """Cut ``range(total)`` into pieces of whole groups of lanes, the last group as short as it must be.
+    """Cut ``range(total)`` into pieces of whole groups of lanes; the last group may be shorter.
 
-    A piece is at most a thread's share of what is left then, so that in the end no thread waits for more
-    than one group of another.
+    A piece is at most one thread's share of the remaining rows, so that no thread waits at the end for more
+    than one group of another thread.
 
     Args:
-        total, lanes: Rows, and rows of a group.
-        longest: Most groups of a piece.
-        threads: How many take pieces.
+        total, lanes: Number of rows, and rows in a group.
+        longest: Maximum number of groups in a piece.
+        threads: Number of threads that take pieces.
     """
     begin = 0
     while begin < total:
-        left = -(-(total - begin) // lanes)
-        end = min(total, begin + lanes * min(longest, -(-left // threads)))
+        remaining_groups = -(-(total - begin) // lanes)
+        end = min(total, begin + lanes * min(longest, -(-remaining_groups // threads)))
         yield slice(begin, end)
         begin = end
 
@@ -220,17 +226,17 @@ def run_tasks(
     flag: StopFlag,
     control: Control,
 ) -> float:
-    """Call ``work`` on pieces of ``range(total)`` from threads; the time taken in s.
+    """Call ``work`` on pieces of ``range(total)`` from several threads, and return the wall time [s].
 
     Args:
-        work: Does one piece, and returns how many rows of it it did.
-        pieces, total: The pieces in order, and rows in all.
-        flag: Set when the rest shall be left out; pieces that run then leave early.
-        control: How many threads, who is told, and who may cancel.
+        work: Function that computes one piece and returns the number of rows it completed.
+        pieces, total: The pieces in order, and the total number of rows.
+        flag: Stop flag; it is set on cancellation, and running pieces then return early.
+        control: Threads, progress reports and cancellation.
     """
     threads, progress, stop = control.thread_count, control.progress, control.stop
     begin_s = time.perf_counter()
-    done = 0
+    completed_rows = 0
     with ThreadPoolExecutor(threads) as pool:
         pending: set[Future[int]] = set()
         try:
@@ -240,8 +246,8 @@ def run_tasks(
                 if not pending:
                     break
                 finished, pending = wait(pending, timeout=0.1, return_when=FIRST_COMPLETED)
-                done += sum(future.result() for future in finished)
-                report = BatchProgress(done, total, time.perf_counter() - begin_s)
+                completed_rows += sum(future.result() for future in finished)
+                report = BatchProgress(completed_rows, total, time.perf_counter() - begin_s)
                 if (progress and finished and progress(report) is False) or (stop and stop.is_set()):
                     flag.set()
         except BaseException:

@@ -1,4 +1,4 @@
-"""Build rollouts: functions, compiler, step."""
+"""Building of rollouts: functions, compiled or interpreted engines, and the step."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ class Settings:
     """Settings of integration and sampling, and the backend.
 
     Attributes:
-        step_s: Longest step; it is taken a little shorter where it does not divide the output step. If None,
-            it is chosen by :func:`choose_step`, and ``rollout.choice`` tells its error.
-        output_step_s: Longest time between samples. If None, each step is a sample, or every hundredth of the
-            duration if the step is to be chosen.
-        tolerance: Error that a chosen step shall keep to.
+        step_s: Longest step [s]; shortened where it does not divide the output step. If None, it is chosen by
+            :func:`choose_step`, and ``rollout.choice`` holds its error.
+        output_step_s: Longest time between samples [s]. If None, each step is a sample, or each hundredth of
+            the duration if the step is chosen automatically.
+        tolerance: Maximum error of an automatically chosen step.
         method: Name of the numerical method, one of ``METHODS``.
-        backend: ``auto`` compiles where a compiler is found and works, unless the few rollouts that are asked
-            for are done sooner by the virtual machine, and interprets elsewhere.
-        many: Whether what batches need is compiled now, instead of what a single rollout needs.
-        rollouts: How many rollouts or gradients will be asked for, each of the whole duration; many if None.
-        in_background: Whether single rollouts are interpreted while they are being compiled: for what is
-            shown at once and not stored, since bits then depend on time.
+        backend: ``auto`` compiles if a working compiler is found, unless the virtual machine would finish the
+            requested rollouts sooner; it interprets otherwise.
+        many: Whether the batch engine is compiled now, instead of the engine for a single rollout.
+        rollouts: Expected number of rollouts or gradients, each over the whole duration; many if None.
+        in_background: Whether single rollouts are interpreted while a compiler works in the background. Only
+            for results that are displayed and not stored, since their bits then depend on timing.
     """
 
     step_s: float | None = None
@@ -63,9 +63,9 @@ class Settings:
     in_background: bool = False
 
     def sample_s(self, duration_s: float) -> float | None:
-        """Longest time between samples; None where each step is one."""
-        chosen = self.step_s is None and self.output_step_s is None
-        return duration_s / 100 if chosen else self.output_step_s
+        """Longest time between samples [s]; None where each step is a sample."""
+        is_automatic = self.step_s is None and self.output_step_s is None
+        return duration_s / 100 if is_automatic else self.output_step_s
 
 
 def build_rollout(
@@ -79,17 +79,17 @@ def build_rollout(
     """Make a closed loop ready to run: slow the first time (it compiles), quick from the cache.
 
     Args:
-        loop, duration_s: The closed loop, and for how long it runs.
-        measures: What to reduce each rollout to.
-        progress: Called with a few words while something is compiled, also later, and before each pilot
-            rollout.
+        loop, duration_s: The closed loop, and the duration of its rollouts [s].
+        measures: Measures of each rollout.
+        progress: Called with a short message while functions are compiled, also in later calls, and before
+            each pilot rollout.
         **options: ``step_s``, ``output_step_s``, ``tolerance``, ``method``, ``backend``, ``many``,
-            ``rollouts`` and ``in_background``, as :class:`Settings` has them.
+            ``rollouts`` and ``in_background``; see :class:`Settings`.
 
     Raises:
-        CompileError: ``backend`` is ``compiled`` and cannot be had.
-        DivergedError: No step keeps to the tolerance.
-        SpaceRobotError: A duration or a step is not positive, or there is no such method.
+        CompileError: ``backend`` is ``compiled`` and no compiler works.
+        DivergedError: No step meets the tolerance.
+        SpaceRobotError: A duration or a step is not positive, or the method is unknown.
     """
     settings = Settings(**options)
     sample_s, step_s = settings.sample_s(duration_s), settings.step_s
@@ -115,14 +115,14 @@ def choose_step(
     parameters: Parameters = None,
     **options: Unpack[Options],
 ) -> StepChoice:
-    """Largest step whose error keeps to a tolerance, found by step doubling on pilot rollouts.
+    """Largest step whose error is within a tolerance, found by step doubling on pilot rollouts.
 
     Args:
-        loop, duration_s, **options: As for :func:`build_rollout`; ``step_s`` has no meaning here.
-        parameters: As for :meth:`Rollout.values`.
+        loop, duration_s, **options: See :func:`build_rollout`; ``step_s`` is ignored.
+        parameters: Parameter values; see :meth:`Rollout.values`.
 
     Raises:
-        DivergedError: No step keeps to the tolerance.
+        DivergedError: No step meets the tolerance.
     """
     sample_s = options.get("output_step_s") or duration_s / 100
     options["step_s"] = options["output_step_s"] = sample_s

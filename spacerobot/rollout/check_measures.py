@@ -1,8 +1,8 @@
 """Measures over outputs that exist for some labels only.
 
-Where an element of a dimension declares no output that others do, its entries are constants that are not
-numbers (:func:`spacerobot.closedloop.outputs.combine`). An integral over one would end every rollout at its
-first step, and a cost made of one would have no value; so both are refused before anything is compiled.
+If an element declares no output that others of its dimension declare, its entries are constant NaN
+(:func:`spacerobot.closedloop.outputs.combine`). An integral over such an entry would end every rollout at its
+first step, and a cost of it would have no value; both are refused before compilation.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from spacerobot.rollout.measures import Measures
 
 
 def check_measures(loop: ClosedLoopFunctions, measures: Measures, outputs: Sequence[ca.SX]) -> None:
-    """Refuse integrals and costs that are no number whatever the rollout does.
+    """Refuse integrals and costs that are NaN in every rollout.
 
     Args:
         loop: The closed loop.
-        measures: What is gathered.
+        measures: Measures to check.
         outputs: The loop's outputs as expressions, in their order, each (n,).
 
     Raises:
@@ -37,20 +37,22 @@ def check_measures(loop: ClosedLoopFunctions, measures: Measures, outputs: Seque
     if not entries:
         return
 
-    def refuse(what: str, signal: str) -> SpaceRobotError:
-        """Error that names the entries of a signal which do exist."""
+    def refuse(subject: str, signal: str) -> SpaceRobotError:
+        """Error that lists the existing entries of a signal."""
         size = symbols[signal].numel()
-        variable = next((one for one in getattr(loop, "variables", ()) if one.name == signal), None)
+        variable = next(
+            (candidate for candidate in getattr(loop, "variables", ()) if candidate.name == signal), None
+        )
         labels = variable.labels if variable is not None else ()
         each = size // len(labels) if labels else 1
-        there = [
+        existing_entries = [
             f"{label} ({k * each}:{(k + 1) * each})"
             for k, label in enumerate(labels)
             if k * each not in absent[signal]
         ]
         return SpaceRobotError(
-            f"{what} depends on {signal!r} where that does not exist; take the entries of "
-            f"{', '.join(there) or 'no label'}"
+            f"{subject} depends on {signal!r} where that does not exist; take the entries of "
+            f"{', '.join(existing_entries) or 'no label'}"
         )
 
     r = {name: ca.SX.sym(name, measure.expression.numel()) for name, measure in measures.named.items()}

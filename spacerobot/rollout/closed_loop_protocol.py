@@ -24,7 +24,7 @@ class EventRule(Protocol):
 
     @property
     def who(self) -> str:
-        """To whom it happens, such as ``left``."""
+        """Robot, grasp or element that the event belongs to, such as ``left``."""
 
     @property
     def sets(self) -> tuple[tuple[int, bool], ...]:
@@ -32,31 +32,31 @@ class EventRule(Protocol):
 
     @property
     def ends(self) -> bool:
-        """Whether the rollout is over with it."""
+        """Whether the event ends the rollout."""
 
     @property
     def kink(self) -> bool:
-        """Whether it only marks where a law is not smooth: neither state nor rate jumps there."""
+        """Whether the event only marks a kink of a law: neither state nor rate jumps there."""
 
     @property
     def gap(self) -> bool:
-        """Whether its guard is minus a gap between two bodies, and ``guards`` bounds the gap's rate."""
+        """Whether the guard is minus a gap between two bodies; ``guards`` then bounds the gap's rate."""
 
     @property
     def clock(self) -> bool:
-        """Whether its guard is time less an instant that events alone change."""
+        """Whether the guard is time minus an instant that only events change."""
 
     @property
     def silent(self) -> bool:
-        """Whether it is not recorded."""
+        """Whether the event is not recorded."""
 
     @property
     def routine(self) -> bool:
-        """Whether batches do not record it."""
+        """Whether batches do not record the event."""
 
     @property
     def quantised(self) -> bool:
-        """Whether what it updates has steps, which derivatives do not see."""
+        """Whether the updated values are quantised; derivatives ignore the steps."""
 
 
 class OutputRule(Protocol):
@@ -88,7 +88,7 @@ class LoopParameters(Protocol):
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """One name for each entry of x."""
+        """Names of the entries of x."""
 
 
 class ClosedLoopFunctions(LoopParameters, Protocol):
@@ -96,8 +96,8 @@ class ClosedLoopFunctions(LoopParameters, Protocol):
 
     The state is x = (q, v, z): Pinocchio's configuration and velocity, and the states of controllers.
 
-    Where it has events, its motion is hybrid: smooth between them, by switches that are constant there. What
-    an event remembers (when it was, what was measured) is a state whose derivative is zero.
+    A closed loop with events is a hybrid system: its motion is smooth between events, while its switches are
+    constant. Values that an event stores (its time, a measurement) are states with zero derivative.
     """
 
     @property
@@ -114,11 +114,11 @@ class ClosedLoopFunctions(LoopParameters, Protocol):
 
     @property
     def jumps(self) -> tuple[int, ...]:
-        """Places in c of the times [s] at which the dynamics jump.
+        """Indices in c of the times [s] at which the dynamics jump.
 
-        The dynamics tell by ``t < c[place]`` on which side of a jump they are, and use these entries for
-        nothing else: a rollout, whose steps never cross a jump, writes plus infinity there before the jump
-        and minus infinity after it.
+        The dynamics test ``t < c[place]`` to find the side of a jump, and use these entries for nothing else.
+        A step of a rollout never crosses a jump: the rollout writes plus infinity there before the jump and
+        minus infinity after it.
         """
 
     @property
@@ -127,26 +127,26 @@ class ClosedLoopFunctions(LoopParameters, Protocol):
 
     @property
     def events(self) -> Sequence[EventRule]:
-        """The events; ``guards`` and ``update`` are not read where there are none."""
+        """Events of the loop; ``guards`` and ``update`` are not read if there are none."""
 
     @property
     def fine(self) -> tuple[tuple[int, float, float], ...]:
-        """Positions in ``switches``, the longest step [s] while that switch is on, and a window.
+        """Triples: index in ``switches``, longest step [s] while that switch is on, and window.
 
-        The longest step may be infinite: that of the rollout. The window is in longest steps. Within it,
-        steps grow behind the instant at which the switch is turned on, and shrink to that at which it is
-        turned off; zero if the law is smooth up to both.
+        The longest step may be infinite, which means the step of the rollout. The window is a number of
+            longest steps: within it, steps grow after the switch turns on and shrink before it turns off. It
+            is zero if the law is smooth up to both instants.
         """
 
     @property
     def tables(self) -> Sequence[WindowTable]:
-        """Tables in c, whose windows a rollout fills; the functions see no other of their entries."""
+        """Tables in c; a rollout copies rows of them into windows, the only entries that functions read."""
 
     @property
     def rows(self) -> ca.Function:
-        """``(t, x, c) -> (row)``: row of each cursor; where there are tables, else it is not read.
+        """``(t, x, c) -> (row)``: row of each cursor; read only if there are tables.
 
-        A row changes at jumps and events alone. An event's ``update`` sees what was shown before it.
+        A row changes only at jumps and events. An event's ``update`` reads the rows from before the event.
         """
 
     @property
@@ -157,10 +157,11 @@ class ClosedLoopFunctions(LoopParameters, Protocol):
     def guards(self) -> ca.Function:
         """``(t, x, c, xdot) -> (g, rate, speed)``: one guard for each event, and its rate along xdot.
 
-        Each event whose guard is minus a gap has a speed [m/s]: the gap closes no faster, whatever xdot.
+        For an event whose guard is minus a gap, speed [m/s] is an upper bound of the gap's closing speed for
+        any xdot.
 
-        An event fires where its guard is above zero. One that is not armed has a guard of minus infinity
-        and a rate of zero; whether it is armed depends on switches alone. ``xdot`` serves the rate only.
+        An event fires where its guard is above zero. An event that is not armed has a guard of minus infinity
+        and a rate of zero; arming depends on switches only. ``xdot`` is used for the rate only.
         """
 
     @property

@@ -1,4 +1,4 @@
-"""Engines of one kernel, each made when it is first asked for."""
+"""Engines of one kernel, each created on first use."""
 
 from __future__ import annotations
 
@@ -18,32 +18,32 @@ from spacerobot.rollout.virtual_machine import SceneProgram
 Made = TypeVar("Made")
 
 ADJOINT = "the closed loop's adjoint"
-"""What it is called while it is compiled."""
+"""Name of the adjoint in progress messages of the compiler."""
 
 OPERATION_S = 0.8e-9
-"""Time that the virtual machine takes for an operation [s]."""
+"""Time of one operation in the virtual machine [s]."""
 
 COMPILE_START_S, COMPILE_OPERATION_S = 1.0, 1.7e-4
-"""Processor time that a compiler takes for the loops, and for each operation of a kernel's functions [s]."""
+"""Processor time of a compiler for the loops, and for each operation of a kernel's functions [s]."""
 
 INTERPRETED_SHARE = 0.5
-"""Part of the time to compile within which what is asked for is interpreted instead."""
+"""Maximum ratio of interpreted run time to compile time at which a request is interpreted."""
 
 
 class Engines:
     """Engines that evaluate a kernel: compiled with a toolchain, or interpreted.
 
-    The virtual machine begins at once and is about eight times slower than compiled code. It is taken where
-    it needs at most half as long as the compiler would, by a count of operations and steps, not by a clock:
-    the same request gives the same bits, whatever is in the cache.
+    The virtual machine starts at once and is about eight times slower than compiled code. It is used if its
+    estimated time is at most half the compile time. The estimate counts operations and steps and reads no
+    clock, so the same request gives the same bits whatever the cache holds.
 
     Args:
         kernel: The functions.
         toolchain: Compiler, or None.
         progress: Called with a few words while something is compiled.
-        steps: Steps that will be asked for, as far as known; infinite where everything shall be compiled.
-        is_strict: Whether a compiler that fails is an error; else the kernel is interpreted.
-        in_background: Whether single rollouts are interpreted while a thread has them compiled.
+        steps: Expected number of steps; infinite to compile everything.
+        is_strict: Whether a compiler failure is an error; otherwise the kernel is interpreted.
+        in_background: Whether single rollouts are interpreted while a thread compiles them.
     """
 
     def __init__(
@@ -68,12 +68,12 @@ class Engines:
         self._locks: dict[tuple[object, ...], threading.Lock] = {}
 
     def expect(self, steps: float) -> None:
-        """Count steps that will be asked for in addition."""
+        """Add to the expected number of steps."""
         self._steps += steps
 
     @property
     def single(self) -> Engine:
-        """For one rollout at a time."""
+        """Engine for one rollout at a time."""
         if self._in_background and self.toolchain is not None:
             if self._background is None:
                 # daemonic: compilers that it waits for are ended with this process
@@ -85,11 +85,11 @@ class Engines:
 
     @property
     def batch(self) -> Engine:
-        """For many: as many lanes as the processor's vectors have."""
+        """Engine for many rollouts: as many lanes as the processor's vectors have."""
         return self._forward("forward", self.kernel, self._lanes)
 
     def adjoint(self, wrt: tuple[int, ...], *, many: bool) -> AdjointEngine:
-        """For gradients with respect to some places in p, one at a time or many."""
+        """Engine for gradients with respect to the parameters p[wrt], one rollout at a time or many."""
         kernel = self._once(("adjoint kernel", wrt), lambda: adjoint_kernel(self.kernel, wrt))
         lanes = self._lanes if many else 1
 
@@ -99,7 +99,7 @@ class Engines:
         return self._once(("adjoint", wrt, lanes), make)
 
     def sensitivity(self, wrt: tuple[int, ...], outputs: tuple[str, ...]) -> Engine:
-        """For derivatives along directions, one in each lane; ``engine.kernel`` names what it returns."""
+        """Engine of forward sensitivities, one direction per lane; ``engine.kernel`` names its results."""
         key = ("sensitivity kernel", wrt, outputs)
         kernel = self._once(key, lambda: sensitivity_kernel(self.kernel, wrt, outputs))
         return self._forward(("sensitivity", wrt, outputs), kernel, self._lanes)
@@ -115,7 +115,7 @@ class Engines:
         return 1 if self.toolchain is None else self.toolchain.lanes
 
     def _is_interpreted(self, kernel: Kernel) -> bool:
-        """Whether the virtual machine evaluates a kernel."""
+        """Whether the virtual machine evaluates this kernel."""
         if self.toolchain is None:
             return True
         compile_s = COMPILE_START_S + COMPILE_OPERATION_S * operations(kernel)
@@ -131,15 +131,15 @@ class Engines:
         if self.toolchain is None or self._is_interpreted(kernel):
             return InterpretedLoops(SceneProgram(kernel))
         say = self._progress
-        what = ADJOINT if adjoint else "the closed loop"
+        subject = ADJOINT if adjoint else "the closed loop"
 
-        def told(done: int, total: int) -> None:
+        def report(done: int, total: int) -> None:
             if say is not None:
-                say(f"compiling {what}: {done} of {total} pieces done")
+                say(f"compiling {subject}: {done} of {total} pieces done")
 
-        # in the background nobody waits for it
+        # no progress from the background thread: its result is not awaited
         silent = threading.current_thread() is self._background
-        progress = (lambda _done, _total: None) if silent else None if say is None else told
+        progress = (lambda _done, _total: None) if silent else None if say is None else report
         try:
             library = compile_kernel(kernel, lanes, self.toolchain, adjoint=adjoint, progress=progress)
         except CompileError as error:
@@ -165,9 +165,9 @@ def operations(kernel: Kernel) -> int:
 
 
 def operations_per_step(kernel: Kernel) -> int:
-    """Operations of a step: of its stages, of guards at four places, and of the sweep back if there is one.
+    """Number of operations in a step: stages, guards at four points, and the reverse functions if present.
 
-    The sweep back of a long rollout begins with the stages once more.
+    The backward pass of a long rollout evaluates the stages a second time.
     """
 
     def size(name: str) -> int:

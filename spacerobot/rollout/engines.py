@@ -33,7 +33,7 @@ class StopFlag:
 
     @property
     def is_set(self) -> bool:
-        """Whether they were asked to leave."""
+        """Whether the threads have been told to stop."""
         return self._value.value != 0
 
     @property
@@ -76,7 +76,7 @@ class _EngineCall(ctypes.Structure):
 
 
 HOT = {"dynamics", "normalise", "values", "dynamics_reverse", "normalise_reverse"}
-"""Functions that every step evaluates."""
+"""Functions that every step evaluates; they are compiled with full optimisation."""
 
 
 def compile_kernel(
@@ -107,9 +107,9 @@ def compile_kernel(
 
 
 def cold_functions(kernel: Kernel) -> set[str]:
-    """Names of the functions of a kernel that run seldom, and shall rather compile fast."""
-    often = {"update", "guards"} if any(event.clock for event in kernel.events) else set()
-    return set(kernel.functions) - HOT - often
+    """Names of the kernel's rarely called functions, which are compiled with little optimisation."""
+    frequent = {"update", "guards"} if any(event.clock for event in kernel.events) else set()
+    return set(kernel.functions) - HOT - frequent
 
 
 def loops_source(kernel: Kernel, *, adjoint: bool = False) -> str:
@@ -134,7 +134,7 @@ class CompiledLoops:
         return self.library.lanes
 
     def run(self, name: str, *structures: ctypes.Structure) -> int:
-        """Call ``rollouts`` or ``gradients``; what it returns."""
+        """Call ``rollouts`` or ``gradients`` of the library and return its result."""
         entry = self.library.entry(name)
         entry.restype = ctypes.c_int64
         return int(entry(*map(ctypes.byref, structures)))

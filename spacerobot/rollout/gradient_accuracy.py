@@ -1,4 +1,4 @@
-"""Error of derivatives by the step: they are taken once more with steps of half the length.
+"""Error of derivatives due to the step: comparison with derivatives at half the step.
 
 Derivatives of a discrete rollout are exact for that rollout, whatever its step. Where steps are too coarse
 for friction or another stiff law, its trajectory may be right to many digits while its derivatives are wrong
@@ -19,14 +19,14 @@ import numpy as np
 from spacerobot.rollout.closed_loop_protocol import Array
 
 INACCURATE = 0.01
-"""Part of a derivative by which half the step may change it."""
+"""Maximum relative change of a derivative when the step is halved."""
 
 SMALL = 1e-4
-"""A derivative counts as if it were no less than so much of the value over its parameter.
+"""Floor of the derivative's magnitude in the comparison, in units of value / parameter.
 
-A change by half the step therefore counts from 1e-6 of the value over the parameter. At an optimum, where
-derivatives vanish, the error of a certified step stays below that. A larger number passes, as exact, wrong
-derivatives by parameters of little effect such as coefficients of friction.
+A change is therefore reported only above 1e-6 value / parameter. At an optimum, where derivatives vanish, the
+error of a certified step stays below that. A larger floor would accept wrong derivatives with respect to
+parameters of little effect, such as friction coefficients.
 """
 
 
@@ -37,24 +37,24 @@ def inaccurate(
     parameters: Array,
     paths: Sequence[str],
 ) -> str:
-    """Reason why derivatives are inaccurate: half the step changes one by too much. Empty if none does.
+    """Reason why derivatives are inaccurate (one changes too much at half the step), or an empty string.
 
     Args:
-        gradient, finer: Derivatives (..., k) with the step and with half of it, by the name of what is
-            differentiated.
-        values: What is differentiated (...,), by name.
+        gradient, finer: Derivatives (..., k) with the step and with half of it, by the name of the
+            differentiated value.
+        values: Differentiated values (...,), by name.
         parameters, paths: Values of the k parameters (k,), and their paths.
     """
     worst, reason = 0.0, ""
     for name, slopes in gradient.items():
-        one, other = slopes.reshape(-1, len(paths)), finer[name].reshape(-1, len(paths))
-        largest = np.abs(other).max(axis=0, initial=0.0)
+        coarse, fine = slopes.reshape(-1, len(paths)), finer[name].reshape(-1, len(paths))
+        largest = np.abs(fine).max(axis=0, initial=0.0)
         size = np.abs(values[name]).max(initial=0.0)
         # at an optimum derivatives vanish: what changes the value by less than this is nothing
         relative_size = np.divide(size, np.abs(parameters), out=np.zeros(len(paths)), where=parameters != 0)
         minimum_size = np.where(parameters != 0, relative_size, largest.max(initial=0.0))
         with np.errstate(invalid="ignore", divide="ignore"):
-            change = np.abs(one - other).max(axis=0, initial=0.0)
+            change = np.abs(coarse - fine).max(axis=0, initial=0.0)
             off = np.where(change > 0, change / np.maximum(largest, SMALL * minimum_size), 0.0)
         off = np.where(np.isnan(change), np.inf, off)
         if off.max(initial=0.0) > max(worst, INACCURATE):

@@ -1,4 +1,4 @@
-"""Whether a rollout begins closed: the gaps of grasps that its own numbers may open."""
+"""Initial gaps of grasps that a rollout's own parameters may open, and the test that they are closed."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Closure:
         return gaps
 
     def is_open(self, gaps: Array) -> npt.NDArray[np.bool_]:
-        """Whether each row (N, n) has a gap that is too large (N,)."""
+        """Whether each row (N, n) contains a gap above its limit (N,)."""
         return np.asarray((gaps > list(self.largest.values())).any(axis=1), dtype=np.bool_)
 
     def messages(self, gaps: Array) -> tuple[str, ...]:

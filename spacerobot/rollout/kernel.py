@@ -1,4 +1,4 @@
-"""The functions that one rollout evaluates, made from a closed loop and what is asked of it."""
+"""Functions that a rollout evaluates, built from a closed loop and the requested measures."""
 
 from __future__ import annotations
 
@@ -29,26 +29,28 @@ class Kernel:
             ``guards``, ``values`` and ``update`` where there are events, ``rows`` where there are tables, as
             ``loops/steps.hpp`` lists them.
         nx: Length of the closed loop's state; integrals follow it.
-        integrals, peaks: How many there are.
-        scale: One over how far each state may go from where it begins, shape (nx + integrals,).
-        outputs, measures: Where each named vector lies in y and in r.
+        integrals, peaks: Number of integrals and of peaks.
+        scale: Reciprocal of the largest allowed departure of each state from its initial value, shape (nx +
+            integrals,).
+        outputs, measures: Slice of each named vector in y and in r.
         costs: Names of the entries of J.
-        closure: What must be closed for a rollout to begin.
-        method: What integrates.
-        jumps: Places in c of the times at which the dynamics jump.
-        switches, events, fine: Places in c of the switches; the events; positions in ``switches`` with the
-            longest step [s] while each is on, and over how many of these steps grow from its beginning and
-            shrink to its end.
-        jump_bars: Adjoint: their places in cbar, -1 for one that the wanted parameters do not move.
+        closure: Grasps that must be closed at the start of a rollout.
+        method: Integration method.
+        jumps: Indices in c of the times at which the dynamics jump.
+        switches, events, fine: Indices in c of the switches; the events; triples of an index in ``switches``,
+            the longest step [s] while that switch is on, and the number of such steps over which steps grow
+            after switching on and shrink before switching off.
+        jump_bars: Adjoint kernels: indices in cbar of the adjoints of jump times, -1 for a jump that the
+            parameters do not move.
         tables: Tables in c.
-        c_bars, c_slopes: Where there are tables: place of each constant's bar in cbar and of its derivative
+        c_bars, c_slopes: If there are tables: index of each constant's adjoint in cbar and of its derivative
             in c, or -1.
-        guard_states: Places in x of what changes between events and guards depend on.
-        moving: Derivatives: whether parameters may move the time of each event.
-        names: Of the entries of x, the integrals of measures behind those of the state.
-        noise: Random numbers into which tables have windows.
-        jump_slopes, rate: Forward sensitivities: places in c of the jumps' derivatives, -1 likewise, and of
-            that of time, if any jump moves.
+        guard_states: Indices in x of the states that events change and guards depend on.
+        moving: Derivative kernels: whether parameters may move the time of each event.
+        names: Names of the entries of x; the integrals of measures follow the states.
+        noise: Random numbers that windows of tables read.
+        jump_slopes, rate: Forward sensitivities: indices in c of the derivatives of jump times (-1 if
+            constant), and of the derivative of time if any jump moves.
     """
 
     functions: Mapping[str, ca.Function]
@@ -78,7 +80,7 @@ class Kernel:
 
     @property
     def gaps(self) -> tuple[int, ...]:
-        """Events whose guards are minus a gap, in the order of the speeds that ``values`` gives."""
+        """Indices of events whose guard is minus a gap, in the order of the speeds from ``values``."""
         return tuple(number for number, event in enumerate(self.events) if event.gap)
 
     def size(self, function: str, argument: str) -> int:
@@ -97,12 +99,12 @@ def sx_function(name: str, inputs: Mapping[str, ca.SX], outputs: Mapping[str, ca
 def build_kernel(
     loop: ClosedLoopFunctions, measures: Measures | None = None, method: Tableau = METHODS[DEFAULT]
 ) -> Kernel:
-    """Functions of a rollout that also gathers measures.
+    """Kernel of a rollout that also evaluates measures.
 
     Args:
         loop: The closed loop.
-        measures: What to gather; nothing if None.
-        method: What integrates.
+        measures: Measures to evaluate; none if None.
+        method: Integration method.
 
     Raises:
         SpaceRobotError: If a measure or a cost depends on an output where it does not exist.
@@ -118,13 +120,13 @@ def build_kernel(
     written = ca.vertcat(ca.SX(0, 1), *[m.expression for m in measures.named.values()])
     signals = measures.signals
     used = [path for path, symbol in signals.parameters.items() if ca.depends_on(written, symbol)]
-    prepared, chosen = ca.SX.sym("c", loop.setup.numel_out(1)), ca.SX.sym("p", len(used))
-    x, c = ca.vertcat(state, sums), ca.vertcat(prepared, chosen)
+    prepared, measure_parameters = ca.SX.sym("c", loop.setup.numel_out(1)), ca.SX.sym("p", len(used))
+    x, c = ca.vertcat(state, sums), ca.vertcat(prepared, measure_parameters)
     result = loop.outputs(t, state, prepared)
     y = [ca.SX(part) for part in result] if isinstance(result, tuple | list) else [ca.SX(result)]
     check_measures(loop, measures, y)
     symbols = [signals.t, signals.x, *signals.outputs.values(), *[signals.parameters[path] for path in used]]
-    values = [t, state, *y, *ca.vertsplit(chosen)]
+    values = [t, state, *y, *ca.vertsplit(measure_parameters)]
 
     def stacked(expressions: Mapping[str, ca.SX]) -> ca.SX:
         stack = ca.vertcat(ca.SX(0, 1), *expressions.values())
@@ -165,8 +167,10 @@ def build_kernel(
         looked = {place for output in (0, 1) for place in places(output, 1).get_triplet()[1]}
         guard_states = tuple(sorted(looked & set(ca.sparsify(ca.SX(xdot)).sparsity().row())))
     r = ca.SX.sym("r", sum(measures.sizes.values()))
-    named = {name: entries(r, where) for name, where in slices(measures.sizes).items()}
-    costs = measures.cost_expressions(named, dict(zip(loop.parameter_paths, ca.vertsplit(p), strict=True)))
+    named_measures = {name: entries(r, where) for name, where in slices(measures.sizes).items()}
+    costs = measures.cost_expressions(
+        named_measures, dict(zip(loop.parameter_paths, ca.vertsplit(p), strict=True))
+    )
     stack = ca.vertcat(ca.SX(0, 1), *costs.values())
     functions["objective"] = sx_function("objective", {"r": r, "p": p}, {"J": stack})
     limits = [POSITION_LIMIT] * loop.nq + [VELOCITY_LIMIT] * loop.nv

@@ -1,4 +1,4 @@
-"""Sizes and tables of a kernel that the loops read: constants where it is compiled, else data."""
+"""Sizes and tables of a kernel that the loops read: constants of compiled loops, data of interpreted ones."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ LENGTHS = {
     "NG": ("setup_reverse", "pbar"),
     "MOVING": ("dynamics_reverse", "tbar"),
 }
-"""Lengths of arguments, by function and argument; a compiled kernel's functions tell them themselves."""
+"""Lengths of arguments, by function and argument; a compiled kernel's functions report their own."""
 
 SIZES: Mapping[str, Callable[[Kernel], int]] = {
     "INTEGRALS": lambda kernel: kernel.integrals,
@@ -62,7 +62,7 @@ SIZES: Mapping[str, Callable[[Kernel], int]] = {
     "RATE": lambda kernel: -1 if kernel.rate is None else kernel.rate,
     "C_SLOPES": lambda kernel: len(kernel.c_slopes),
 }
-"""Numbers of a kernel."""
+"""Sizes of a kernel by name."""
 
 INTEGERS: Mapping[str, Callable[[Kernel], Iterable[int]]] = {
     "JUMP": lambda kernel: kernel.jumps,
@@ -117,10 +117,10 @@ def constants_of(kernel: Kernel) -> str:
 
 
 LOOPS = ("machine", "generic", "steps", "tables", "events", "forward", "adjoint", "entries")
-"""Headers of the loops that are the same for every scene, in turn."""
+"""Headers of the loops that all scenes share, in the order of inclusion."""
 
 PROCESSORS = {"x86_64": ("x86-64-v3", "x86-64")}
-"""Kinds of processors of a machine that they are built for, the better first; elsewhere there is one kind."""
+"""Processor types of each machine for which the loops are built, the faster first; others have one."""
 
 
 def generic_source(package: Path) -> str:

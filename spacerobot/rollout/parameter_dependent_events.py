@@ -1,10 +1,10 @@
-"""Events whose times depend on parameters, by the structure of the functions alone.
+"""Events whose times depend on parameters, found from the sparsity of the functions.
 
-A clock, as that of a sampled sensor or of thrusters in pulses, compares time with a state that its own events
-set to the time. So times of events and states are decided together, as the least fixed point of
+A clock, such as that of a sampled sensor or of pulsed thrusters, compares time with a state that its own
+events set. Event times and states are therefore decided together, as the smallest fixed point of
 
-* a state moves if its rate is not zero, if it begins elsewhere, or if an event that moves sets it, or one
-  sets it to what moves;
+* * a state moves if its rate is not structurally zero, if its initial value depends on parameters, or if an
+* event that moves sets it, or an event sets it to a moving value;
 * an event moves if its guard depends on a state that moves or on a constant that parameters reach.
 """
 
@@ -34,7 +34,7 @@ def moving_events(kernel: Kernel, wrt: Sequence[int], reached: Collection[int]) 
     t, x, c = (ca.SX.sym(name, kernel.size("dynamics", name)) for name in ("t", "x", "c"))
     p = ca.SX.sym("p", kernel.size("setup", "p"))
     x0, rates = f["setup"](p)[0], ca.sparsify(ca.SX(f["dynamics"](t, x, c)[0]))
-    moved = {*rates.sparsity().row(), *ca.jacobian_sparsity(x0, p[list(wrt)]).row()}
+    moving_states = {*rates.sparsity().row(), *ca.jacobian_sparsity(x0, p[list(wrt)]).row()}
     arguments = ca.vertcat(x, t, c)  # entries up to nx are states, then comes time
     nx = x.numel()
     constants = {nx + 1 + place for place in reached}
@@ -46,16 +46,16 @@ def moving_events(kernel: Kernel, wrt: Sequence[int], reached: Collection[int]) 
         sets.append({i: rows[i] for i in range(nx) if not ca.is_equal(after[i], x[i], 2)})
     events: set[int] = set()
     while True:
-        unknown = moved | constants
-        late = {event for event, row in enumerate(guards) if row & unknown} - events
+        variables = moving_states | constants
+        late = {event for event, row in enumerate(guards) if row & variables} - events
         events |= late
         changed = {
             i
             for event, rows_by_place in enumerate(sets)
             for i, row in rows_by_place.items()
-            if row & unknown or (event in events and nx in row)
-        } - moved
-        moved |= changed
+            if row & variables or (event in events and nx in row)
+        } - moving_states
+        moving_states |= changed
         if not late and not changed:
             return tuple(event in events for event in range(len(kernel.events)))
 

@@ -1,4 +1,4 @@
-"""A closed loop whose rollouts begin anywhere: at any time, in any state, with any switches."""
+"""Closed loop whose rollouts start at any time, in any state, with any switches."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from spacerobot.rollout.measures import Measures, final
 from spacerobot.rollout.trajectory import Trajectory
 
 SWITCHES = "switches"
-"""Output of a resumed loop: its switches."""
+"""Output of a resumed loop that holds its switches."""
 BEGIN = "start.0"
-"""Parameter of a resumed loop: the time at which it is taken up."""
+"""Parameter of a resumed loop: its start time [s]."""
 STATE = "end.state"
-"""Measure of the state and the switches at the end of a piece."""
+"""Measure of a piece: state and switches at its end."""
 
 
 def resumed(loop: Any) -> Any:
-    """The loop with its start as parameters, behind its own: time, state, switches.
+    """Closed loop with time, state and switches at the start as additional parameters, after its own.
 
-    Its rollouts count time from their start; what depends on time sees that of the whole. Its switches are an
-    output in addition.
+    Rollouts count time from their start; time-dependent laws receive the absolute time. The switches are an
+    additional output.
 
     Args:
-        loop: A closed loop, a data class with what
-            :class:`spacerobot.rollout.closed_loop_protocol.ClosedLoopFunctions` names.
+        loop: Closed loop, a data class with the members of
+            :class:`spacerobot.rollout.closed_loop_protocol.ClosedLoopFunctions`.
     """
     nx, np_ = loop.nq + loop.nv + loop.nz, len(loop.parameter_paths)
     switches, jumps = list(loop.switches), list(loop.jumps)
@@ -41,13 +41,13 @@ def resumed(loop: Any) -> Any:
     for place in jumps:
         c[place] -= begin
     t, x, xdot, e = ca.SX.sym("t"), ca.SX.sym("x", nx), ca.SX.sym("xdot", nx), ca.SX.sym("e")
-    held = ca.SX.sym("c", c.numel() + 1)
+    shifted_constants = ca.SX.sym("c", c.numel() + 1)
     # Constants as the loop has them, with its jumps in the time of the whole.
-    constants = held[:-1]
+    constants = shifted_constants[:-1]
     for place in jumps:
-        constants[place] += held[-1]
-    at = (t + held[-1], x, constants)
-    arguments, names = [t, x, held], ["t", "x", "c"]
+        constants[place] += shifted_constants[-1]
+    at = (t + shifted_constants[-1], x, constants)
+    arguments, names = [t, x, shifted_constants], ["t", "x", "c"]
     return dataclasses.replace(
         loop,
         parameter_paths=(*loop.parameter_paths, *(f"start.{i}" for i in range(start.numel()))),
@@ -57,7 +57,10 @@ def resumed(loop: Any) -> Any:
         outputs=ca.Function(
             "outputs",
             arguments,
-            [*_all(loop.outputs, at), ca.vertcat(ca.SX(0, 1), *(held[place] for place in switches))],
+            [
+                *_all(loop.outputs, at),
+                ca.vertcat(ca.SX(0, 1), *(shifted_constants[place] for place in switches)),
+            ],
             names,
             [*loop.outputs.name_out(), SWITCHES],
         ),
@@ -75,11 +78,11 @@ def resumed(loop: Any) -> Any:
 
 
 def resumed_measures(loop: Any, measures: Measures) -> Measures:
-    """Measures of a loop over one piece of its resumed rollout, and its state and switches at the end.
+    """Measures of one piece of a resumed rollout, and its state and switches at the end.
 
     Args:
-        loop: The loop itself.
-        measures: Measures over its signals; their time is that of the whole.
+        loop: The original loop.
+        measures: Measures over its signals, in absolute time.
     """
     signals, begin, switches = measures.signals, ca.SX.sym(BEGIN), ca.SX.sym(SWITCHES, len(loop.switches))
     resumed_signals = dataclasses.replace(
@@ -87,13 +90,15 @@ def resumed_measures(loop: Any, measures: Measures) -> Measures:
         outputs={**signals.outputs, SWITCHES: switches},
         parameters={**signals.parameters, BEGIN: begin},
     )
-    # a resumed loop counts time from where it is taken up
-    named = {
-        name: dataclasses.replace(one, expression=ca.substitute(one.expression, signals.t, signals.t + begin))
-        for name, one in measures.named.items()
+    # a resumed loop counts time from its start
+    shifted_measures = {
+        name: dataclasses.replace(
+            measure, expression=ca.substitute(measure.expression, signals.t, signals.t + begin)
+        )
+        for name, measure in measures.named.items()
     }
-    named[STATE] = final(ca.vertcat(signals.x, switches))
-    return Measures(resumed_signals, named, costs=lambda _r, _p: {})
+    shifted_measures[STATE] = final(ca.vertcat(signals.x, switches))
+    return Measures(resumed_signals, shifted_measures, costs=lambda _r, _p: {})
 
 
 def start_of(loop: Any) -> Array:
@@ -113,7 +118,7 @@ def joined(pieces: Sequence[tuple[float, Trajectory]]) -> Trajectory:
     first, last = pieces[0][1], pieces[-1][1]
 
     def together(values: Sequence[Array]) -> Array:
-        """The samples of all; where one ends and another begins, the one that led up to it."""
+        """Concatenated samples of all pieces; at a boundary the last sample of the earlier piece is used."""
         return np.concatenate([values[0], *(value[1:] for value in values[1:])])
 
     ended = last.ended_at_s

@@ -1,4 +1,4 @@
-"""A closed loop made ready to run: once, many times, and differentiated."""
+"""Closed loop prepared for rollouts: single ones, batches and derivatives."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from spacerobot.tables import Table, Tabular
 
 TOLERANCE = 1e-6
 UNCHECKED = "unchecked"
-"""Status of derivatives that were not taken once more with half the step."""
+"""Status of derivatives that were not compared with those of half the step."""
 Parameters = Mapping[str, float] | npt.ArrayLike | None
 
 
 @dataclass(frozen=True)
 class Rollout(Tabular):
-    """A closed loop, its measures and a time grid, built and ready.
+    """Closed loop, measures and time grid, ready to run.
 
-    What batches, gradients and Jacobians need is compiled when first called, then comes from the cache.
+    Engines of batches, gradients and Jacobians are compiled on the first call and then read from the cache.
 
     Attributes:
         loop: The closed loop.
-        kernel: The functions that are evaluated.
+        kernel: Functions of a rollout.
         grid: Steps and samples.
-        engines: What evaluates them.
-        choice: How the step was chosen, if it was.
+        engines: Engines that evaluate the functions.
+        choice: Result of the automatic choice of the step, or None.
     """
 
     loop: ClosedLoopFunctions
@@ -70,7 +70,7 @@ class Rollout(Tabular):
 
     @property
     def summary(self) -> str:
-        """One line that says what runs."""
+        """One-line description of steps, method and backend."""
         steps = f"{self.grid.steps} steps of {self.grid.step_s:.6g} s by {self.kernel.method.name}"
         if self.backend == "compiled" and self.engines.toolchain is not None:
             return f"{steps}, compiled: {self.engines.toolchain.summary}"
@@ -87,14 +87,14 @@ class Rollout(Tabular):
         parameters: Parameters = None,
         progress: Callable[[str], None] | None = None,
     ) -> StepChoice:
-        """Largest step whose error keeps to a tolerance at some parameter values; nothing is compiled again.
+        """Largest step whose error is within a tolerance at given parameter values; nothing is recompiled.
 
         Args:
-            tolerance, parameters, progress: As for :func:`choose_step`; progress is told before each pilot
+            tolerance, parameters, progress: See :func:`choose_step`; progress is called before each pilot
                 rollout.
 
         Raises:
-            DivergedError: No step does.
+            DivergedError: No step meets the tolerance.
         """
         p, grid = self.values(parameters), self.grid
         sample_s = grid.every * grid.step_s
@@ -111,7 +111,8 @@ class Rollout(Tabular):
         """All parameter values p, shape (np,).
 
         Args:
-            parameters: Values by dotted path (the others stay nominal), or all of them in order, or None.
+            parameters: Values by dotted path (others stay nominal), or all of them in order, or None for
+                nominal.
 
         Raises:
             SpaceRobotError: A path does not exist, or the number of values is wrong.
@@ -173,15 +174,15 @@ class Rollout(Tabular):
         return p
 
     def run(self, parameters: Parameters = None, *, estimate: bool = False) -> Trajectory:
-        """One rollout.
+        """Trajectory of a single rollout.
 
         Args:
-            parameters: As for :meth:`values`.
+            parameters: Parameter values; see :meth:`values`.
             estimate: Whether the error of each step is estimated.
 
         Returns:
-            Trajectory: Cut short, with status ``diverged``, where a state leaves its bounds or is no number;
-                the initial state alone, with status ``unclosed``, where a grasp does not close.
+            Trajectory: Ends early, with status ``diverged``, where a state leaves its bounds or is not
+                finite. Only the initial state, with status ``unclosed``, if a grasp does not close.
         """
         begin = time.perf_counter()
         p = self.values(parameters)
@@ -198,15 +199,15 @@ class Rollout(Tabular):
         states: bool = False,
         **control: Unpack[Controls],
     ) -> Batch:
-        """Many rollouts; costs and measures always, samples only where asked for.
+        """Batch of rollouts: costs and measures, and samples of outputs and states on request.
 
         Args:
             paths: Parameters that vary, k of them.
             values: Their values, shape (N, k).
             outputs: Names of outputs to sample.
             states: Whether to sample the states.
-            **control: ``threads``, ``progress`` and ``stop``, as :class:`~spacerobot.rollout.batch.Control`
-                has them.
+            * **control: ``threads``, ``progress`` and ``stop``; see
+            * :class:`~spacerobot.rollout.batch.Control`.
 
         Raises:
             SpaceRobotError: A path or an output does not exist, or a shape is wrong.
@@ -231,14 +232,14 @@ class Rollout(Tabular):
     ) -> Gradient:
         """Costs of one rollout and their exact gradients, by the discrete adjoint.
 
-        The time taken hardly depends on the number of parameters. The first call for a set of parameters
+        The run time hardly depends on the number of parameters. The first call for a set of parameters
         compiles.
 
         Args:
-            parameters: As for :meth:`values`.
+            parameters: Parameter values; see :meth:`values`.
             wrt: Paths of the k parameters to differentiate with respect to.
-            costs: Which costs; all if None.
-            orders, accuracy: As of :class:`~spacerobot.rollout.batch.Control`.
+            costs: Names of the costs; all if None.
+            orders, accuracy: Derivative checks; see :class:`~spacerobot.rollout.batch.Control`.
 
         Raises:
             SpaceRobotError: A path or a cost does not exist, or there is no cost.
@@ -281,10 +282,11 @@ class Rollout(Tabular):
             paths: Dotted paths of k parameters.
             values: Their values (N, k).
             weights: Weight of each cost in each rollout (N, number of costs).
-            threads: One for each usable core if None.
+            threads: Number of threads; one for each usable core if None.
 
         Returns:
-            numpy.ndarray: (N, k), NaN where a rollout diverged; not compared with those of half the step.
+            numpy.ndarray: Gradients (N, k), NaN where a rollout diverged; not compared with those of half the
+                step.
 
         Raises:
             SpaceRobotError: If a path does not exist, or a shape is wrong.
@@ -306,10 +308,10 @@ class Rollout(Tabular):
         orders: bool = True,
         accuracy: bool | None = None,
     ) -> Jacobian:
-        """One rollout, and exact derivatives of its measures and sampled outputs by forward sensitivities.
+        """Rollout with exact derivatives of its measures and sampled outputs, by forward sensitivities.
 
         Args:
-            parameters, wrt, orders, accuracy: As for :meth:`value_and_gradient`.
+            parameters, wrt, orders, accuracy: See :meth:`value_and_gradient`.
             outputs: Names of outputs whose derivatives are sampled.
 
         Raises:
@@ -323,11 +325,13 @@ class Rollout(Tabular):
         directions = np.hstack([np.tile(p, (len(wrt), 1)), np.eye(len(wrt))])
         samples, control = Samples(rows), Control(orders=orders, accuracy=accuracy)
         raw = run_batch(engine, self.grid, directions.__getitem__, len(wrt), samples, control).raw
-        blocks, named = split(raw, engine.kernel, self.grid, outputs), engine.kernel.measures
+        blocks, measure_slices = split(raw, engine.kernel, self.grid, outputs), engine.kernel.measures
         result = Jacobian(
             paths=tuple(wrt),
             trajectory=trajectory,
-            measures={name: frozen(raw.r[:, named[DERIVATIVE + name]].T) for name in self.kernel.measures},
+            measures={
+                name: frozen(raw.r[:, measure_slices[DERIVATIVE + name]].T) for name in self.kernel.measures
+            },
             outputs={name: frozen(np.moveaxis(blocks[name], 0, -1)) for name in outputs},
             wall_s=time.perf_counter() - begin,
             status=statuses(raw, engine.kernel, len(wrt))[0] if wrt else "exact",
@@ -353,10 +357,10 @@ class Rollout(Tabular):
         wrt: Sequence[str] | None = None,
         **control: Unpack[Controls],
     ) -> Slopes:
-        """Measures of many rollouts and their exact derivatives, by forward sensitivities, lanes kept full.
+        """Measures of many rollouts and their exact derivatives by forward sensitivities, in full SIMD lanes.
 
         Args:
-            paths, values, **control: As for :meth:`batch`.
+            paths, values, **control: See :meth:`batch`.
             wrt: Paths of the k parameters to differentiate with respect to; ``paths`` if None.
 
         Raises:
@@ -372,11 +376,13 @@ class Rollout(Tabular):
 
         batch = run_batch(engine, self.grid, directions, k * len(p), Samples(), Control(**control))
         r = batch.raw.r.reshape(len(p), k, -1)
-        names, named = tuple(self.kernel.measures), engine.kernel.measures
+        names, measure_slices = tuple(self.kernel.measures), engine.kernel.measures
         result = Slopes(
             paths=wrt,
-            measures={n: frozen(r[:, 0, named[n]].copy()) for n in names},
-            slopes={n: frozen(np.moveaxis(r[:, :, named[DERIVATIVE + n]], 1, 2).copy()) for n in names},
+            measures={n: frozen(r[:, 0, measure_slices[n]].copy()) for n in names},
+            slopes={
+                n: frozen(np.moveaxis(r[:, :, measure_slices[DERIVATIVE + n]], 1, 2).copy()) for n in names
+            },
             unclosed=self.kernel.closure.messages(batch.raw.gaps[::k]),
             wall_s=time.perf_counter() - begin,
             status=statuses(batch.raw, engine.kernel, k),
@@ -404,9 +410,10 @@ class Rollout(Tabular):
         again: Callable[[list[int], Controls], Mapping[str, Array]],
         control: Control,
     ) -> tuple[str, ...]:
-        """Status of the rollouts of p (N, np), whose derivatives are taken ``again`` with half the step.
+        """Gradient status of the rollouts of p (N, np), after comparison with derivatives at half the step.
 
-        ``allowed`` are derivatives (N, ..., k) and what is differentiated (N, ...), by name.
+        ``allowed`` are derivatives (N, ..., k) and differentiated values (N, ...), by name; ``again``
+        computes the derivatives of given rows with half the step.
         """
         statuses_by_row = list(status)
         rows = [i for i, one in enumerate(status) if one == "exact"]
@@ -417,11 +424,11 @@ class Rollout(Tabular):
         )
         slopes, values = allowed
         for k, row in enumerate(rows):
-            here, there = (
+            coarse, fine = (
                 {name: part[i] for name, part in one.items()} for one, i in ((slopes, row), (finer, k))
             )
             sizes = {name: values[name][row] for name in slopes}
-            statuses_by_row[row] = inaccurate(here, there, sizes, p[row, self.indices(wrt)], wrt) or "exact"
+            statuses_by_row[row] = inaccurate(coarse, fine, sizes, p[row, self.indices(wrt)], wrt) or "exact"
         return tuple(statuses_by_row)
 
     def _gradients(
@@ -432,7 +439,7 @@ class Rollout(Tabular):
         many: bool,
         control: Control,
     ) -> Gradient:
-        """One row for each parameter set and cost."""
+        """Gradient with one row for each parameter set and cost."""
         begin = time.perf_counter()
         names = tuple(self.kernel.costs if costs is None else costs)
         for name in names:

@@ -16,34 +16,34 @@ from spacerobot.rollout.time_grid import TimeGrid
 Integers = npt.NDArray[np.int64]
 
 COMPLETED, DIVERGED, ENDED, CHATTERING = range(4)
-"""How a rollout ended: at its last sample, lost, by an event, or with too many events."""
+"""Status codes: reached the last sample, diverged, ended by an event, ended by too many events."""
 
 GRAZING, COINCIDENT, AT_END = 1, 2, 3
-"""Why derivatives may not hold: a guard turned back at its event, two events may change places, or one is at
-the rollout's end."""
+"""Gradient warnings: a guard only grazed zero; two coincident events may change order; an event coincides
+with the rollout's end."""
 
 SAME, FAINT, NOTHING = 1e-6, 1e-2, 1e-12
-"""Relative difference of derivatives that are the same; part of the largest that counts for small; zero."""
+"""Relative tolerance of equal derivatives; part of the largest that is added to it; absolute tolerance."""
 
 MOST_EVENTS = 64
-"""Events that are told of each rollout of many; those beyond are counted only."""
+"""Maximum number of events recorded per rollout of a batch; later ones are only counted."""
 
 TOGETHER = 1e-9
-"""What is so close may change places [s]."""
+"""Time within which two events are coincident [s]."""
 
 MOST_INSTANTS, THINGS = 256, 16
-"""Instants that are told of each rollout, and things that happen at each; what is beyond is not judged."""
+"""Maximum number of coincident instants recorded per rollout, and of events and jumps at each instant."""
 
 
 @dataclass(frozen=True)
 class EventLog:
-    """Events of rollouts, the first ones of each.
+    """Event records of rollouts, up to a maximum number for each.
 
     Attributes:
-        fired: How many there were, shape (N,).
-        event, when: Which, and their times [s]; shape (N, most), -1 and NaN beyond the last.
-        jump: States before and after each, shape (N, most, 2, nx), None if not asked for.
-        gradient_warning: Why derivatives may not hold (0: they do), and at which event, shape (N, 2).
+        fired: Number of events in each rollout, shape (N,).
+        event, when: Event indices and times [s], shape (N, most), -1 and NaN beyond the last event.
+        jump: States before and after each event, shape (N, most, 2, nx), None if not requested.
+        gradient_warning: Code of the gradient warning (0 for none) and index of the event, shape (N, 2).
     """
 
     fired: Integers
@@ -54,7 +54,7 @@ class EventLog:
 
     @classmethod
     def empty(cls, count: int, most: int, nx: int | None) -> EventLog:
-        """Room for so many events of each rollout; states have ``nx`` entries if they are asked for."""
+        """Empty log for up to ``most`` events per rollout, with states of ``nx`` entries unless None."""
         event, when = np.full((count, most), -1, dtype=np.int64), np.full((count, most), np.nan)
         jump = None if nx is None else np.full((count, most, 2, nx), np.nan)
         fired, gradient_warning = np.zeros(count, dtype=np.int64), np.zeros((count, 2), dtype=np.int64)
@@ -70,11 +70,11 @@ class EventLog:
 
 @dataclass(frozen=True)
 class CoincidentInstants:
-    """Instants at which several things happened, or an event with others close by, from the last one back.
+    """Instants with several coincident events or jumps, from the last one backwards in time.
 
     Attributes:
-        count: How many there were in each rollout, shape (N,).
-        records: The first of them, shape (N, most); fields as in ``loops/adjoint.hpp``.
+        count: Number of such instants in each rollout, shape (N,).
+        records: Records of the latest of them, shape (N, most); fields as in ``loops/adjoint.hpp``.
     """
 
     count: Integers
@@ -82,7 +82,7 @@ class CoincidentInstants:
 
     @classmethod
     def empty(cls, count: int, kernel: Kernel) -> CoincidentInstants:
-        """Room for those of so many rollouts."""
+        """Empty records for ``count`` rollouts."""
         nx, modes = kernel.scale.size, len(kernel.switches) + len(kernel.jumps)
         sizes = {
             "thing": THINGS,
@@ -106,18 +106,18 @@ class RolloutArrays:
     """Arrays that an engine fills, one row for each rollout.
 
     Attributes:
-        x, y: Samples of the state (N, nt, nx) and of outputs (N, nt, rows), None if not asked for; NaN after
-            divergence, and from an event on that ended the rollout.
+        x, y: Samples of the state (N, nt, nx) and of outputs (N, nt, rows), None if not requested; NaN after
+            divergence and after an event that ended the rollout.
         r, cost: Measures (N, nr) and costs (N, nj).
-        done: Good steps, shape (N,); -1 for a rollout that did not run.
-        reached: Time of the last good state in s, shape (N,); that of the last sample if the rollout
+        done: Number of completed steps, shape (N,); -1 for a rollout that did not run.
+        reached: Time of the last valid state [s], shape (N,); the time of the last sample if the rollout
             completed.
-        status: How each ended, shape (N,).
+        status: Status code of each rollout, shape (N,).
         gaps: Initial gaps of grasps that may begin open (N, n) [m].
-        log: Events.
-        error: Largest estimate of a step's error, shape (N,), None if not asked for.
-        backwards: Whether events at one instant shall fire in the other order.
-        instants: Where a gradient may depend on the order of things, None if not asked for.
+        log: Event records.
+        error: Largest estimate of a step's error, shape (N,), None if not requested.
+        backwards: Whether coincident events fire in the reverse order.
+        instants: Instants at which a gradient may depend on the order of events, None if not requested.
     """
 
     x: Array | None
@@ -137,7 +137,7 @@ class RolloutArrays:
     def empty(
         cls, kernel: Kernel, grid: TimeGrid, count: int, states: bool, rows: Sequence[int]
     ) -> RolloutArrays:
-        """Arrays full of NaN for so many rollouts, the error not asked for, nor states at events."""
+        """Arrays of NaN for ``count`` rollouts, without error estimates and states at events."""
         samples = grid.intervals + 1
         nx, nr, nj = kernel.nx + kernel.integrals, kernel.size("objective", "r"), len(kernel.costs)
         return cls(
@@ -164,7 +164,7 @@ class RolloutArrays:
         )
 
     def with_events(self, most: int) -> RolloutArrays:
-        """The same with room for so many events, and for the states before and after them."""
+        """Copy with a log for up to ``most`` events per rollout, and their states if states are sampled."""
         nx = None if self.x is None else self.x.shape[2]
         return replace(self, log=EventLog.empty(len(self.done), most, nx))
 
@@ -174,7 +174,7 @@ class RolloutArrays:
         return np.asarray((self.status == COMPLETED) | (self.status == ENDED))
 
     def check_start(self, closure: Closure, p: Array) -> None:
-        """Note the gaps of rollouts of p (N, np); of one that begins open only its initial state is left."""
+        """Store the initial gaps of rollouts of p (N, np); and end rollouts that start open."""
         self.gaps[:] = closure.measure(p)
         lost = closure.is_open(self.gaps) & (self.done >= 0)
         self.done[lost], self.reached[lost], self.r[lost], self.cost[lost] = 0, 0.0, np.nan, np.nan
@@ -185,7 +185,7 @@ class RolloutArrays:
                 samples[lost, 1:] = np.nan
 
     def mark_coincident(self, kernel: Kernel, p: Array) -> None:
-        """Doubt sensitivities of p (N, np) where jumps at one instant move apart."""
+        """Set the gradient warning for p (N, np) where coincident jumps have different derivatives."""
         jumps = [k for k, place in enumerate(kernel.jump_slopes) if place >= 0]
         if not jumps or len(kernel.jumps) < 2:
             return
@@ -194,8 +194,8 @@ class RolloutArrays:
         slopes[:, jumps] = c[:, [kernel.jump_slopes[k] for k in jumps]]
         order = np.argsort(times, axis=1)
         times, slopes = (np.take_along_axis(part, order, axis=1) for part in (times, slopes))
-        met = (times[:, 1:] > 0) & (times[:, 1:] < self.reached[:, None])
-        tied = ((np.diff(times) == 0) & (np.diff(slopes) != 0) & met).any(axis=1)
+        is_within = (times[:, 1:] > 0) & (times[:, 1:] < self.reached[:, None])
+        tied = ((np.diff(times) == 0) & (np.diff(slopes) != 0) & is_within).any(axis=1)
         self.log.gradient_warning[tied & (self.log.gradient_warning[:, 0] == 0)] = COINCIDENT, -1
 
     @property
@@ -204,15 +204,15 @@ class RolloutArrays:
         return np.flatnonzero(self.log.gradient_warning[:, 0] == COINCIDENT)
 
     def trust_same(self, rows: Integers, again: RolloutArrays, derivatives: Array, other: Array) -> None:
-        """Doubt no more what is the same (n, ...) with what is at one instant in the other order."""
-        turned = (again.log.event != self.log.event[rows]).any(axis=1) | (
+        """Clear the warning of rows whose derivatives (n, ...) do not depend on the order of events."""
+        is_reordered = (again.log.event != self.log.event[rows]).any(axis=1) | (
             self.log.gradient_warning[rows, 1] < 0
         )
         derivatives, other = derivatives.reshape(len(rows), -1), other.reshape(len(rows), -1)
         with np.errstate(invalid="ignore"):
             largest = np.abs(derivatives).max(axis=1, initial=0.0, keepdims=True)
             same = np.abs(other - derivatives) <= SAME * (np.abs(derivatives) + FAINT * largest) + NOTHING
-        self.log.gradient_warning[rows[turned & same.all(axis=1)]] = 0
+        self.log.gradient_warning[rows[is_reordered & same.all(axis=1)]] = 0
 
     def count(self, rows: slice) -> int:
         """Number of rollouts that ran."""

@@ -1,9 +1,9 @@
-"""Forward sensitivities: the closed loop and its linearisation along one direction, as a kernel of its own.
+"""Forward sensitivities: a kernel of the closed loop and its linearisation along one direction.
 
-A Runge-Kutta step of the linearised loop is the derivative of a Runge-Kutta step, so that the ordinary
-rollout of this kernel gives exact derivatives of the discrete trajectory. Each lane carries one direction.
-Where a direction moves a jump or an event, steps move and stretch with it: a last constant then holds the
-derivative of time at each evaluation, and guards are followed by their derivatives.
+A Runge-Kutta step of the linearised loop is the derivative of a Runge-Kutta step, so an ordinary rollout of
+this kernel gives exact derivatives of the discrete trajectory. Each lane carries one direction. If a
+direction moves a jump or an event, the steps around it move and stretch. An additional last constant then
+holds the derivative of time at each evaluation, and guards are followed by their derivatives.
 """
 
 from __future__ import annotations
@@ -22,26 +22,27 @@ DERIVATIVE = "d "  # prefix of the names of measures' derivatives
 
 
 def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str]) -> Kernel:
-    """Kernel whose parameters are (p, direction) and whose every result is followed by its derivative.
+    """Kernel with parameters (p, direction), in which the derivative of each result follows the result.
 
     Args:
         kernel: The forward functions.
-        wrt: Places in p of the k parameters that a direction has entries for.
-        outputs: Outputs whose derivatives are wanted.
+        wrt: Indices in p of the k parameters of a direction.
+        outputs: Names of the outputs to differentiate.
 
     Returns:
-        Kernel: Its state is (x, x', integrals, integrals'), its outputs are the derivatives of those wanted,
-            its measures (integrals, integrals', peaks, peaks', final values, final values'), a dash being the
-            derivative along the direction. The slices of a measure's derivative carry its name after ``d``.
-            It has no costs.
+        Kernel: Its state is (x, x', integrals, integrals'), where ' is the derivative along the direction.
+            Its outputs are the derivatives of the named ones, its measures (integrals, integrals', peaks,
+            peaks', final values, final values'). The slices of a measure's derivative carry its name after
+            ``d``. It has no costs.
     """
     f, n, count, nc = kernel.functions, kernel.nx, kernel.integrals, kernel.size("setup", "c")
-    # setup, and the places of the prepared constants that a direction reaches: only they have slopes
+    # setup, and the indices of the prepared constants that depend on the direction: only they have
+    # derivatives
     p, w = ca.SX.sym("p", kernel.size("setup", "p")), ca.SX.sym("w", len(wrt))
-    chosen = p[list(wrt)]
+    parameters = p[list(wrt)]
     x0, c0 = f["setup"](p)
-    reached = sorted(reached_with(kernel.tables, set(ca.jacobian_sparsity(c0, chosen).row())))
-    slope, c_slope = _along(x0, chosen, w), _along(entries(c0, reached), chosen, w)
+    reached = sorted(reached_with(kernel.tables, set(ca.jacobian_sparsity(c0, parameters).row())))
+    slope, c_slope = _along(x0, parameters, w), _along(entries(c0, reached), parameters, w)
     # whether a direction may move a jump or an event, and with it the steps
     moves = bool(kernel.events) or any(jump in reached for jump in kernel.jumps)
     initial = {"x0": _paired(x0, slope, n), "c": ca.vertcat(c0, c_slope, ca.SX.zeros(int(moves)))}
@@ -63,10 +64,10 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str
     xdot, m = f["dynamics"](t, x, c)
     normal, e, y = f["normalise"](x), f["final"](t, x, c), f["outputs"](t, x, c)
     differentiated = ca.vertcat(ca.SX(0, 1), *[entries(y, kernel.outputs[name]) for name in outputs])
-    moved = {"xdot": _paired(xdot, along(xdot), n), "m": ca.vertcat(m, along(m))}
+    results = {"xdot": _paired(xdot, along(xdot), n), "m": ca.vertcat(m, along(m))}
     functions = {
         "setup": setup,
-        "dynamics": sx_function("dynamics", at, moved),
+        "dynamics": sx_function("dynamics", at, results),
         "normalise": sx_function("normalise", {"x": state}, {"n": _paired(normal, along(normal), n)}),
         "outputs": sx_function("outputs", at, {"y": along(differentiated)}),
         "final": sx_function("final", at, {"e": ca.vertcat(e, along(e))}),
@@ -85,7 +86,7 @@ def sensitivity_kernel(kernel: Kernel, wrt: Sequence[int], outputs: Sequence[str
     r = ca.SX.sym("r", 2 * kernel.size("objective", "r"))
     none = {"r": r, "p": ca.SX.sym("p", setup.numel_in("p"))}
     functions["objective"] = sx_function("objective", none, {"J": ca.SX(0, 1)})
-    # Where each measure and its derivative lie: each kind is followed by its derivatives.
+    # Slices of each measure and its derivative: each kind is followed by its derivatives.
     measure_rows: dict[str, slice] = {}
     ends = (0, kernel.integrals, kernel.integrals + kernel.peaks, kernel.size("objective", "r"))
     for begin, end in pairwise(ends):

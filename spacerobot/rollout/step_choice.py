@@ -1,4 +1,4 @@
-"""Choose a step from a stated error: step doubling on pilot rollouts."""
+"""Choice of a step from a stated error: step doubling on pilot rollouts."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from spacerobot.rollout.trajectory import Trajectory
 
 SAFETY = 0.9
 GUARD = 100.0
-"""A single step may err by so many tolerances, by an estimate that is that of a method of lower order."""
+"""Maximum error of a single step in tolerances; its estimate belongs to a method of lower order."""
 HALVINGS = 16
-"""Most halvings of the first step."""
+"""Maximum number of halvings of the first step."""
 MOST_STEPS = 2_000_000
-"""Most steps of all pilot rollouts together: seconds for a small scene, half a minute for a large one."""
+"""Maximum number of steps of all pilot rollouts: seconds for a small scene, half a minute for a large one."""
 FEWEST_HALVINGS = 5
-"""Halvings that are tried however long a rollout lasts."""
+"""Number of halvings that are tried even if the rollout then exceeds the maximum number of steps."""
 
 Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class StepChoice:
-    """A step and how well it was found to do.
+    """Chosen step with its estimated error.
 
     Attributes:
         step_s: The step.
         error: Largest error of any state at any sample against half the step, by Richardson's estimate,
             relative to the larger of one unit and that state's largest value.
-        step_error: Largest error of a single step, relative likewise, as the method's embedded estimate tells
-            it; what is fast and over between two samples shows there.
-        tolerance: What was asked for.
-        unstable_s: Shortest step at which a pilot rollout diverged; None if none did. The stability limit
-            lies below it.
+        step_error: Largest error of a single step by the method's embedded estimate, relative in the same
+            way. It includes fast motions that end between two samples.
+        tolerance: Requested maximum error.
+        unstable_s: Shortest step [s] at which a pilot rollout diverged, an upper bound of the stability
+            limit; None if none did.
     """
 
     step_s: float
@@ -46,7 +46,7 @@ class StepChoice:
 
 
 class NoStepError(DivergedError):
-    """No step keeps to a tolerance; ``finest`` is the pilot rollout with the shortest one tried."""
+    """Error if no step meets a tolerance; ``finest`` is the pilot rollout with the shortest step tried."""
 
     def __init__(self, tolerance: float, finest: Trajectory, reached: str) -> None:
         super().__init__(
@@ -63,23 +63,23 @@ def search_step(
     order: int,
     progress: Progress | None = None,
 ) -> StepChoice:
-    """Largest step whose error is within a tolerance, to about a tenth.
+    """Largest step whose error is within a tolerance, to about 10 %.
 
-    A single step must keep to :data:`GUARD` tolerances. The step is halved until it is stable and
-    accurate, then lengthened as far as the order of the method foretells, and that is checked by one more
-    pilot rollout.
+    The step is halved until it is stable and accurate, then lengthened as far as the order of the method
+    predicts; a last pilot rollout checks the result. The error of a single step must be below :data:`GUARD`
+    tolerances.
 
     Args:
-        run: Rollout with about a given step; the samples must not depend on it.
-        duration_s: Of a whole rollout.
-        longest_s: Where to begin.
-        tolerance: Largest error, see :class:`StepChoice`.
-        order: Of the method.
-        progress: Called with a few words before each pilot rollout.
+        run: Function that returns a rollout with approximately a given step [s]; its samples must not depend
+            on it.
+        duration_s: Duration of a whole rollout [s].
+        longest_s: First step to try [s].
+        tolerance: Maximum error, see :class:`StepChoice`.
+        order: Order of the method.
+        progress: Called with a short message before each pilot rollout.
 
     Raises:
-        NoStepError: No step was good enough, of those that :data:`HALVINGS` and :data:`MOST_STEPS` leave to
-            be tried.
+        NoStepError: No step within the limits :data:`HALVINGS` and :data:`MOST_STEPS` was accurate enough.
         DivergedError: A grasp does not close.
     """
     tell = progress or (lambda _: None)
@@ -91,9 +91,9 @@ def search_step(
     coarse, unstable, error = pilot(longest_s), None, np.inf
     if coarse.status == "unclosed":
         raise DivergedError(coarse.cause)
-    steps, most = coarse.steps, max(MOST_STEPS, 2 ** (FEWEST_HALVINGS + 1) * duration_s / longest_s)
+    steps, max_steps = coarse.steps, max(MOST_STEPS, 2 ** (FEWEST_HALVINGS + 1) * duration_s / longest_s)
     for _ in range(HALVINGS):
-        if steps + 2 * duration_s / coarse.step_s > most:
+        if steps + 2 * duration_s / coarse.step_s > max_steps:
             break
         fine = pilot(coarse.step_s / 2)
         steps += fine.steps
@@ -134,9 +134,9 @@ def _reached(finest: Trajectory, error: float, tolerance: float) -> str:
 
 
 def _error(coarse: Trajectory, fine: Trajectory, order: int) -> float:
-    """Richardson's estimate of the error of the coarser one, at the samples that both have."""
+    """Richardson's estimate of the coarse rollout's error, at the samples that both rollouts have."""
     scale = np.maximum(1.0, np.abs(fine.state).max(axis=0))
     shrink = (coarse.step_s / fine.step_s) ** order
     common = min(len(coarse.state), len(fine.state))  # an event may end them on either side of a sample
-    apart = np.abs(coarse.state[:common] - fine.state[:common])
-    return float((apart / scale).max() * shrink / (shrink - 1))
+    difference = np.abs(coarse.state[:common] - fine.state[:common])
+    return float((difference / scale).max() * shrink / (shrink - 1))

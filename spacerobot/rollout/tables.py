@@ -1,4 +1,4 @@
-"""Windows into tables of constants, filled where a row changes; ``loops/tables.hpp`` does it in each lane."""
+"""Windows into tables of constants, refilled when a row changes, as ``loops/tables.hpp`` does in C++."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ def fill(
     slopes: Sequence[int] = (),
     noise: Array | None = None,
 ) -> None:
-    """Let the windows of constants (..., nc) show the rows of their cursors.
+    """Copy the row of each cursor from the tables into their windows in the constants (..., nc).
 
     Args:
-        tables, rows, c: The tables, the row of each cursor, and the constants.
-        slopes: Place in c of each constant's derivative, or -1; none without derivatives.
+        tables, rows, c: Tables, row of each cursor, and constants.
+        slopes: Index in c of each constant's derivative, or -1; empty without derivatives.
         noise: Random numbers (n,).
     """
     for table in tables:
@@ -42,11 +42,11 @@ def fill(
 
 
 def gather(tables: Sequence[WindowTable], rows: Integers, bars: Sequence[int], cbar: Array) -> None:
-    """Let what flowed back to windows, in cbar, belong to the rows that they showed.
+    """Add the adjoints of windows in cbar to those of the table rows that the windows held, and clear them.
 
     Args:
-        tables, rows, cbar: The tables, the row of each cursor, and the bars.
-        bars: Place in cbar of each constant's bar, or -1.
+        tables, rows, cbar: Tables, row of each cursor, and adjoints of the constants.
+        bars: Index in cbar of each constant's adjoint, or -1.
     """
     for table in tables:
         if table.noise >= 0:
@@ -75,11 +75,11 @@ def sources(tables: Sequence[WindowTable]) -> set[int]:
 
 
 def reached_with(tables: Sequence[WindowTable], reached: set[int]) -> set[int]:
-    """Places in c that parameters reach, with the windows that may show them."""
+    """Indices in c that depend on parameters, including windows of table rows that do."""
     return reached | {window for window, place, _ in cells(tables) if place in reached}
 
 
 def places_in(reached: Sequence[int], count: int, first: int = 0) -> tuple[int, ...]:
-    """Place of each of so many constants among those that are reached, from ``first`` on; -1 for others."""
+    """Position of each of ``count`` constants in ``reached``, plus ``first``; -1 for the others."""
     places = {place: first + i for i, place in enumerate(reached)}
     return tuple(places.get(place, -1) for place in range(count))

@@ -1,4 +1,4 @@
-"""Steps and samples of a rollout, all derived from whole numbers."""
+"""Steps and samples of a rollout, derived from integers."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from spacerobot.errors import SpaceRobotError
 from spacerobot.rollout.closed_loop_protocol import Array
 
 ROUNDING = 1e-9
-"""Part of a step by which a length may exceed whole steps without another one."""
+"""Relative tolerance by which a duration may exceed whole steps without another step."""
 
 
 @dataclass(frozen=True)
 class TimeGrid:
-    """A duration cut into equal sample intervals, each cut into equal steps.
+    """Duration divided into equal sample intervals, each divided into equal steps.
 
     Attributes:
-        duration_s: The whole.
+        duration_s: Duration [s].
         intervals: Number of sample intervals; there is one sample more.
-        every: Steps in each interval; one in which something jumps is cut there, and may have one more.
-        finer: Factor of the closed loop's own longest steps, those of contacts while they touch.
-        locates_peaks: Whether derivatives of peaks are those at the vertex between steps, not at the step of
-            the largest value.
+        every: Steps in each interval. An interval with a jump is divided there, and may have one step more.
+        finer: Divisor of the closed loop's own maximum steps, such as those during contact.
+        locates_peaks: Whether derivatives of peaks are taken at the vertex between steps, instead of the step
+            with the largest value.
     """
 
     duration_s: float
@@ -35,7 +35,7 @@ class TimeGrid:
 
     @property
     def steps(self) -> int:
-        """Steps in all, where nothing jumps."""
+        """Total number of steps, without jumps."""
         return self.intervals * self.every
 
     @property
@@ -55,14 +55,13 @@ class TimeGrid:
 
 
 def time_grid(duration_s: float, step_s: float, output_step_s: float | None = None) -> TimeGrid:
-    """Cut a duration into steps no longer than asked for.
+    """Time grid with steps no longer than requested.
 
-    Where a length does not divide the next one, it is taken a little shorter, so that everything fits
-    exactly.
+    A length that does not divide the next one is shortened, so that all intervals are whole.
 
     Args:
-        duration_s, step_s: Duration and longest step.
-        output_step_s: Longest time between samples; each step is a sample if None.
+        duration_s, step_s: Duration and longest step [s].
+        output_step_s: Longest time between samples [s]; each step is a sample if None.
 
     Raises:
         SpaceRobotError: A length is not positive and finite.
@@ -76,5 +75,5 @@ def time_grid(duration_s: float, step_s: float, output_step_s: float | None = No
 
 
 def pieces(whole_s: float, piece_s: float) -> int:
-    """Number of equal pieces of a duration, none longer than a given one but for rounding; at least one."""
+    """Number of equal pieces of a duration, none longer than ``piece_s`` within rounding; at least one."""
     return max(1, math.ceil(whole_s / piece_s * (1 - ROUNDING)))

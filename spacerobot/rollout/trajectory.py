@@ -39,12 +39,12 @@ class BatchEvents:
     """Events of many rollouts. Every array is read-only.
 
     Attributes:
-        count: How many each had, shape (N,), without those that are silent or routine.
-        event, time_s: Which, as places in the closed loop's ``events``, and when [s], shape (N, most): the
-            first ones of each in turn; -1 and NaN beyond its last.
-        ended_at_s: When an event ended the rollout, shape (N,); NaN where none did.
-        chattering: Which rollouts had too many events in too short a time, shape (N,). They count as diverged
-            then.
+        count: Number of recorded events of each rollout, shape (N,); silent and routine events do not count.
+        event, time_s: Indices in the closed loop's ``events`` and times [s], shape (N, most), in order of
+            time; -1 and NaN beyond the last.
+        ended_at_s: Time of the event that ended the rollout [s], shape (N,); NaN if none did.
+        chattering: Whether too many events occurred in too short a time, shape (N,). Such rollouts count as
+            diverged.
     """
 
     count: Integers
@@ -64,18 +64,18 @@ class Trajectory:
         outputs: Named outputs at the samples, each of shape (nt, n).
         measures: Named measures of the rollout, NaN if it diverged.
         costs: Named costs of the rollout, NaN if it diverged.
-        status: ``diverged`` if a state left its bounds or was no number, ``unclosed`` if a grasp did not
-            close at the start, ``chattering`` if too many events came in too short a time.
-        cause: Which grasp did not close, and its gap; else empty.
-        diverged_at_s: Time of the last good state if it was not completed, else None.
-        steps, step_s: Steps done and their length; zero and NaN for an adaptive integrator.
-        backend: What ran: ``compiled``, ``interpreted`` or ``pinocchio``.
-        wall_s: Time it took.
+        status: ``diverged`` if a state left its bounds or is not finite, ``unclosed`` if a grasp did not
+            close at the start, ``chattering`` if too many events occurred in too short a time.
+        cause: Grasp that did not close, with its gap; else empty.
+        diverged_at_s: Time of the last valid state [s] if the rollout did not complete, else None.
+        steps, step_s: Number of steps and their length [s]; zero and NaN for an adaptive integrator.
+        backend: Backend: ``compiled``, ``interpreted`` or ``pinocchio``.
+        wall_s: Wall time [s].
         step_error: Largest estimate of a single step's error in any state, relative to that state's largest
-            value where it is above one; NaN if it was not asked for.
-        events: The events that fired, in turn.
-        ended_at_s: When an event ended the rollout [s]; None if none did.
-        state_names: Names of the states behind q and v where they are not the closed loop's; else none.
+            value if that is above one; NaN if not requested.
+        events: Fired events, in order of time.
+        ended_at_s: Time of the event that ended the rollout [s]; None if none did.
+        state_names: Names of the states after q and v if they differ from the closed loop's; else empty.
     """
 
     time: Array
@@ -105,19 +105,19 @@ class Batch(Tabular):
     """Many rollouts. Every array is read-only; rows follow the rows of the parameters.
 
     Attributes:
-        costs: Named costs, each of shape (N,); NaN where a rollout diverged, did not begin or did not run.
+        costs: Named costs, each of shape (N,); NaN where a rollout diverged, did not start or did not run.
         measures: Named measures, each of shape (N, n).
-        diverged_at_s: Time of the last good state, shape (N,); NaN where the rollout completed or did not
-            run.
-        unclosed: Of each rollout, which grasp did not close at the start and its gap, N sentences; empty
-            where all did. Such a rollout counts as diverged at the start.
+        diverged_at_s: Time of the last valid state [s], shape (N,); NaN where the rollout completed or did
+            not run.
+        unclosed: N sentences: grasp that did not close at the start and its gap; empty where all closed. Such
+            a rollout counts as diverged at the start.
         gaps: Initial gaps of the grasps that no base closes, by name, each (N,) [m].
         done: Whether each rollout ran, shape (N,); all true unless the batch was cancelled.
         time: Sample times in s, shape (nt,).
-        outputs: The outputs that were asked for, each of shape (N, nt, n); NaN after divergence.
-        state: States if they were asked for, shape (N, nt, nx), else None.
-        backend, lanes, threads: What ran.
-        wall_s: Time it took.
+        outputs: Requested outputs, each of shape (N, nt, n); NaN after divergence.
+        state: States, shape (N, nt, nx), None if not requested.
+        backend, lanes, threads: Backend, number of SIMD lanes, number of threads.
+        wall_s: Wall time [s].
         events: Events of each rollout; None where the closed loop has none.
     """
 
@@ -139,9 +139,10 @@ class Batch(Tabular):
     def __repr__(self) -> str:
         """Number of rollouts, their statuses and outputs, in one line."""
         ran, lost = int(self.done.sum()), int(np.isfinite(self.diverged_at_s).sum())
-        named = ", ".join(dict.fromkeys([*self.costs, *self.measures, *self.outputs])) or "nothing"
+        held_names = ", ".join(dict.fromkeys([*self.costs, *self.measures, *self.outputs])) or "nothing"
         return (
-            f"<Batch of {len(self.done)} rollouts: {ran} ran, {lost} diverged, {self.backend}; holds {named}>"
+            f"<Batch of {len(self.done)} rollouts: {ran} ran, {lost} diverged, {self.backend}; "
+            f"holds {held_names}>"
         )
 
     def content(self) -> list[Table]:
@@ -171,18 +172,18 @@ class Gradient:
     """Costs of rollouts and their exact derivatives. Every array is read-only.
 
     Attributes:
-        paths: Parameters that the derivatives are with respect to, k of them.
+        paths: Dotted paths of the k parameters of the derivatives.
         costs: Named costs, each of shape (N,), or () for a single rollout.
         gradients: Named gradients, each of shape (N, k), or (k,); NaN where a rollout diverged.
         measures: Named measures, each of shape (N, n), or (n,).
-        diverged_at_s: Time of the last good state, shape (N,), or (); NaN where the rollout completed.
-        unclosed, gaps: As of :class:`Batch`; for a single rollout one sentence, and gaps of shape ().
-        backend: What ran.
-        wall_s: Time it took.
-        status: Of each rollout ``exact``, or ``lost``, or why its gradient may not hold: it grazes an event,
-            two events may change places, outputs or measurements are quantised (``inaccurate: quantised``),
-            or half the step changes a derivative by more than 1 % (``inaccurate: step``); ``unchecked`` where
-            that was not asked for. N words or sentences, one for a single rollout.
+        diverged_at_s: Time of the last valid state [s], shape (N,), or (); NaN where the rollout completed.
+        unclosed, gaps: See :class:`Batch`; one sentence, and gaps of shape (), for a single rollout.
+        backend: Backend.
+        wall_s: Wall time [s].
+        status: Gradient status of each rollout (N texts, one for a single rollout): ``exact``, ``lost``, or
+            the reason why the gradient may not hold. Reasons: it grazes an event; two events may change
+            order; outputs or measurements are quantised (``inaccurate: quantised``); half the step changes a
+            derivative by more than 1 % (``inaccurate: step``). ``unchecked`` if half the step was not tried.
     """
 
     paths: tuple[str, ...]
@@ -202,12 +203,12 @@ class Jacobian:
     """Forward sensitivities of one rollout with respect to k parameters.
 
     Attributes:
-        paths: The parameters.
-        trajectory: The rollout itself.
+        paths: Dotted paths of the k parameters.
+        trajectory: The rollout.
         measures: Derivative of each measure, shape (n, k); NaN if the rollout diverged.
-        outputs: Derivative of each asked-for output, shape (nt, n, k); NaN after divergence.
-        wall_s: Time it took.
-        status: As one of :class:`Gradient`.
+        outputs: Derivative of each requested output, shape (nt, n, k); NaN after divergence.
+        wall_s: Wall time [s].
+        status: Gradient status; see :class:`Gradient`.
     """
 
     paths: tuple[str, ...]
@@ -223,12 +224,12 @@ class Slopes:
     """Measures of N rollouts and their derivatives with respect to k parameters.
 
     Attributes:
-        paths: The parameters.
+        paths: Dotted paths of the k parameters.
         measures: Value of each measure (N, n); NaN where a rollout diverged.
-        slopes: Derivative of each measure (N, n, k); NaN likewise.
-        unclosed: As of :class:`Batch`.
-        wall_s: Time it took.
-        status: As of :class:`Gradient`.
+        slopes: Derivative of each measure (N, n, k); NaN where a rollout diverged.
+        unclosed: See :class:`Batch`.
+        wall_s: Wall time [s].
+        status: Gradient status of each rollout; see :class:`Gradient`.
     """
 
     paths: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""The loops as one library for every scene, with a virtual machine for functions: ``loops/machine.hpp``."""
+"""One library of loops for all scenes, with a virtual machine for their functions: ``loops/machine.hpp``."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from spacerobot.rollout.kernel_tables import (
 from spacerobot.rollout.methods.tableau import INNER, Tableau
 
 MOST_STAGES = 16
-"""Stages that the loops have room for."""
+"""Maximum number of stages of a method in the loops."""
 
 NO_LOOPS = (
     "this installation has no compiled loops for this processor, and there is no C++ compiler to make them; "
@@ -85,10 +85,10 @@ class _SceneAddresses(ctypes.Structure):
 
 @functools.cache
 def load_loops() -> ctypes.CDLL:
-    """The loops of every scene, which were built with the package, or are compiled when first asked for.
+    """Library of the loops, built with the package or compiled on first use.
 
     Raises:
-        CompileError: They were not built with the package, and cannot be compiled.
+        CompileError: The package has no built loops, and compilation fails.
     """
     package = Path(str(resources.files("spacerobot")))
     source = generic_source(package)
@@ -113,15 +113,15 @@ def _toolchain() -> Toolchain:
     toolchain = find_toolchain(plain=True)
     if toolchain is None:
         raise CompileError(NO_LOOPS)
-    # GCC fuses products with sums, which sine and cosine rely on, only where it may be expensive
+    # GCC fuses products and sums, on which sine and cosine rely, only where FMA may be used
     return replace(toolchain, flags=(*toolchain.cold_flags, "-fexpensive-optimizations"))
 
 
 def call_loops(name: str, *arguments: Any) -> int:
-    """Call a function of the loops; what it returns.
+    """Call a function of the loops and return its result.
 
     Raises:
-        CompileError: As :func:`load_loops`.
+        CompileError: See :func:`load_loops`.
     """
     entry = load_loops()[name]
     entry.restype = ctypes.c_int64
@@ -129,7 +129,7 @@ def call_loops(name: str, *arguments: Any) -> int:
 
 
 def _has_fma() -> bool:
-    """Whether this processor has what x86-64-v3 asks for."""
+    """Whether this processor has the instructions of x86-64-v3."""
     return {"avx2", "bmi2", "fma", "f16c", "movbe", "abm"} <= set(processor_of_machine().split())
 
 
@@ -197,13 +197,13 @@ class Program:
 
 
 class SceneProgram:
-    """A kernel as data of the loops, at :attr:`address`.
+    """Data of a kernel for the loops, at :attr:`address`.
 
     Args:
-        kernel: The functions, with their reverse where gradients are asked for.
+        kernel: Functions, with their reverse for gradients.
 
     Raises:
-        CompileError: There are no loops, or a function is not understood.
+        CompileError: There are no loops, or a function has an unknown form.
     """
 
     def __init__(self, kernel: Kernel) -> None:
@@ -223,7 +223,7 @@ class SceneProgram:
         self.address = ctypes.addressof(scene)
 
     def _array(self, array: npt.NDArray[Any]) -> int:
-        """Address of an array, which is kept."""
+        """Address of an array, which is kept alive."""
         self._kept.append(array)
         return int(array.ctypes.data)
 

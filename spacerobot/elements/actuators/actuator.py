@@ -15,7 +15,8 @@ from spacerobot.elements.core.robot_element import Part, RobotElement
 from spacerobot.registry import required
 
 FIRING = "firing"
-"""First word of the switches of pulses; they end between the instants of software."""
+"""First word in the names of switches of thruster pulses, which end between the sample instants of
+software."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class MomentumStorage:
         axes: Unit vectors along the wheels' axes (3, n), root link's axes.
         inertia: Moment of inertia of each wheel about its axis [kg m^2].
         speeds: Initial speeds relative to the base (n,) [rad/s].
-        torque_limit, speed_limit: Limits of each wheel [N m, rad/s]; None where not limited.
+        torque_limit, speed_limit: Limits of each wheel [N m, rad/s]; None if unlimited.
     """
 
     axes: Array
@@ -37,20 +38,20 @@ class MomentumStorage:
 
 
 class Actuator(RobotElement):
-    """An actuator of a robot, of its joints or of its base.
+    """Actuator of a robot's joints or base.
 
-    By a :class:`~spacerobot.elements.ActuatorDrive` it acts on components of the velocity: it
-    receives the forces commanded there and returns those delivered. Others are delivered as commanded.
-    A wheel brings a state, a wrench on the base and the momentum it stores; a thruster a wrench from outside.
-    Several actuators of one joint act one after the other, in the scenario's order.
+    An :class:`~spacerobot.elements.ActuatorDrive` names the components of the velocity on which the actuator
+    acts; it receives the forces commanded there and returns the delivered ones. Components without an
+    actuator deliver the commanded force. A wheel adds a state, a wrench on the base and stored momentum; a
+    thruster adds an external wrench. Several actuators of one joint act in series, in the scenario's order.
 
     Attributes:
         has_wheels: Whether it has wheels, whose momentum another actuator may unload.
-        has_motors: Whether it has motors that move relative to their joints, so that encoders there read
-            something else.
-        detects_failures: Whether it compares the torques commanded with the motion, so that failures must
-            follow it.
-        fails_joints: Whether it is a failure of joints.
+        has_motors: Whether its motors move relative to their joints, so that encoders on the motors do not
+            measure the joints.
+        detects_failures: Whether it compares commanded torques with the motion; failures must then come after
+            it in the list.
+        fails_joints: Whether it models a failure of joints.
     """
 
     family: ClassVar[str] = "actuator"
@@ -61,7 +62,7 @@ class Actuator(RobotElement):
 
     @property
     def unloads(self) -> bool:
-        """Whether it drives the momentum of the robot's wheels to a goal."""
+        """Whether it drives the momentum of the robot's wheels to a setpoint."""
         return False
 
     @property
@@ -71,32 +72,32 @@ class Actuator(RobotElement):
 
     @property
     def loses_torque(self) -> bool:
-        """Whether a failure keeps it from delivering torques that are commanded."""
+        """Whether a failure may keep it from delivering commanded torques."""
         return False
 
     def wrench_limits(self, *, planar: bool) -> Mapping[Part, Array]:
-        """Force and torque on the base that it delivers, however they come together.
+        """Limits of the force and torque on the base that it can deliver in any combination.
 
         Args:
-            planar: Whether the base moves in the x-y plane alone.
+            planar: Whether the base moves only in the x-y plane.
 
         Returns:
-            mapping: Greatest force along [N] and torque about [N m] each axis of the root link (3,), infinite
-                where there is no limit; without the parts that plans may not use. Empty for one that plans do
-                not use.
+            mapping: Maximum force along [N] and torque about [N m] each axis of the root link (3,), infinite
+                if unlimited. Parts that plans may not use are missing; empty if plans may not use this
+                actuator.
         """
         del planar
         return {}
 
     def joined_limits(self, limits: Array, after: Array) -> Array:
-        """Limits of a force or torque together with those of the actuators that act on the base after it.
+        """Limits of a force or torque in series with the actuators that act on the base after this one.
 
-        As a rule the next actuator takes over what this one delivers, so that the lower limit holds.
+        By default the next actuator receives the output of this one, so the lower limit holds.
 
         Args:
-            limits: Largest force [N] or torque [N m] of this actuator along or about each axis of the root
+            limits: Maximum force [N] or torque [N m] of this actuator along or about each axis of the root
                 link (3,).
-            after: The same of the actuators after it.
+            after: Maximum force or torque of the actuators after it (3,).
         """
         return np.minimum(limits, after)
 
@@ -110,7 +111,7 @@ class Actuator(RobotElement):
         raise NotImplementedError
 
     def limits(self, joints: Sequence[str]) -> list[str]:
-        """Joints of a robot whose torque it bounds."""
+        """Names of the joints whose torque it limits."""
         del joints
         return []
 

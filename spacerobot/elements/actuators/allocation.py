@@ -3,22 +3,22 @@ r"""Thruster allocation with minimum propellant: an exact optimum, by a path of 
 $$ \min_a \ \frac{|A a - w|^2}{2 \varepsilon} + \sum_i c_i \Bigl( a_i + \frac{d\,a_i^2}{2} \Bigr), \qquad
    0 \le a \le 1 $$
 
-$\varepsilon$ is so small that the nearest wrench has priority over the minimum propellant; $d$ distributes
-the load evenly among equivalent thrusters. With $B_i = A_i / c_i$ the optimum has
+$\varepsilon$ is so small that the nearest wrench has priority over minimum propellant; $d$ distributes the
+load evenly among equivalent thrusters. With $B_i = A_i / c_i$ the optimum is
 
 $$ a_i = \min(\max(s_i, 0), 1), \qquad s_i = \frac{B_i \cdot y - 1}{d}, \qquad \varepsilon y = w - A a, $$
 
-so that $y$ is the propellant that a unit of wrench is worth, and a thruster opens if its wrench is worth
-more than the propellant it uses. All of this is piecewise linear in $w$. It is followed along a straight
-line that ends at $w$, from a $y$ whose wrench is known. At each kink one thruster changes between shut,
-throttled and open, and between kinks
+so $y$ is the price of the wrench in propellant: a thruster opens if the value of its wrench at this price
+exceeds its propellant. The solution is piecewise linear in $w$. It is followed along a straight line that
+ends at $w$, from a $y$ with a known wrench. At each kink one thruster changes between shut, throttled and
+open, and between kinks
 
 $$ s' = B^\top y' / d, \qquad \Bigl( \varepsilon I + \frac1d \sum_\text{throttled} A_i B_i^\top \Bigr) y'
    = w', $$
 
-where a prime is the derivative along the path. Only the sets of throttled and of open thrusters are taken
-from that path; their throttles are then those of one linear system. Derivatives therefore go through that
-system alone, and are exact where no thruster is at a kink.
+where a prime is the derivative along the path. The path only determines the sets of throttled and open
+thrusters; their throttles then solve one linear system. Derivatives therefore go through that system alone,
+and are exact where no thruster is at a kink.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ import numpy as np
 from spacerobot.arrays import Array
 
 NEAREST = 1e-8
-"""e: a wrench is missed by about as much of itself to save propellant."""
+"""e: relative error of the wrench that is accepted to save propellant."""
 EVEN = 1e-2
-"""d: what is spent is at most 1 + d/2 times the least."""
+"""d: the propellant is at most 1 + d/2 times the minimum."""
 FAR = 100.0
-"""Length of y where a path begins at thrusters that are open."""
+"""Norm of y at the start of a path that begins with open thrusters."""
 SLACK = 1e-8
-"""By which the s of a throttled one passes 0 or 1 before it changes, so that rounding cannot turn it back."""
+"""Margin by which s of a throttled thruster passes 0 or 1 before its set changes, against rounding."""
 NOT_DRIVEN = 1e-6
-"""Part of the greatest side of a box of wrenches below which an axis counts as one that is not driven."""
+"""Fraction of the largest side of a wrench box below which an axis counts as not actuated."""
 SHUT, THROTTLED, OPEN = 0, 1, 2
 _GRID = 2.0**20
 _NO_ZERO = 1e-300
@@ -91,10 +91,10 @@ class _Path:
 
 
 def allocate(layout: ThrusterLayout, wrench: ca.SX, steps: int) -> ca.SX:
-    """Parts a (n x 1) of the thrusters' thrust.
+    """Throttles a (n x 1) of the thrusters, fractions of full thrust.
 
-    Where the steps do not suffice they are those of the last kink, near to those of a lesser or greater
-    wrench, with derivatives of zero.
+    If the steps do not suffice, the throttles are those of the last kink, close to the optimum of a smaller
+    or larger wrench, with zero derivatives.
 
     Args:
         layout: Layout of the thrusters.
@@ -107,24 +107,24 @@ def allocate(layout: ThrusterLayout, wrench: ca.SX, steps: int) -> ca.SX:
     rough = ca.floor(_cut(path.values) * _GRID) / _GRID
     # Parts (n x 1) that are optimal if no level changes. The second round takes away what rounding leaves
     # of a system that is singular but for e.
-    throttled, parts, worth = path.levels == THROTTLED, path.levels == OPEN, ca.SX.zeros(wrench.numel())
+    throttled, parts, price = path.levels == THROTTLED, path.levels == OPEN, ca.SX.zeros(wrench.numel())
     system = _system(layout, path.levels)
     for _ in range(2):
-        lacking = throttled * (1 + EVEN * parts - ca.mtimes(layout.gains.T, worth))
-        missed = wrench - ca.mtimes(layout.matrix, parts) - NEAREST * worth
-        change = ca.ldl_solve(missed + ca.mtimes(layout.matrix, lacking) / EVEN, *system)
+        lacking = throttled * (1 + EVEN * parts - ca.mtimes(layout.gains.T, price))
+        residual = wrench - ca.mtimes(layout.matrix, parts) - NEAREST * price
+        change = ca.ldl_solve(residual + ca.mtimes(layout.matrix, lacking) / EVEN, *system)
         parts = parts + (throttled * ca.mtimes(layout.gains.T, change) - lacking) / EVEN
-        worth = worth + change
+        price = price + change
     return ca.if_else(path.ended, _cut(parts), rough)
 
 
 def steps_needed(matrix: Array, propellant: Array) -> int:
-    """Count the kinks of paths to random wrenches within and beyond reach; returns a multiple of m + n.
+    """Count the kinks of paths to random wrenches inside and outside the attainable set; a multiple of m + n.
 
     Args:
         matrix, propellant: Numbers for :meth:`ThrusterLayout.of`.
     """
-    size, most = sum(matrix.shape), 3
+    size, max_multiple = sum(matrix.shape), 3
     layout = ThrusterLayout.of(ca.sparsify(ca.SX(matrix)), ca.SX(propellant))
     wrenches = np.random.default_rng(0).normal(size=(len(matrix), 100))
     reach = np.maximum(matrix.T @ wrenches, 0).sum(0) / (wrenches**2).sum(0)
@@ -136,16 +136,19 @@ def steps_needed(matrix: Array, propellant: Array) -> int:
     begin = ca.Function("begin", [w], [getattr(path, name) for name in names])
     after = _step(layout, place)
     step = ca.Function("step", [getattr(place, n) for n in names], [getattr(after, n) for n in names])
-    now = begin.map(wrenches.shape[1])(wrenches)
-    for count in range(most * size):
-        if bool(ca.mmin(now[-1])):
+    paths = begin.map(wrenches.shape[1])(wrenches)
+    for count in range(max_multiple * size):
+        if bool(ca.mmin(paths[-1])):
             return size * int(np.ceil((1.25 * count + 1) / size))
-        now = step.map(wrenches.shape[1])(*now)
-    return most * size
+        paths = step.map(wrenches.shape[1])(*paths)
+    return max_multiple * size
 
 
 def _begin(layout: ThrusterLayout, command: ca.SX) -> _Path:
-    """At no wrench; for one that is far out of reach or nearly so, where all that help are open."""
+    """Path at zero wrench.
+
+    For a wrench far outside the attainable set, path with all helpful thrusters open.
+    """
     square = ca.dot(command, command)
     reached = ca.sum1(ca.fmax(ca.densify(ca.mtimes(layout.matrix.T, command)), 0))
     size = ca.if_else(square > reached / 2, FAR / ca.sqrt(square + _NO_ZERO), 0)
@@ -155,30 +158,30 @@ def _begin(layout: ThrusterLayout, command: ca.SX) -> _Path:
 
 
 def _step(layout: ThrusterLayout, path: _Path) -> _Path:
-    """To the next kink, or to the end."""
+    """Path at its next kink, or at its end."""
     solved = ca.ldl_solve(path.wrench, *_system(layout, path.levels))
     moves = ca.densify(ca.mtimes(layout.gains.T, solved)) / EVEN  # B^T y (n x 1)
-    levels, values, left = [], [], 1 - path.part
-    kinks, ways = [], []
+    levels, values, remaining_part = [], [], 1 - path.part
+    kinks, directions = [], []
     for i, level in enumerate(ca.vertsplit(path.levels)):
         move = moves[i] + _NO_ZERO
         up = move > 0
         border = level + up - 1  # of s: 0 or 1, else there is none on that side
         none = border * border != border
-        ways.append(2 * up - 1)
-        passed = border + SLACK * (level == THROTTLED) * ways[i]
-        kinks.append(ca.fmax((passed - path.values[i]) / move, 0) + 2 * none)
-    way = left
+        directions.append(2 * up - 1)
+        threshold = border + SLACK * (level == THROTTLED) * directions[i]
+        kinks.append(ca.fmax((threshold - path.values[i]) / move, 0) + 2 * none)
+    step_part = remaining_part
     for kink in kinks:
-        way = ca.fmin(way, kink)
+        step_part = ca.fmin(step_part, kink)
     free = ca.SX(1)  # until one is found: of several at the same kink the first
-    for i, (kink, up) in enumerate(zip(kinks, ways, strict=True)):
-        hit = free * (kink == way)
+    for i, (kink, up) in enumerate(zip(kinks, directions, strict=True)):
+        hit = free * (kink == step_part)
         free = free - hit
         levels.append(path.levels[i] + hit * up)
-        values.append(path.values[i] + way * moves[i])
+        values.append(path.values[i] + step_part * moves[i])
     return replace(
-        path, levels=ca.vertcat(*levels), values=ca.vertcat(*values), part=path.part + way, ended=free
+        path, levels=ca.vertcat(*levels), values=ca.vertcat(*values), part=path.part + step_part, ended=free
     )
 
 
@@ -196,26 +199,26 @@ def _cut(values: ca.SX) -> ca.SX:
 
 
 def largest_box(full: Array, rows: Sequence[int]) -> Array:
-    """Half the sides of a box of wrenches all of which thrusters give at once.
+    """Half the sides of a box of wrenches that the thrusters can all deliver.
 
     Args:
         full: Wrench of each thruster at full thrust (6, n) [N, N m].
         rows: Entries of a wrench that move the base.
 
     Returns:
-        Array: Greatest force along [N] and torque about [N m] each axis (6,), with the sides in the ratio of
-            what each axis gets alone.
+        Array: Maximum force along [N] and torque about [N m] each axis (6,); the sides are in the ratio of
+            the maximum on each axis alone.
     """
     wrench_rows = full[rows]
-    alone = np.array(
+    single_axis = np.array(
         [min(_reach(wrench_rows, sign * side) for sign in (1, -1)) for side in np.eye(len(rows))]
     )
-    alone[alone < NOT_DRIVEN * alone.max(initial=0.0)] = 0.0
-    half_sides, sides = np.zeros(6), np.flatnonzero(alone)
+    single_axis[single_axis < NOT_DRIVEN * single_axis.max(initial=0.0)] = 0.0
+    half_sides, sides = np.zeros(6), np.flatnonzero(single_axis)
     if sides.size:
         corners = (np.array(signs) for signs in itertools.product((1, -1), repeat=sides.size))
-        onto = np.eye(len(rows))[:, sides] * alone[sides]
-        half_sides[rows] = min(_reach(wrench_rows, onto @ signs) for signs in corners) * alone
+        onto = np.eye(len(rows))[:, sides] * single_axis[sides]
+        half_sides[rows] = min(_reach(wrench_rows, onto @ signs) for signs in corners) * single_axis
     return half_sides
 
 

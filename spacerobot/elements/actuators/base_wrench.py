@@ -1,4 +1,4 @@
-"""An ideal actuator of a base: a bounded wrench from outside."""
+"""Ideal actuator of a base: a bounded external wrench."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class BaseWrench(Actuator):
         return {part: np.full(3, np.inf if most is None else most) for part, most in part_limits.items()}
 
     def build(self, actuator: ActuatorContext) -> Contribution:
-        """Wrench clipped axis by axis."""
+        """Contribution: wrench clipped on each axis, and events of saturation."""
         columns, limits = actuator.base_columns, []
         linear = len(columns) - (3 if len(columns) == 6 else 1)
         for key, section_limit, count in (
@@ -51,22 +51,24 @@ class BaseWrench(Actuator):
         ):
             limit = ca.SX(ca.inf) if section_limit is None else actuator.context.number(key)
             limits.append(ca.repmat(limit, count, 1))
-        most = ca.vertcat(*limits)
+        maximum = ca.vertcat(*limits)
         each: list[float | None] = [self.force] * linear + [self.torque] * (len(columns) - linear)
         bounded = [k for k, limit in enumerate(each) if limit is not None]
         axes = ("fx", "fy", "tz") if len(columns) == 3 else ("fx", "fy", "fz", "tx", "ty", "tz")
         labels = [f"{actuator.robot}/base.{axes[k]}" for k in bounded]
 
         def kinks(command: ca.SX) -> Contribution:
-            """Events where the wrench begins and ceases to be clipped."""
-            beyond = ca.fabs(command[bounded]) / most[bounded] - 1
-            return Contribution(events=saturation_events(actuator, labels, beyond))
+            """Events where the wrench starts and stops being clipped."""
+            excess = ca.fabs(command[bounded]) / maximum[bounded] - 1
+            return Contribution(events=saturation_events(actuator, labels, excess))
 
         return Contribution(
-            drives=(ActuatorDrive(columns, lambda asked: ca.fmin(ca.fmax(asked, -most), most), kinks),)
+            drives=(
+                ActuatorDrive(columns, lambda command: ca.fmin(ca.fmax(command, -maximum), maximum), kinks),
+            )
         )
 
     def words(self) -> str:
-        """The limits."""
+        """Limits in text form."""
         force, torque = ("any" if most is None else f"{most:g}" for most in (self.force, self.torque))
         return f"base_wrench of at most {force} N, {torque} N m"

@@ -1,4 +1,4 @@
-"""Joints that fail at a time: their brakes lock them, or their motors lose torque or run on."""
+"""Failure of joints at a time: brakes lock them, or motors lose torque or run away."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from spacerobot.errors import near_names
 from spacerobot.section import matching, quantity
 
 HELD = ("locked", "runaway")
-"""Modes in which a joint is held at a rate."""
+"""Modes in which a joint is held at a constant rate."""
 
 
 @register
@@ -61,7 +61,7 @@ class JointFailure(Actuator):
         return matching(joints, self.joint) if self.known else []
 
     def build(self, actuator: ActuatorContext) -> Contribution:
-        """The event, and what holds the joints or reduces their torques from then on."""
+        """Contribution: failure event, and constraints on the joints or reduced torques from then on."""
         context, joints = actuator.context, matching(actuator.columns, self.joint)
         name = f"{actuator.robot}/{self.joint}"
         if self.mode in HELD:
@@ -71,14 +71,16 @@ class JointFailure(Actuator):
             _, event = failing(context, name, sets=sets, updates=updates, impact=impact)
             return replace(holding, events=(event,))
         failed, event = failing(context, name)
-        left = context.number("remaining") if self.mode == "weak" else ca.SX(1, 1)
-        factor = 1 - failed * (1 - left)
+        remaining = context.number("remaining") if self.mode == "weak" else ca.SX(1, 1)
+        factor = 1 - failed * (1 - remaining)
         columns = tuple(actuator.columns[joint] for joint in joints)
-        return Contribution(drives=(ActuatorDrive(columns, lambda asked: asked * factor),), events=(event,))
+        return Contribution(
+            drives=(ActuatorDrive(columns, lambda command: command * factor),), events=(event,)
+        )
 
     @property
     def loses_torque(self) -> bool:
-        """Whether its joint's motor fails, not its brake."""
+        """Whether the joint's motor fails rather than its brake."""
         return self.mode != "locked"
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
@@ -87,11 +89,11 @@ class JointFailure(Actuator):
             yield "joint", f"no joint {self.joint!r}; {near_names(self.joint, robot.joints)}"
 
     def words(self) -> str:
-        """The failure and its time."""
-        what = {
+        """Failure and its time, in text form."""
+        effect = {
             "locked": "locks",
             "free": "swings free",
             "weak": f"keeps {self.remaining:g} of its torque",
             "runaway": "runs on at the rate it has",
         }[self.mode]
-        return f"{self.joint} {what} at {self.at:g} s"
+        return f"{self.joint} {effect} at {self.at:g} s"

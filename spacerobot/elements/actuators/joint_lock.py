@@ -1,8 +1,8 @@
-"""Joints that are held from an event on, by a brake or by a motor that runs on.
+"""Joints held from an event on, by a brake or by a runaway motor.
 
-A joint held at the rate r has the acceleration constraint ``v_j' + k (v_j - r) = 0`` of its entry of v.
-A brake begins with the plastic impulse that stops the joint, ``M (v+ - v-) = e_j p`` with ``e_j^T v+ = 0``:
-internal, so momentum is kept and energy is lost.
+A joint held at the rate r has the acceleration constraint ``v_j' + k (v_j - r) = 0`` for its entry of v. A
+brake starts with the plastic impulse that stops the joint, ``M (v+ - v-) = e_j p`` with ``e_j^T v+ = 0``. The
+impulse is internal: momentum is conserved and energy is dissipated.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ DECAY = 20.0
 def held_joints(
     actuator: ActuatorContext, joints: Iterable[str], *, running: bool = False, known: bool = False
 ) -> tuple[Contribution, dict[str, bool], dict[str, ca.SX]]:
-    """Constraints that hold joints, and what the event sets and updates at which it begins.
+    """Constraints that hold joints, with the switches and states that their event sets.
 
-    All that hold one joint share its constraint, so that a brake may stop one that runs on; two active
-    constraints would make the constraint system singular.
+    Everything that holds a joint shares its constraint, so that a brake can stop a runaway joint; two active
+    constraints on one joint would make the constraint system singular.
 
     Args:
-        actuator: The actuator that holds them.
+        actuator: Actuator that holds the joints.
         joints: Names of the joints.
-        running: Whether they are held at the rate they have, rather than stopped.
-        known: Whether controllers know of it from then on; :func:`known_lock` is the switch.
+        running: Whether the joints keep their present rate instead of being stopped.
+        known: Whether controllers know about it from then on; :func:`known_lock` is the switch.
     """
     constants, plant = actuator.context.constants, actuator.plant
     parts, sets, updates = list[Contribution](), dict[str, bool](), dict[str, ca.SX]()
@@ -67,7 +67,7 @@ def known_lock(constants: Constants, robot: str, joint: str) -> ca.SX:
 def _hold(
     actuator: ActuatorContext, column: int, name: str, held: ca.SX, rate: ca.SX
 ) -> AccelerationConstraint:
-    """Constraint that holds a joint at a rate; its one direction stands for the joint's axis."""
+    """Constraint that holds a joint at a rate; its single load direction represents the joint's axis."""
     plant = actuator.plant
     unit, joint_rate = ca.SX(plant.v.size1(), 1), plant.v[column]
     unit[column] = 1

@@ -62,8 +62,8 @@ NOISES = ("joint_noise", "spin_noise", "velocity_noise")
 class MomentumObserver(Actuator):
     """Detects failed joints from the residual of their momentum, and engages their brakes.
 
-    It sees the torques commanded of the actuators after it, and passes them on: it is listed after limits
-    and before failures.
+    It reads the torques commanded to the actuators after it and passes them on unchanged: list it after
+    torque limits and before failures.
     """
 
     kind: Literal["momentum_observer"] = "momentum_observer"
@@ -107,7 +107,7 @@ class MomentumObserver(Actuator):
         return self
 
     def locks(self, joints: Sequence[str]) -> list[str]:
-        """Joints whose brakes it may engage."""
+        """Names of the joints whose brakes it may engage."""
         return matching(joints, self.joints) if self.brake else []
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
@@ -118,15 +118,15 @@ class MomentumObserver(Actuator):
             yield "side", f"found base, the base of {robot.name} is fixed; allowed: tip"
 
     def build(self, actuator: ActuatorContext) -> Contribution:
-        """Torques as commanded, residuals of what becomes of them, and events of detection."""
+        """Contribution: torques as commanded, residuals of the momenta, and detection events."""
         names = matching(list(actuator.columns), self.joints)
         brakes = {name: held_joints(actuator, [name], known=True) for name in names} if self.brake else {}
         switches = [actuator.context.switch(f"detected.{name}") for name in names]
         columns = tuple(actuator.columns[name] for name in names)
 
-        def answer(asked: ca.SX) -> Contribution:
-            """States, events and outputs, of the torques that are commanded."""
-            law = _Observer(self, actuator, columns).residual(asked)
+        def answer(command: ca.SX) -> Contribution:
+            """States, events and outputs for commanded torques (n x 1)."""
+            law = _Observer(self, actuator, columns).residual(command)
             residual, threshold = law.values, law.threshold
             events, outputs = [], []
             for i, (name, detected) in enumerate(zip(names, switches, strict=True)):
@@ -145,14 +145,14 @@ class MomentumObserver(Actuator):
             outputs.append(detected_failures(count, actuator.robot))
             return Contribution(states=law.states, events=(*law.events, *events), outputs=tuple(outputs))
 
-        held = concatenate(contribution for contribution, _, _ in brakes.values())
-        return replace(held, drives=(ActuatorDrive(columns, lambda asked: asked, answer),))
+        brake_contribution = concatenate(contribution for contribution, _, _ in brakes.values())
+        return replace(brake_contribution, drives=(ActuatorDrive(columns, lambda command: command, answer),))
 
     def words(self) -> str:
-        """The joints, the rate of samples, and the response."""
+        """Joints, sample rate and response, in text form."""
         rate = "continuous" if self.period is None else f"at {1 / self.period:g} Hz"
-        then = ", brakes them" if self.brake else ""
-        return f"detects failures of {self.joints} {rate}{then}"
+        response = ", brakes them" if self.brake else ""
+        return f"detects failures of {self.joints} {rate}{response}"
 
 
 class _Observer:
@@ -162,13 +162,13 @@ class _Observer:
         self.config, self.actuator, self.columns = config, actuator, columns
         self.name = f"{actuator.robot}/{actuator.context.path.rpartition('.')[2]}"
 
-    def residual(self, asked: ca.SX) -> Residual:
-        """Residuals of the torques that are commanded (n x 1)."""
+    def residual(self, command: ca.SX) -> Residual:
+        """Residuals for commanded torques (n x 1)."""
         context = self.actuator.context
         if self.config.period is None:
             momenta = (*self._momenta(self.actuator.plant.v), ca.SX(0, 1))
-            return continuous_residual(context, self.name, asked, momenta)
-        return sampled_residual(self.config, context, self.name, asked, self._measured)
+            return continuous_residual(context, self.name, command, momenta)
+        return sampled_residual(self.config, context, self.name, command, self._measured)
 
     def _momenta(self, velocity: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Momentum m and the part of its rate that no commanded torque makes (n x 1 each).

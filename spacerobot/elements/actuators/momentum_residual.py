@@ -39,10 +39,11 @@ from spacerobot.elements.core.event import Event
 from spacerobot.elements.core.section_context import SectionContext
 
 TINY = 1e-30
-"""Keeps the root of a variance differentiable where nothing was measured yet."""
+"""Offset that keeps the square root of a zero variance differentiable, before the first measurement."""
 
 Momenta = tuple[ca.SX, ca.SX, ca.SX]
-"""Momenta and the known part b of their rates (n x 1 each), and the normal numbers of their noise."""
+"""Momenta and the known part b of their rates (n x 1 each), and the standard normal numbers of their
+noise."""
 
 
 class ResidualSection(Protocol):
@@ -59,7 +60,7 @@ class ResidualSection(Protocol):
 
 @dataclass(frozen=True)
 class Residual:
-    """Residuals and what they may be without an alarm (n x 1 each), with their states and instants."""
+    """Residuals and their thresholds (n x 1 each), with their states and sample instants."""
 
     values: ca.SX
     threshold: ca.SX
@@ -73,12 +74,12 @@ class Residual:
 
 
 def continuous_residual(context: SectionContext, name: str, asked: ca.SX, momenta: Momenta) -> Residual:
-    """Residuals at any time, without noise.
+    """Continuous residuals, without noise.
 
     Args:
         context: Context of the section with `bandwidth` and `allowance`.
         name: Name of the observer, unique in the closed loop.
-        asked: Commanded torques (n x 1).
+        asked: Commanded torques (n x 1) [N m].
         momenta: Momenta and their known rates.
     """
     momentum, rate, _ = momenta
@@ -97,14 +98,14 @@ def sampled_residual(
     momenta: Callable[[Clock], Momenta],
     allowance: ca.SX | None = None,
 ) -> Residual:
-    """Residuals held since the last sample; parameters as of :func:`continuous_residual`.
+    """Residuals held from sample to sample; see :func:`continuous_residual`.
 
     Args:
         config, context: The section, and its context.
         name, asked: See :func:`continuous_residual`.
         momenta: Function from the clock of the samples to momenta with their noise.
-        allowance: On top of noise, of the first residuals (m x 1), which alone are tested; that of the
-            section, of all, if not given.
+        allowance: Allowance for model errors of the first m residuals (m x 1), on top of noise; only these
+            are tested. The section's allowance for all residuals if None.
     """
     size, period = asked.size1(), context.steady("period")
     clock = Clock.of(f"{name}.samples", context.time, period)
@@ -170,8 +171,8 @@ def measured_velocity(
         name, period_s, clock: See :func:`sample_noise`.
     """
     base = actuator.base_columns
-    turning = base[2:] if len(base) == 3 else base[3:]
-    sources = {"velocity_noise": base[: len(base) - len(turning)], "spin_noise": turning}
+    rotation_columns = base[2:] if len(base) == 3 else base[3:]
+    sources = {"velocity_noise": base[: len(base) - len(rotation_columns)], "spin_noise": rotation_columns}
     sources["joint_noise"] = tuple(actuator.columns.values())
     places = [
         (column, key)

@@ -38,7 +38,7 @@ from spacerobot.elements.references.reference import DEGREE
 from spacerobot.section import Section, Vector, quantity
 
 ACROSS = 1e-6
-"""Maximum cosine between a wheel's axis and one of the root link that it cannot turn about."""
+"""Maximum cosine between a wheel's axis and a root-link axis about which it exerts no torque."""
 
 
 class Pyramid(Section):
@@ -54,7 +54,7 @@ class Pyramid(Section):
     )
 
     def directions(self) -> Iterator[tuple[float, float]]:
-        """Cosine and sine of each wheel's direction about z, exact where it is along an axis."""
+        """Cosine and sine of each wheel's azimuth about z, exact along an axis."""
         for i in range(self.wheels):
             angle = 2 * np.pi * i / self.wheels
             yield (float(np.round(np.cos(angle), 15)), float(np.round(np.sin(angle), 15)))
@@ -121,7 +121,10 @@ class ReactionWheels(WheelSet):
         return {"torque": np.where(np.abs(axes).max(axis=1) > ACROSS, limit, 0.0)}
 
     def build(self, actuator: ActuatorContext) -> Contribution:
-        """The wheels' angular momenta are states; motors press on wheels and base alike."""
+        """Contribution: the wheels' angular momenta as states.
+
+        Motors act on wheels and base with opposite torques.
+        """
         context, name = actuator.context, f"{actuator.robot}/{actuator.context.path.rpartition('.')[2]}"
         columns, about = base_rotation_axes(actuator)
         axes, inverse = self._geometry(actuator, about)
@@ -145,14 +148,14 @@ class ReactionWheels(WheelSet):
         first = inertia * (carried + (context.once("speeds", began) if self.speeds else 0))
 
         @once_for_each
-        def motors(asked: ca.SX) -> WheelMotors:
+        def motors(command: ca.SX) -> WheelMotors:
             return self.motors(
-                actuator, -ca.mtimes(inverse[:, about], asked), axes[about, :], speed, friction
+                actuator, -ca.mtimes(inverse[:, about], command), axes[about, :], speed, friction
             )
 
-        def answer(asked: ca.SX) -> Contribution:
-            """Everything but what is left to the next actuator."""
-            motor_torques = motors(asked)
+        def answer(command: ca.SX) -> Contribution:
+            """Contribution except the command that remains for the next actuator."""
+            motor_torques = motors(command)
             torque = ca.mtimes(rotation, -ca.mtimes(axes, motor_torques.net) - cross(spin, total_momentum))
             tests = self.detected(actuator, motor_torques, speed, axes, inertia)
             return Contribution(
@@ -169,8 +172,8 @@ class ReactionWheels(WheelSet):
                 events=(*motor_torques.events, *tests.events),
             )
 
-        def left(asked: ca.SX) -> ca.SX:
-            return asked + ca.mtimes(axes[about, :], motors(asked).command)
+        def left(command: ca.SX) -> ca.SX:
+            return command + ca.mtimes(axes[about, :], motors(command).command)
 
         stored = StoredMomentum(
             actuator.robot, ca.mtimes(rotation, total_momentum), ca.dot(momentum, momentum) / (2 * inertia)
@@ -181,7 +184,7 @@ class ReactionWheels(WheelSet):
         )
 
     def seizing(self, actuator: ActuatorContext, wheel: int) -> tuple[dict[str, bool], dict[str, ca.SX]]:
-        """It is remembered that the wheel has stopped."""
+        """State updates that mark the wheel as stopped."""
         return {}, {f"{names_of(actuator, self.count)[wheel]}.stopped": ca.SX(1)}
 
     def _seized(self, actuator: ActuatorContext) -> ca.SX:
@@ -192,12 +195,12 @@ class ReactionWheels(WheelSet):
         return switches
 
     def _stopped(self, actuator: ActuatorContext, axes: ca.SX, speed: ca.SX, inertia: ca.SX) -> Contribution:
-        """Constraints by which wheels (axes k x n, speeds n x 1) that have seized turn with the base.
+        """Constraints by which seized wheels (axes k x n, speeds n x 1) rotate with the base.
 
-        With the torque w on the base, ``a . omega' = -w / J``. In the impulse at which the wheel stops,
-        ``a . omega+ + w / J = h- / J``, so that the base is struck with what the wheel loses. What follows,
-        as the impact of a capture, finds a wheel without a speed of its own, whose momentum is
-        ``J a . omega``: the base with its inertia about the axis.
+        With the torque w on the base, ``a . omega' = -w / J``. In the impulse that stops the wheel, ``a .
+        omega+ + w / J = h- / J``: the base receives the momentum that the wheel loses. Later impacts, such as
+        a capture, see a wheel at rest relative to the base, with momentum ``J a . omega``: the base with the
+        wheel's inertia added about the axis.
         """
         plant, constraints_of_wheels = actuator.plant, Contribution()
         columns, switches = list(base_rotation_axes(actuator)[0]), self._seized(actuator)

@@ -1,4 +1,4 @@
-"""Saturation of actuators: limits at which the delivered force has a kink, as events at which steps end."""
+"""Saturation of actuators: events at the limits, where the delivered force has a kink and steps must end."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ def saturation_events(
     free: Sequence[ca.SX] = (),
     side: str = "",
 ) -> tuple[Event, ...]:
-    """Events at which commands of parts of an actuator cross their limits.
+    """Events at which commands of an actuator's parts cross their limits.
 
-    What is delivered has kinks there and depends on no switch: steps end there, so that the method keeps its
-    order, and derivatives by a limit know when it begins and ends to count.
+    The delivered force has kinks there and depends on no switch. Steps end at the events, so that the method
+    keeps its order and derivatives with respect to a limit include the interval in which it is active.
 
     Args:
         actuator: The actuator.
         names: Labels of the parts.
         beyond: Relative excess of each command over its limit, above zero where it is clipped (n x 1).
-        free: Switches (1x1 each) without which a part takes no part; none if all always do.
-        side: Label of the limit, where parts have several.
+        free: Switch of each part (1x1 each) that must be on for its events to fire; empty if all parts are
+            always active.
+        side: Label of the limit, if parts have several.
     """
     events = list[Event]()
     for i, name in enumerate(names):

@@ -1,4 +1,4 @@
-r"""Detection of failed thrusters from the momentum of their robot: which one has failed, and how.
+r"""Detection and isolation of failed thrusters from the momentum of their robot.
 
 Linear momentum $P$ and angular momentum $L$ about the root link's origin o, of all the robot's bodies and
 wheels, in the root link's axes (spin $\omega$, velocity $v$ of o), change by the thrusters' force $f$ and
@@ -43,13 +43,14 @@ from spacerobot.elements.core.failure import ResidualTest, detected_failures, de
 from spacerobot.section import quantity
 
 SETTLED = 4.0
-"""Time over that of the lag after which a residual is compared with what failures would cause."""
+"""Time, in units of the lag's time constant, after which a residual is compared with the failure
+hypotheses."""
 MODES = {"shut": 0.0, "open": 1.0}
-"""Failures that are told apart, with the part of the thrust that is given."""
+"""Failure modes to distinguish, with the fraction of thrust that remains."""
 
 
 class ThrusterDetection(ResidualTest):
-    """Detection of failed thrusters, which the allocation then leaves out; the robot may hold nothing."""
+    """Detection of failed thrusters, which the allocation then leaves out; the robot must hold no object."""
 
     velocity_noise: float = quantity(
         "m/s", "standard deviation of a sample of the base's velocity", default=0.0, ge=0
@@ -94,19 +95,19 @@ class ThrusterTest:
         return [self.actuator.context.switch(f"{mode}.{i}") for i in range(len(self.names))]
 
     def contribution(self, parts: ca.SX) -> Contribution:
-        """Residuals and events of detection, of parts of the thrust (n x 1) that valves should give."""
+        """Residuals and detection events for commanded fractions of thrust (n x 1)."""
         actuator, count, size = self.actuator, len(self.names), len(self.rows)
         context = actuator.context.at(f"{actuator.context.path}.detection")
         name = f"{actuator.robot}/{actuator.context.path.rpartition('.')[2]}"
-        # The parts behind the same lag are the residual of momenta that are zero.
-        asked = ca.densify(ca.vertcat(ca.mtimes(self.full, parts), -parts))
+        # The commanded fractions behind the same lag are the residual of momenta that are zero.
+        effort = ca.densify(ca.vertcat(ca.mtimes(self.full, parts), -parts))
         kinds = ["force_allowance" if row < 3 else "torque_allowance" for row in self.rows]
         allowance = ca.vertcat(*(context.number(kind) for kind in kinds))
-        test = sampled_residual(self.config, context, f"{name}.detection", asked, self._momenta, allowance)
+        test = sampled_residual(self.config, context, f"{name}.detection", effort, self._momenta, allowance)
         residual, lagged, limit = test.values[:size], test.values[size:], test.threshold
 
-        def excess(left: ca.SX) -> ca.SX:
-            return ca.mmax(ca.fabs(left) / limit) - 1
+        def excess(difference: ca.SX) -> ca.SX:
+            return ca.mmax(ca.fabs(difference) / limit) - 1
 
         detected, events = context.switch("found"), list[Event]()
         beyond, over = excess(residual), memory(f"{name}.detection.over", ca.SX.zeros(1))
@@ -120,16 +121,16 @@ class ThrusterTest:
             for mode, part in MODES.items()
             for i in range(count)
         }
-        left = {key: excess(residual - wrench) for key, wrench in missed.items()}
+        excesses = {key: excess(residual - wrench) for key, wrench in missed.items()}
         for (mode, i), wrench in missed.items():
             switches = [self.switches(each)[i] for each in MODES]
-            others = [value for key, value in left.items() if key != (mode, i)]
-            guard = ca.fmin(settled, -left[mode, i])
-            for other in [beyond, *others]:
-                guard = ca.fmin(guard, other)
+            alternatives = [value for key, value in excesses.items() if key != (mode, i)]
+            guard = ca.fmin(settled, -excesses[mode, i])
+            for alternative in [beyond, *alternatives]:
+                guard = ca.fmin(guard, alternative)
             sets = {self.switches(mode)[i].name(): True, detected.name(): True}
-            rest = ca.densify(ca.vertcat(residual - wrench, lagged))
-            updates = {f"{name}.detection.residual": rest, over.name: ca.SX.zeros(1)}
+            new_residual = ca.densify(ca.vertcat(residual - wrench, lagged))
+            updates = {f"{name}.detection.residual": new_residual, over.name: ca.SX.zeros(1)}
             who, armed = self.names[i], both(*(negated(switch) for switch in switches))
             events.append(Event(f"{who}.{mode}", "detected", who, guard, armed, sets, updates, onboard=True))
         residual_wrench = ca.SX(6, 1)

@@ -1,9 +1,9 @@
-"""Thrusters of a floating base: throttled, or in pulses.
+"""Thrusters of a floating base: throttled or pulsed.
 
-The wrench that the base is asked for is shared among them so that the least propellant is spent
-(:mod:`spacerobot.elements.actuators.allocation`). In pulses, that is done once in each period: the part of
-the thrust becomes a time for which a thruster is on, from the beginning of the period. The end of that time
-is an event, so steps end there and derivatives go through it.
+The wrench commanded of the base is allocated to them with minimum propellant
+(:mod:`spacerobot.elements.actuators.allocation`). Pulsed thrusters are allocated once per period: the
+fraction of thrust becomes an on-time from the start of the period. The end of that time is an event, so steps
+end there and derivatives go through it.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ from spacerobot.elements.core.robot_element import Part, RobotProperties
 from spacerobot.section import MAX_SAMPLES, Name, Section, Vector, quantity
 
 GRAVITY = 9.80665
-"""Standard gravity [m/s^2], by which specific impulse in seconds is defined."""
+"""Standard gravity [m/s^2], the factor between specific impulse [s] and exhaust velocity [m/s]."""
 WHOLE = 1 - 1e-9
-"""Part of the thrust from which on a pulse lasts for the whole period."""
+"""Fraction of thrust above which a pulse lasts the whole period."""
 SHUT = 1e-9
-"""Part of the thrust below which a throttled thruster is shut."""
+"""Fraction of thrust below which a throttled thruster is shut."""
 
 
 def _not_zero(value: Vector) -> Vector:
@@ -63,7 +63,7 @@ class StuckValve(AllocatedFailure):
 
 
 class Nozzle(Section):
-    """One thruster; values that are not given are those of the whole set."""
+    """Single thruster; missing values default to those of the whole set."""
 
     position: Vector = quantity("m", "point where its force acts, root link's axes")
     direction: Annotated[Vector, AfterValidator(_not_zero)] = quantity(
@@ -132,7 +132,7 @@ class Thrusters(Actuator):
             return self
         for path, part in {
             "": self,
-            **{f"nozzles.{name}.": one for name, one in self.nozzles.items()},
+            **{f"nozzles.{name}.": nozzle for name, nozzle in self.nozzles.items()},
         }.items():
             for key in ("minimum_on_time", "resolution"):
                 value = getattr(part, key)
@@ -144,7 +144,7 @@ class Thrusters(Actuator):
         return self
 
     def wrench_limits(self, *, planar: bool) -> Mapping[Part, Array]:
-        """The largest box of wrenches, with sides in the ratio of what each axis gets alone."""
+        """Largest box of wrenches, with sides in the ratio of the maximum on each axis alone."""
         if self.unloads:
             return {}
         pushes = list[Array]()
@@ -155,12 +155,15 @@ class Thrusters(Actuator):
         box = largest_box(np.array(pushes).T, [0, 1, 5] if planar else range(6))
         return {"force": box[:3], "torque": box[3:]}
 
-    def joined_limits(self, own: Array, after: Array) -> Array:
-        """Throttled thrusters leave the remaining command to the next actuator, pulsed ones leave none."""
-        return own + after if self.mode == "proportional" else own
+    def joined_limits(self, limits: Array, after: Array) -> Array:
+        """Sum of both limits for throttled thrusters.
+
+        Own limits for pulsed ones, which leave no command over.
+        """
+        return limits + after if self.mode == "proportional" else limits
 
     def build(self, actuator: ActuatorContext) -> Contribution:
-        """Wrench from outside, propellant, and the pulses' events."""
+        """Contribution: external wrench, propellant, and events of pulses."""
         jets, columns = _Jets(self, actuator), actuator.base_columns
         if self.mode == "proportional":
             return Contribution(
@@ -170,7 +173,9 @@ class Thrusters(Actuator):
             return Contribution(
                 drives=(ActuatorDrive(columns, jets.less_pulses, jets.pulsed, passes_on=columns),)
             )
-        return Contribution(drives=(ActuatorDrive(columns, lambda asked: ca.SX(*asked.shape), jets.pulsed),))
+        return Contribution(
+            drives=(ActuatorDrive(columns, lambda command: ca.SX(*command.shape), jets.pulsed),)
+        )
 
     @property
     def unloads(self) -> bool:
@@ -179,7 +184,7 @@ class Thrusters(Actuator):
 
     @property
     def sees_wheels(self) -> bool:
-        """Whether it unloads wheels, or tests the momentum of the robot, theirs included."""
+        """Whether it unloads wheels, or tests the robot's momentum including that of its wheels."""
         return self.unloads or self.detection is not None
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
@@ -192,7 +197,7 @@ class Thrusters(Actuator):
                 )
 
     def cautions(self, robot: RobotProperties) -> Iterable[str]:
-        """Wrenches that no combination gives."""
+        """Warnings about wrench components that no combination of nozzles delivers."""
         from scipy.optimize import nnls  # takes time to load, and a run without thrusters needs none of it
 
         rows = {"force along x": 0, "force along y": 1, "torque about z": 5}
@@ -203,14 +208,14 @@ class Thrusters(Actuator):
             along = np.array(nozzle.direction) / np.linalg.norm(nozzle.direction)
             lines.append(np.r_[along, np.cross(nozzle.position, along)][sorted(rows.values())])
         matrix = np.array(lines).T
-        for what, row in sorted(rows.items(), key=lambda item: item[1]):
+        for component, row in sorted(rows.items(), key=lambda item: item[1]):
             unit = (np.array(sorted(rows.values())) == row).astype(float)
             lacking = [sign for sign in (1, -1) if nnls(matrix, sign * unit)[1] > 1e-6]
             if lacking:
                 way = (
                     " either way" if len(lacking) == 2 else f" in the {'+' if lacking[0] > 0 else '-'} sense"
                 )
-                yield f"no combination of its nozzles gives a {what} alone{way}"
+                yield f"no combination of its nozzles gives a {component} alone{way}"
 
     def assumptions(self) -> list[str]:
         """Assumption on the mass of propellant."""
@@ -234,7 +239,7 @@ class _Jets:
         return f"{self.actuator.robot}/{self.actuator.context.path.rpartition('.')[2]}"
 
     def number(self, name: str, key: str) -> ca.SX:
-        """A number of one nozzle (1x1), its own or the set's; exact zeros are structural."""
+        """Number of one nozzle (1x1), from its own section or the set's; exact zeros are structural."""
         path, nozzle_value = self.actuator.context.path, getattr(self.config.nozzles[name], key)
         where = key if nozzle_value is None else f"nozzles.{name}.{key}"
         return self.actuator.context.parameters.sparse(f"{path}.{where}")
@@ -268,12 +273,15 @@ class _Jets:
 
     @functools.cached_property
     def rows(self) -> list[int]:
-        """Rows of a wrench that the base's columns stand for."""
+        """Rows of a wrench (fx fy fz tx ty tz) that correspond to the base's columns."""
         return [0, 1, 5] if len(self.actuator.base_columns) == 3 else list(range(6))
 
     @functools.cached_property
     def layout(self) -> tuple[ThrusterLayout, ca.SX, int]:
-        """Layout of rows of one size, the rows' scales, both computed once, and how many steps it takes."""
+        """Scaled layout, scales of its rows, and maximum number of allocation steps.
+
+        The first two computed once.
+        """
         context = self.actuator.context
         wrench_rows = context.constants.expanded(self.full)[self.rows, :]
         sizes = ca.sqrt(ca.densify(ca.sum2(wrench_rows * wrench_rows)))
@@ -296,20 +304,20 @@ class _Jets:
 
     @functools.cached_property
     def throttles(self) -> Callable[[ca.SX], ca.SX]:
-        """Commanded throttles (n x 1), a function of the command."""
+        """Function from the command to the commanded throttles (n x 1)."""
         text = "parts of full thrust commanded of the valves"
 
         @once_for_each
-        def throttles(asked: ca.SX) -> ca.SX:
-            return self.actuator.command_port(self.name, "1", text, self.parts(asked))
+        def throttles(command: ca.SX) -> ca.SX:
+            return self.actuator.command_port(self.name, "1", text, self.parts(command))
 
         return throttles
 
-    def parts(self, asked: ca.SX) -> ca.SX:
+    def parts(self, command: ca.SX) -> ca.SX:
         """Fractions of full thrust (n x 1) that best match the command, with minimum propellant."""
         layout, scales, steps = self.layout
         out, stuck_parts = self.failed
-        wrench = self.wanted(asked)
+        wrench = self.wanted(command)
         if out.nnz():
             ready, wrench = 1 - out, wrench - ca.mtimes(self.full[self.rows, :], stuck_parts)
             matrix, gains = (ca.mtimes(side, ca.diag(ready)) for side in (layout.matrix, layout.gains))
@@ -343,52 +351,52 @@ class _Jets:
         full = self.full[self.rows, :]
         return ThrusterTest(self.config.detection, self.actuator, names, full, self.rows)
 
-    def wanted(self, asked: ca.SX) -> ca.SX:
+    def wanted(self, command: ca.SX) -> ca.SX:
         """Wrench for the allocation: the command, or its force and the torque that unloads the wheels."""
         if not self.config.unloads:
-            return asked
+            return command
         actuator = self.actuator
         section = actuator.context.at(f"{actuator.context.path}.unload")
         turns = [row - 3 for row in self.rows if row > 2]
         rotation = actuator.plant.placement(actuator.base_frame)[0]
         over = ca.mtimes(rotation.T, actuator.wheels) - section.vector("goal")
-        return ca.vertcat(asked[: len(self.rows) - len(turns)], -section.number("rate") * over[turns])
+        return ca.vertcat(command[: len(self.rows) - len(turns)], -section.number("rate") * over[turns])
 
-    def left(self, asked: ca.SX) -> ca.SX:
-        """Residual generalized forces that throttled thrusters leave to the next actuator."""
-        return asked - ca.mtimes(self.full[self.rows, :], self.expected(self.throttles(asked)))
+    def left(self, command: ca.SX) -> ca.SX:
+        """Generalized forces that throttled thrusters leave to the next actuator."""
+        return command - ca.mtimes(self.full[self.rows, :], self.expected(self.throttles(command)))
 
     def expected(self, parts: ca.SX) -> ca.SX:
         """Parts of their thrust that they give (n x 1), of those commanded, as far as is known."""
         out, stuck_parts = self.failed
         return (1 - out) * parts + stuck_parts if out.nnz() else parts
 
-    def less_pulses(self, asked: ca.SX) -> ca.SX:
-        """Residual generalized forces that pulsed thrusters leave to the next actuator."""
-        return asked - ca.mtimes(self.full[self.rows, :], self.expected(ca.vertcat(*self.firing)))
+    def less_pulses(self, command: ca.SX) -> ca.SX:
+        """Generalized forces that pulsed thrusters leave to the next actuator."""
+        return command - ca.mtimes(self.full[self.rows, :], self.expected(ca.vertcat(*self.firing)))
 
     @functools.cached_property
     def firing(self) -> list[ca.SX]:
         """Switch of each (1x1): it is on."""
         return [self.actuator.context.switch(f"{FIRING}.{name}") for name in self.config.nozzles]
 
-    def throttled(self, asked: ca.SX) -> Contribution:
-        """Thrusters that give parts of their thrust, with events where one shuts, opens or is fully open."""
-        parts, names = self.throttles(asked), [f"{self.name}.{name}" for name in self.config.nozzles]
+    def throttled(self, command: ca.SX) -> Contribution:
+        """Throttled thrusters, with events where one shuts, opens or reaches full thrust."""
+        parts, names = self.throttles(command), [f"{self.name}.{name}" for name in self.config.nozzles]
         acting = self._acting(parts)
         shut = saturation_events(self.actuator, names, SHUT - parts, side="_shut")
         full = saturation_events(self.actuator, names, parts - (1 - SHUT), side="_full")
         return dataclasses.replace(acting, events=(*acting.events, *shut, *full))
 
-    def pulsed(self, asked: ca.SX) -> Contribution:
-        """Thrusters that give all of their thrust for times decided at the beginning of each period."""
+    def pulsed(self, command: ca.SX) -> Contribution:
+        """Pulsed thrusters: full thrust for times decided at the start of each period."""
         context, names = self.actuator.context, list(self.config.nozzles)
         firing = self.firing
         period = context.steady("period")
         clock = Clock.of(f"{self.name}.decisions", context.time, period)
         off_at = memory(f"{self.name}.off_at", ca.SX(len(names), 1))
-        part = self.parts(asked)
-        # on-times (n x 1) [s] that there are, next to those that are wanted
+        part = self.parts(command)
+        # realisable on-times (n x 1) [s] next to the commanded ones
         shortest, step = self.numbers("minimum_on_time"), self.numbers("resolution")
         times = []
         for i, time in enumerate(ca.vertsplit(part * period)):
@@ -397,7 +405,7 @@ class _Jets:
                 on_time = ca.if_else(time < shortest[i] / 2, 0, ca.fmax(on_time, shortest[i]))
             times.append(on_time)
         on_times = ca.vertcat(*times)
-        # what is on for all of the period is not switched off at its end, but goes on as decided then
+        # a thruster on for the whole period is not switched off at its end; the next decision applies
         until = clock.instant + ca.if_else(part < WHOLE, on_times, 2 * period)
         sets = {switch.name(): True for switch in firing}
         steps = bool(self.numbers("resolution").nnz())
@@ -421,10 +429,10 @@ class _Jets:
         )
 
     def _acting(self, parts: ca.SX) -> Contribution:
-        """Wrench, power, propellant and outputs of thrusters of which parts are asked (n x 1)."""
+        """Wrench, power, propellant and outputs of thrusters at commanded fractions of thrust (n x 1)."""
         actuator, expected = self.actuator, self.expected(parts)
         tests = Contribution() if self.test is None else self.test.contribution(expected)
-        # parts of their thrust that thrusters give although valves fail (n x 1), and when they do
+        # fractions of thrust delivered by failed valves (n x 1), and when they apply
         context, thrust_parts, failures = actuator.context, ca.vertsplit(parts), list[Event]()
         for i, (name, nozzle) in enumerate(self.config.nozzles.items()):
             if nozzle.failure is None:

@@ -1,4 +1,4 @@
-"""Joint actuators that deliver the commanded torque up to a maximum."""
+"""Saturation of joint torques at a maximum."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class TorqueLimit(Actuator):
     )
 
     def build(self, actuator: ActuatorContext) -> Contribution:
-        """Torques clipped, those of each joint at its limit."""
+        """Contribution: torque of each joint clipped at its limit."""
         names = self.limits(tuple(actuator.columns))
         if not names:
             return Contribution()
@@ -44,11 +44,11 @@ class TorqueLimit(Actuator):
         labels = [f"{actuator.robot}/{name}" for name in names]
 
         def kinks(command: ca.SX) -> Contribution:
-            """Events where torques begin and cease to be clipped."""
+            """Events where torques start and stop being clipped."""
             return Contribution(events=saturation_events(actuator, labels, ca.fabs(command) / limit - 1))
 
         return Contribution(
-            drives=(ActuatorDrive(columns, lambda asked: ca.fmin(ca.fmax(asked, -limit), limit), kinks),)
+            drives=(ActuatorDrive(columns, lambda command: ca.fmin(ca.fmax(command, -limit), limit), kinks),)
         )
 
     def limits(self, joints: Sequence[str]) -> list[str]:
@@ -56,17 +56,17 @@ class TorqueLimit(Actuator):
         return matching(joints, self.joints)
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
-        """A pattern that no joint matches, and joints for which there is no number."""
+        """Errors: a pattern that matches no joint, and joints without a limit."""
         names = self.limits(robot.joints)
         if not names and self.joints != "*":
             yield "joints", f"no joint {self.joints!r}; {near_names(self.joints, robot.joints)}"
         without = [name for name in names if self.limit is None and robot.limits[name] is None]
         if without:
             zero = " (effort 0 in the URDF)"
-            named = ", ".join(name + zero * (robot.efforts[name] == 0) for name in without)
-            yield "", f"no effort limit in the URDF, nor joints.*.torque_limit, for {named}"
+            joint_list = ", ".join(name + zero * (robot.efforts[name] == 0) for name in without)
+            yield "", f"no effort limit in the URDF, nor joints.*.torque_limit, for {joint_list}"
 
     def words(self) -> str:
-        """The joints and the limit."""
-        most = "their efforts" if self.limit is None else f"{self.limit:g} N m or N"
-        return f"torque_limit of {self.joints} at {most}"
+        """Joints and limit, in text form."""
+        maximum = "their efforts" if self.limit is None else f"{self.limit:g} N m or N"
+        return f"torque_limit of {self.joints} at {maximum}"

@@ -126,10 +126,14 @@ class Transmission(Actuator):
         name, ratio = f"{actuator.robot}/{context.path.rpartition('.')[2]}", number["ratio"]
         columns = [actuator.columns[joint] for joint in names]
         kinematics = plant.kinematics
-        joints = [next(one for one in kinematics.joints if one.idx_v == column) for column in columns]
-        turning = [joint.index for joint in joints]
+        joints = [
+            next(candidate for candidate in kinematics.joints if candidate.idx_v == column)
+            for column in columns
+        ]
+        joint_indices = [joint.index for joint in joints]
         axes = [
-            kinematics.angular[j] if kinematics.angular[j].nnz() else kinematics.linear[j] for j in turning
+            kinematics.angular[j] if kinematics.angular[j].nnz() else kinematics.linear[j]
+            for j in joint_indices
         ]
         spins = [kinematics.angular_velocity[joint.parent] for joint in joints]
         carried = ca.vertcat(*(ca.dot(axis, spin) for axis, spin in zip(axes, spins, strict=True)))
@@ -144,15 +148,16 @@ class Transmission(Actuator):
             key: context.once(key, context.parameters.sparse(f"{context.path}.{key}"))
             for key in ("coulomb", "viscous", *(("stribeck",) if self.stribeck else ()))
         }
-        most, friction = once["coulomb"], once["viscous"] * speed
+        coulomb, friction = once["coulomb"], once["viscous"] * speed
         if self.stribeck:
-            most = most + once["stribeck"] * ca.exp(-((speed / context.number("stribeck_speed")) ** 2))
+            coulomb = coulomb + once["stribeck"] * ca.exp(-((speed / context.number("stribeck_speed")) ** 2))
         if self.coulomb or self.stribeck:
-            friction = friction + most * speed / ca.sqrt(speed**2 + context.number("coulomb_speed") ** 2)
+            friction = friction + coulomb * speed / ca.sqrt(speed**2 + context.number("coulomb_speed") ** 2)
 
         def answer(command: ca.SX) -> Contribution:
             """States of motors and gears, and their reaction on the links that carry the motors."""
-            # torques of the motors (n x 1), and by how much limits are exceeded (n x 1 each), of the limit's
+            # torques of the motors (n x 1), and relative excess over the limits (n x 1 each), by the
+            # limit's
             motor_command = command / ratio
             context, drive_torque, beyond = actuator.context, motor_command, dict[str, ca.SX]()
             if self.no_load_speed is not None:
@@ -220,7 +225,7 @@ class Transmission(Actuator):
     def _gear(
         self, actuator: ActuatorContext, labels: list[str], deflection: ca.SX, twisting: ca.SX
     ) -> tuple[ca.SX, ca.SX, tuple[Event, ...]]:
-        """Stretch of the springs, torques at the joints (n x 1 each), and events of teeth that have play."""
+        """Spring deflections and torques at the joints (n x 1 each), and events of gears with backlash."""
         context = actuator.context
         stiffness, damping = context.number("stiffness"), context.number("damping")
         if context.is_zero("backlash"):
@@ -235,7 +240,7 @@ class Transmission(Actuator):
                 bite = ca.fmin(deep, press / stiffness)
                 on, off = {meshed.name(): True}, {meshed.name(): False}
                 if not context.is_zero("damping"):
-                    # flanks part with the spring still compressed; its energy has a kink where it is not
+                    # flanks separate with the spring still compressed; the energy has a kink there
                     on, off = on | {slack.name(): False}, off | {slack.name(): True}
                     eased = Event(
                         f"{label}.eased.{side}",

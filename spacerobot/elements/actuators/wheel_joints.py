@@ -33,7 +33,10 @@ class WheelJoints(WheelSet):
     joints: str = Field(description="joint by name; `*` matches any letters")
 
     def build(self, actuator: ActuatorContext) -> Contribution:
-        """Torques of the joints, whose momentum is their links' and viscous friction their damping."""
+        """Contribution: torques on the joints.
+
+        Links store the momentum and joint damping is the viscous friction.
+        """
         plant, columns = actuator.plant, actuator.columns
         places = [columns[name] for name in self.owns(tuple(columns))]
         base, about = base_rotation_axes(actuator)
@@ -55,20 +58,20 @@ class WheelJoints(WheelSet):
 
         def deliver(command: ca.SX) -> ca.SX:
             motor_torques = motors(command)
-            left = command[: len(base)] + ca.mtimes(axes[about, :], motor_torques.command)
-            return ca.vertcat(left, motor_torques.net + friction - coulomb)
+            remaining = command[: len(base)] + ca.mtimes(axes[about, :], motor_torques.command)
+            return ca.vertcat(remaining, motor_torques.net + friction - coulomb)
 
         def answer(command: ca.SX) -> Contribution:
-            """Friction's power, what is observed of the wheels, and tests of whether they have failed."""
+            """Friction's power, outputs of the wheels, and tests for failed wheels."""
             motor_torques, dissipated = motors(command), ca.dot(coulomb, speed)
-            lost = (
+            friction_terms = (
                 (PowerTerm("actuator", dissipated, "in"), PowerTerm("wheel_friction", dissipated))
                 if coulomb.nnz()
                 else ()
             )
             tests = self.detected(actuator, motor_torques, speed, axes, inertia)
             observed = Contribution(
-                powers=lost,
+                powers=friction_terms,
                 outputs=self.observed(actuator, motor_torques, speed, total_momentum),
                 events=motor_torques.events,
             )
@@ -76,8 +79,8 @@ class WheelJoints(WheelSet):
 
         drive = ActuatorDrive((*base, *places), deliver, answer, passes_on=base)
         names = self.owns(tuple(columns))
-        held, _, _ = held_joints(actuator, [names[wheel] for wheel in self.seized])
-        return replace(held, drives=(drive,), wheels=(total_momentum,))
+        lock_contribution, _, _ = held_joints(actuator, [names[wheel] for wheel in self.seized])
+        return replace(lock_contribution, drives=(drive,), wheels=(total_momentum,))
 
     def seizing(self, actuator: ActuatorContext, wheel: int) -> tuple[dict[str, bool], dict[str, ca.SX]]:
         """The joint is held."""
@@ -88,7 +91,7 @@ class WheelJoints(WheelSet):
         return matching(joints, self.joints)
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
-        """Joints that are no wheels, or that there are none of."""
+        """Errors: joints that are not wheels, or that do not exist."""
         joints = (*robot.joints, *robot.owned)
         names = self.owns(joints)
         yield from self.wrong_wheels(len(names))
@@ -96,9 +99,9 @@ class WheelJoints(WheelSet):
             yield "joints", f"no joint {self.joints!r}; {near_names(self.joints, joints)}"
         for name in names:
             if name not in robot.spinning:
-                able = ", ".join(robot.spinning) or "there is none"
+                candidates = ", ".join(robot.spinning) or "there is none"
                 required = "continuous joints on the root link that carry no other joint"
-                yield "joints", f"found {name}, allowed: {required} ({able})"
+                yield "joints", f"found {name}, allowed: {required} ({candidates})"
                 return
         if names and not are_independent([robot.spinning[name] for name in names]):
             yield (

@@ -55,15 +55,16 @@ from spacerobot.elements.core.robot_element import Part
 from spacerobot.section import quantity
 
 SLACK = 1e-3
-"""Part of its speed limit that a wheel held there may lose, as its base turns, until it is free."""
+"""Fraction of its speed limit below which a wheel held at the limit is free again as its base rotates."""
 
 
 SINGULAR = 1e-8
-"""Stands for what the axes of free wheels lack to give any torque."""
+"""Regularisation of the pseudo-inverse along directions in which the free wheels give no torque."""
 
 PULL = 1e-6
-"""Part of the set's torques by which a held wheel's must lead back to free it: well above rounding, which is
-1e-16 / SINGULAR where the free wheels lack a direction. Only where wheels depend on each other."""
+"""Fraction of the set's torques by which the torque of a wheel at its speed limit must reduce its speed to
+release it. Well above the rounding error, 1e-16 / SINGULAR where the free wheels lack a direction; used only
+for redundant wheels."""
 
 
 class WheelFailure(AllocatedFailure):
@@ -118,32 +119,32 @@ class WheelSet(Actuator):
 
     @property
     def seized(self) -> Mapping[int, int]:
-        """Wheels that seize, with the number of the failure."""
-        return {one.wheel: i for i, one in enumerate(self.failures) if one.mode == "seized"}
+        """Seized wheels, with the index of the failure."""
+        return {failure.wheel: i for i, failure in enumerate(self.failures) if failure.mode == "seized"}
 
     def seizing(self, actuator: ActuatorContext, wheel: int) -> tuple[dict[str, bool], dict[str, ca.SX]]:
         """Switches that the event sets at which a wheel seizes, and states that it updates."""
         raise NotImplementedError
 
     def failed(self, actuator: ActuatorContext, count: int) -> tuple[ca.SX, tuple[Event, ...]]:
-        """Part of its torque that each motor gives (n x 1), and the events of failures."""
+        """Remaining fraction of each motor's torque (n x 1), and the failure events."""
         works, events, names = ca.SX.ones(count), list[Event](), names_of(actuator, count)
-        for i, one in enumerate(self.failures):
+        for i, failure in enumerate(self.failures):
             context = actuator.context.at(f"{actuator.context.path}.failures.{i}")
-            stops = one.mode == "seized"
-            sets, updates = self.seizing(actuator, one.wheel) if stops else ({}, {})
-            failed, event = failing(context, names[one.wheel], sets=sets, updates=updates, impact=stops)
-            works[one.wheel] *= 1 - failed
+            stops = failure.mode == "seized"
+            sets, updates = self.seizing(actuator, failure.wheel) if stops else ({}, {})
+            failed, event = failing(context, names[failure.wheel], sets=sets, updates=updates, impact=stops)
+            works[failure.wheel] *= 1 - failed
             events.append(event)
         return works, tuple(events)
 
     def left_out(self, actuator: ActuatorContext, count: int) -> ca.SX:
         """Mask of wheels left out of the allocation (n x 1): those known or detected to have failed."""
         excluded, context = ca.SX(count, 1), actuator.context
-        for i, one in enumerate(self.failures):
-            if one.known:
+        for i, failure in enumerate(self.failures):
+            if failure.known:
                 failed = context.at(f"{context.path}.failures.{i}").switch("failed")
-                excluded[one.wheel] = either(excluded[one.wheel], failed)
+                excluded[failure.wheel] = either(excluded[failure.wheel], failed)
         if self.detection is not None:
             for i in range(count):
                 excluded[i] = either(excluded[i], context.switch(f"detected.{i}"))
@@ -152,10 +153,10 @@ class WheelSet(Actuator):
     def detected(
         self, actuator: ActuatorContext, motors: WheelMotors, speed: ca.SX, axes: ca.SX, inertia: ca.SX
     ) -> Contribution:
-        """Residuals of the wheels' momenta ``J (s + a . omega)``, and events of detection.
+        """Detection events from the residuals of the wheels' momenta ``J (s + a . omega)``.
 
-        Their rates are the commanded torques less friction at these speeds (n x 1), with axes (3 x n) and
-        inertias (n x 1 or 1x1).
+        The rates of the momenta are the commanded torques minus friction at these speeds (n x 1), with axes
+        (3 x n) and inertias (n x 1 or 1x1).
         """
         section, count, names = self.detection, speed.size1(), names_of(actuator, speed.size1())
         if section is None:
@@ -169,9 +170,9 @@ class WheelSet(Actuator):
             kinds = ["speed_noise"] * count + ["spin_noise"] * len(about)
             deviations = [ca.SX(1, 1) if context.is_zero(key) else context.number(key) for key in kinds]
             errors, numbers = sample_noise(context, name, section.period, clock, deviations)
-            turned = ca.SX(3, 1)
-            turned[about] = errors[count:]
-            measured_momenta = inertia * (speed + errors[:count] + ca.mtimes(axes.T, spin + turned))
+            spin_error = ca.SX(3, 1)
+            spin_error[about] = errors[count:]
+            measured_momenta = inertia * (speed + errors[:count] + ca.mtimes(axes.T, spin + spin_error))
             return ca.densify(measured_momenta), ca.densify(-motors.friction), numbers
 
         name = f"{actuator.robot}/{actuator.context.path.rpartition('.')[2]}.detection"
@@ -188,12 +189,12 @@ class WheelSet(Actuator):
         )
 
     def wrong_wheels(self, count: int) -> Iterable[tuple[str, str]]:
-        """Failures of wheels that there are not, or that have seized, as of ``faults``."""
-        for i, one in enumerate(self.failures):
-            if one.wheel >= count:
-                yield f"failures.{i}.wheel", f"found {one.wheel}, allowed: 0 to {count - 1}"
-            elif one.mode == "seized" and self.seized[one.wheel] != i:
-                yield f"failures.{i}.wheel", f"found {one.wheel}, which seizes twice"
+        """Errors: failures of wheels that do not exist or have already seized; see ``faults``."""
+        for i, failure in enumerate(self.failures):
+            if failure.wheel >= count:
+                yield f"failures.{i}.wheel", f"found {failure.wheel}, allowed: 0 to {count - 1}"
+            elif failure.mode == "seized" and self.seized[failure.wheel] != i:
+                yield f"failures.{i}.wheel", f"found {failure.wheel}, which seizes twice"
 
     def within(self) -> str:
         """The limits in words."""
@@ -203,40 +204,44 @@ class WheelSet(Actuator):
         return f"each up to {' and '.join(limits)}" if limits else "torque and speed not limited"
 
     def coulomb_friction(self, actuator: ActuatorContext, speed: ca.SX) -> ca.SX:
-        """Coulomb friction against motion at these speeds (n x 1) [N m], smooth through zero."""
+        """Coulomb friction torque against the motion at these speeds (n x 1) [N m], smooth through zero."""
         path = f"{actuator.context.path}.coulomb"
-        most = actuator.context.once("coulomb", actuator.context.parameters.sparse(path))
-        if not most.nnz():
+        coulomb = actuator.context.once("coulomb", actuator.context.parameters.sparse(path))
+        if not coulomb.nnz():
             return ca.SX(speed.size1(), 1)
-        return most * speed / ca.sqrt(speed**2 + actuator.context.number("coulomb_speed") ** 2)
+        return coulomb * speed / ca.sqrt(speed**2 + actuator.context.number("coulomb_speed") ** 2)
 
     def motors(
-        self, actuator: ActuatorContext, asked: ca.SX, axes: ca.SX, speed: ca.SX, friction: ca.SX
+        self, actuator: ActuatorContext, wheel_command: ca.SX, axes: ca.SX, speed: ca.SX, friction: ca.SX
     ) -> WheelMotors:
-        """Motor torques from the torques commanded of free wheels, at these speeds (n x 1 each).
+        """Motor torques for a command on the set, at these speeds (n x 1 each).
 
-        Their axes (k x n) have the parts that can turn the base.
+        Axes (k x n) have only the rows that can rotate the base.
         """
-        command, count, switches = asked, speed.size1(), list[ca.SX]()
+        command, count, switches = wheel_command, speed.size1(), list[ca.SX]()
         pull, out = ca.SX(0), self.left_out(actuator, count)
         if self.speed_limit is not None:
             switches = [actuator.context.switch(f"held.{i}") for i in range(count)]
         if (switches or out.nnz()) and (
             sum(axes[i, :].nnz() > 0 for i in range(axes.size1())) < axes.size2()
         ):
-            # A held wheel's motor gives its friction, so what others take over is what it would give beyond;
-            # one that is left out gives nothing.
-            least = friction * (1 - out)
-            held = ca.vertcat(*(either(out[i], *switches[i : i + 1]) for i in range(count)))
-            command = least + _taken_over(asked - least, axes, held)
+            # The motor of a wheel held at its speed limit balances friction; the other wheels take over the
+            # rest of its command. An excluded wheel's motor gives no torque.
+            friction_command = friction * (1 - out)
+            held_switch_wheels = ca.vertcat(*(either(out[i], *switches[i : i + 1]) for i in range(count)))
+            command = friction_command + _taken_over(
+                wheel_command - friction_command, axes, held_switch_wheels
+            )
             if switches:
-                pull = PULL * ca.sum1(ca.fabs(asked - friction))
+                pull = PULL * ca.sum1(ca.fabs(wheel_command - friction))
         command = command * (1 - out)
         events = list[Event]()
         if self.torque_limit is not None:
             limit = actuator.context.number("torque_limit")
             beyond, names = ca.fabs(command) / limit - 1, names_of(actuator, count)
-            events += saturation_events(actuator, names, beyond, free=[negated(held) for held in switches])
+            events += saturation_events(
+                actuator, names, beyond, free=[negated(held_switch_wheels) for held_switch_wheels in switches]
+            )
             command = ca.fmin(ca.fmax(command, -limit), limit)
         name = names_of(actuator, count)[0].rpartition(".")[0]
         command = actuator.command_port(name, "N m", "torques commanded of the wheels' motors", command)
@@ -246,24 +251,24 @@ class WheelSet(Actuator):
         events += failures
         if self.speed_limit is None:
             return WheelMotors(command, motor_torque - friction, friction, tuple(events))
-        most, free = actuator.context.number("speed_limit"), list[ca.SX]()
-        for i, (name, held) in enumerate(zip(names_of(actuator, count), switches, strict=True)):
-            over = ca.fabs(speed[i]) / most - 1
-            faster = (motor_torque[i] - friction[i]) * speed[i] / most
+        speed_limit, free = actuator.context.number("speed_limit"), list[ca.SX]()
+        for i, (name, held_switch_wheels) in enumerate(zip(names_of(actuator, count), switches, strict=True)):
+            over = ca.fabs(speed[i]) / speed_limit - 1
+            faster = (motor_torque[i] - friction[i]) * speed[i] / speed_limit
             back = ca.fmax(-faster - pull, -SLACK - over)
-            turned = held.name()
+            switch_name = held_switch_wheels.name()
             events += [
                 Event(
                     f"{name}.saturated",
                     "saturated",
                     name,
                     ca.fmin(over, faster),
-                    negated(held),
-                    {turned: True},
+                    negated(held_switch_wheels),
+                    {switch_name: True},
                 ),
-                Event(f"{name}.freed", "freed", name, back, held, {turned: False}),
+                Event(f"{name}.freed", "freed", name, back, held_switch_wheels, {switch_name: False}),
             ]
-            free.append(1 - held)
+            free.append(1 - held_switch_wheels)
         ready = ca.vertcat(*free)
         command = (command - friction) * ready + friction
         return WheelMotors(command, (motor_torque - friction) * ready, friction, tuple(events))
@@ -333,8 +338,9 @@ def pseudo_inverse(axes: ca.SX) -> ca.SX:
 def _taken_over(command: ca.SX, axes: ca.SX, held: ca.SX) -> ca.SX:
     """Torque of each wheel (n x 1) if it is free and the other wheels at their limit are left out.
 
-    With the torque m that held wheels do not give, those that are free add ``a_i . y``, ``A W A^T y = m``,
-    which together is the pseudo-inverse of their axes. A held wheel would be one more of them.
+    The free wheels add ``a_i . y`` with ``A W A^T y = m`` to replace the torque m of the held wheels; the sum
+    is the pseudo-inverse of the free axes. For a held wheel, the result is its torque if it were free as
+    well.
     """
     rows = [i for i in range(axes.size1()) if axes[i, :].nnz()]
     independent, free = axes[rows, :], 1 - held
@@ -345,7 +351,7 @@ def _taken_over(command: ca.SX, axes: ca.SX, held: ca.SX) -> ca.SX:
 
 
 def are_independent(axes: Sequence[ArrayLike]) -> bool:
-    """Whether :func:`pseudo_inverse` is a pseudo-inverse, of the axes of n wheels (n, 3)."""
+    """Whether :func:`pseudo_inverse` of the axes of n wheels (n, 3) is an exact pseudo-inverse."""
     matrix: Array = np.array(axes, dtype=float)
     matrix = matrix[:, matrix.any(axis=0)]
     return bool(np.linalg.matrix_rank(matrix, tol=1e-6) == min(matrix.shape))

@@ -1,8 +1,8 @@
-"""Contacts: what shapes of two bodies do to each other where they touch.
+"""Contact between shapes of two bodies.
 
-Every pair of shapes acts as *one* pair of opposite forces at one point, halfway between the two points that
-are deepest in each other. The gap's rate is then exactly the relative velocity there along the normal, and
-momentum and energy are accounted for to rounding.
+Every pair of shapes exerts *one* pair of opposite forces at one point, halfway between the two deepest
+points. The gap's rate is then exactly the relative velocity there along the normal, and momentum and energy
+balance to rounding.
 """
 
 from __future__ import annotations
@@ -80,15 +80,16 @@ class Contact(Element):
 
 @dataclass(frozen=True)
 class ContactPair:
-    """One pair of shapes of a contact, and its force; world axes.
+    """Pair of shapes of a contact, and its relative motion; world axes.
 
     Attributes:
-        gap: Signed distance (1x1) [m].
+        gap: Signed distance (1x1) [m], negative while they overlap.
         normal: Normal from the first to the second shape (3x1).
         point: Point of contact (3x1) [m].
         velocity: Velocity of the second relative to the first at the point (3x1) [m/s].
-        speed: Upper bound of the gap's rate (1x1) [m/s], wherever the shapes are nearest.
-        lead: Lead of one way out over another (1x1) [m] or None; see :class:`spacerobot.shapes.Proximity`.
+        speed: Upper bound of the gap's rate (1x1) [m/s], for any position of the nearest points.
+        lead: Difference between the lengths of two ways out of an overlap (1x1) [m], or None; see
+            :class:`spacerobot.shapes.Proximity`.
     """
 
     gap: ca.SX
@@ -110,7 +111,7 @@ class ContactPair:
 
 
 def touches(contact: ContactContext) -> list[ContactPair]:
-    """Every pair of shapes of a contact."""
+    """All pairs of shapes of a contact."""
     pairs = []
     for first, second in contact.pairs:
         near = contact.proximity(first, second)
@@ -121,14 +122,15 @@ def touches(contact: ContactContext) -> list[ContactPair]:
 
 
 _WINDOW = 8
-"""Over how many longest steps they grow behind a touch and shrink before a part where the force is rough."""
+"""Number of longest steps over which steps grow after contact is made and shrink before it is lost, for
+non-smooth forces."""
 
 
 @dataclass(frozen=True)
 class ContactEvents:
-    """Events of a contact, at which its force has a kink, and its finer steps.
+    """Events of a contact at kinks of its force, and its shorter steps.
 
-    The force itself depends on no switch: events only have steps end where it is not smooth.
+    The force depends on no switch: the events only make steps end where it is not smooth.
     """
 
     events: tuple[Event, ...]
@@ -143,10 +145,10 @@ def watch(
     *,
     rough: bool,
 ) -> ContactEvents:
-    """Events at which a pair of shapes touches or parts, or at which its force would begin to pull.
+    """Events at which a pair of shapes makes or loses contact, or at which its force would become tensile.
 
-    It would where ``pull`` (1x1 each) is above zero; empty if none ever would. Where the force is ``rough``,
-    because it begins as a fractional power of the indentation, steps are graded towards touch and part.
+    The force would be tensile where ``pull`` (1x1 each) is above zero; empty if it never is. If the force is
+    ``rough``, a fractional power of the indentation, steps are graded towards both ends of the contact.
     """
     events: list[Event] = []
     fine = []
@@ -198,7 +200,7 @@ class ContactForce:
 def booked(
     contact: ContactContext, touching: Sequence[ContactPair], presses: Sequence[ContactForce]
 ) -> Contribution:
-    """Wrenches of all pairs, the power they take, and what is observed: sums, and the nearest pair."""
+    """Wrenches of all pairs, their power, and outputs: sums over pairs, and the state of the nearest pair."""
     nearest = touching[0]
     for touch in touching[1:]:
         nearer, parts = touch.gap < nearest.gap, ("gap", "normal", "point", "velocity", "speed")

@@ -24,7 +24,7 @@ from spacerobot.elements.core.registry import register
 from spacerobot.section import quantity
 
 _SHALLOWEST = 1e-30
-"""[m] Indentations below are none, so that a power of them has finite derivatives."""
+"""Indentations [m] below this count as zero, so that powers of them have finite derivatives."""
 _ITERATIONS = 6
 
 
@@ -120,10 +120,10 @@ class HuntCrossley(Contact):
 
 
 def speed_ratio(restitution: ca.SX) -> ca.SX:
-    """Dissipation times speed of approach, x = a v, that gives a coefficient of restitution e (1x1 each).
+    """Product x = a v of dissipation and approach speed for a coefficient of restitution e (1x1 each).
 
-    Of m d'' = -k d^n (1 + a d'), with v dv = d'' dd, both ways between touch and rest pass the same
-    indentation. So ``x - ln(1 + x) = -e x - ln(1 - e x)``, whatever k, n and m. Solved by Newton's method for
+    With m d'' = -k d^n (1 + a d') and v dv = d'' dd, compression and expansion pass through the same
+    indentations. So ``x - ln(1 + x) = -e x - ln(1 - e x)`` for any k, n and m. Solved by Newton's method for
     ``w = -ln(1 - e x)``, from within 2 % of the root for every e between 0.01 and 1.
     """
     e, lost_share = restitution, 1 - restitution

@@ -109,7 +109,7 @@ class Admittance(ComplianceController):
         return ["admittance by the robot's model; knows the robot's inertia, not that of a held object"]
 
     def words(self) -> str:
-        """Its virtual inertia, damping and stiffness, and its bandwidth."""
+        """Virtual inertia, damping, stiffness and bandwidth, in text form."""
         rows = (self.inertia, self.damping, self.stiffness)
         gains = (", ".join(f"{value:g}" for value in row) for row in rows)
         return "admittance ({}) / ({}) / ({}), {:g} rad/s".format(*gains, self.bandwidth)

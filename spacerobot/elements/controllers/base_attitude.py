@@ -22,9 +22,9 @@ from spacerobot.section import Vector, quantity
 
 @register
 class BaseAttitude(RobotController):
-    """PID on the base's attitude, with feed-forward of the arm's reaction; actuators of the base deliver.
+    """PID on the base's attitude, with feed-forward of the arm's reaction; actuators of the base deliver it.
 
-    Without K_p and K_i it brings the base to rest, whatever the attitude.
+    Without K_p and K_i it brings the base to rest at any attitude.
     """
 
     base_wrench: ClassVar[frozenset[Part]] = frozenset({"torque"})
@@ -50,7 +50,7 @@ class BaseAttitude(RobotController):
     )
 
     def build(self, robot: RobotContext) -> Contribution:
-        """Torque on the base that turns it back."""
+        """Contribution: torque on the base against its attitude error."""
         plant, context = robot.plant, robot.context
         rotation, start = plant.placement(robot.base_frame)[0], robot.start.placement(robot.base_frame)[0]
         # the signal is the base's rotation since the start
@@ -63,21 +63,21 @@ class BaseAttitude(RobotController):
                 context.once("attitude", rotation_from_rpy(angles)),
                 context.once("start", start),
             )
-            turned = plant.orientation_error(rotation, first)
-            reading = robot.read("base_orientation", turned)
-            if not ca.is_equal(reading, turned):
+            rotation_vector = plant.orientation_error(rotation, first)
+            reading = robot.read("base_orientation", rotation_vector)
+            if not ca.is_equal(reading, rotation_vector):
                 rotation = ca.mtimes(rotation_exp(reading), first)
             error = plant.orientation_error(reference, rotation)
-        turning = plant.jacobian(robot.base_frame)[3:, :].T
-        reaction = None if context.is_zero("feed_forward") else self._reaction(robot, turning)
-        return held(robot, "rotation", error, turning, reaction)
+        torque_map = plant.jacobian(robot.base_frame)[3:, :].T
+        reaction = None if context.is_zero("feed_forward") else self._reaction(robot, torque_map)
+        return held(robot, "rotation", error, torque_map, reaction)
 
-    def _reaction(self, robot: RobotContext, turning: ca.SX) -> ArmReaction:
-        """Rate of the angular momentum about the centre of mass that is not the base's own."""
+    def _reaction(self, robot: RobotContext, torque_map: ca.SX) -> ArmReaction:
+        """Rate of the angular momentum about the centre of mass, minus that of the base's own rotation."""
         plant, joints = robot.plant, subtree(robot.plant.model, robot.base_joint)
         rotation, origin = plant.placement(robot.base_frame)
         centre = centre_of_mass(plant.model, plant.kinematics, plant.inertias, joints)
-        # of the robot about its centre of mass as it begins (3x3), axes of the base; once computed
+        # inertia of the robot about its initial centre of mass (3x3), base axes; computed once
         split = FreeFloating.split(plant.model, robot.start.kinematics, plant.inertias, robot.base_joint)
         linear = split.base_inertia.size1() - (3 if split.base_inertia.size1() == 6 else 1)
         inertia, coupling = split.base_inertia[linear:, linear:], split.base_inertia[:linear, linear:]
@@ -94,7 +94,7 @@ class BaseAttitude(RobotController):
         lever = centre - origin
         force, torque = plant.inertia_force(joints)
         about_centre = ca.vertcat(cross_columns(lever, ca.SX.eye(3)), ca.SX.eye(3))
-        sense = resistance(robot, about_centre) - plant.reduced(ca.mtimes(turning, inertia_world))
+        sense = resistance(robot, about_centre) - plant.reduced(ca.mtimes(torque_map, inertia_world))
         return ArmReaction(sense, torque - cross(lever, force))
 
     def assumptions(self) -> list[str]:

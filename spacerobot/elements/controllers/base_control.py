@@ -28,9 +28,9 @@ from spacerobot.elements.core.contribution import Contribution, ControlChannel, 
 
 @dataclass(frozen=True)
 class ArmReaction:
-    """``h' - J w'``: loads along which v' gives it, reduced (nv x 3), and what remains of it (3x1).
+    """Reaction ``h' - J w'`` of the arm: reduced loads (nv x 3) along which v' gives it, and remainder (3x1).
 
-    Or, without loads, ``momentum`` (3x1) whose filtered rate it is, beside what remains.
+    Without loads, the reaction is the filtered rate of ``momentum`` (3x1) plus the remainder.
     """
 
     sense: ca.SX | None
@@ -49,10 +49,10 @@ def held(
 
     Args:
         robot: Robot of the base; the section has the gains ``kp``, ``ki``, ``kd`` and ``feed_forward``.
-        motion: Motion that is held.
-        error: Position error [m] or rotation vector [rad] (3x1), world axes, as sensors show it.
-        actuation: Force [N] or torque [N m] in world axes to generalized forces (nv x 3).
-        reaction: Reaction that is fed forward, if any.
+        motion: Motion to hold.
+        error: Position error [m] or rotation vector [rad] (3x1), world axes, as measured.
+        actuation: Map from force [N] or torque [N m] in world axes to generalized forces (nv x 3).
+        reaction: Reaction to feed forward, if any.
     """
     plant, context, turns = robot.plant, robot.context, motion == "rotation"
     axes = list(plant.rotation_axes if turns else plant.translation_axes)
@@ -61,7 +61,7 @@ def held(
     kp, ki, kd = (context.number(gain) for gain in ("kp", "ki", "kd"))
     command, gain = kp * error[axes] - kd * velocity, None
     states = []
-    # no state for an integral that acts on nothing: a rotation vector jumps at half a turn, and its integral
+    # no state for an integral with zero gain: a rotation vector jumps at half a turn, and its integral
     # would make steps short there all the same
     if not context.is_zero("ki"):
         name = f"{robot.name}/{robot.key}.integral"
@@ -98,9 +98,9 @@ def held(
 
 
 def resistance(robot: RobotContext, motions: ca.SX) -> ca.SX:
-    """Loads, reduced (nv x n), along which v' is the rate of the momentum in motions of the whole robot.
+    """Reduced loads (nv x n) along which v' is the rate of the robot's momentum in given base motions.
 
-    The motions (6 x n) are those of the base, of its origin and angular, world axes.
+    The motions (6 x n) are velocities of the base's origin and its angular velocities, world axes.
     """
     plant, base = robot.plant, robot.base_joint
     first, count = int(plant.model.idx_vs[base]), int(plant.model.nvs[base])

@@ -17,7 +17,7 @@ from spacerobot.elements.references.knot_motion import Knots
 from spacerobot.elements.references.plan_following import BaseMotion, table
 
 PLANAR, SPATIAL = ("fx", "fy", "tz"), ("fx", "fy", "fz", "tx", "ty", "tz")
-"""Axes of a base by its joint's degrees of freedom."""
+"""Labels of a base's axes, planar and spatial, by the degrees of freedom of its joint."""
 
 
 def planned_parts(motion: BaseMotion) -> frozenset[Part]:

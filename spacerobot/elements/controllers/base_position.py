@@ -20,10 +20,10 @@ from spacerobot.section import Vector, quantity
 
 @register
 class BasePosition(RobotController):
-    """PID on the base's position, with feed-forward of the arm's reaction; actuators of the base deliver.
+    """PID on the base's position, with feed-forward of the arm's reaction; actuators of the base deliver it.
 
-    The force is asked for at the robot's centre of mass, where it does not turn the robot. Without K_p and
-    K_i it brings the base to rest, wherever that is.
+    The force is commanded at the robot's centre of mass, where it exerts no torque on the robot. Without K_p
+    and K_i it brings the base to rest at any position.
     """
 
     base_wrench: ClassVar[frozenset[Part]] = frozenset({"force", "torque"})
@@ -49,24 +49,24 @@ class BasePosition(RobotController):
     )
 
     def build(self, robot: RobotContext) -> Contribution:
-        """Force on the base that pushes it back."""
+        """Contribution: force on the base against its position error."""
         plant, context = robot.plant, robot.context
-        here = plant.placement(robot.base_frame)[1]
+        base_position = plant.placement(robot.base_frame)[1]
         if self.position is None:
             reference = context.once("position", robot.start.placement(robot.base_frame)[1])
         else:
             reference = context.vector("position")
         bodies = subtree(plant.model, robot.base_joint)
-        lever = centre_of_mass(plant.model, plant.kinematics, plant.inertias, bodies) - here
+        lever = centre_of_mass(plant.model, plant.kinematics, plant.inertias, bodies) - base_position
         jacobian = plant.jacobian(robot.base_frame)
         actuation = jacobian[:3, :] - cross_columns(lever, jacobian[3:, :])
         # the point at the lever moves with v + omega x lever
         reaction = None if context.is_zero("feed_forward") else self._reaction(robot, jacobian[:3, :].T)
-        error = reference - robot.read("base_position", here)
+        error = reference - robot.read("base_position", base_position)
         return held(robot, "translation", error, ca.sparsify(actuation).T, reaction)
 
     def _reaction(self, robot: RobotContext, moving: ca.SX) -> ArmReaction:
-        """Rate of the linear momentum that is not the base's own."""
+        """Rate of the robot's linear momentum, minus that of the base's own motion."""
         plant, joints = robot.plant, subtree(robot.plant.model, robot.base_joint)
         mass = total_mass(plant.model, plant.inertias, joints)
         if self.derivative == "filtered":

@@ -1,4 +1,4 @@
-"""Following a planned motion of a floating base; see :mod:`spacerobot.elements.controllers.base_plan`."""
+"""Tracking of a planned motion of a floating base; see :mod:`spacerobot.elements.controllers.base_plan`."""
 
 from __future__ import annotations
 

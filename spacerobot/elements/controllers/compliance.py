@@ -1,4 +1,4 @@
-"""Base class, axes and errors of the laws of force and impedance at a tip."""
+"""Base class, axes and errors of the force and impedance controllers of a tip."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ class ComplianceController(TipController):
 
 
 def gains_of(tip: TipContext, key: str, axes: Axes, *, inverse: bool = False) -> ca.SX:
-    """Matrix (3x3), world axes, of three numbers of the controller's section along its axes.
+    """Diagonal gain matrix (3x3) of the controller's section, rotated to world axes.
 
     Args:
         tip: The tip.
-        key: Key of the numbers.
-        axes: Axes of the numbers, those of the world or of the tip's reference.
+        key: Key of the three numbers.
+        axes: Axes of the numbers: those of the world or of the tip's reference.
         inverse: Whether the matrix is inverted.
     """
     values = [tip.context.number(f"{key}.{i}") for i in range(3)]

@@ -1,4 +1,4 @@
-"""Controllers: the signals that they read of a robot or a tip, and the torques that they command."""
+"""Controllers: the signals that they read from a robot or a tip, and the torques that they command."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from spacerobot.registry import required
 from spacerobot.section import Section
 
 INPUT = "_input_"
-"""Part of the names of outputs that are inputs of controllers with a Python update."""
+"""Infix in the names of outputs that are inputs of controllers with a Python update."""
 
 MPC_INPUT = f"mpc{INPUT}"
-"""Beginning of the names of outputs that are measurements or estimates from which plans in flight begin."""
+"""Prefix in the names of outputs that are the measured or estimated initial states of MPC plans."""
 
 
 class TipController(Element):
@@ -67,14 +67,14 @@ def named_motion(key: str) -> Literal["translation", "rotation"]:
 
 @dataclass(frozen=True)
 class Replanning:
-    """Replanning of the plan that a controller tracks, in flight.
+    """In-flight replanning of the plan that a controller tracks.
 
     Attributes:
         period: Time between two plans [s].
-        min_horizon: Time that a plan looks ahead at least [s].
-        delay: Time from what is sensed to the plan that is made from it being flown [s].
+        min_horizon: Minimum horizon of a plan [s].
+        delay: Time from the measurement to the first use of the plan made from it [s].
         iterations: Maximum number of the solver's iterations for one plan.
-        tables: Rows (points) and columns of the numbers that a plan replaces, by their keys in the section.
+        tables: Rows (points) and columns of the numbers that a plan replaces, by key in the section.
     """
 
     period: float

@@ -13,14 +13,14 @@ from spacerobot.symbolic import Plant
 
 @dataclass(frozen=True)
 class FreeBase:
-    """A robot whose base reacts to its n joints, with no wrench on the base.
+    """Free-floating dynamics reduced to n joints, with no wrench on the base: v_base' = W q'' + falling.
 
     Attributes:
-        base: Places of the base in v (k); none where it is fixed.
-        factors: Factors of the base's inertia (k x k); None where it is fixed.
-        reaction: W (k x n).
+        base: Indices of the base in v (k); none for a fixed base.
+        factors: Factors of the base's inertia (k x k); None for a fixed base.
+        reaction: W (k x n), base acceleration per joint acceleration.
         falling: Base acceleration at zero joint acceleration (k x 1).
-        inertia, bias: Inertia and bias of the joints, with the base's reaction in both (n x n and n x 1).
+        inertia, bias: Joint-space inertia and bias forces that include the base's reaction (n x n and n x 1).
     """
 
     base: list[int]

@@ -106,7 +106,7 @@ class HybridForce(ComplianceController):
         return ["hybrid force control by the robot's model; knows the robot's inertia, not that of an object"]
 
     def words(self) -> str:
-        """Its selection and setpoint."""
+        """Selection and setpoint, in text form."""
         rows = (self.selection, self.force)
         gains = (", ".join(f"{value:g}" for value in row) for row in rows)
         return "hybrid force, selection ({}), force ({})".format(*gains)

@@ -109,7 +109,7 @@ class Impedance(ComplianceController):
 
     @property
     def reads_wrench(self) -> bool:
-        """With a desired inertia."""
+        """Whether it has a desired inertia, which needs the measured wrench."""
         return self.inertia is not None
 
     def assumptions(self) -> list[str]:
@@ -118,7 +118,7 @@ class Impedance(ComplianceController):
         return [f"impedance {shaping}; knows the robot's inertia, not that of a held object"]
 
     def words(self) -> str:
-        """Its stiffness and damping."""
+        """Stiffness and damping, in text form."""
         gains = (", ".join(f"{value:g}" for value in row) for row in (self.stiffness, self.damping))
         text = "impedance ({}) / ({})".format(*gains)
         if self.inertia is None:
@@ -134,5 +134,5 @@ def _inverse_left_jacobian(phi: ca.SX, vector: ca.SX) -> ca.SX:
     half = ca.sqrt(safe) / 2
     series = 1 / 12 + squared / 720 + squared**2 / 30240
     factor = ca.if_else(small, series, (1 - half * ca.cos(half) / ca.sin(half)) / safe)
-    turned = cross(phi, vector)
-    return vector - turned / 2 + factor * cross(phi, turned)
+    phi_cross = cross(phi, vector)
+    return vector - phi_cross / 2 + factor * cross(phi, phi_cross)

@@ -84,7 +84,7 @@ class JointPd(RobotController):
             )
 
     def cautions(self, robot: RobotProperties) -> Iterable[str]:
-        """A null space that leaves nothing."""
+        """Warning if the tips' tasks leave no null space."""
         if not self.null_space:
             return
         directions, joints = robot.moved.shape
@@ -96,7 +96,7 @@ class JointPd(RobotController):
 
 
 def _inverse_kinematics(robot: RobotContext, desired: ca.SX) -> ca.SX:
-    """Rate of the desired joint positions (n x 1); a robot without tips keeps its posture."""
+    """Rate of the desired joint positions (n x 1); zero for a robot without tips."""
     if not robot.tips:
         return ca.SX.zeros(desired.size1())
     model = robot.plant.model
@@ -114,13 +114,13 @@ def _inverse_kinematics(robot: RobotContext, desired: ca.SX) -> ca.SX:
     for tip in robot.tips:
         motion = tip.motion
         jacobian = frame_jacobian(plant.model, kinematics, tip.frame)
-        turned, position = frame_placement(plant.model, kinematics, tip.frame)
+        tip_rotation, position = frame_placement(plant.model, kinematics, tip.frame)
         axes = list(plant.translation_axes)
         rows.append(jacobian[axes, :])
         tip_velocities.append((motion.velocity + rate_gain * (motion.position - position))[axes])
         if "orientation_pid" in tip.siblings:
             axes = list(plant.rotation_axes)
-            error = plant.orientation_error(motion.rotation, turned)
+            error = plant.orientation_error(motion.rotation, tip_rotation)
             rows.append(jacobian[[axis + 3 for axis in axes], :])
             tip_velocities.append((motion.angular_velocity + rate_gain * error)[axes])
     jacobian = robot.plant.gathered(ca.vertcat(*rows).T).T[:, list(robot.columns)]

@@ -33,7 +33,7 @@ from spacerobot.elements.sensors.joint_position import read_positions
 from spacerobot.section import Name, quantity
 
 APART = 1e-3
-"""Distance from the plan's beginning [rad or m] from which on a user is told."""
+"""Distance from the plan's start [rad or m] above which the user is warned."""
 
 
 class JointPlanController(RobotController):
@@ -111,29 +111,29 @@ class JointPlanController(RobotController):
         return {"joint_position", "joint_rate"}
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
-        """Joints that are not the robot's."""
+        """Errors: joints of the plan that the robot lacks, and joints of the robot that the plan lacks."""
         plan_joints, robot_joints = set(self.planned.joints), set(robot.joints)
-        for what, names in (
+        for reason, names in (
             ("no joint", plan_joints - robot_joints),
             ("no motion of joint", robot_joints - plan_joints),
         ):
             if names:
                 joint_names = ", ".join(sorted(names))
-                yield "knots.joints", f"{what} {joint_names}; {robot.name} has {', '.join(robot.joints)}"
+                yield "knots.joints", f"{reason} {joint_names}; {robot.name} has {', '.join(robot.joints)}"
 
     def cautions(self, robot: RobotProperties) -> Iterable[str]:
-        """A plan that begins elsewhere than the robot."""
+        """Warning if the plan starts away from the robot's initial positions."""
         motion = self.planned
         if motion.phases or self.phase is not None:
             return
-        apart = {
+        distances = {
             name: abs(motion.position[0][motion.joints.index(name)] - begin)
             for name, begin in robot.begins.items()
             if name in motion.joints
         }
-        name = max(apart, key=lambda joint: apart[joint], default="")
-        if name and apart[name] > APART:
-            yield f"the plan begins {apart[name]:.4g} rad or m from where {name} begins"
+        name = max(distances, key=lambda joint: distances[joint], default="")
+        if name and distances[name] > APART:
+            yield f"the plan begins {distances[name]:.4g} rad or m from where {name} begins"
 
     def words(self) -> str:
         """Gains and plan."""

@@ -1,4 +1,4 @@
-"""Following a planned motion of the joints; see :mod:`spacerobot.elements.controllers.joint_plan`."""
+"""Tracking of a planned motion of the joints; see :mod:`spacerobot.elements.controllers.joint_plan`."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from spacerobot.elements.sensors.joint_position import joint_position
 from spacerobot.symbolic import Plant
 
 Reading = tuple[ca.SX, ca.SX | None, ca.SX | None]
-"""Arguments of :meth:`TipContext.read` behind the name of the signal."""
+"""Arguments of :meth:`TipContext.read` after the name of the signal."""
 
 
 def robot_values(robot: RobotContext) -> dict[str, ca.SX]:

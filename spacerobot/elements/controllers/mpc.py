@@ -1,7 +1,7 @@
-"""Model predictive control: the plan is recomputed from measurements in each period; robots track it.
+"""Model predictive control: the plan is recomputed from measurements in each period and tracked meanwhile.
 
-Joints track it as by :mod:`spacerobot.elements.controllers.joint_plan`, a base that the plan drives as by
-:mod:`spacerobot.elements.controllers.base_plan`, with the velocity and spin that its sensors show.
+Joints track the plan as in :mod:`spacerobot.elements.controllers.joint_plan`. A planned base tracks it as in
+:mod:`spacerobot.elements.controllers.base_plan`, with measured velocity and spin.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Mpc(JointPlanController):
 
     @model_validator(mode="after")
     def _check(self) -> Mpc:
-        """Knots come between the periods; one plan is made before the next one is begun."""
+        """Check that the delay is at most the period: a plan is ready before the next one is started."""
         if self.delay > self.period:
             raise ValueError(f"delay: found {self.delay:g} s, allowed: at most the period, {self.period:g} s")
         return self
@@ -92,10 +92,10 @@ class Mpc(JointPlanController):
         return frozenset() if self.base_knots is None else planned_parts(self.base_knots)
 
     def build(self, robot: RobotContext) -> Contribution:
-        """Torques of the joints and wrench on the base; the plan is that of the present period.
+        """Contribution: torques of the joints and wrench on the base by the plan of the present period.
 
         Raises:
-            ScenarioError: If there is none.
+            ScenarioError: If there is no plan.
         """
         motion = self.knots or self.base_knots
         if motion is None:
@@ -116,9 +116,9 @@ class Mpc(JointPlanController):
         return Contribution(torques=tuple(torques), events=events, outputs=tuple(self._inputs(robot)))
 
     def _base_velocity(self, robot: RobotContext) -> ca.SX:
-        """Velocity and spin of the base (3 or 6 x 1), root link's axes, as its sensors show them.
+        """Measured velocity and spin of the base (3 or 6 x 1), root link's axes.
 
-        Readings are in world axes and are turned by the base's true attitude.
+        Readings are in world axes; the base's true attitude rotates them to the root link.
         """
         plant = robot.plant
         first, size = (int(of[robot.base_joint]) for of in (plant.model.idx_vs, plant.model.nvs))
@@ -132,10 +132,10 @@ class Mpc(JointPlanController):
         return ca.vertcat(velocity[:2], spin[2]) if size == 3 else ca.vertcat(velocity, spin)
 
     def _inputs(self, robot: RobotContext) -> Iterator[Output]:
-        """Measurements and estimates from which plans begin, of the signals named in ``signals``.
+        """Measured and estimated initial states of plans, of the signals named in ``signals``.
 
-        Attitudes are rotation vectors from those of the start. What a tip sees of a mating frame is known in
-        world axes from the instant of the measurement on.
+        Attitudes are rotation vectors from the initial attitudes. A tip's measurement of a mating frame is
+        converted to world axes at the instant of the measurement.
         """
         values = robot_values(robot)
         for signal in (each for each in self.signals if each in values):
@@ -163,22 +163,22 @@ class Mpc(JointPlanController):
 
     @property
     def begins(self) -> float:
-        """Time at which the plan begins [s]."""
+        """Start time of the plan [s]."""
         return self.begin
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
-        """Joints that are not the robot's, where there is a plan."""
+        """Errors: joints of the plan that the robot lacks, if there is a plan."""
         return () if self.knots is None else super().faults(robot)
 
     def cautions(self, robot: RobotProperties) -> Iterable[str]:
-        """None: each plan begins where the robot is."""
+        """No warnings: each plan starts at the robot's present state."""
         del robot
         return ()
 
     def reads(self) -> set[str]:
-        """Joints, and what is known of the base and the target where a plan is made."""
+        """Signals of the joints, and those of base and target from which plans start."""
         signals = ("position", "velocity", "orientation", "spin")
-        return super().reads() | {f"{what}_{signal}" for what in ("target", "base") for signal in signals}
+        return super().reads() | {f"{frame}_{signal}" for frame in ("target", "base") for signal in signals}
 
     def words(self) -> str:
         """Gains and period."""

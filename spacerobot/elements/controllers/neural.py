@@ -73,7 +73,7 @@ ACTIVATIONS: Mapping[str, Callable[[ca.SX], ca.SX]] = {
 
 
 class NetworkLayer(Section):
-    """One layer of a network."""
+    """Layer of a network."""
 
     weights: tuple[tuple[float, ...], ...] = quantity("1", "matrix, a row for each output", min_length=1)
     biases: tuple[float, ...] = quantity("1", "one for each output; zero if not given", default=())
@@ -202,9 +202,9 @@ class Neural(RobotController):
         return Contribution(torques=(CommandedTorque(robot.name, torque),))
 
     def _measured(self, robot: RobotContext, axes: ca.SX) -> dict[str, ca.SX]:
-        """Inputs (n x 1) by name, as the sensors show them; vectors along the columns of ``axes``."""
+        """Measured inputs (n x 1) by name; vectors have components along the columns of ``axes``."""
         true, values = robot_values(robot), dict[str, ca.SX]()
-        seen = {} if self.frame is None else self._target(robot)
+        target_values = {} if self.frame is None else self._target(robot)
         origin = robot.plant.placement(robot.base_frame)[1] if self.axes == "base" else ca.SX(3, 1)
         for name in self.inputs:
             if name.startswith("tip_"):
@@ -217,7 +217,7 @@ class Neural(RobotController):
                 }[name]
                 value = tip.read(name, value) - (origin if name == "tip_position" else ca.SX(3, 1))
             elif name.startswith("target_"):
-                value = seen[name]
+                value = target_values[name]
             else:
                 value = robot.read(name, true[name])
             values[name] = value if name in JOINT_SIGNALS else ca.mtimes(axes.T, value)
@@ -249,11 +249,11 @@ class Neural(RobotController):
         return {name: joints if name == "joint_torque" else 3 for name in self.outputs}
 
     def reads(self) -> set[str]:
-        """Its inputs."""
+        """Signals of the network's inputs."""
         return set(self.inputs)
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
-        """A network of another size than the robot's measurements and commands, or what there is not."""
+        """Errors: sizes that do not match the robot's measurements and commands, or unknown names."""
         if self.layers is None:
             return
         joints, file = len(robot.joints), f"{self.file}: " if self.file else ""

@@ -33,11 +33,11 @@ from spacerobot.errors import ScenarioError
 def accelerating(
     tip: TipContext, motion: Literal["translation", "rotation"], acceleration: ca.SX, wrench: ca.SX
 ) -> ControlChannel:
-    """Channel of the torques that give a tip an acceleration.
+    """Channel of the joint torques that give a tip an acceleration.
 
     Args:
         tip: The tip.
-        motion: Whether its translation or its rotation is accelerated.
+        motion: Motion to accelerate: translation or rotation.
         acceleration: Desired acceleration (3x1), world axes [m/s^2 or rad/s^2].
         wrench: Wrench on the tip about its origin (6x1), world axes [N, N m].
 
@@ -49,8 +49,8 @@ def accelerating(
     axes = list(plant.rotation_axes if turns else plant.translation_axes)
     rows = [axis + 3 * turns for axis in axes]
     peers = tip.peers()
-    jacobians = [one.generalized_jacobian[:, columns] for one in (tip, *peers)]
-    coupled = [6 * k + row for k, one in enumerate((tip, *peers)) for row in one.controlled_rows]
+    jacobians = [other_tip.generalized_jacobian[:, columns] for other_tip in (tip, *peers)]
+    coupled = [6 * k + row for k, other_tip in enumerate((tip, *peers)) for row in other_tip.controlled_rows]
     if len(columns) < len(coupled):
         raise ScenarioError(
             f"found {len(columns)} joints, allowed to accelerate {len(coupled)} directions of the robot's "
@@ -65,14 +65,16 @@ def accelerating(
     drift = ca.vertcat(*plant.drift(tip.frame)) - ca.mtimes(jacobians[0], response[:, size])
     by_wrenches = mobility[:6, :]
     if free.factors is not None:
-        by_base = [plant.gathered(plant.jacobian(one.frame).T).T[:, free.base] for one in (tip, *peers)]
+        by_base = [
+            plant.gathered(plant.jacobian(other_tip.frame).T).T[:, free.base] for other_tip in (tip, *peers)
+        ]
         drift = drift + ca.mtimes(by_base[0], free.falling)
         by_wrenches += ca.mtimes(by_base[0], free.factors.solve(ca.vertcat(*by_base).T))
-    wrenches = ca.vertcat(wrench, *(one.measured_wrench() for one in peers))
+    wrenches = ca.vertcat(wrench, *(other_tip.measured_wrench() for other_tip in peers))
     demand = (acceleration - (drift + ca.mtimes(by_wrenches, wrenches))[3 * turns : 3 * turns + 3])[axes]
     unit = ca.SX.eye(len(coupled))[:, [coupled.index(row) for row in rows]]
     inertia = SymmetricFactors(mobility[coupled, coupled]).solve(unit)
-    rates = ca.vertcat(*(one.generalized_jacobian for one in (tip, *peers)))
+    rates = ca.vertcat(*(other_tip.generalized_jacobian for other_tip in (tip, *peers)))
     actuation = ca.mtimes(rates[coupled, :].T, inertia)
     _, sense = tip.reduced_loads(axes, rotation=turns)
     return ControlChannel(tip.robot, actuation, plant.reduced(actuation), sense, demand, None)

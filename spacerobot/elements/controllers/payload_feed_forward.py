@@ -49,10 +49,10 @@ class PayloadFeedForward(TipController):
         return self
 
     def build(self, tip: TipContext) -> Contribution:
-        """Torques of the arm's joints.
+        """Contribution: torques of the arm's joints.
 
         Raises:
-            ScenarioError: If the object is neither given nor estimated.
+            ScenarioError: If the object's inertial parameters are neither given nor estimated.
         """
         context, motion = tip.context, tip.motion
         if self.mass is not None:
@@ -60,10 +60,10 @@ class PayloadFeedForward(TipController):
                 ca.vertcat(*(context.number(f"{key}.{i}") for i in range(size)))
                 for key, size in (("com", 3), ("inertia", 6))
             )
-            held = inertial_parameters(context.number("mass"), com, inertia)
-            held = context.once("held", context.constants.expanded(held))
+            parameters = inertial_parameters(context.number("mass"), com, inertia)
+            parameters = context.once("held", context.constants.expanded(parameters))
         elif tip.held_inertia is not None:
-            held = tip.held_inertia
+            parameters = tip.held_inertia
         else:
             raise ScenarioError(
                 "found neither mass, com and inertia nor an estimator of kind inertia_filter of "
@@ -73,7 +73,7 @@ class PayloadFeedForward(TipController):
         axes = motion.rotation
         gravity = ca.SX(ca.DM(tip.plant.model.gravity.linear))
         wrench = inertial_wrench(
-            context.number("feed_forward") * held,
+            context.number("feed_forward") * parameters,
             ca.mtimes(axes.T, motion.acceleration - gravity),
             ca.mtimes(axes.T, motion.angular_velocity),
             ca.mtimes(axes.T, motion.angular_acceleration),

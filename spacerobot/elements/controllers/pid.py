@@ -53,16 +53,18 @@ class Pid(TipController):
     filter_time: float = quantity("s", "time constant of the filtered derivative", default=0.02, gt=0)
 
     def build(self, tip: TipContext) -> Contribution:
-        """One channel and its states."""
+        """Contribution: one channel and its states."""
         turns = self.controls(tip.key) == "rotation"
         axes = list(tip.plant.rotation_axes if turns else tip.plant.translation_axes)
-        # the velocity that is fed back now
-        chosen = tip.context.chosen("feedback", self.feedback)
-        feedbacks = [(now, _seen_from(word, tip, axes, turns=turns)) for word, now in chosen.items()]
-        (_, fed_back), *others = feedbacks
-        for now, other in others:
+        # the active feedback velocity
+        options = tip.context.chosen("feedback", self.feedback)
+        feedbacks = [(active, _seen_from(word, tip, axes, turns=turns)) for word, active in options.items()]
+        (_, fed_back), *alternatives = feedbacks
+        for active, alternative in alternatives:
             parts = (f.name for f in fields(_FedBack))
-            fed_back = _FedBack(*(ca.if_else(now, getattr(other, n), getattr(fed_back, n)) for n in parts))
+            fed_back = _FedBack(
+                *(ca.if_else(active, getattr(alternative, n), getattr(fed_back, n)) for n in parts)
+            )
         motion, states = tip.motion, []
         desired = (motion.angular_velocity if turns else motion.velocity)[axes]
         desired_rate = (motion.angular_acceleration if turns else motion.acceleration)[axes]
@@ -89,7 +91,7 @@ class Pid(TipController):
         else:
             lag = tip.context.number("filter_time")
             filtered = ca.SX.sym(f"{name}.filter", size)
-            # begins at the error itself, so that the derivative does not kick
+            # starts at the error itself, so that the derivative has no initial peak
             channel_states.append(State(f"{name}.filter", filtered, error, (error - filtered) / lag))
             command, gain = command + kd * (error - filtered) / lag, None
         rows = [axis + 3 * turns for axis in axes]
@@ -99,7 +101,7 @@ class Pid(TipController):
         return Contribution(states=(*states, *channel_states), channels=(channel,))
 
     def reads(self, key: str, siblings: Mapping[str, Section]) -> set[str]:
-        """The velocity that it feeds back, and what its amnesia controller reads."""
+        """Signals of the feedback velocity and of the amnesia controller."""
         turns = self.controls(key) == "rotation"
         inertial = "tip_angular_velocity" if turns else "tip_velocity"
         signals = {"joint_rate" if self.feedback == "base" else inertial}
@@ -141,14 +143,14 @@ class _FedBack:
 
 
 def _seen_from(feedback: str, tip: TipContext, axes: list[int], *, turns: bool) -> _FedBack:
-    """The velocity as seen from the base or the true one, sensors included (S = a + b s)."""
+    """Velocity relative to the base, or inertial velocity, from sensors (S = a + b s)."""
     plant = tip.plant
-    drive, felt = tip.reduced_loads(axes, rotation=turns)
+    drive, external_loads = tip.reduced_loads(axes, rotation=turns)
     if feedback == "inertial":
         signal = "tip_angular_velocity" if turns else "tip_velocity"
         _, scale = tip.sensors(signal)
         velocity = tip.read(signal, plant.velocity(tip.frame)[turns])[axes]
-        return _FedBack(velocity, scale * plant.drift(tip.frame)[turns][axes], drive, scale * felt)
+        return _FedBack(velocity, scale * plant.drift(tip.frame)[turns][axes], drive, scale * external_loads)
     offset, scale = tip.sensors("joint_rate")
     arm = tip.arm_jacobian[[axis + 3 * turns for axis in axes], :]
     last = tip.held("joint_rate", plant.v[list(tip.columns)])

@@ -1,4 +1,4 @@
-"""Forces that the actions of an environment set: the controller of reinforcement learning."""
+"""Controller whose forces are the actions of a reinforcement-learning environment."""
 
 from __future__ import annotations
 
@@ -33,6 +33,6 @@ class Policy(PythonController):
         return frozenset(self.parts)
 
     def update(self, t: float, measurements: Measurements) -> npt.ArrayLike:
-        """Refuse simulations outside an environment, where nothing sets the actions."""
+        """Raise an error: only an environment sets the actions."""
         del t, measurements
         raise ValueError("only an environment of spacerobot.learning sets its actions")

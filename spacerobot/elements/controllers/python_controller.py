@@ -1,8 +1,8 @@
-"""Controllers whose law is a Python function, called periodically; its forces are held between two calls.
+"""Controllers whose law is a Python function, called periodically; forces are held between calls.
 
-A law that is a CasADi expression is compiled, differentiated and evaluated for many simulations at once. A
-Python function can be anything (a neural network, a compiled library, a solver), is called once for each
-simulation and instant, and has no derivative.
+A CasADi law is compiled, differentiated and evaluated for many simulations at once. A Python function can be
+anything (a neural network, a compiled library, a solver), is called once for each simulation and instant, and
+has no derivative.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class HeldForces:
 class PythonController(RobotController):
     """A controller whose update is a Python function; gradients and searches refuse it.
 
-    A kind overrides :meth:`update`, or :meth:`updater` if it remembers something from one update to the next.
+    A subclass overrides :meth:`update`, or :meth:`updater` if it stores data from one update to the next.
     """
 
     period: float = quantity(
@@ -89,13 +89,13 @@ class PythonController(RobotController):
         return self.update
 
     def measured(self, robot: RobotContext) -> Mapping[str, ca.SX]:
-        """Expressions (n x 1) of what the function gets, by name.
+        """Expressions (n x 1) of the function's measurements, by name.
 
-        By default positions and rates of the joints, and position, rotation vector since the start, velocity
-        and spin of a floating base, world axes, as the robot's sensors show them.
+        By default measured positions and rates of the joints, and measured position, rotation vector since
+        the start, velocity and spin of a floating base, world axes.
 
         Args:
-            robot: The robot as controllers see it.
+            robot: Robot in the controllers' view.
         """
         return {name: robot.read(name, value) for name, value in robot_values(robot).items()}
 
@@ -157,10 +157,10 @@ class PythonController(RobotController):
 
 
 def checked_forces(values: npt.ArrayLike, forces: HeldForces) -> Array:
-    """Return held forces as an array (n,).
+    """Held forces as an array (n,).
 
     Raises:
-        ValueError: If they are not so many numbers.
+        ValueError: If the number of values is wrong.
     """
     array = np.asarray(values, dtype=float)
     if array.shape != (forces.size,):

@@ -71,13 +71,13 @@ class ResolvedRate(RobotController):
     )
 
     def build(self, robot: RobotContext) -> Contribution:
-        """Torques."""
+        """Contribution: joint torques."""
         number, columns = robot.context.number, list(robot.columns)
         free = FreeBase.of(robot.plant, robot.base_joint, columns, self._payload(robot))
         rates, locked = robot.plant.v[columns], robot.locked
         tasks = []
         if self.keeps != "nothing":
-            # the base keeps still, or does not turn
+            # the base keeps its position and attitude, or its attitude
             turning_alone = self.keeps == "attitude"
             planar = len(free.base) == 3
             rows = (
@@ -95,13 +95,15 @@ class ResolvedRate(RobotController):
         led = [task for tip in robot.tips for task in self._tip_tasks(robot, tip, free)]
         if led:
             tasks.append(_Task.of(led, number("damping")))
-        # Joints that are held keep their rates; the others resolve the tasks with the columns that are left.
+        # Held joints keep their rates; the others perform the tasks with the remaining columns.
         moving = 1 - locked
         tasks = [replace(task, rows=ca.mtimes(task.rows, ca.diag(moving))) for task in tasks]
         desired_rates = _resolved(tasks, [task.wanted - task.velocity for task in tasks], rates)
-        ahead = _resolved(tasks, [task.acceleration for task in tasks], ca.SX(rates.shape[0], 1))
+        desired_acceleration = _resolved(
+            tasks, [task.acceleration for task in tasks], ca.SX(rates.shape[0], 1)
+        )
         read = robot.read("joint_rate", rates)
-        torque = free.torque(moving * (ahead + number("rate_gain") * (desired_rates - read)))
+        torque = free.torque(moving * (desired_acceleration + number("rate_gain") * (desired_rates - read)))
         torque = moving * (torque + robot.plant.damping[columns] * rates)
         return Contribution(torques=(robot.torque(torque),))
 
@@ -116,8 +118,8 @@ class ResolvedRate(RobotController):
         )
         payload = number("payload_fraction") * inertial_parameters(number("payload_mass"), com, inertia)
         axes, _ = plant.placement(tip.frame)
-        turned = ca.diagcat(axes, axes).T  # world axes to those of the tip
-        rows = ca.mtimes(turned, plant.gathered(plant.jacobian(tip.frame).T).T)
+        to_tip_axes = ca.diagcat(axes, axes).T  # world axes to those of the tip
+        rows = ca.mtimes(to_tip_axes, plant.gathered(plant.jacobian(tip.frame).T).T)
         falling, spinning = plant.drift(tip.frame)
         gravity = ca.SX(ca.DM(plant.model.gravity.linear))
         spin = ca.mtimes(axes.T, tip.angular_velocity)
@@ -127,46 +129,46 @@ class ResolvedRate(RobotController):
         return ca.mtimes([rows.T, spatial_inertia(payload), rows]), ca.mtimes(rows.T, ca.vertcat(*wrench))
 
     def _tip_tasks(self, robot: RobotContext, tip: TipContext, free: FreeBase) -> Iterator[_Task]:
-        """The tip follows its reference, in position and, if asked for, in orientation."""
+        """Tasks by which the tip follows its reference in position and, optionally, in orientation."""
         plant, motion, gain = robot.plant, tip.motion, robot.context.number("gain")
         jacobian = plant.gathered(plant.jacobian(tip.frame).T).T
         rows, drift = jacobian[:, list(robot.columns)], ca.vertcat(*plant.drift(tip.frame))
         if free.base:
             on_base = jacobian[:, free.base]
             rows, drift = rows + ca.mtimes(on_base, free.reaction), drift + ca.mtimes(on_base, free.falling)
-        now = tip.read("tip_velocity", tip.velocity)
+        tip_velocity = tip.read("tip_velocity", tip.velocity)
         error = motion.position - tip.read("tip_position", tip.position)
-        bend = motion.acceleration + gain * (motion.velocity - now) - drift[:3]
+        bend = motion.acceleration + gain * (motion.velocity - tip_velocity) - drift[:3]
         axes = list(plant.translation_axes)
-        yield _Task(rows[axes, :], now[axes], (motion.velocity + gain * error)[axes], bend[axes])
+        yield _Task(rows[axes, :], tip_velocity[axes], (motion.velocity + gain * error)[axes], bend[axes])
         if not self.orientation:
             return
-        now = tip.read("tip_angular_velocity", tip.angular_velocity)
+        tip_velocity = tip.read("tip_angular_velocity", tip.angular_velocity)
         error = -tip.read("tip_orientation", -tip.orientation_error)
-        bend = motion.angular_acceleration + gain * (motion.angular_velocity - now) - drift[3:]
+        bend = motion.angular_acceleration + gain * (motion.angular_velocity - tip_velocity) - drift[3:]
         axes = list(plant.rotation_axes)
         desired = (motion.angular_velocity + gain * error)[axes]
-        yield _Task(rows[3:, :][axes, :], now[axes], desired, bend[axes])
+        yield _Task(rows[3:, :][axes, :], tip_velocity[axes], desired, bend[axes])
 
     def reads(self) -> set[str]:
-        """Joint rates, and where the tips are and how they move."""
-        turning = {"tip_orientation", "tip_angular_velocity"} if self.orientation else set()
-        return {"joint_rate", "tip_position", "tip_velocity"} | turning
+        """Signals of the joint rates, and of the tips' poses and velocities."""
+        rotation_signals = {"tip_orientation", "tip_angular_velocity"} if self.orientation else set()
+        return {"joint_rate", "tip_position", "tip_velocity"} | rotation_signals
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
-        """A base that is fixed, or more to do than there are joints."""
+        """Errors: a fixed base, or more task directions than joints."""
         if self.keeps == "nothing":
             return
         if robot.base == "fixed":
             yield "keeps", f"the base of {robot.name} is fixed; leave `keeps` out"
             return
-        turning, moving = (1, 2) if robot.base == "planar" else (3, 3)
-        constraint_count = turning + moving * (self.keeps == "base")
+        rotations, moving = (1, 2) if robot.base == "planar" else (3, 3)
+        constraint_count = rotations + moving * (self.keeps == "base")
         if constraint_count >= len(robot.joints):
             yield (
                 "keeps",
                 f"its {len(robot.joints)} joints cannot keep {constraint_count} velocities of the base "
-                "and still move; allowed: nothing" + (", attitude" if turning < len(robot.joints) else ""),
+                "and still move; allowed: nothing" + (", attitude" if rotations < len(robot.joints) else ""),
             )
 
     def words(self) -> str:
@@ -178,14 +180,14 @@ class ResolvedRate(RobotController):
 
 @dataclass(frozen=True)
 class _Task:
-    """Velocities linear in the joint rates, and what is wanted of them.
+    """Velocity that is linear in the joint rates, with its desired value.
 
     Attributes:
         rows: Velocity per joint rate (k x n).
-        velocity: Now (k x 1).
-        wanted: Velocity (k x 1).
-        acceleration: Wanted, less what there is at zero joint acceleration (k x 1).
-        damping: Damping of the pseudo-inverse (1x1); none where the task comes first.
+        velocity: Present velocity (k x 1).
+        wanted: Desired velocity (k x 1).
+        acceleration: Desired acceleration minus that at zero joint acceleration (k x 1).
+        damping: Damping of the pseudo-inverse (1x1); zero for the first task.
     """
 
     rows: ca.SX
@@ -203,13 +205,13 @@ class _Task:
 
 
 def _resolved(tasks: list[_Task], missing: list[ca.SX], rates: ca.SX) -> ca.SX:
-    """Joint rates (n x 1) that give each task what is missing (k x 1) beside what present ones (n x 1) give.
+    """Joint rates (n x 1) that add ``missing`` (k x 1) to each task's velocity at ``rates`` (n x 1).
 
-    Each task is solved in the null space of those before it.
+    Each task is solved in the null space of the tasks before it.
     """
     solution, free = ca.SX(rates.shape[0], 1), ca.SX.eye(rates.shape[0])
-    for task, lacks in zip(tasks, missing, strict=True):
-        right = lacks + ca.mtimes(task.rows, rates - solution)
+    for task, deficit in zip(tasks, missing, strict=True):
+        right = deficit + ca.mtimes(task.rows, rates - solution)
         rows = ca.mtimes(task.rows, free)
         gram = ca.mtimes(rows, rows.T)
         if task.damping is not None:

@@ -1,4 +1,4 @@
-"""Sample instants of what acts periodically: sensors, controllers, pulses of thrusters."""
+"""Sample instants of periodic elements: sensors, controllers, pulsed thrusters."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from spacerobot.elements.core.event import Event
 from spacerobot.elements.core.section_context import SectionContext
 
 EARLY = 5e-13
-"""So long before its instant a clock's guard is above zero [s]: what else is at that instant, as a sample of
-the output, then comes after it, whatever rounding makes of both."""
+"""Time [s] by which a clock's guard rises early, so that anything else at the same instant, such as an output
+sample, comes after it despite rounding."""
 
 ONCE = 1e9
-"""Period [s] of a clock that ticks once; it is longer than any simulation."""
+"""Period [s] of a clock that ticks once; longer than any simulation."""
 
 MAX_DELAY = 16
-"""Longest delay, in periods: as many values are held."""
+"""Maximum delay in periods, equal to the number of stored values."""
 
 
 class Marks(TypedDict, total=False):
@@ -35,12 +35,12 @@ class Marks(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class Clock:
-    """Instants ``begin + k period``, k = 0, 1, 2, ...; none of them accumulates rounding.
+    """Instants ``begin + k period``, k = 0, 1, 2, ..., without accumulated rounding errors.
 
     Attributes:
-        count: The number k of the next one.
-        instant: Time of the instant (1x1) [s].
-        guard: Above zero from it on (1x1).
+        count: State with the number k of the next instant.
+        instant: Time of the next instant (1x1) [s].
+        guard: Expression that is above zero from the instant on (1x1).
     """
 
     count: State
@@ -49,12 +49,12 @@ class Clock:
 
     @classmethod
     def of(cls, name: str, time: ca.SX, period: ca.SX, begin: ca.SX | float = 0.0) -> Clock:
-        """A clock whose state is named after it.
+        """Clock whose state is named after it.
 
         Args:
             name: Name of the clock, unique in the closed loop.
-            time: Now (1x1) [s].
-            period, begin: Between two instants, and the first of them (1x1) [s]; constant over a rollout.
+            time: Present time (1x1) [s].
+            period, begin: Time between two instants, and first instant (1x1) [s]; constant over a rollout.
         """
         count = memory(f"{name}.count", ca.SX.zeros(1))
         instant = begin + count.symbol * period
@@ -76,15 +76,15 @@ class Clock:
 
 @dataclass(frozen=True)
 class DelayLine:
-    """Samples that wait, the latest first, and the clock that hands them on.
+    """Shift register of delayed samples, latest first, and the clock that outputs them.
 
-    Sample j acts from t_j + d on. When it is due, k samples were taken since, and it stands at place k of the
-    register. That the place is counted, and not given, lets period and delay be varied.
+    Sample j acts from t_j + d on. If k samples were taken since, it is at index k of the register. Counting
+    the index at run time, instead of fixing it, lets period and delay vary between rollouts.
 
     Attributes:
         name: Name of the owner of the samples.
-        samples, due: Times of the samples, and times at which they act.
-        register, held: Samples that wait, and the one that acts (n x 1).
+        samples, due: Clock of the measurements, and clock of the instants at which they act.
+        register, held: States of the waiting samples, and of the acting one (n x 1).
     """
 
     name: str
@@ -95,13 +95,13 @@ class DelayLine:
 
     @classmethod
     def of(cls, name: str, context: SectionContext, samples: Clock, held: State, periods: float) -> DelayLine:
-        """Room for a delay, and for one that is up to a period longer.
+        """Shift register for the delay, with room for one period more.
 
         Args:
-            name: Unique in the closed loop.
+            name: Name, unique in the closed loop.
             context: Context of a section with ``period`` and ``delay``.
-            samples, held: The clock of the samples, and what acts.
-            periods: The delay in periods, at the scenario's numbers.
+            samples, held: Clock of the samples, and state of the acting sample.
+            periods: Delay in periods, at the scenario's nominal numbers.
         """
         due = Clock.of(f"{name}.outputs", context.time, context.steady("period"), context.steady("delay"))
         places = math.floor(periods * (1 + 1e-9)) + 2
@@ -119,7 +119,7 @@ class DelayLine:
         return {self.register.name: ca.vertcat(value, self.register.symbol[:-size])}
 
     def event(self, kind: str) -> Event:
-        """The next sample acts from now on; one that left the register gives no number."""
+        """Event at which the next sample starts to act; NaN if that sample has left the register."""
         size = self.held.symbol.size1()
         since = self.samples.count.symbol - 1 - self.due.count.symbol
         sample = ca.SX.nan(size)

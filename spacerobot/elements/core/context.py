@@ -1,4 +1,4 @@
-"""Context of a law while it is built."""
+"""Contexts in which elements build their laws."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from spacerobot.symbolic import InitialState, Plant
 Result = TypeVar("Result")
 
 Affine = tuple[ca.SX | None, ca.SX]
-"""Offset, none where it is zero by construction, and scale (1x1 each) of a measured signal."""
+"""Offset (None if structurally zero) and scale (1x1 each) of a measured signal."""
 
 
 def unbroken(place: str, names: Sequence[str], signal: ca.SX) -> ca.SX:
@@ -48,17 +48,17 @@ def unported(name: str, unit: str, text: str, command: ca.SX) -> ca.SX:
 
 
 def once_for_each(law: Callable[[ca.SX], Result]) -> Callable[[ca.SX], Result]:
-    """Law that is evaluated once for each request: another evaluation would have other nodes.
+    """Law that is evaluated once for each request, so that equal requests share their expression nodes.
 
     Args:
         law: Function of a request (n x 1).
     """
     results: dict[tuple[int, ...], tuple[ca.SX, Result]] = {}
 
-    def evaluated(asked: ca.SX) -> Result:
-        key = tuple(element.element_hash() for element in ca.vertsplit(ca.densify(asked)))
+    def evaluated(request: ca.SX) -> Result:
+        key = tuple(element.element_hash() for element in ca.vertsplit(ca.densify(request)))
         if key not in results:
-            results[key] = asked, law(asked)  # the request stays, so that its nodes keep their hashes
+            results[key] = request, law(request)  # the request stays, so that its nodes keep their hashes
         return results[key][1]
 
     return evaluated
@@ -75,25 +75,26 @@ class Held(Protocol):
 
 @dataclass(frozen=True)
 class RobotContext:
-    """A robot as its controllers see it.
+    """View of a robot for its controllers.
 
     Attributes:
-        context: Time and the numbers of the element's section.
-        plant, start: Mechanics now, and where everything begins.
+        context: Time, and the numbers of the element's section.
+        plant, start: Mechanics at the present and at the initial state.
         name: Name of the robot.
-        joints, columns: Ids of its free joints, and their places in v; the floating base and joints that
-            mimic are left out.
+        joints, columns: Ids of its free joints, and their indices in v; without the floating base and mimic
+            joints.
         joint_names: Names of its free joints in the URDF.
         positions: Map from positions of its free joints (n x 1) to those of all its joints, by id.
-        phase_time: Returns the time (1x1) [s] since the present phase began; since the start where there are
-            no phases.
+        phase_time: Function that returns the time (1x1) [s] since the present phase began, or since the start
+            if there are no phases.
         sensors: Map from a signal's name to its sensor's offset and scale.
-        held: Map from a signal's name and value (n x 1) to its last measurement; None if it is continuous.
+        held: Function from a signal's name and value (n x 1) to its last measurement; None for continuous
+            signals.
         base_frame: Frame of its root link in the model.
-        arm: Places in v of all its joints that no actuator owns, those that mimic others included.
+        arm: Indices in v of all its joints that no actuator owns, including mimic joints.
         tips: Tips of the robot.
-        locked: Whether each of its free joints is known to be held (n x 1), structurally zero where none can
-            be.
+        locked: Whether each of its free joints is known to be held (n x 1), structurally zero for joints that
+            cannot be.
     """
 
     context: SectionContext
@@ -127,7 +128,7 @@ class RobotContext:
 
     @property
     def key(self) -> str:
-        """Last part of the section's path, which identifies the element among those of its kind."""
+        """Last part of the section's path, which identifies the element within its kind."""
         return self.context.path.rpartition(".")[2]
 
     @property
@@ -150,25 +151,25 @@ class RobotContext:
 
 @dataclass(frozen=True)
 class TipContext:
-    """A tip as its controllers see it; everything in world axes.
+    """View of a tip for its controllers; everything in world axes.
 
     Attributes:
         context: Time and the numbers of the element's section.
-        plant: Mechanics now.
-        label, path, key: The tip's, ``rpr1/tip``, its dotted path, and the element's key in its section,
-            ``pid``.
-        robot, columns: The robot's name, and its joints' places in v.
+        plant: Mechanics at the present state.
+        label, path, key: Label of the tip (``rpr1/tip``), its dotted path, and the element's key in its
+            section (``pid``).
+        robot, columns: Name of the robot, and indices of its joints in v.
         frame, base_frame: Frames of the tip and of the robot's root link in the model.
         motion: Desired motion of the tip's reference.
         sensors: Map from a signal's name to its sensor's offset and scale.
         held: See :class:`RobotContext`; joint rates are those of ``columns``.
         siblings: Other sections of the tip, by key.
-        held_inertia: Estimated inertial parameters of what the tip holds (10x1), axes of the tip; zero while
-            it holds nothing, None where nobody estimates them.
-        wrench: Function that returns the force (3x1) [N] and the couple about the tip's origin (3x1) [N m]
-            that act from outside on the tool's side of the robot's force-torque sensors.
-        controlled: Motions of the tip, ``translation`` and ``rotation``, that its controllers take away from
-            the null space.
+        held_inertia: Estimated inertial parameters of the held object (10x1), tip axes; zero while it holds
+            nothing, None without an estimator.
+        wrench: Function that returns the external force (3x1) [N] and couple about the tip's origin (3x1) [N
+            m] on the tool side of the robot's force-torque sensors.
+        controlled: Motions of the tip, ``translation`` and ``rotation``, that its controllers remove from the
+            null space.
         peers: Function that returns the other tips of the robot.
     """
 
@@ -293,23 +294,23 @@ class TipContext:
 
     @property
     def bends(self) -> bool:
-        """Whether flexible links carry the tip: joints that the arm does not drive."""
+        """Whether flexible links, whose joints the arm does not drive, carry the tip."""
         model = self.plant.model
         carrying = set(model.supports[self.joint]) - {0, self.base_joint}
         return any(int(model.idx_vs[joint]) not in self.columns for joint in carrying)
 
     def reduced_loads(self, axes: list[int], *, rotation: bool) -> tuple[ca.SX, ca.SX]:
-        """Unit loads on the tip, reduced: as produced by the arm's joints, and as external wrenches.
+        """Reduced unit loads on the tip: exerted by the arm's joints, and as external wrenches.
 
-        An arm that pushes at its tip pushes back on its own base: ``J^T u`` with the manipulator Jacobian
-        is the wrench u on the tip and -u, at the same point, on the base, unless flexible links give way.
+        An arm that pushes with its tip also pushes on its own base: ``J^T u`` with the manipulator Jacobian
+            is the wrench u on the tip and -u, at the same point, on the base, unless flexible links deflect.
 
         Args:
             axes: World axes of the n loads.
             rotation: Whether the loads are couples rather than forces.
 
         Returns:
-            tuple: Reduced generalized forces by the joints, and those by wrenches (nv x n each).
+            tuple: Reduced generalized forces of the joints, and those of external wrenches (nv x n each).
         """
         force, torque = unit_loads(axes, rotation=rotation)
         on_tip = Wrench(self.joint, force, torque, self.position)
@@ -321,9 +322,9 @@ class TipContext:
         return self.plant.reduced(wrenches=[on_tip, back]), by_wrench
 
     def relative_drift(self, *, rotation: bool) -> ca.SX:
-        """Rate (3x1), at zero joint acceleration, of the tip's velocity as seen from the base.
+        """Rate (3x1), at zero joint acceleration, of the tip's velocity relative to the base.
 
-        Where flexible links carry the tip, that by the motion of the arm's joints alone.
+        If flexible links carry the tip, only the motion of the arm's joints counts.
         """
         if self.bends:
             rows = [axis + 3 * rotation for axis in range(3)]
@@ -347,22 +348,22 @@ class TipContext:
 
 @dataclass(frozen=True)
 class ActuatorContext:
-    """A robot as its actuators see it; everything in world axes.
+    """View of a robot for its actuators; everything in world axes.
 
     Attributes:
         context: Time and the numbers of the actuator's section.
-        plant, start: Mechanics now, and where everything begins.
-        robot, path: The robot's name and its dotted path.
-        columns: Places in v of its free joints, by the joint's name; none that another actuator owns.
+        plant, start: Mechanics at the present and at the initial state.
+        robot, path: Name of the robot and its dotted path.
+        columns: Indices in v of its free joints that no other actuator owns, by joint name.
         base_frame: Frame of the robot's root link in the model.
-        base_columns: Places in v of the floating base, of its linear and then its angular velocity in the
-            root link's axes.
-        wheels, stored: Angular momentum (3x1) of the robot's wheels about their axes, and what it has in
+        base_columns: Indices in v of the floating base's linear and then angular velocity, in the root link's
+            axes.
+        wheels, stored: Angular momentum (3x1) of the robot's wheels about their axes, and stored momentum in
             addition to that of its links, world axes.
-        break_point: From the place, the names and the values (n x 1) of signals to what acts of them: the
-            same, unless the loop is linearised with an input there.
-        command_port: From the name, the unit, a description and the allocated command of an actuator's parts
-            (n x 1) to the command that acts: the same, unless software on board holds it.
+        break_point: Function from indices, names and values (n x 1) of signals to the values that act: the
+            same, unless the loop is opened there for linearisation.
+        command_port: Function from name, unit, description and allocated command of an actuator's parts (n x
+            1) to the command that acts: the same, unless onboard software holds it.
     """
 
     context: SectionContext
@@ -408,15 +409,16 @@ class ActuatorContext:
 
 @dataclass(frozen=True)
 class GraspContext:
-    """A tip and the mating frame that it holds; everything in world axes.
+    """View of a grasp: a tip and the mating frame that it holds; everything in world axes.
 
     Attributes:
         context: Time and the numbers of the grasp's section.
-        plant, start: Mechanics now, and where everything begins.
+        plant, start: Mechanics at the present and at the initial state.
         name: Name of the grasp.
         tip_frame, mate_frame: Frames of tip and mating frame in the model.
-        may_close, lets_go: Whether the phase lets it close, and has it let go (1x1 each).
-        hold: State of a grasp that opens and closes; None if it is always closed.
+        may_close, lets_go: Whether the present phase allows the grasp to close, and whether it commands
+            release (1x1 each).
+        hold: State of a grasp that opens and closes; None for a permanently closed one.
     """
 
     context: SectionContext
@@ -457,17 +459,16 @@ class GraspContext:
 
 @dataclass(frozen=True, kw_only=True)
 class ReferenceContext(SectionContext):
-    """A tip and the target as the tip's references see them; everything in world axes.
+    """View of a tip and the target for the tip's references; everything in world axes.
 
     Attributes:
-        plant: Mechanics now.
+        plant: Mechanics at the present state.
         tip: Frame of the tip.
         links: Frames of the target's links, by name.
-        target: Joints of the target, its root first; none where its base is fixed.
-        shown: Map from a signal's name and value (3x1) to the sensor's reading; None without sensors.
-        held: From a signal's name, what its sensor shows of something now (n x 1), and the origin from which
-            it measures that (n x 1, zero if None) to what is known of it: the same, or what was shown when
-            the sensor measured last.
+        target: Joints of the target, root first; empty if its base is fixed.
+        shown: Function from a signal's name and value (3x1) to the sensor's reading; None without sensors.
+        held: Function from a signal's name, its present reading (n x 1) and the origin of the measurement (n
+            x 1, zero if None) to the value in use: the reading, or the reading at the sensor's last sample.
         estimates: Estimates of the robot's filters, by signal; see :class:`Contribution`.
     """
 
@@ -491,13 +492,13 @@ class ContactSurface:
 
 @dataclass(frozen=True)
 class ContactContext:
-    """Shapes of two bodies that may touch; everything in world axes.
+    """View of a contact: shapes of two bodies that may touch; everything in world axes.
 
     Attributes:
         context: Time and the numbers of the contact's section.
-        plant: Mechanics now.
+        plant: Mechanics at the present state.
         name: Name of the contact.
-        pairs: Every first shape with every second one.
+        pairs: Pairs of each first shape with each second one.
     """
 
     context: SectionContext
@@ -515,14 +516,18 @@ class ContactContext:
         return proximity(first.shape, second.shape, crown)
 
     def approach_speed(self, first: ContactSurface, second: ContactSurface) -> ca.SX:
-        """Upper bound of the rate of the gap of two shapes (1x1) [m/s], wherever they are nearest.
+        """Upper bound of the rate of the gap between two shapes (1x1) [m/s], wherever they are nearest.
 
         Args:
             first, second: Surfaces of the two bodies.
         """
         moving = [
-            MovingShape(one.shape, self.velocity(one, one.shape.position), self.plant.velocity(one.frame)[1])
-            for one in (first, second)
+            MovingShape(
+                surface.shape,
+                self.velocity(surface, surface.shape.position),
+                self.plant.velocity(surface.frame)[1],
+            )
+            for surface in (first, second)
         ]
         return approach_speed(moving, self.context.number("crown"))
 

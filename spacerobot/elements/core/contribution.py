@@ -17,14 +17,14 @@ Item = TypeVar("Item", "State", "CommandedTorque", "PowerTerm", "Output", Wrench
 
 @dataclass(frozen=True)
 class State:
-    """A state with where it begins and how it changes.
+    """State with its initial value and derivative.
 
     Attributes:
         name: Path of the state, ``rpr1/tip/pid.integral``.
         symbol: Symbols of the state (n x 1).
-        initial: Initial value, an expression of (t, q, v, c); other states in it count as zero (n x 1).
+        initial: Initial value (n x 1), an expression of (t, q, v, c); other states in it count as zero.
         derivative: Time derivative, an expression of (t, x, c) (n x 1).
-        remembers: Whether events alone change it; other states may then count on it where they begin.
+        remembers: Whether only events change it; initial values of other states may then depend on it.
     """
 
     name: str
@@ -70,14 +70,13 @@ class ActuatorDrive:
     """Response of an actuator to commanded generalized forces.
 
     Attributes:
-        columns: Places in v that it takes over: those of joints, or of a base. What is delivered to a base
-            comes from outside the scene; a wheel delivers nothing there, its wrench stands in ``answer``.
-        deliver: Function from the commands at these places to the loads delivered there (n x 1 each) [N m or
-            N].
-        answer: From what is asked for to what else it brings: states, wrenches, what it stores, powers,
-            outputs.
-        passes_on: Those of its places at which what ``deliver`` gives is not delivered but left for the next
-            actuator; what the last of these leaves acts nowhere.
+        columns: Indices in v on which it acts: joints or a base. Loads delivered to a base come from outside
+            the scene; a wheel delivers none, its wrench is in ``answer``.
+        deliver: Function from commands at these indices to delivered loads (n x 1 each) [N m or N].
+        answer: Function from the command to its further contributions: states, wrenches, stored momentum,
+            powers, outputs.
+        passes_on: Indices at which the result of ``deliver`` is not delivered but passed to the next
+            actuator; the remainder of the last actuator acts nowhere.
     """
 
     columns: tuple[int, ...]
@@ -91,7 +90,7 @@ class StoredMomentum:
     """Momentum and kinetic energy of an element in addition to those of the links, such as a wheel's.
 
     Attributes:
-        body: Name of the body that it is mounted on, ``rpr1``.
+        body: Name of the body that carries it, ``rpr1``.
         angular: Angular momentum (3x1), world axes [N m s].
         energy: Kinetic energy (1x1) [J].
     """
@@ -103,11 +102,11 @@ class StoredMomentum:
 
 @dataclass(frozen=True)
 class MotorSide:
-    """Motion of a joint's motor as an encoder there shows it, divided by the gear ratio.
+    """Motion of a joint's motor as seen by an encoder on it, divided by the gear ratio.
 
     Attributes:
-        column: Place of the joint in v.
-        ahead: Lead of the motor's position over the joint's (1x1) [rad or m].
+        column: Index of the joint in v.
+        ahead: Motor position minus joint position (1x1) [rad or m].
         rate: Rate of the motor (1x1) [rad/s or m/s].
     """
 
@@ -118,16 +117,16 @@ class MotorSide:
 
 @dataclass(frozen=True)
 class ControlChannel:
-    """A law that may depend on the acceleration it causes: ``u = command - derivative_gain (C v' + drift)``.
+    """Control law that may depend on its own acceleration: ``u = command - derivative_gain (C v' + drift)``.
 
     Attributes:
-        robot: Name of the robot whose actuators exert it.
-        actuation: u to generalized forces (nv x n): transposed rows of the manipulator Jacobian.
+        robot: Name of the robot whose actuators exert u.
+        actuation: Map from u to generalized forces (nv x n): transposed rows of the manipulator Jacobian.
         drive: ``actuation``, reduced (nv x n).
-        sense: Loads along which v' is C v', reduced (nv x n).
+        sense: Reduced loads along which v' is C v' (nv x n).
         command: u without the part that depends on v' (n x 1).
-        derivative_gain: K_d; none where u does not depend on v' (n x 1 or None).
-        moves_tip: Whether it moves a tip, whose motion the null space of the robot's joints leaves alone.
+        derivative_gain: K_d (n x 1); None if u does not depend on v'.
+        moves_tip: Whether it moves a tip, whose motion the robot's null space must not change.
     """
 
     robot: str
@@ -146,18 +145,18 @@ class ControlChannel:
 
 @dataclass(frozen=True)
 class SampledLaw:
-    """Channels with a derivative that are evaluated at instants, and held between them.
+    """Channels with a derivative, evaluated at sample instants and held between them.
 
-    At an instant their outputs are solved for as those of a continuous law are, with all other torques as
-    they are asked for then.
+    At an instant their outputs are solved for like those of a continuous law, with all other torques as
+    commanded at that instant.
 
     Attributes:
         event: Name of the event that evaluates them.
         channels: Channels of the continuous law.
-        output: Symbols (n x 1) that stand for their outputs in the event's updates, one after the other.
-        held: Generalized forces (nv x 1) that their controller holds, which the new ones replace.
-        group: Laws of one group are evaluated at the same instants.
-        first: Place of the first of its outputs among those of all channels.
+        output: Symbols (n x 1) of their outputs, stacked, in the event's updates.
+        held: Generalized forces (nv x 1) that their controller holds and that the new ones replace.
+        group: Label of laws that are evaluated at the same instants.
+        first: Index of the first of its outputs among those of all channels.
     """
 
     event: str
@@ -172,17 +171,20 @@ class SampledLaw:
         return outputs[self.first : self.first + self.output.size1()]
 
     def others(self, drives: Iterable[ActuatorDrive]) -> list[ActuatorDrive]:
-        """Actuators of other places: what the channels ask for counts as delivered, as in continuous time."""
+        """Actuators that act elsewhere.
+
+        The channels' own commands count as delivered, as in continuous time.
+        """
         rows = {row for channel in self.channels for row in channel.actuation.sparsity().row()}
         return [drive for drive in drives if rows.isdisjoint(drive.columns)]
 
 
 def jointly(laws: Sequence[SampledLaw]) -> tuple[SampledLaw, ...]:
-    """Laws of which those of one group are solved for together, each for its own outputs.
+    """Sampled laws in which those of one group are solved together, each for its own outputs.
 
-    One after the other they would each take the others' last outputs for constant: an iteration by one block
-    a period, which hardly contracts where two laws act on the same light joints (position and orientation of
-    one tip: by 0.9 a period).
+    Solved one after the other, each would treat the others' last outputs as constant. That is a block
+    iteration with one step per period, which hardly contracts if two laws act on the same light joints
+    (factor 0.9 per period for position and orientation of one tip).
     """
     groups = []
     for law in laws:
@@ -201,12 +203,12 @@ def jointly(laws: Sequence[SampledLaw]) -> tuple[SampledLaw, ...]:
 
 @dataclass(frozen=True)
 class PowerTerm:
-    """A power of the energy balance.
+    """Power in the energy balance.
 
     Attributes:
-        name: Label in the energy ledger; powers of one label are added up.
+        name: Label in the energy ledger; powers with the same label are added up.
         value: Power (1x1) [W].
-        sign: ``in`` for what is put in, ``out`` for what is taken.
+        sign: ``in`` for power put into the system, ``out`` for power taken from it.
     """
 
     name: str
@@ -216,17 +218,17 @@ class PowerTerm:
 
 @dataclass(frozen=True)
 class Output:
-    """Something that can be observed, declared by the element that makes it.
+    """Observable of an element.
 
     Attributes:
-        name: Variable of the result; outputs of one name are put together over their labels, those of one
-            name and label added up.
+        name: Variable of the result. Outputs with the same name are stacked over their labels; those with the
+            same name and label are added.
         value: Vector in world axes (3x1), or number (1x1).
         unit: SI unit, ``1`` for a pure number.
         text: Description for axes, tables and the documentation.
-        dimension, label: What it is of: ``tip``, ``body``, ``grasp`` or ``contact``, and which one; ``joint``
-            for a number of each joint (n x 1); none for the whole scene. Any other word is a dimension of its
-            own, along which the labels stand in the order of their outputs.
+        dimension, label: Dimension (``tip``, ``body``, ``grasp`` or ``contact``) and label along it;
+            ``joint`` for one number per joint (n x 1); empty for the whole scene. Any other word is a
+            dimension of its own, with labels in the order of the outputs.
         plotted: Whether pages plot it over time.
     """
 
@@ -241,25 +243,22 @@ class Output:
 
 @dataclass(frozen=True)
 class AccelerationConstraint:
-    """Accelerations that vanish, ``G v' + drift = 0``, and the wrenches that see to it.
+    """Constraint on accelerations, ``G v' + drift = 0``, with the wrenches that enforce it.
 
     Attributes:
-        directions: Unit force and torque on the tip, opposite on the target at the same point (pairs of 3x1),
-            of exact rank: two or three, and one or three more for a weld.
-        sense: The same loads, reduced, along which v' is the relative acceleration, drift left out (nv x n).
+        directions: Unit force and torque on the tip (pairs of 3x1), opposite on the target at the same point.
+            They have full rank: two or three, and one or three more for a weld.
+        sense: The same loads, reduced, along which v' is the relative acceleration without drift (nv x n).
         drift: Remaining acceleration and stabilisation (n x 1).
-        slip: The relative velocity itself (n x 1).
-        answer: Function of the reaction's force and torque on the target (3x1 each); returns powers and
-            outputs.
-        active: Switch (1x1) that is 1 while it holds; None if it always does.
-        struck: From an impulse's force and torque on the target (3x1 each) [N s, N m s] to new values of
-            states by name; None if nothing remembers it.
-        compliance: C (n x 1) where the reactions w also move what has no place in v, ``G v' + drift + C w =
-            0``: inverse inertia of that; None if there is nothing.
-        imposed: Relative velocity (n x 1) that it drives, ``G v = imposed`` where it does not slip; None for
-            none.
-        known: Of a joint that is held: switch (1x1) that is 1 while controllers know that it is; None for
-            others.
+        slip: Relative velocity (n x 1).
+        answer: Function from the reaction's force and torque on the target (3x1 each) to powers and outputs.
+        active: Switch (1x1) that is 1 while the constraint holds; None if it always does.
+        struck: Function from an impulse's force and torque on the target (3x1 each) [N s, N m s] to new
+            values of states by name; None if no state stores it.
+        compliance: C (n x 1), if the reactions w also accelerate something outside v: ``G v' + drift + C w =
+            0``, with its inverse inertia C. None otherwise.
+        imposed: Relative velocity (n x 1) that it enforces: ``G v = imposed`` without slip; None for zero.
+        known: For a held joint, switch (1x1) that is 1 while controllers know about it; else None.
     """
 
     directions: tuple[tuple[ca.SX, ca.SX], ...]
@@ -279,7 +278,7 @@ class AccelerationConstraint:
         return len(self.directions)
 
     def on_target(self, along: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Force and torque on the target (3x1 each), of what acts on the tip along the directions (n x 1)."""
+        """Force and torque on the target (3x1 each) for loads along the directions on the tip (n x 1)."""
         force, torque = ca.SX(3, 1), ca.SX(3, 1)
         for k, (line, axis) in enumerate(self.directions):
             force, torque = force - line * along[k], torque - axis * along[k]
@@ -315,26 +314,26 @@ class Contribution:
 
     Attributes:
         states: States of the element.
-        torques: That actuators are asked for.
-        wrenches: On bodies, in opposite pairs or against what is stored: they change no momentum of the
-            whole.
+        torques: Torques commanded to actuators.
+        wrenches: Internal wrenches on bodies, in opposite pairs or against stored momentum: they conserve
+            total momentum.
         outside: Wrenches from outside the scene; momentum is then not conserved.
-        channels: Laws that may depend on the acceleration.
-        sampled: Such laws that are evaluated at instants.
+        channels: Control laws that may depend on the acceleration.
+        sampled: Such laws that are evaluated at sample instants.
         drives: Drives of actuators, in the order in which they act.
-        stored: Momenta and kinetic energies beside those of the links.
-        wheels: Angular momenta (3x1) of sets of wheels about their axes, world axes, for what unloads them.
+        stored: Momenta and kinetic energies in addition to those of the links.
+        wheels: Angular momenta (3x1) of sets of wheels about their axes, world axes, for unloading.
         motors: Motors of joints with a transmission, for encoders on the motors.
         constraints: Acceleration constraints of rigid connections.
-        energy: Stored in springs (1x1) [J], none if it stores nothing.
-        powers, outputs: Booked in the ledger, and observed.
+        energy: Energy stored in springs (1x1) [J]; None if zero.
+        powers, outputs: Terms of the energy ledger, and observables.
         events: Events at which the element's law changes.
-        estimates: Signals that the controllers of its robot read of it instead of a sensor, each with a
-            function from the true value to the estimated one; of ``target_position`` and ``target_velocity``
-            from the true place of a point of the target (3x1), world axes.
-        innovations: Innovations of a filter, for each signal whose samples it uses.
-        fine: Switches (1x1), each with the longest step [s] while it is 1, infinite for that of the rollout,
-            and over how many of these steps grow at the beginning of that time and shrink at its end.
+        estimates: Signals that the robot's controllers read from it instead of a sensor, each with a function
+            from the true value to the estimate. For ``target_position`` and ``target_velocity`` the argument
+            is the true position of a point of the target (3x1), world axes.
+        innovations: Innovations of a filter, for each signal that it uses.
+        fine: Switches (1x1), each with the longest step [s] while it is 1 (infinite for that of the rollout),
+            and the number of such steps over which steps grow at first and shrink at last.
     """
 
     states: tuple[State, ...] = ()
@@ -370,9 +369,9 @@ def concatenate(parts: Iterable[Contribution]) -> Contribution:
 
 
 def gated(contribution: Contribution, switch: ca.SX, outputs: Collection[str] = ()) -> Contribution:
-    """Contribution that acts while a switch is 1; else its states are constant and it stores nothing.
+    """Contribution that acts while a switch is 1; otherwise its states are constant and it stores no energy.
 
-    ``outputs`` are the names of those that are then zero.
+    ``outputs`` are the names of outputs that are zero while the switch is 0.
     """
 
     def commanded(channel: ControlChannel) -> ControlChannel:
@@ -393,7 +392,9 @@ def gated(contribution: Contribution, switch: ca.SX, outputs: Collection[str] = 
             scaled(wrench, force=wrench.force, torque=wrench.torque) for wrench in contribution.outside
         ),
         channels=tuple(commanded(channel) for channel in contribution.channels),
-        constraints=tuple(dataclasses.replace(held, active=switch) for held in contribution.constraints),
+        constraints=tuple(
+            dataclasses.replace(constraint, active=switch) for constraint in contribution.constraints
+        ),
         energy=None if contribution.energy is None else contribution.energy * switch,
         powers=tuple(scaled(power, value=power.value) for power in contribution.powers),
         outputs=tuple(

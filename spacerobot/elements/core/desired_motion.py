@@ -35,8 +35,7 @@ class InitialMotion:
     Attributes:
         rotation: Frame axes to world axes (3x3).
         origin: Origin of the frame (3x1) [m].
-        twist: Gives its velocity and its spin (3x1 each) [m/s, rad/s]; they are kept only where they are
-            asked for.
+        twist: Function that returns its velocity and spin (3x1 each) [m/s, rad/s]; stored only if called.
         keep: Function from a name and an expression of the state to its value at that instant, of the same
             shape.
     """
@@ -67,7 +66,7 @@ class TimeProfile:
 
 
 STILL = TimeProfile(ca.SX(3, 1), ca.SX(3, 1), ca.SX(3, 1))
-"""A vector that stays zero."""
+"""Profile of a vector that stays zero."""
 
 
 def cubic_blend(context: SectionContext, key: str = "duration") -> TimeProfile:
@@ -95,11 +94,11 @@ def smooth_blend(
     Args:
         context: Time.
         keys: Names of the two instants; none for the beginning of the law.
-        begin, duration: Made of the section's numbers (1x1 each) [s].
+        begin, duration: Start time and duration, expressions of the section's numbers (1x1 each) [s].
     """
-    began = ca.SX(1) if keys[0] is None else context.time >= context.jump(keys[0], begin)
-    moving = ca.logic_and(began, context.time < context.jump(keys[1], begin + duration))
-    s = ca.if_else(moving, (context.time - begin) / duration, ca.if_else(began, 1, 0))
+    is_started = ca.SX(1) if keys[0] is None else context.time >= context.jump(keys[0], begin)
+    moving = ca.logic_and(is_started, context.time < context.jump(keys[1], begin + duration))
+    s = ca.if_else(moving, (context.time - begin) / duration, ca.if_else(is_started, 1, 0))
     return TimeProfile(
         value=s**3 * (10 - 15 * s + 6 * s * s),
         rate=30 * (s * (1 - s)) ** 2 / duration,

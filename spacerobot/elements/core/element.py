@@ -11,18 +11,18 @@ from spacerobot.section import Section
 
 
 class Element(Section):
-    """A part of a closed loop, or of a plan: its section of the scenario, and the law that it contributes.
+    """Part of a closed loop or of a plan: its section of the scenario, and the law that it contributes.
 
-    A kind is one subclass: its fields are the section's keys with units and ranges, ``kind`` is its name in
-    a scenario, and ``build`` gives its law as CasADi expressions. Everything else (schema, messages, tuning,
-    gradients, results, documentation) follows from that.
+    A kind is a subclass: its fields are the section's keys with units and ranges, ``kind`` is its name in a
+    scenario, and ``build`` returns its law as CasADi expressions. Schema, messages, tuning, gradients,
+    results and documentation are derived from these.
 
     Attributes:
-        family: Which elements it stands beside: ``reference``, ``grasp``, ``contact``, ``tip_controller``,
+        family: Family of elements: ``reference``, ``grasp``, ``contact``, ``tip_controller``,
             ``robot_controller``, ``actuator``, ``sensor``, ``estimator``, ``environment``, ``flexible_link``
-            or ``shape``; of a plan, ``goal`` or ``plan_limit``.
-        fills: Key of the section that what stands in its ``file`` fills in, if it has one.
-        told_by: Key that tells the kind in a section that does not name it, if its family is told apart so.
+            or ``shape``; for plans, ``goal`` or ``plan_limit``.
+        fills: Key of the section that the content of its ``file`` fills in, if it has one.
+        told_by: Key that identifies the kind in a section without ``kind``, if the family uses one.
     """
 
     family: ClassVar[str]
@@ -42,12 +42,12 @@ class Element(Section):
             phase: Phase whose values are read, if any.
 
         Raises:
-            ScenarioError: If it is not such a file, or has nothing for that section.
+            ScenarioError: If the file has another format, or no values for that section.
         """
         raise NotImplementedError
 
     def assumptions(self) -> list[str]:
-        """Assumptions where it acts, a sentence each."""
+        """Assumptions of its law, one sentence each."""
         return []
 
     def warnings(self) -> list[str]:

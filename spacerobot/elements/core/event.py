@@ -1,4 +1,4 @@
-"""Events: instants, found by their guards, at which switches turn and states take other values."""
+"""Events: instants, located by guards, at which switches and states take new values."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ class Event:
 
     Attributes:
         name: Name of the event, ``left.captured``.
-        kind, who: What happened, for people: ``captured``, and to what: ``left``.
-        guard: Fires where it is above zero while armed; an expression of (t, x, c) (1x1).
-        armed: Whether it may fire: 1 or 0, an expression of switches alone (1x1).
+        kind, who: Kind of event (``captured``) and the part to which it happens (``left``), for messages.
+        guard: Expression of (t, x, c) (1x1); the event fires where it is above zero while armed.
+        armed: Whether it may fire: 1 or 0, an expression of switches only (1x1).
         sets: New values of switches, by the names of their symbols.
-        updates: New values of states by name, expressions of (t, x, c): x as before the event, switches in c
-            as afterwards (n x 1).
-        impact: Whether velocities jump so that no rigid connection that is active afterwards slips: a plastic
-            impact.
-        loss: Energy [J] that the event takes beside an impact's, an expression as in ``updates`` (1x1), or
-            None.
-        ends: Whether the rollout is over.
-        kink: Whether it only marks where a law is not smooth, so that an integrator may step over it.
-        speed: Where the guard is minus a gap between two bodies: an upper bound (1x1) [m/s] of the gap's
-            rate, whatever their surfaces are like where they are nearest; else None. Integrators then miss no
-            contact between two evaluations of the gap.
-        clock: Whether its guard is time less an instant that events alone change, as that of
+        updates: New values of states by name (n x 1), expressions of (t, x, c): x before the event, switches
+            in c after it.
+        impact: Whether velocities jump by a plastic impact, so that no rigid connection that is active
+            afterwards slips.
+        loss: Energy [J] that the event dissipates in addition to the impact, an expression as in ``updates``
+            (1x1), or None.
+        ends: Whether it ends the rollout.
+        kink: Whether it only marks a point where a law is not smooth, so that an integrator may step over it.
+        speed: If the guard is minus a gap between two bodies: upper bound (1x1) [m/s] of the gap's rate for
+            any position of the nearest points; else None. Integrators then miss no contact between two
+            evaluations of the gap.
+        clock: Whether its guard is time minus an instant that only events change, as in
             :class:`~spacerobot.elements.core.clock.Clock`: steps then end there without root finding.
-        silent: Whether it is not recorded; for a clock that turns no switch.
-        routine: Whether it recurs by design, as pulses and samples do: batches do not record it.
-        quantised: Whether its updates, or the instants that they set, have steps in what they depend on.
-        onboard: Whether software on board does it, although an actuator brings it: tests of residuals, and
-            decisions on pulses.
+        silent: Whether it is not recorded; for a clock that changes no switch.
+        routine: Whether it recurs by design, such as pulses and samples: batches do not record it.
+        quantised: Whether its updates, or the instants that they set, are step functions of their arguments.
+        onboard: Whether onboard software performs it although an actuator declares it: residual tests and
+            pulse decisions.
     """
 
     name: str
@@ -60,7 +60,7 @@ class Event:
 
 
 def both(*conditions: ca.SX) -> ca.SX:
-    """Whether all hold, of switches or other truth values (1x1 each)."""
+    """Whether all conditions hold: switches or other truth values (1x1 each)."""
     conjunction = ca.SX(1)
     for condition in conditions:
         conjunction = ca.logic_and(conjunction, condition)
@@ -68,7 +68,7 @@ def both(*conditions: ca.SX) -> ca.SX:
 
 
 def either(*conditions: ca.SX) -> ca.SX:
-    """Whether any holds (1x1 each)."""
+    """Whether any condition holds (1x1 each)."""
     disjunction = ca.SX(0)
     for condition in conditions:
         disjunction = ca.logic_or(disjunction, condition)
@@ -76,5 +76,5 @@ def either(*conditions: ca.SX) -> ca.SX:
 
 
 def negated(condition: ca.SX) -> ca.SX:
-    """Whether it does not hold (1x1)."""
+    """Whether a condition does not hold (1x1)."""
     return ca.logic_not(condition)

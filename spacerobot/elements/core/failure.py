@@ -1,4 +1,4 @@
-"""Failures: an event at which a switch turns, and stays so."""
+"""Failures: events at which a switch turns on and stays on."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def failing(
     updates: Mapping[str, ca.SX] | None = None,
     impact: bool = False,
 ) -> tuple[ca.SX, Event]:
-    """Switch that the failure of a part turns on, and the event that does so.
+    """Switch that the failure of a part turns on, and the event of the failure.
 
     Args:
         context: Context of the section with the time ``at`` of the failure [s].
@@ -57,7 +57,7 @@ def failing(
             :class:`~spacerobot.elements.core.event.Event`.
     """
     failed = context.switch(switch)
-    turned = {failed.name(): True} | dict(sets or {})
+    switch_values = {failed.name(): True} | dict(sets or {})
     guard = context.time - context.number("at")
     return failed, Event(
         f"{name}.failed",
@@ -65,7 +65,7 @@ def failing(
         name,
         guard,
         negated(failed),
-        turned,
+        switch_values,
         dict(updates or {}),
         impact=impact,
         clock=True,
@@ -81,16 +81,16 @@ def detection(
     sets: Mapping[str, bool] | None = None,
     impact: bool = False,
 ) -> Event:
-    """Event at which a failure is detected; a switch is on from then on.
+    """Event of a detected failure; a switch is on from then on.
 
     Args:
         name, who: Name of the event, and of the part that has failed.
-        excess: Part by which the test exceeds its threshold (1x1), above zero for an alarm.
+        excess: Relative excess of the test over its threshold (1x1), above zero for an alarm.
         switch: The switch (1x1).
         sets, impact: Further effects of the event; see :class:`~spacerobot.elements.core.event.Event`.
     """
-    turned = {switch.name(): True} | dict(sets or {})
-    return Event(name, "detected", who, excess, negated(switch), turned, impact=impact, onboard=True)
+    switch_values = {switch.name(): True} | dict(sets or {})
+    return Event(name, "detected", who, excess, negated(switch), switch_values, impact=impact, onboard=True)
 
 
 def detected_failures(count: ca.SX, robot: str) -> Output:

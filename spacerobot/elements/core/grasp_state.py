@@ -15,10 +15,11 @@ class GraspState:
 
     Attributes:
         closed: Switch (1x1).
-        mated: Tip axes to mating frame's axes where mated (3x3).
-        gap: Vector from mating frame to tip at rest, axes of the mating frame (3x1) [m], while drawn in.
-        turn: Rotation vector (3x1) [rad] from where it is mated to the tip's orientation at rest, in axes of
-            the mating frame; in a planar scene in world axes.
+        mated: Rotation from tip axes to the mating frame's axes at the mated pose (3x3).
+        gap: Vector from the mating frame to the tip's rest position, mating-frame axes (3x1) [m], during
+            draw-in.
+        turn: Rotation vector (3x1) [rad] from the mated to the tip's rest orientation, mating-frame axes;
+            world axes in a planar scene.
     """
 
     closed: ca.SX

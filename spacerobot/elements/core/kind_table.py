@@ -1,4 +1,4 @@
-"""Every kind of element as rows for people."""
+"""Table of all kinds of elements, for documentation and command line."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PLACES = {
     "plan_limit": "`plan.limits.*`; the name is the kind if the section gives none; `plan.keep_out.*`, "
     "`.approach_cones.*`, `.line_of_sight.*`",
 }
-"""Path of each family's sections in a scenario."""
+"""Dotted path of each family's sections in a scenario."""
 
 
 def summary_of(kind: type[Section]) -> str:
@@ -36,7 +36,7 @@ def summary_of(kind: type[Section]) -> str:
 
 
 def fields_of(kind: type[Section]) -> list[tuple[str, str, str]]:
-    """Keys of a kind's section: name, default (``required`` if there is none), description with its unit."""
+    """Keys of a kind's section: name, default (or ``required``), description with unit."""
     rows = []
     for name, field in kind.model_fields.items():
         if name != "kind":

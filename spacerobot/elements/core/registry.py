@@ -1,4 +1,4 @@
-"""Every kind of element by its family: shipped, installed, and added by a user."""
+"""Registry of all kinds of elements by family: shipped, installed, and added by a user."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from spacerobot.files import StrPath
 from spacerobot.registry import Registry, check_methods, registered
 
 GROUP = "spacerobot.elements"
-"""Entry points by which installed packages add kinds: each names a module that registers them."""
+"""Entry-point group of installed plugins: each entry names a module that registers kinds."""
 
 FAMILIES = {
     "reference": "spacerobot.elements.references",
@@ -42,13 +42,13 @@ FAMILIES = {
     "flexible_link": "spacerobot.elements.flexible",
     "shape": "spacerobot.elements.shapes",
 }
-"""Families of a closed loop, and the package whose modules hold the kinds that ship."""
+"""Families of a closed loop, with the package whose modules hold the shipped kinds."""
 
 PLANS = {
     "goal": "spacerobot.elements.goals",
     "plan_limit": "spacerobot.elements.limits",
 }
-"""Families of plans, which are no part of a closed loop."""
+"""Families of plans, which are not part of a closed loop."""
 
 _HOMES = FAMILIES | PLANS
 _KINDS: dict[str, dict[str, type[Element]]] = {family: {} for family in _HOMES}
@@ -59,7 +59,7 @@ Kind = TypeVar("Kind", bound=type[Any])
 
 
 def register(kind: Kind) -> Kind:
-    """Add a kind of element, sampler, tuning method, figure or command; use it as a decorator of the class.
+    """Register a kind of element, sampler, tuning method, figure or command; used as a class decorator.
 
     Raises:
         SpaceRobotError: If the class belongs to no family, has no ``kind`` or documentation, lacks a required
@@ -83,8 +83,8 @@ def register(kind: Kind) -> Kind:
         kind.__module__,
         kind.__qualname__,
     ):
-        held = f"{registered_kind.__module__}.{registered_kind.__qualname__}"
-        raise SpaceRobotError(f"the {family} kind {name!r} is taken by {held}", where=where)
+        holder = f"{registered_kind.__module__}.{registered_kind.__qualname__}"
+        raise SpaceRobotError(f"the {family} kind {name!r} is taken by {holder}", where=where)
     check_methods(kind)
     _KINDS[family][name] = kind
     return kind
@@ -119,7 +119,7 @@ def find_kind(family: str, name: str) -> type[Element] | None:
 
 
 def create(family: str, kind: str, **values: Any) -> Any:
-    """Create a section of a registered kind; keys that are not given have their defaults.
+    """Section of a registered kind; missing keys have their defaults.
 
     Args:
         family: Family of the kind, such as ``reference``.
@@ -127,8 +127,8 @@ def create(family: str, kind: str, **values: Any) -> Any:
         **values: Values of the section, by key.
 
     Raises:
-        pydantic.ValidationError: If a value is not allowed by the kind.
-        KeyError: If there is no such family or kind.
+        pydantic.ValidationError: If the kind does not allow a value.
+        KeyError: If the family or kind is unknown.
     """
     found = find_kind(family, kind)
     if found is None:
@@ -142,10 +142,10 @@ def only_shipped() -> bool:
 
 
 def load_plugin(path: StrPath) -> None:
-    """Run a Python file that registers kinds; one that has been run is run again only if it changed.
+    """Run a Python file that registers kinds; a file that ran before runs again only if it changed.
 
     Raises:
-        SpaceRobotError: If there is no such file, or it fails; the line it fails in is named.
+        SpaceRobotError: If the file does not exist or fails; the message names the failing line.
     """
     path = Path(path)
     if not path.is_file():
@@ -207,12 +207,12 @@ def _shipped_modules(package: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Family:
-    """Annotation of a field: a section of any registered kind of a family, told apart by ``kind``.
+    """Annotation of a field: a section of any registered kind of a family, identified by ``kind``.
 
     Attributes:
         name: Name of the family.
-        default: Kind of a section that names none; it must name one if None.
-        only: The one kind that the field takes, where its key names it; any kind of the family if None.
+        default: Kind of a section without ``kind``; the section must name one if None.
+        only: Only kind that the field accepts, where its key names it; any kind of the family if None.
     """
 
     name: str

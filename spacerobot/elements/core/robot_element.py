@@ -1,4 +1,4 @@
-"""Base of controllers and actuators of a whole robot: they are verified against its properties."""
+"""Base class of controllers and actuators of a whole robot, which are validated against its properties."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ Part = Literal["force", "torque"]
 
 @dataclass(frozen=True)
 class RobotProperties:
-    """A robot in its initial posture, in numbers.
+    """Properties of a robot in its initial posture.
 
     Attributes:
         name: Name of the robot.
-        joints: Names of its free joints: none that mimics another one, none that an actuator owns.
-        limits: Greatest torque of each joint [N m or N] by name; none where neither scenario nor URDF gives
-            one.
-        efforts: The URDF's effort of each joint [N m or N] by name.
-        find_moved: Finds :attr:`moved`, which takes time.
-        begins: Initial position of each joint [rad or m] by name, as far as the scenario gives it.
+        joints: Names of its free joints, without mimic joints and those that actuators own.
+        limits: Maximum torque or force of each joint [N m or N] by name; missing if neither scenario nor URDF
+            states one.
+        efforts: Effort limit in the URDF of each joint [N m or N] by name.
+        find_moved: Function that computes :attr:`moved`, on demand because it takes time.
+        begins: Initial position of each joint [rad or m] by name, if the scenario states it.
         base: Joint between its base and the world: ``planar``, ``free_flyer`` or ``fixed``.
-        spinning: Axis (3,), root link's axes, of each joint by name that turns without end on that link and
-            carries no other joint; also of those that actuators own.
-        owned: Names of the joints that actuators own, as wheels.
-        sensors: Sections of its sensors (:class:`spacerobot.elements.Sensor`) by signal; none where they are
-            ideal.
+        spinning: Axis (3,), root link's axes, by name of each continuous joint on that link that carries no
+            other joint; includes joints that actuators own.
+        owned: Names of the joints that actuators own, such as wheels.
+        sensors: Sections of its sensors (:class:`spacerobot.elements.Sensor`) by signal; ideal sensors are
+            missing.
         tips: Names of its tips.
         target_links: Names of the target's links.
     """
@@ -53,7 +53,7 @@ class RobotProperties:
 
     @functools.cached_property
     def moved(self) -> Array:
-        """Velocities of the controlled directions of its tips by its joints' rates (directions, joints)."""
+        """Jacobian (directions, joints) from the robot's joint rates to the controlled tip directions."""
         return self.find_moved()
 
     @property
@@ -63,11 +63,11 @@ class RobotProperties:
 
 
 class RobotElement(Element):
-    """An element of a whole robot.
+    """Element of a whole robot.
 
     Attributes:
-        base_wrench: Parts of a wrench on the robot's base that a controller asks for, or an actuator takes
-            over.
+        base_wrench: Parts of the wrench on the robot's base that a controller commands or an actuator
+            delivers.
     """
 
     base_wrench: ClassVar[frozenset[Part]] = frozenset()
@@ -83,6 +83,6 @@ class RobotElement(Element):
         return ()
 
     def cautions(self, robot: RobotProperties) -> Iterable[str]:
-        """Cautions for the user where it acts on this robot, a sentence each."""
+        """Warnings about the element on this robot, one sentence each."""
         del robot
         return ()

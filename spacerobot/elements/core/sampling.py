@@ -111,18 +111,18 @@ def periodic(config: Sampling, context: SectionContext, name: str, continuous: C
     for torque in continuous.torques:
         torques_by_space[torque.null_space].append(torque.value)
     torques, events = [], []
-    # whose actuators are asked
+    # commanded generalized forces of the channels
     names = [channel.robot for channel in continuous.channels]
     robot = [*names, *(torque.robot for torque in continuous.torques), ""][0]
     for null_space, parts in torques_by_space.items():
-        asked = sum(parts[1:], parts[0]) if parts else ca.SX(0, 1)
-        rows = sorted(set(asked.sparsity().row()))
+        commanded = sum(parts[1:], parts[0]) if parts else ca.SX(0, 1)
+        rows = sorted(set(commanded.sparsity().row()))
         if not rows:
             continue
         law_name = f"{name}.null_space" if null_space else name
-        held = memory(f"{law_name}.held", ca.SX.zeros(len(rows)))
-        # output (n x 1) after its limits and quantisation, and the states that this takes
-        value = asked[rows]
+        held_forces = memory(f"{law_name}.held", ca.SX.zeros(len(rows)))
+        # output (n x 1) after limits and quantisation, and the states of the limits
+        value = commanded[rows]
         last_values = []
         limit = None if config.limit is None else context.number("limit")
         if limit is not None:
@@ -137,19 +137,20 @@ def periodic(config: Sampling, context: SectionContext, name: str, continuous: C
             value = step * ca.floor(value / step + 0.5)
             if limit is not None:
                 value = ca.fmin(ca.fmax(value, -limit), limit)
-        states += [*last_values, held]
+        states += [*last_values, held_forces]
         updates |= {state.name: value for state in last_values}
         if context.is_zero("delay"):
-            updates[held.name] = value
+            updates[held_forces.name] = value
         else:
-            line = DelayLine.of(law_name, context, clock, held, config.delay / config.period)
+            line = DelayLine.of(law_name, context, clock, held_forces, config.delay / config.period)
             states += line.states
             updates |= line.shifted(value)
             events.append(line.event("acts"))
-        full = ca.SX(asked.size1(), 1)
-        full[rows] = held.symbol
-        torques.append(CommandedTorque(robot, full, null_space))
-    # samples come before what waits, so that a delay of whole periods finds that of the same instant
+        all_forces = ca.SX(commanded.size1(), 1)
+        all_forces[rows] = held_forces.symbol
+        torques.append(CommandedTorque(robot, all_forces, null_space))
+    # samples before delayed outputs, so that a delay of whole periods outputs the sample of the same
+    # instant
     tick = clock.event(
         f"{name}.sampled", "sampled", name, updates, silent=True, quantised=not context.is_zero("resolution")
     )
@@ -163,7 +164,7 @@ def periodic(config: Sampling, context: SectionContext, name: str, continuous: C
         continuous,
         states=(*states, clock.count),
         torques=tuple(torques),
-        # without a command they still tell the null space of other torques which tips to leave alone
+        # channels without a command still define the tips that the null space must leave alone
         channels=tuple(
             replace(channel, command=ca.SX(channel.size, 1), derivative_gain=None)
             for channel in continuous.channels

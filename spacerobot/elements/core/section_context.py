@@ -1,4 +1,4 @@
-"""Time and the numbers of a section, as a law sees them."""
+"""Time and the numbers of a section, for building its law."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from spacerobot.symbolic.noise import DRAW, SEED
 
 @dataclass(frozen=True)
 class StartInstant:
-    """An instant that events decide, from which a law counts its time.
+    """Instant, set by events, from which a law counts its time.
 
     Attributes:
-        owner: Name of the owner of the time.
-        active: Whether the law is followed (1x1).
-        jumps: Events at which it jumps, by the name of the switch that each of them turns on.
-        knots: Events that turn no switch: between two pieces of it.
+        owner: Name of the element that owns this time.
+        active: Whether the law is active (1x1).
+        jumps: Events at which the law jumps, by the name of the switch that each turns on.
+        knots: Events without a switch, between two pieces of the law.
     """
 
     owner: str
@@ -37,11 +37,12 @@ class SectionContext:
 
     Attributes:
         path: Dotted path of the section.
-        time: Time (1x1) [s], since the law began to be followed.
-        parameters, constants: The scenario's numbers, and what is computed of them once for each rollout.
-        phases: Switch (1x1) of each phase, by name; none if there is one phase only.
-        since: Origin of time; None for the start.
-        words: Words that differ from the scenario's in phases, by dotted path, ``phases.NAME.`` ahead of it.
+        time: Time (1x1) [s] since the law became active.
+        parameters, constants: Numbers of the scenario, and values computed from them once per rollout.
+        phases: Switch (1x1) of each phase, by name; empty if there is only one phase.
+        since: Origin of time; None for the start of the simulation.
+        words: Text values that differ from the scenario's in a phase, by dotted path with prefix
+            ``phases.NAME.``.
     """
 
     path: str
@@ -57,7 +58,7 @@ class SectionContext:
         return dataclasses.replace(self, path=path)
 
     def number(self, key: str) -> ca.SX:
-        """A number of the section (1x1), in the section's unit; that of the phase where it differs."""
+        """Number of the section (1x1), in the section's unit, in the present phase."""
         value = self.once(key, self.parameters(f"{self.path}.{key}"))
         for name, active in self.phases.items():
             phase_path = f"phases.{name}.{self.path}.{key}"
@@ -97,20 +98,22 @@ class SectionContext:
         return self.number(key)
 
     def chosen(self, key: str, word: str) -> dict[str, ca.SX]:
-        """Words at a key of the section, each with whether it applies in the present phase (1x1).
+        """Text values at a key of the section, each with whether it applies in the present phase (1x1).
 
         Args:
             key: Key of the section.
-            word: Word of the scenario, the only one where no phase has another.
+            word: Text value of the scenario, the only one if no phase overrides it.
         """
         activity: dict[str, list[ca.SX]] = {}
         for name, active in self.phases.items():
-            here = self.words.get(f"phases.{name}.{self.path}.{key}", word)
-            activity.setdefault(here, []).append(active)
-        return {here: either(*active) for here, active in activity.items()} or {word: ca.SX(1)}
+            word_of_phase = self.words.get(f"phases.{name}.{self.path}.{key}", word)
+            activity.setdefault(word_of_phase, []).append(active)
+        return {word_of_phase: either(*active) for word_of_phase, active in activity.items()} or {
+            word: ca.SX(1)
+        }
 
     def is_zero(self, key: str) -> bool:
-        """Whether a number of the section is exactly zero, always: neither varied nor another in a phase."""
+        """Whether a number of the section is always exactly zero: not varied, not overridden by a phase."""
         path, parameters = f"{self.path}.{key}", self.parameters
         phases = (f"phases.{name}.{path}" in parameters for name in self.phases)
         return parameters.value(path) == 0 and not parameters.varies(path) and not any(phases)
@@ -149,26 +152,28 @@ class SectionContext:
         return self.once(name, self.constants.expanded(expression))
 
     def jump(self, key: str, time: float | ca.SX | None = None) -> ca.SX:
-        """Time (1x1) [s] at which the law jumps, to be compared with time and used for nothing else.
+        """Time (1x1) [s] of a jump of the law, only to be compared with the law's time.
 
-        Steps end there.
+        Integration steps end there.
 
         Args:
             key: Key of the time in the section, or a name if ``time`` is given.
-            time: Time [s] where it is not a number of the section: an expression of the parameters and of the
-                initial state of the law.
+            time: Time [s] if it is not a number of the section: an expression of the parameters and of the
+                law's initial state.
         """
         name = f"{self.path}.{key}"
         at = self.parameters(name) if time is None else ca.SX(time)
         if self.since is None:
             return self.constants.jump(name, self.constants.expanded(at))
-        passed = self.constants.switch(f"{self.since.owner}:{name}.passed")
-        if passed.name() not in self.since.jumps:
-            left = self.time - (at if isinstance(time, ca.SX) else self.constants.hoist(name, at))
-            armed = both(self.since.active, negated(passed))
-            jump = Event(passed.name(), "reference", self.since.owner, left, armed, {passed.name(): True})
-            self.since.jumps[passed.name()] = jump
-        return ca.if_else(passed, -ca.inf, ca.inf)
+        jump_passed = self.constants.switch(f"{self.since.owner}:{name}.passed")
+        if jump_passed.name() not in self.since.jumps:
+            overrun = self.time - (at if isinstance(time, ca.SX) else self.constants.hoist(name, at))
+            armed = both(self.since.active, negated(jump_passed))
+            jump = Event(
+                jump_passed.name(), "reference", self.since.owner, overrun, armed, {jump_passed.name(): True}
+            )
+            self.since.jumps[jump_passed.name()] = jump
+        return ca.if_else(jump_passed, -ca.inf, ca.inf)
 
     def switch(self, name: str, initial: bool = False) -> ca.SX:
         """Switch of the section (1x1): 1 or 0, changed by events only.

@@ -1,4 +1,4 @@
-"""Environments: what acts from outside on everything that moves, wherever the scene is."""
+"""Environments: external influences on all moving bodies of a scene."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class Load:
 
     Attributes:
         joint: Id of the joint.
-        mass, com: [kg] (1x1), and where its centre of mass is [m] (3x1).
+        mass, com: Mass (1x1) [kg], and position of its centre of mass (3x1) [m].
         rotation: Rotation from its own axes to world axes (3x3).
-        inertia: About its centre of mass, its own axes (3x3) [kg m^2].
+        inertia: Inertia about its centre of mass, its own axes (3x3) [kg m^2].
         velocity, spin: Velocity of its centre of mass [m/s], and angular velocity [rad/s] (3x1 each).
     """
 
@@ -40,11 +40,11 @@ class Load:
 
 @dataclass(frozen=True)
 class EnvironmentContext:
-    """A scene as its environments see it; everything in world axes.
+    """View of a scene for its environments; everything in world axes.
 
     Attributes:
         context: Time and the numbers of the environment's section.
-        plant: Mechanics now.
+        plant: Mechanics at the present state.
         roots: Frames of the bodies' root links, by the bodies' names.
     """
 
@@ -71,9 +71,9 @@ class EnvironmentContext:
         return tuple(moving_loads)
 
     def acting(self, load: Load, force: ca.SX, torque: ca.SX) -> tuple[Wrench, PowerTerm]:
-        """Wrench on a load at its centre of mass, and the power that it puts in.
+        """Wrench on a load at its centre of mass, and its power.
 
-        In a planar scene the components out of the plane are left out.
+        In a planar scene the components out of the plane are dropped.
 
         Args:
             load: Load of one joint.
@@ -88,11 +88,11 @@ class EnvironmentContext:
 
 
 class Environment(Element):
-    """Something that acts from outside on all bodies alike; it knows nothing of arms and bases.
+    """External influence on all bodies alike, without knowledge of arms and bases.
 
     Attributes:
-        falls: Whether the world's origin falls freely with it: uniform gravity, or a second one, has then no
-            place.
+        falls: Whether the world's origin is in free fall with it, which excludes uniform gravity and a second
+            such environment.
     """
 
     family: ClassVar[str] = "environment"

@@ -1,4 +1,4 @@
-"""The neighbourhood of a reference orbit, in axes that do not rotate, or in Hill axes."""
+"""Neighbourhood of a reference orbit, in non-rotating axes or in Hill axes."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _ITERATIONS = 7  # exact to rounding up to an eccentricity of 0.999
 
 @dataclass(frozen=True)
 class OrbitState:
-    """The reference orbit at one instant; its plane is x-y of the world.
+    """Reference orbit at one instant; its plane is x-y of the world.
 
     Attributes:
         direction: Radial unit vector of the origin, world axes (3x1).
         radius: Distance of the origin from the planet's centre [m].
-        rate, strength: Rate at which the radial direction turns [rad/s]; mu / r^3 [1/s^2].
+        rate, strength: Rotation rate of the radial direction [rad/s]; mu / r^3 [1/s^2].
         anomaly: True anomaly [rad], between -pi and pi.
     """
 
@@ -99,8 +99,8 @@ class Orbit(Environment):
         return self
 
     def build(self, environment: EnvironmentContext) -> Contribution:
-        """Force and torque on everything that moves, and the bodies' motion in Hill axes."""
-        # the reference orbit now
+        """Contribution: force and torque on all moving bodies, and their motion in Hill axes as outputs."""
+        # present state of the reference orbit
         context = environment.context
         number, path = context.parameters, context.path
         mu, e = number(f"{path}.gravitational_parameter"), number.sparse(f"{path}.eccentricity")
@@ -118,7 +118,7 @@ class Orbit(Environment):
                 line = ca.vertcat(1, ca.SX(2, 1))
             else:
                 line = ca.vertcat(ca.cos(angle), ca.sin(angle), 0)
-            now = OrbitState(line, a, rate, context.once("strength", mu / axis**3), anomaly)
+            orbit = OrbitState(line, a, rate, context.once("strength", mu / axis**3), anomaly)
         else:
             narrow = ca.sqrt((1 - e) * (1 + e))
             swept = ca.atan2(narrow * ca.sin(first), e + ca.cos(first))
@@ -129,25 +129,25 @@ class Orbit(Environment):
             cos, sin = (ca.cos(swept) - e) / near, narrow * ca.sin(swept) / near
             cos0, sin0 = context.once("cos", ca.cos(first)), context.once("sin", ca.sin(first))
             line = ca.vertcat(cos * cos0 + sin * sin0, sin * cos0 - cos * sin0, 0)
-            turning = rate * narrow / near**2
-            now = OrbitState(line, a * near, turning, rate**2 / near**3, ca.atan2(sin, cos))
+            rotation_rate = rate * narrow / near**2
+            orbit = OrbitState(line, a * near, rotation_rate, rate**2 / near**3, ca.atan2(sin, cos))
         pairs = []
         for load in environment.loads:
             # acceleration relative to the origin's at a place (3x1), the vertical there and mu / r^3
             place = load.com
             if self.model == "linear":
-                up = ca.dot(now.direction, place)
-                pull = -now.strength * (place - 3 * up * now.direction)
-                line = now.direction
-                strength = now.strength
+                up = ca.dot(orbit.direction, place)
+                pull = -orbit.strength * (place - 3 * up * orbit.direction)
+                line = orbit.direction
+                strength = orbit.strength
             else:
-                at = now.radius * now.direction
-                s = ca.dot(place, place + 2 * at) / now.radius**2
+                at = orbit.radius * orbit.direction
+                s = ca.dot(place, place + 2 * at) / orbit.radius**2
                 length = ca.sqrt(1 + s)
                 power = (1 + s) * length
-                strength, f = now.strength / power, s * (3 + 3 * s + s**2) / (1 + power)
+                strength, f = orbit.strength / power, s * (3 + 3 * s + s**2) / (1 + power)
                 pull = -strength * (place - f * at)
-                line = (at + place) / (now.radius * length)
+                line = (at + place) / (orbit.radius * length)
             torque = ca.SX(3, 1)
             if self.gravity_gradient:
                 local_line = ca.mtimes(load.rotation.T, line)
@@ -155,7 +155,7 @@ class Orbit(Environment):
                 torque = 3 * strength * ca.mtimes(load.rotation, couple)
             force = load.mass * pull
             if self.axes == "rotating":
-                inertial_force, inertial_torque = frame_rotation_wrench(load, now.axis)
+                inertial_force, inertial_torque = frame_rotation_wrench(load, orbit.axis)
                 force, torque = force + inertial_force, torque + inertial_torque
             pairs.append(environment.acting(load, force, torque))
         return Contribution(
@@ -163,16 +163,20 @@ class Orbit(Environment):
             powers=tuple(power for _, power in pairs),
             outputs=(
                 Output(
-                    "orbit_anomaly", now.anomaly, "rad", "true anomaly of the reference orbit", plotted=False
+                    "orbit_anomaly",
+                    orbit.anomaly,
+                    "rad",
+                    "true anomaly of the reference orbit",
+                    plotted=False,
                 ),
                 Output(
                     "orbit_radius",
-                    now.radius,
+                    orbit.radius,
                     "m",
                     "distance of the world's origin from the planet's centre",
                     plotted=False,
                 ),
-                *_relative(now, environment, self.axes == "rotating"),
+                *_relative(orbit, environment, self.axes == "rotating"),
             ),
         )
 
@@ -228,15 +232,15 @@ def eccentric_anomaly(mean: ca.SX, eccentricity: ca.SX) -> ca.SX:
 
 
 def frame_rotation_wrench(load: Load, axis: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Inertial force and torque on a load where the world's axes rotate at a constant rate.
+    """Inertial force and torque on a load in world axes that rotate at a constant rate.
 
-    With the velocity u of its centre of mass p and its spin w relative to axes that rotate by W, Newton's and
-    Euler's equations of the inertial motion, whose spin is w + W, are those of the relative motion with
+    Let u be the velocity of its centre of mass p and w its spin, relative to axes that rotate with W; its
+    inertial spin is w + W. Newton's and Euler's equations then become those of the relative motion with
 
         F = -m (2 W x u + W x (W x p)),
         T = -(w x I W - I (w x W) + W x I (w + W)),
 
-    the Coriolis and centrifugal force, and what the rotation of the axes adds to the rate of I (w + W).
+    the Coriolis and centrifugal force, and the rate of I (w + W) due to the rotation of the axes.
 
     Args:
         load: Load of one joint.
@@ -249,11 +253,11 @@ def frame_rotation_wrench(load: Load, axis: ca.SX) -> tuple[ca.SX, ca.SX]:
     return force, -ca.mtimes(load.rotation, torque)
 
 
-def _relative(now: OrbitState, environment: EnvironmentContext, rotating: bool) -> Iterator[Output]:
-    """Bodies' root links as seen in Hill axes, which rotate."""
+def _relative(orbit: OrbitState, environment: EnvironmentContext, rotating: bool) -> Iterator[Output]:
+    """Position and velocity of the bodies' root links in Hill axes, which rotate."""
     axes = "radial, along-track, cross-track"
     for name, frame in environment.roots.items():
         place, speed = environment.plant.placement(frame)[1], environment.plant.velocity(frame)[0]
-        hill_velocity = now.hill(speed if rotating else speed - cross(now.axis, place))
-        yield Output("hill_position", now.hill(place), "m", f"position of bodies: {axes}", "body", name)
+        hill_velocity = orbit.hill(speed if rotating else speed - cross(orbit.axis, place))
+        yield Output("hill_position", orbit.hill(place), "m", f"position of bodies: {axes}", "body", name)
         yield Output("hill_velocity", hill_velocity, "m/s", f"velocity of bodies: {axes}", "body", name)

@@ -57,7 +57,7 @@ DEGREE = ca.pi / 180
 class AttitudeFilter(Estimator):
     """Attitude, spin and gyro bias of the base from a gyro and a star tracker (multiplicative Kalman filter).
 
-    It runs at the gyro's samples. Its densities and deviations are those of the sensors, if not given.
+    It runs at the gyro's samples. Noise densities and deviations default to those of the sensors.
     """
 
     kind: Literal["attitude_filter"] = "attitude_filter"
@@ -87,10 +87,14 @@ class AttitudeFilter(Estimator):
     )
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
-        """Measurements that it lacks, or whose times it cannot use."""
-        lacks = [*super().faults(robot)]
-        yield from lacks
-        gyro, tracker = (robot.sensors[signal].errors for signal in self.needs) if not lacks else (None, None)
+        """Errors: missing measurements, or sample times that the filter cannot use."""
+        missing_measurements = [*super().faults(robot)]
+        yield from missing_measurements
+        gyro, tracker = (
+            (robot.sensors[signal].errors for signal in self.needs)
+            if not missing_measurements
+            else (None, None)
+        )
         if gyro is None or tracker is None:
             return
         if gyro.delay:
@@ -199,7 +203,7 @@ class _AttitudeFilterLaw:
         return (4 if self.late else 3) * self.size
 
     def contribution(self) -> Contribution:
-        """States, the event at the gyro's instants, estimates and outputs."""
+        """Contribution: states, event at the gyro's sample instants, estimates and outputs."""
         robot, n = self.robot, self.size
         clock = Clock.of(f"{robot.label}.instants", robot.context.time, robot.errors(GYRO).steady("period"))
         first = clock.count.symbol < 0.5
@@ -243,8 +247,8 @@ class _AttitudeFilterLaw:
             after = ca.if_else(new, ca.mtimes(again, ca.mtimes(after, again.T)), after)
             updates += [(self.copy, ca.if_else(new, numbers, self.copy.symbol)), (self.copied, sample_count)]
         updates.append((self.covariance, triangle(after)))
-        named = {state.name: ca.densify(value) for state, value in updates}
-        tick = clock.event(f"{robot.label}.estimated", "estimated", robot.label, named, silent=True)
+        updates_by_name = {state.name: ca.densify(value) for state, value in updates}
+        tick = clock.event(f"{robot.label}.estimated", "estimated", robot.label, updates_by_name, silent=True)
         estimate, spin = attitude_of(self.attitude.symbol), ca.SX(3, 1)
         spin[axes] = self.spin.symbol
         error = ca.mtimes(estimate, self.true.T)
@@ -268,7 +272,7 @@ class _AttitudeFilterLaw:
         )
 
     def _outputs(self, estimate: ca.SX) -> Iterable[Output]:
-        """Errors, standard deviations, and how the ones agree with the others."""
+        """Errors, standard deviations and normalised squared errors (consistency) of the estimate."""
         n, name = self.size, self.robot.robot
         error = rotation_log(ca.mtimes(self.true, estimate.T))[list(self.axes)]
         true = ca.SX.zeros(n) if self.gyro.bias is None else self.gyro.bias

@@ -1,4 +1,4 @@
-"""Estimators: filters that make one estimate of several measurements, at instants."""
+"""Estimators: filters that combine several measurements into estimates at sample instants."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from spacerobot.registry import required
 from spacerobot.symbolic import Plant
 
 HELD_INERTIA = "held_inertia"
-"""Estimated signal: ten inertial parameters of what a tip holds, axes of the tip; zero if nothing."""
+"""Estimated signal: ten inertial parameters of the held object, tip axes; zero without one."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class EstimatorContext(Protocol):
 
     @property
     def target(self) -> TargetModel | None:
-        """Target as a rigid body; None if there is none."""
+        """Rigid-body model of the target; None if there is no target."""
 
     @property
     def attitude(self) -> ca.SX:
@@ -90,20 +90,20 @@ class EstimatorContext(Protocol):
         carrier: ca.SX | None = None,
         away: tuple[ca.SX, ca.SX] | None = None,
     ) -> Measurement:
-        """Samples with their times, for this estimator alone.
+        """Samples with their times, for this estimator only.
 
         Args:
             signal: Name of the signal.
             value: Vector (3x1), or attitude (3x3), whose errors are small rotations about world axes.
-            axes: Components that are measured.
-            carrier: Axes of the link that carries the sensor, in those of the signal (3x3); None if it
-                measures in its own axes.
-            away: Place (3x1) [m] from which a vector is seen and which is added to it, and distance (1x1)
+            axes: Measured components.
+            carrier: Axes of the link that carries the sensor, in those of the signal (3x3); None if the
+                sensor measures in its own axes.
+            away: Position (3x1) [m] from which the vector is seen, which is added to it, and distance (1x1)
                 [m].
         """
 
     def positions(self, driven: ca.SX) -> Mapping[int, ca.SX]:
-        """Positions of all joints by id, from those of the driven joints (n x 1) [rad or m]."""
+        """Positions of all joints by id, from the driven joints' positions (n x 1) [rad or m]."""
 
     def read(self, signal: str, value: ca.SX) -> ca.SX:
         """Signal as controllers read it now (n x 1), with the estimates of the estimators listed earlier.
@@ -140,10 +140,10 @@ class EstimatorContext(Protocol):
 
 
 class Estimator(RobotElement):
-    """An estimator of signals that the controllers of a robot read.
+    """Estimator of signals that the robot's controllers read.
 
     Attributes:
-        needs: Signals that it must have measurements of, whose sensors have ``errors``.
+        needs: Signals that must be measured by sensors with ``errors``.
         makes: Signals that it estimates.
     """
 

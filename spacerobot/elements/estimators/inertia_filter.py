@@ -71,7 +71,7 @@ OTHERS = ("base_position", "base_orientation", "joint_position")
 class InertiaFilter(Estimator):
     """Mass, centre of mass and inertia of a held object by recursive least squares on momentum.
 
-    It runs while the tip holds the object, from sensors of the base and the joints or from filters above it.
+    It runs while the tip holds the object, on sensors of base and joints or on filters listed before it.
     """
 
     kind: Literal["inertia_filter"] = "inertia_filter"
@@ -203,7 +203,7 @@ class _InertiaFilterLaw:
         self.vector = memory(f"{self.label}.vector", ca.SX.zeros(size))
 
     def _whole(self) -> ca.SX:
-        """The estimate (10x1); what a plane's motion does not depend on is as assumed."""
+        """Estimate (10x1); parameters that do not affect planar motion keep their assumed values."""
         parameters = ca.SX(self.assumed)
         parameters[self.columns] = self.mean.symbol
         return parameters
@@ -228,7 +228,7 @@ class _InertiaFilterLaw:
         return slope(values)
 
     def _by_name(self, mass: ca.SX, centre: ca.SX, inertia: ca.SX) -> ca.SX:
-        """One number for each named parameter."""
+        """Vector with ``mass``, ``centre`` and ``inertia`` repeated for each parameter of that type."""
         centres, inertias = (2, 1) if self.planar else (3, 6)
         return ca.vertcat(mass, ca.repmat(centre, centres, 1), ca.repmat(inertia, inertias, 1))
 
@@ -240,15 +240,15 @@ class _InertiaFilterLaw:
         return errors.number("noise") ** 2 / errors.steady("period") + errors.number("resolution") ** 2 / 12
 
     def _added(self) -> tuple[ca.SX, ca.SX]:
-        """Information that an instant adds: triangle of the matrix, and vector."""
+        """Information of one sample: triangle of the matrix, and vector."""
         robot, plant = self.robot, self.robot.plant
         # measured q with the true base (nq x 1), v (nv x 1), and from momentum about the world's origin
         model, read = plant.model, robot.read
         rotation, origin = plant.placement(robot.base_frame)
         start = robot.context.once("attitude", robot.attitude)
-        turned = read("base_orientation", plant.orientation_error(rotation, start))
-        # true base axes of vectors that are measured in the world's
-        turn = ca.mtimes(rotation, ca.mtimes(rotation_exp(turned), start).T)
+        rotation_vector = read("base_orientation", plant.orientation_error(rotation, start))
+        # from world axes to the estimated base axes, expressed in true base axes
+        turn = ca.mtimes(rotation, ca.mtimes(rotation_exp(rotation_vector), start).T)
         place = read("base_position", origin)
         velocity, spin = plant.velocity(robot.base_frame)
         twist = ca.vertcat(
@@ -282,7 +282,7 @@ class _InertiaFilterLaw:
         wheels = ca.mtimes(onto.T, ca.vertcat(ca.SX(3, 1), robot.stored_momentum()))
         rows = ca.horzcat(regressor, -total)
         pushed = ca.mtimes(total, robot.base_impulse()[self.axes])
-        left = pushed - ca.mtimes(inertia, v) - wheels - ca.mtimes(regressor, self.start)
+        right_side = pushed - ca.mtimes(inertia, v) - wheels - ca.mtimes(regressor, self.start)
         momentum_map = inertia + ca.mtimes(back, ca.mtimes(spatial_inertia(self._whole()), jacobian))
         momentum_map = ca.mtimes(momentum_map, plant.spread) if plant.ties.size2() else momentum_map
         variances = ca.SX(count, 1)
@@ -293,18 +293,18 @@ class _InertiaFilterLaw:
         factors = SymmetricFactors(
             ca.densify(ca.mtimes(momentum_map, ca.mtimes(ca.diag(variances), momentum_map.T)))
         )
-        white = factors.reduced(ca.horzcat(rows, left))
+        white = factors.reduced(ca.horzcat(rows, right_side))
         weighted = ca.mtimes(ca.diag(-factors.negated_pivots), white)
         added = ca.mtimes(white[:, :-1].T, weighted)  # the last column is the vector
         # noise of the rows is correlated with that of the residual; its expectation, by parameter
         shared = ca.mtimes(back.T, factors.solve(ca.mtimes(momentum_map, ca.diag(variances))))
         shared = ca.mtimes(shared, jacobian.T)
-        one = ca.SX.eye(SIZE)
-        bias = [ca.sum1(ca.sum2(spatial_inertia(one[:, i]) * shared)) for i in self.columns]
+        identity = ca.SX.eye(SIZE)
+        bias = [ca.sum1(ca.sum2(spatial_inertia(identity[:, i]) * shared)) for i in self.columns]
         return triangle(added[:, :-1]), added[:, -1] + ca.vertcat(*bias, ca.SX(len(self.base), 1))
 
     def contribution(self) -> Contribution:
-        """States, the event at its instants, the estimate and outputs."""
+        """Contribution: states, event at the sample instants, estimate and outputs."""
         robot = self.robot
         for signal in (*NOISY.values(), *OTHERS):
             delay = robot.delay_s(signal)
@@ -335,8 +335,8 @@ class _InertiaFilterLaw:
             (self.information, ca.if_else(closed, information, 0)),
             (self.vector, ca.if_else(closed, vector, 0)),
         ]
-        named = {state.name: ca.densify(value) for state, value in updates}
-        tick = clock.event(f"{self.label}.estimated", "estimated", self.label, named, silent=True)
+        updates_by_name = {state.name: ca.densify(value) for state, value in updates}
+        tick = clock.event(f"{self.label}.estimated", "estimated", self.label, updates_by_name, silent=True)
         estimate = self._whole()
         return Contribution(
             states=(*(state for state, _ in updates), clock.count),
@@ -346,7 +346,7 @@ class _InertiaFilterLaw:
         )
 
     def _outputs(self) -> Iterable[Output]:
-        """Errors and standard deviations, and how the ones agree with the others."""
+        """Errors, standard deviations and normalised squared error (consistency) of the estimate."""
         plant, target, name = self.robot.plant, self.robot.target, self.robot.robot
         assert target is not None, "scenes are refused whose filters see nothing"
         joint = int(plant.model.frames[target.root].parentJoint)

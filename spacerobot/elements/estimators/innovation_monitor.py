@@ -34,9 +34,9 @@ from spacerobot.section import Name, quantity
 
 @register
 class InnovationMonitor(Estimator):
-    """Detects a failed sensor from a filter's innovations (chi-square test), which then stops using it.
+    """Chi-square test of a filter's innovations for a failed sensor, which the filter then stops using.
 
-    It is listed after the filter.
+    List it after the filter.
     """
 
     kind: Literal["innovation_monitor"] = "innovation_monitor"
@@ -57,23 +57,24 @@ class InnovationMonitor(Estimator):
         return (self.filter, self.signal) if self.reject else None
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
-        """A silence that is shorter than that between two samples."""
+        """Errors: a silence limit shorter than the time between two samples."""
         sensor = robot.sensors.get(self.signal)
         if self.silence is None or sensor is None or sensor.errors is None:
             return
-        least = sensor.errors.period + sensor.errors.delay
-        if self.silence <= least:
+        sample_interval = sensor.errors.period + sensor.errors.delay
+        if self.silence <= sample_interval:
             yield (
                 "silence",
-                f"found {self.silence:g} s, allowed: above period and delay of {self.signal}, {least:g}",
+                f"found {self.silence:g} s, allowed: above period and delay of {self.signal}, "
+                f"{sample_interval:g}",
             )
 
     def build(self, robot: EstimatorContext) -> Contribution:
-        """The test's memory, its instants, and the event of detection."""
+        """Contribution: states and sample instants of the test, and the detection event."""
         from scipy.special import chdtri
 
         context, label = robot.context, robot.label
-        offered = {one.signal: one for one in robot.innovations(self.filter)}
+        offered = {innovation.signal: innovation for innovation in robot.innovations(self.filter)}
         if not offered:
             raise ScenarioError(f"found no filter {self.filter!r} above it", where=f"{context.path}.filter")
         if self.signal not in offered:
@@ -81,14 +82,14 @@ class InnovationMonitor(Estimator):
             raise ScenarioError(message, where=f"{context.path}.signal")
         tested = offered[self.signal]
         detected, who = context.switch("detected"), f"{robot.robot}/{self.filter}.{self.signal}"
-        # least and greatest sum that is no alarm
+        # lower and upper bound of the sum without an alarm
         passes = min(self.false_alarms * self.window * tested.period_s / 3600, 1.0)
         freedoms = tested.size * self.window
         lower, upper = (float(chdtri(freedoms, part)) for part in (1 - passes / 2, passes / 2))
         clock = Clock.of(f"{label}.instants", context.time, tested.period, tested.delay)
         total, count = (memory(f"{label}.{key}", ca.SX.zeros(1)) for key in ("total", "count"))
         last_sample = memory(f"{label}.seen", ca.SX(-0.5))  # time of the last sample that was counted
-        # of the last whole window, in the middle of what is allowed until there is one
+        # sum of the last complete window; before the first one, the middle of the allowed range
         window_sum = memory(f"{label}.sum", ca.SX(tested.size * self.window))
         fresh = tested.used > last_sample.symbol
         new = total.symbol + ca.if_else(fresh, tested.square, 0)

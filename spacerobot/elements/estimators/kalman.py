@@ -24,24 +24,24 @@ def triangle(matrix: ca.SX) -> ca.SX:
 
 
 def symmetric(entries: ca.SX, size: int) -> ca.SX:
-    """Symmetric matrix (n x n) of its upper triangle; see :func:`triangle`."""
-    matrix, rest = ca.SX(size, size), iter(ca.vertsplit(entries))
+    """Symmetric matrix (n x n) from its upper triangle; see :func:`triangle`."""
+    matrix, remaining = ca.SX(size, size), iter(ca.vertsplit(entries))
     for i in range(size):
         for j in range(i, size):
-            matrix[i, j] = matrix[j, i] = next(rest)
+            matrix[i, j] = matrix[j, i] = next(remaining)
     return matrix
 
 
 def updated(
     covariance: ca.SX, rows: ca.SX, innovation: ca.SX, variances: Sequence[ca.SX]
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Measurement update.
+    """Kalman measurement update with independent scalar measurements, in Joseph's form.
 
     Args:
         covariance: Covariance of the errors before the update (n x n).
         rows: Derivatives of the measurement with respect to the errors (m x n).
-        innovation: Measured less predicted (m x 1).
-        variances: Variances of the measurement's errors, which are independent (m of 1x1).
+        innovation: Measured minus predicted value (m x 1).
+        variances: Variances of the independent measurement errors (m of 1x1).
 
     Returns:
         tuple: Correction (n x 1), covariance (n x n) and normalised innovation squared (1x1).
@@ -52,9 +52,9 @@ def updated(
         spread = ca.mtimes(covariance, row.T)
         scale = ca.mtimes(row, spread) + variance
         gain = spread / scale
-        left = innovation[i] - ca.mtimes(row, correction)
-        correction = correction + gain * left
-        nis = nis + left * left / scale
+        scalar_innovation = innovation[i] - ca.mtimes(row, correction)
+        correction = correction + gain * scalar_innovation
+        nis = nis + scalar_innovation * scalar_innovation / scale
         outer = ca.mtimes(gain, spread.T)
         covariance = covariance - outer - outer.T + scale * ca.mtimes(gain, gain.T)
     return correction, covariance, nis

@@ -52,7 +52,7 @@ LONGEST = 0.25  # s; step of the propagation: at 1 rad/s its error is 1e-5 of th
 class TargetFilter(Estimator):
     """Pose, velocity, spin and inertia ratios of a free target from camera poses (extended Kalman filter).
 
-    It runs at the camera's samples. The noise it assumes is that of the sensors, if no other is given.
+    It runs at the camera's samples. Noise densities default to those of the sensors.
     """
 
     kind: Literal["target_filter"] = "target_filter"
@@ -132,9 +132,10 @@ class TargetFilter(Estimator):
 
 
 class _TargetFilterLaw:
-    """States, numbers and expressions of one filter; see above.
+    """States, numbers and expressions of one filter.
 
-    A motion is (r, v, attitude numbers, spin, ratios), of the axes that there are.
+    A motion is the stack of position, velocity, attitude numbers, spin and inertia ratios, along the axes of
+    the scene.
     """
 
     def __init__(self, config: TargetFilter, robot: EstimatorContext) -> None:
@@ -152,17 +153,17 @@ class _TargetFilterLaw:
         velocity, spin = plant.velocity(body.root)
         lever = ca.mtimes(rotation, ca.SX(ca.DM(body.centre)))
         self.axes = ca.sparsify(ca.SX(ca.DM(body.axes)))  # principal ones, in those of the root link
-        turned = attitude_numbers(ca.mtimes(rotation, self.axes), planar=self.planar)
+        attitude = attitude_numbers(ca.mtimes(rotation, self.axes), planar=self.planar)
         parts = (
             (origin + lever)[self.along],
             (velocity + cross(spin, lever))[self.along],
-            turned,
+            attitude,
             ca.mtimes(self.axes.T, ca.mtimes(rotation.T, spin))[self.about],
             self._true_ratios(ca.mtimes(rotation, self.axes), origin + lever),
         )
         self.true = ca.densify(ca.vertcat(*parts))
         seen_rotation, seen_place = body.poses[config.frame]
-        # the frame that is seen, in principal axes about the centre of mass
+        # the observed frame, in principal axes about the centre of mass
         self.arm = ca.mtimes(self.axes.T, ca.SX(ca.DM(seen_place - body.centre)))
         self.turn = ca.mtimes(self.axes.T, ca.SX(ca.DM(seen_rotation)))
         how, where = plant.placement(body.links[config.frame])
@@ -210,20 +211,22 @@ class _TargetFilterLaw:
         return -cross(spin, inertia * spin) / inertia
 
     def _rate(self, motion: ca.SX) -> ca.SX:
-        """Rate of a motion that drifts freely."""
+        """Rate of a free-drift motion."""
         _, velocity, attitude, spin, ratios = self._parts(motion)
         if self.planar:
-            turning = spin * ca.vertcat(-attitude[1], attitude[0])
+            attitude_rate = spin * ca.vertcat(-attitude[1], attitude[0])
         else:
             vector, scalar = attitude[:3], attitude[3]
-            turning = ca.vertcat(scalar * spin + cross(vector, spin), -ca.dot(vector, spin)) / 2
+            attitude_rate = ca.vertcat(scalar * spin + cross(vector, spin), -ca.dot(vector, spin)) / 2
         gravity = ca.SX(ca.DM(self.robot.plant.model.gravity.linear))[self.along]
         return ca.densify(
-            ca.vertcat(velocity, gravity, turning, self._spin_rate(spin, ratios), ca.SX.zeros(self.ratios))
+            ca.vertcat(
+                velocity, gravity, attitude_rate, self._spin_rate(spin, ratios), ca.SX.zeros(self.ratios)
+            )
         )
 
     def _advanced(self, motion: ca.SX, time: ca.SX, steps: int) -> tuple[ca.SX, ca.SX]:
-        """Motion after a time, and the transition of its errors."""
+        """Motion after a time, and the transition matrix of its errors."""
         n, count = len(self.about), len(self.about) + self.ratios
         spin_symbol, driven = ca.SX.sym("w", n), ca.SX.sym("k", self.ratios)
         slope = ca.jacobian(self._spin_rate(spin_symbol, driven), ca.vertcat(spin_symbol, driven))
@@ -239,16 +242,16 @@ class _TargetFilterLaw:
             return self._rate(motion), driven, ca.mtimes(axes, spread)
 
         parts = self._parts(motion)
-        spread, turned, h = ca.SX.eye(n), ca.SX.zeros(n, count), time / steps
+        spread, ratio_part, h = ca.SX.eye(n), ca.SX.zeros(n, count), time / steps
         spread = ca.horzcat(spread, ca.SX.zeros(n, self.ratios))
         for _ in range(steps):
-            value = (motion, spread, turned)
+            value = (motion, spread, ratio_part)
             first = rate(*value)
             second = rate(*(x + h / 2 * k for x, k in zip(value, first, strict=True)))
             third = rate(*(x + h / 2 * k for x, k in zip(value, second, strict=True)))
             fourth = rate(*(x + h * k for x, k in zip(value, third, strict=True)))
             slopes_of = zip(value, first, second, third, fourth, strict=True)
-            motion, spread, turned = (x + h / 6 * (a + 2 * b + 2 * c + d) for x, a, b, c, d in slopes_of)
+            motion, spread, ratio_part = (x + h / 6 * (a + 2 * b + 2 * c + d) for x, a, b, c, d in slopes_of)
         place, velocity, attitude, spin, ratios = self._parts(motion)
         if self.planar:  # exactly
             attitude = self._turned(parts[2], time * parts[3])
@@ -256,12 +259,12 @@ class _TargetFilterLaw:
         m, size = len(self.along), sum(self.errors)
         transition = ca.SX.eye(size)
         transition[:m, m : 2 * m] = time * ca.SX.eye(m)
-        transition[2 * m : 2 * m + n, 2 * m + n :] = turned
+        transition[2 * m : 2 * m + n, 2 * m + n :] = ratio_part
         transition[2 * m + n : 2 * m + 2 * n, 2 * m + n :] = spread
         return ca.vertcat(place, velocity, attitude, spin, ratios), transition
 
     def _noise(self, attitude: ca.SX, time: ca.SX) -> ca.SX:
-        """Covariance of what white accelerations do in a time."""
+        """Process noise covariance of white accelerations over a time."""
         number, m, n = self.robot.context.number, len(self.along), len(self.about)
         covariance = ca.SX(sum(self.errors), sum(self.errors))
         axes = attitude_of(attitude)[self.about, self.about]
@@ -289,7 +292,7 @@ class _TargetFilterLaw:
         return ca.vertcat(*(ca.repmat(x, size, 1) for x, size in zip(deviations, self.errors, strict=True)))
 
     def _corrected(self, motion: ca.SX, correction: ca.SX) -> ca.SX:
-        """A motion moved by errors."""
+        """Motion corrected by estimated errors."""
         place, velocity, attitude, spin, ratios = self._parts(motion)
         parts = ca.vertsplit(correction, [0, *_summed(self.errors)])
         numbers = self._turned(attitude, ca.SX(parts[2]))
@@ -302,32 +305,32 @@ class _TargetFilterLaw:
         return attitude_numbers(ca.mtimes(turned_by(vector), attitude_of(attitude)), planar=self.planar)
 
     def _updates(self, first: ca.SX) -> list[tuple[State, ca.SX]]:
-        """New values of the filter's states when a sample arrives, the first one or not (1x1)."""
+        """New values of the filter's states at a sample; ``first`` (1x1) marks the first sample."""
         period = self.robot.errors(PLACE).steady("period")
         nominal = self.robot.context.parameters.value(f"{self.robot.errors(PLACE).path}.period")
         mean, transition = self._advanced(self.mean.symbol, period, math.ceil(nominal / LONGEST))
         size, m, n = sum(self.errors), len(self.along), len(self.about)
         spread = symmetric(self.covariance.symbol, size)
-        moved = ca.mtimes(transition, ca.mtimes(spread, transition.T))
-        moved = moved + self._noise(self._parts(mean)[2], period)
-        mean, spread = ca.if_else(first, self.mean.symbol, mean), ca.if_else(first, spread, moved)
+        predicted = ca.mtimes(transition, ca.mtimes(spread, transition.T))
+        predicted = predicted + self._noise(self._parts(mean)[2], period)
+        mean, spread = ca.if_else(first, self.mean.symbol, mean), ca.if_else(first, spread, predicted)
         place, _, attitude, _, _ = self._parts(mean)
         rotation = attitude_of(attitude)
         lever = ca.mtimes(rotation, self.arm)
-        position_sample, turned = self.place.value.symbol, self.attitude.value.symbol
+        position_sample, attitude_sample = self.place.value.symbol, self.attitude.value.symbol
         away = ca.norm_2(position_sample[:m] - self.camera[self.along])
         rows = ca.SX(m + n, size)
         rows[:m, :m] = ca.SX.eye(m)
         rows[:m, 2 * m : 2 * m + n] = -skew(lever)[self.along, self.about]
         rows[m:, 2 * m : 2 * m + n] = ca.SX.eye(n)
-        rotation_error = rotation_log(ca.mtimes(attitude_of(turned[:-1]), ca.mtimes(rotation, self.turn).T))[
-            self.about
-        ]
+        rotation_error = rotation_log(
+            ca.mtimes(attitude_of(attitude_sample[:-1]), ca.mtimes(rotation, self.turn).T)
+        )[self.about]
         innovation = ca.vertcat(position_sample[:m] - place - lever[self.along], rotation_error)
         correction, used, squares = ca.SX.zeros(size), [], []
         samples = (
             (slice(0, m), position_sample, "position_noise", PLACE),
-            (slice(m, m + n), turned, "attitude_noise", ATTITUDE),
+            (slice(m, m + n), attitude_sample, "attitude_noise", ATTITUDE),
         )
         for i, (part, value, key, signal) in enumerate(samples):
             # variance of a component of a sample, taken at a distance (1x1)
@@ -337,29 +340,29 @@ class _TargetFilterLaw:
                 errors = self.robot.errors(signal)
                 grown = errors.number("noise") * (1 + errors.number("noise_growth") * away)
                 variance = grown**2 / errors.steady("period")
-            left = innovation[part] - ca.mtimes(rows[part, :], correction)
-            step, after, nis = updated(spread, rows[part, :], left, [variance] * left.size1())
+            residual = innovation[part] - ca.mtimes(rows[part, :], correction)
+            step, after, nis = updated(spread, rows[part, :], residual, [variance] * residual.size1())
             fresh = both(value[-1] > self.used.symbol[i], negated(self.robot.rejected(signal)))
             correction = correction + ca.if_else(fresh, step, 0)
             spread = ca.if_else(fresh, after, spread)
             squares.append(ca.if_else(fresh, nis, 0))
             used.append(ca.if_else(fresh, value[-1], self.used.symbol[i]))
         mean = self._corrected(mean, correction)
-        now = mean
+        present = mean
         if not self.robot.errors(PLACE).is_zero("delay"):
             late = self.robot.errors(PLACE).steady("delay")
             nominal = self.robot.context.parameters.value(f"{self.robot.errors(PLACE).path}.delay")
-            now = self._advanced(mean, late, math.ceil(nominal / LONGEST))[0]
+            present = self._advanced(mean, late, math.ceil(nominal / LONGEST))[0]
         return [
             (self.mean, mean),
             (self.covariance, triangle(spread)),
             (self.used, ca.vertcat(*used)),
             (self.nis, ca.vertcat(*squares)),
-            (self.now, now),
+            (self.now, present),
         ]
 
     def contribution(self) -> Contribution:
-        """States, events, estimates and outputs."""
+        """Contribution: states, events, estimates and outputs."""
         robot, label = self.robot, self.robot.label
         errors = robot.errors(PLACE)
         begins = Clock.of(f"{label}.begin", robot.context.time, ca.SX(ONCE))
@@ -372,18 +375,18 @@ class _TargetFilterLaw:
         clock = Clock.of(f"{label}.arrivals", robot.context.time, errors.steady("period"), delay)
         self.arrived = clock.count.symbol
         updates = self._updates(clock.count.symbol < 0.5)
-        named = {state.name: ca.densify(value) for state, value in updates}
+        updates_by_name = {state.name: ca.densify(value) for state, value in updates}
         events: tuple[Event, ...] = (
             begins.event(f"{label}.begun", "estimated", label, first, silent=True),
-            clock.event(f"{label}.estimated", "estimated", label, named, silent=True),
+            clock.event(f"{label}.estimated", "estimated", label, updates_by_name, silent=True),
         )
         # place and velocity of points (3x1) of the target, its rotation vectors and spin, world axes
         plant = self.robot.plant
         place, velocity, attitude, spin, _ = self._parts(self.now.symbol)
-        centre, moving, turning = ca.SX(3, 1), ca.SX(3, 1), ca.SX(3, 1)
-        centre[self.along], moving[self.along], turning[self.about] = place, velocity, spin
+        centre, velocity_of_centre, spin_of_target = ca.SX(3, 1), ca.SX(3, 1), ca.SX(3, 1)
+        centre[self.along], velocity_of_centre[self.along], spin_of_target[self.about] = place, velocity, spin
         principal = attitude_of(attitude / ca.norm_2(attitude))
-        turning = ca.mtimes(principal, turning)
+        spin_of_target = ca.mtimes(principal, spin_of_target)
         rotation, origin = plant.placement(self.body.root)
         error = ca.mtimes(ca.mtimes(principal, self.axes.T), rotation.T)
         true = origin + ca.mtimes(rotation, ca.SX(ca.DM(self.body.centre)))
@@ -401,8 +404,8 @@ class _TargetFilterLaw:
                 {
                     PLACE: lambda point: centre + lever(point),
                     ATTITUDE: lambda vector: rotation_log(ca.mtimes(error, rotation_exp(vector))),
-                    "target_velocity": lambda point: moving + cross(turning, lever(point)),
-                    "target_spin": lambda _: turning,
+                    "target_velocity": lambda point: velocity_of_centre + cross(spin_of_target, lever(point)),
+                    "target_spin": lambda _: spin_of_target,
                 }.items()
             ),
             innovations=tuple(self._innovations()),
@@ -418,7 +421,7 @@ class _TargetFilterLaw:
             yield Innovation(robot.label, signal, square, len(axes), used, *instants, period_s)
 
     def _outputs(self) -> Iterable[Output]:
-        """Errors and deviations at present, and how the ones agree with the others."""
+        """Errors, standard deviations and normalised squared errors (consistency) of the present estimate."""
         name, size, m, n = self.robot.robot, sum(self.errors), len(self.along), len(self.about)
         since = self.robot.context.time
         errors, parameters = self.robot.errors(PLACE), self.robot.context.parameters
@@ -443,13 +446,13 @@ class _TargetFilterLaw:
             ("spin", "rad/s", "of its spin, principal axes", self.about),
         )
         for (key, unit, text, axes), first in zip(texts, (0, m, 2 * m, 2 * m + n), strict=True):
-            for kind, values, what in (
+            for kind, values, prefix in (
                 ("error", error, "true less estimated, "),
                 ("deviation", deviation, "standard deviation "),
             ):
                 vector = ca.SX(3, 1)
                 vector[axes] = values[first : first + len(axes)]
-                yield Output(f"target_{key}_{kind}", vector, unit, what + text, "body", name)
+                yield Output(f"target_{key}_{kind}", vector, unit, prefix + text, "body", name)
         ratios = self._parts(self.now.symbol)[4]
         for i in range(self.ratios):
             text = f"estimated logarithm of the target's inertia ratio {i + 1} : 3"

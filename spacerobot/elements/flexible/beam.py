@@ -1,4 +1,4 @@
-r"""A beam as a chain of rigid segments with springs between them.
+r"""Beam as a chain of rigid segments with springs between them.
 
 A beam of length $l$, bending stiffness $E I$ and uniform mass is cut into $n$ segments of length $\Delta
 x$. The compliance of each is concentrated in a hinge at its middle, with the stiffness $E I / \Delta x$;
@@ -121,10 +121,13 @@ class FlexibleBeam(FlexibleLink):
         return {"a": across, "b": np.cross(axis, across)} | twist
 
     def expanded(self, description: Description, name: str) -> Description:
-        """Hinges and pieces; what the link carries moves with the piece that it is attached to."""
+        """Description with hinges and pieces.
+
+        Parts attached to the link follow the piece at their attachment.
+        """
         link, axis, start = find_link(description, self.link), self._axis, np.array(self.start)
         density = link.mass / self._length if self.mass_per_length is None else self.mass_per_length
-        # moment of inertia about the beam's axis, per length, of what twists [kg m]
+        # moment of inertia about the beam's axis, per length, of the twisting material [kg m]
         if self.torsional_stiffness is None:
             polar = 0.0
         elif self.torsional_inertia is not None:
@@ -144,9 +147,9 @@ class FlexibleBeam(FlexibleLink):
         }
 
         def shaped(piece: UrdfLink, i: int) -> UrdfLink:
-            """Piece with its shapes, the root's number being 0."""
+            """Piece i with its shapes; the root piece has number 0."""
             visuals, collisions = (
-                tuple(one for k, one in assigned if k == i) for assigned in pieces.values()
+                tuple(shape for k, shape in assigned if k == i) for assigned in pieces.values()
             )
             return replace(piece, visuals=visuals, collisions=collisions)
 
@@ -163,7 +166,8 @@ class FlexibleBeam(FlexibleLink):
                     )
                 )
                 parent, origin = joint, frozen(np.eye(4))
-            # frames of the pieces rest in that of the link, so that what it carries keeps its place
+            # frames of the undeformed pieces coincide with the link's, so that attached parts keep their
+            # places
             piece, back = f"{name}_{i}", frozen(translation(-hinge))
             joints.append(UrdfJoint(f"{piece}_mount", "fixed", parent, piece, back, frozen([1, 0, 0])))
             mass, length = density * (end - place), end - place
@@ -199,7 +203,7 @@ class FlexibleBeam(FlexibleLink):
         }
 
     def moving_inertia(self, description: Description, name: str) -> Array:
-        """Inertia (6x6) of the segments, each about its own origin, summed."""
+        """Sum of the inertias (6x6) of the segments, each about its own origin."""
         total = np.zeros((6, 6))
         for i in range(1, self.segments + 1):
             piece = find_link(description, f"{name}_{i}")
@@ -207,10 +211,10 @@ class FlexibleBeam(FlexibleLink):
         return total
 
     def build(self, flexible: FlexibleContext) -> Contribution:
-        """Displacement of the end, axes of the link."""
+        """Contribution: displacement of the beam's end as output, link axes."""
         rotation, origin = flexible.placement(self.link)
-        turned, moved = flexible.placement(f"{flexible.name}_{self.segments}")
+        end_rotation, end_position = flexible.placement(f"{flexible.name}_{self.segments}")
         end = ca.DM(self.end)
-        value = ca.mtimes(rotation.T, moved + ca.mtimes(turned, end) - origin) - end
+        value = ca.mtimes(rotation.T, end_position + ca.mtimes(end_rotation, end) - origin) - end
         label, text = f"{flexible.body}/{flexible.name}", "deflection of the ends of flexible links"
         return Contribution(outputs=(Output("deflection", value, "m", text, "flexible", label),))

@@ -46,10 +46,10 @@ class FlexibleContext:
 
 
 class FlexibleLink(Element):
-    """A link that bends, as passive joints with springs and dampers which no controller sees.
+    """Flexible link: passive joints with springs and dampers that controllers do not measure.
 
-    The joints are part of the model, so that every algorithm holds for them. What moves in them is taken out
-    of the link's mass properties, which stay those of the whole: see
+    The joints are part of the model, so every algorithm applies to them. Their mass is subtracted from the
+    link's mass properties, so that the total is that of the whole link: see
     :attr:`~spacerobot.description.parts.UrdfLink.borrowed`.
     """
 
@@ -66,7 +66,7 @@ class FlexibleLink(Element):
             name: Name of the flexible link, the prefix of its links and joints.
 
         Raises:
-            DescriptionError: If there is no such link, or the flexible link cannot be realised.
+            DescriptionError: If the link does not exist, or the flexible link cannot be realised.
         """
         raise NotImplementedError
 
@@ -97,7 +97,7 @@ class FlexibleLink(Element):
         raise NotImplementedError
 
     def carrier(self, name: str) -> str:
-        """Name of the link from whose mass properties the moving ones are taken."""
+        """Name of the link from whose mass properties the moving parts are subtracted."""
         del name
         return self.link
 

@@ -53,15 +53,17 @@ from spacerobot.section import Vector, quantity
 
 Participation = tuple[float, float, float, float, float, float]
 _SHORT = 0.1
-"""Arms shorter than this part of the appendage's radius of gyration are sliders."""
+"""Ratio of arm to the appendage's radius of gyration below which a mode moves on a slider."""
 
 
 @dataclass(frozen=True)
 class ModalBody:
-    """A body that moves in one mode, in the appendage's axes about its attachment.
+    """Body that moves in one mode, in the appendage's axes about its attachment.
 
-    ``kind``, ``axis`` (3,) and ``origin`` (3,) are those of its joint, ``mass``, ``com`` (3,) and ``inertia``
-    (3, 3) about it its own, and ``about_joint`` is M.
+    Attributes:
+        kind, axis, origin: Kind of its joint, and the joint's axis (3,) and origin (3,) [m].
+        mass, com, inertia: Mass [kg], centre of mass (3,) [m], and inertia about it (3, 3) [kg m^2].
+        about_joint: Inertia M about the joint axis [kg m^2].
     """
 
     kind: Literal["revolute", "prismatic"]
@@ -155,7 +157,10 @@ class FlexibleModes(FlexibleLink):
 
     @property
     def _attachment(self) -> Array:
-        """Attachment in the link's frame (4, 4); that of an appendage of its own is the frame."""
+        """Transform from attachment to link frame (4, 4).
+
+        The identity for an appendage modelled as a link.
+        """
         transform = translation(np.array(self.position))
         transform[:3, :3] = pin.rpy.rpyToMatrix(np.radians(self.rotation_deg))
         return transform
@@ -175,7 +180,7 @@ class FlexibleModes(FlexibleLink):
         return {f"{name}_mode_{i}": (modal_body(row, radius), at) for i, row in rows}
 
     def expanded(self, description: Description, name: str) -> Description:
-        """A joint and a body for each mode; shapes that bend move with the first one."""
+        """Description with a joint and a body for each mode; bending shapes move with the first mode."""
         carrier = find_link(description, self.link)
         if self.mass is not None:
             xx, yy, zz, xy, xz, yz = self.inertia
@@ -200,19 +205,19 @@ class FlexibleModes(FlexibleLink):
         still = replace(carrier, visuals=tuple(v for i, v in enumerate(carrier.visuals) if i not in bend))
         visuals = tuple(carrier.visuals[i] for i in bend)
         for joint, (body, at) in self._bodies(description, name).items():
-            rest = frozen(at @ translation(body.origin))
-            back = np.linalg.inv(rest)
-            shapes = tuple(replace(one, placement=frozen(back @ one.placement)) for one in visuals)
+            rest_pose = frozen(at @ translation(body.origin))
+            back = np.linalg.inv(rest_pose)
+            shapes = tuple(replace(visual, placement=frozen(back @ visual.placement)) for visual in visuals)
             visuals = ()
             com, inertia, borrowed = (
                 frozen(body.com - body.origin),
                 frozen(body.inertia),
-                (carrier.name, rest),
+                (carrier.name, rest_pose),
             )
             links.append(UrdfLink(joint, body.mass, com, inertia, shapes, (), borrowed))
             axis = frozen(body.axis)
             joints.append(
-                UrdfJoint(joint, body.kind, carrier.name, joint, rest, axis, effort=0.0, velocity=0.0)
+                UrdfJoint(joint, body.kind, carrier.name, joint, rest_pose, axis, effort=0.0, velocity=0.0)
             )
         return extended(description, [still], links, joints, self.model_dump_json())
 
@@ -233,7 +238,7 @@ class FlexibleModes(FlexibleLink):
         """Sum of ``L^T L``."""
         del description, name
         at = np.eye(4) if self.mass is not None else self._attachment
-        # a force and couple at the attachment, moved to the link's origin
+        # force and couple at the attachment, transferred to the link's origin
         rows = np.array(self.participation) @ pin.SE3(at).toDualActionMatrix().T
         total: Array = rows.T @ rows
         return total

@@ -1,4 +1,4 @@
-"""A body at rest."""
+"""Goal of a body at rest."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from spacerobot.section import Name, quantity
 
 @register
 class Still(Goal):
-    """A robot or the target comes to rest, with all that grasps join it with."""
+    """A robot or the target is at rest at the end, with all bodies that grasps connect to it."""
 
     told_by: ClassVar[str | None] = "still"
 
@@ -36,12 +36,12 @@ class Still(Goal):
 
     @property
     def body(self) -> str:
-        """The one that comes to rest."""
+        """Name of the body that is at rest at the end."""
         return self.still
 
     @property
     def stops(self) -> str | None:
-        """That body, unless some motion of it may stay."""
+        """Name of that body, unless residual motion is allowed."""
         within = self.speed_within is not None or self.spin_within_deg is not None
         return self.still if self.rests and not within else None
 

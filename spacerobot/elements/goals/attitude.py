@@ -1,4 +1,4 @@
-"""A floating base at a given attitude."""
+"""Goal of a floating base at a given attitude."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Goals: what holds at the end of a planned motion."""
+"""Goals: conditions at the end of a planned motion."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FLAT: dict[str, Any] = {
     "joints": {},
     "still": None,
 }
-"""Keys that every goal had, with their defaults, before each kind had its own; older results hold them."""
+"""Keys of older results, in which every goal had all keys, with their defaults."""
 
 
 class Goal(Element):
@@ -49,7 +49,7 @@ class Goal(Element):
     @model_validator(mode="before")
     @classmethod
     def _former_keys(cls, data: Any) -> Any:
-        """Leave out keys of other kinds that say nothing."""
+        """Drop keys of other kinds that hold default values, from older results."""
         if not isinstance(data, dict):
             return data
         values = {k: list(v) if isinstance(v, tuple) else v for k, v in data.items()}
@@ -66,20 +66,20 @@ class Goal(Element):
 
     @property
     def ends_in_motion(self) -> bool:
-        """Whether joints may have any rates and accelerations at the end."""
+        """Whether the robot's joints may have any rates and accelerations at the end."""
         return not self.rests
 
     @property
     @required()
     def body(self) -> str:
-        """Name of the body whose joints these are."""
+        """Name of the body whose joints the goal concerns."""
         raise NotImplementedError
 
     def resting(self, instant: PlanInstant) -> Iterator[Goal]:
         """Goals of the bodies whose joints are at rest at the end: this one, and those that it implies.
 
         Args:
-            instant: The last instant.
+            instant: Last instant of the plan.
         """
         del instant
         if self.rests:
@@ -87,7 +87,10 @@ class Goal(Element):
 
     @property
     def stops(self) -> str | None:
-        """Name of the body whose root link is at rest in the world at the end, momentum and all; if any."""
+        """Name of the body that has no motion at all in the world at the end, momentum included.
+
+        None if none.
+        """
         return None
 
     def settling(self, instant: PlanInstant) -> ca.SX | None:
@@ -130,9 +133,9 @@ class Goal(Element):
 
     @property
     def end_speed(self) -> float | None:
-        """Speed of the tip relative to the followed frame at the end [m/s], where it then moves with it.
+        """Speed of the tip relative to the followed frame at the end [m/s].
 
-        None where its joints, or some of its motion relative to the frame, are free.
+        None if its joints, or part of its motion relative to the frame, are free.
         """
         return None
 
@@ -145,16 +148,16 @@ class Goal(Element):
         raise NotImplementedError
 
     def kept(self, own: Reference | None) -> dict[str, Any]:
-        """Section of a reference that keeps it met, where ``own`` is what the tip follows afterwards."""
+        """Section of a reference that keeps the goal satisfied; ``own`` is the tip's reference afterwards."""
         del own
         return {"kind": "hold"}
 
     @required()
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
-        """Terminal constraints, without the joints' rest.
+        """Terminal constraints, except joints at rest.
 
         Raises:
-            ScenarioError: If it names an unknown body, link or joint.
+            ScenarioError: If the goal names an unknown body, link or joint.
         """
         raise NotImplementedError
 

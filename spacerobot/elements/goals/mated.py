@@ -1,4 +1,4 @@
-"""A tip with a mating frame of the target."""
+"""Goal of a tip at a mating frame of the target."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from spacerobot.elements.references.reference import Reference
 from spacerobot.section import Vector, quantity
 
 SETTLING = 1.0
-"""[s] In which a tip takes back what it is off its mating frame where the plan ends."""
+"""Time [s] in which a tip removes its offset from the mating frame after the plan."""
 
 
 @register
@@ -102,7 +102,7 @@ class Mated(TipGoal):
 
     @property
     def end_speed(self) -> float | None:
-        """The closing speed, where the tip then neither turns nor moves otherwise relative to the frame."""
+        """Closing speed [m/s], if the tip then has no other motion relative to the frame."""
         is_rigid = self.rests and self.orientation and self.roll and not self.rate_within
         return self.closing_speed if is_rigid else None
 
@@ -149,7 +149,7 @@ class Mated(TipGoal):
         yield from matched("spin", "rad/s", spin, instant.turns, slow)
 
     def arrival(self, instant: PlanInstant) -> tuple[ca.SX, ca.SX]:
-        """In the mating frame; no spin where orientation is free."""
+        """Velocity and spin relative to the mating frame, in its axes; no spin if orientation is free."""
         _, speed, spin = instant.tip(self.tip).seen_from(instant.mating(self.frame))
         return speed, spin if self.orientation else ca.SX(0, 1)
 
@@ -159,7 +159,7 @@ class Mated(TipGoal):
         return mate.origin - self.standoff * ca.mtimes(mate.rotation, unit(self.axis))
 
     def kept(self, own: Reference | None) -> dict[str, Any]:
-        """At the mating frame, and on as the scenario's own reference if that leads there too."""
+        """Reference that stays at the mating frame, or the tip's own reference if it leads there too."""
         document = None
         if own is not None and own.follows == self.frame:
             document = own.from_standoff(self.standoff)

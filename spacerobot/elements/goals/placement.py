@@ -1,4 +1,4 @@
-"""A tip somewhere in the world."""
+"""Goal of a tip at a place in the world."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One instant of a planned trajectory, as goals, costs and limits evaluate it, and their rows."""
+"""Instant of a planned trajectory, as goals, costs and limits evaluate it, and its constraint rows."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, eq=False)
 class BoundedRow:
-    """Something that must stay between limits.
+    """Scalar constraint between limits.
 
     Attributes:
         name: Name for messages and tables.
         unit: Unit of the values times the scale.
         value: Expression (1x1) in an instant, and in the symbol of ``about``.
         lower, upper: Limits.
-        final_fraction: Part of the duration, at its end, for which it must hold.
-        scale: Size of a violation of one, in that unit.
-        first: Whether it must hold at the first instant alone.
-        form: What the value is of what is named: the square over that of its limit, or an angle's cosine.
-        size: Magnitude of the limit, in that unit, where violations between the points count relative to it.
-        about: What an iteration finds for it, constant in the derivatives of ``value``.
+        final_fraction: Fraction of the duration, at its end, in which the constraint holds.
+        scale: Violation, in that unit, that counts as one.
+        first: Whether the constraint holds only at the first instant.
+        form: Form of the value: the quantity itself, its square over the squared limit, or an angle's cosine.
+        size: Magnitude of the limit, in that unit, to which violations between the points are relative.
+        about: Implicit quantity that an iteration solves for, held constant in the derivatives of ``value``.
     """
 
     name: str
@@ -53,9 +53,9 @@ class BoundedRow:
         """Points at which the constraint holds.
 
         Args:
-            share: Parts of the duration that have passed at the points, 0 to 1 (n,).
-            begins: Part of the duration from which it holds; of no effect if it holds at the first instant
-                only.
+            share: Elapsed fractions of the duration at the points, 0 to 1 (n,).
+            begins: Fraction of the duration from which the constraint holds; ignored if it holds only at the
+                first instant.
 
         Returns:
             numpy.ndarray: Truth values (n,).
@@ -103,7 +103,7 @@ def matched(
 
 
 def unit(axis: Sequence[float]) -> ca.SX:
-    """Unit vector along an axis (3x1), structurally zero where it is zero."""
+    """Unit vector along an axis (3x1), structurally zero where the axis is."""
     return sparse(np.array(axis) / np.linalg.norm(axis))
 
 
@@ -131,13 +131,13 @@ class MovingFrame(NamedTuple):
 
 
 class JointCoordinate(NamedTuple):
-    """A joint of one degree of freedom.
+    """Joint of one degree of freedom.
 
     Attributes:
         name: Name of the joint in the URDF.
-        position: Position (1x1) [rad or m]; of an unbounded joint cosine and sine of its angle (2x1).
+        position: Position (1x1) [rad or m]; cosine and sine of the angle (2x1) for an unbounded joint.
         rate: Rate (1x1) [rad/s or m/s].
-        lower, upper: Range in the URDF [rad or m]; infinite where it has none.
+        lower, upper: Range in the URDF [rad or m]; infinite without a limit.
     """
 
     name: str
@@ -146,23 +146,23 @@ class JointCoordinate(NamedTuple):
     lower: float
     upper: float
 
-    def off(self, wanted: float) -> ca.SX:
-        """Distance beyond a position (1x1) [rad or m]; less than half a turn for an unbounded joint."""
+    def off(self, desired: float) -> ca.SX:
+        """Difference from a desired position (1x1) [rad or m]; below half a turn for an unbounded joint."""
         if self.position.numel() == 1:
-            return self.position - wanted
-        c, d, (q, s) = float(np.cos(wanted)), float(np.sin(wanted)), ca.vertsplit(self.position)
+            return self.position - desired
+        c, d, (q, s) = float(np.cos(desired)), float(np.sin(desired)), ca.vertsplit(self.position)
         return ca.atan2(s * c - q * d, q * c + s * d)
 
 
 class PlannedBase(NamedTuple):
-    """The floating base of a robot.
+    """Floating base of a robot.
 
     Attributes:
         frame: Frame of its root link.
-        rotation: Rotation vector since the start (3x1) [rad], axes of the root link there.
+        rotation: Rotation vector since the start (3x1) [rad], initial root-link axes.
         translation: Displacement since the start (3x1) [m], world axes.
-        force, torque: What drives it (3x1 each) [N], [N m], axes of the root link; structurally zero where
-            nothing does.
+        force, torque: Force [N] and torque [N m] of its actuators (3x1 each), root-link axes; structurally
+            zero without actuators.
     """
 
     frame: MovingFrame
@@ -187,11 +187,10 @@ class PlannedWheels(NamedTuple):
 
 
 class PlanInstant(Protocol):
-    """Instant of the trajectory as goals, costs and limits of a plan evaluate it.
+    """Instant of the trajectory for the evaluation of a plan's goals, costs and limits.
 
-    A ``key`` is the key of the section that names what is looked for, for messages.
-
-    Each raises :class:`spacerobot.errors.ScenarioError` where there is nothing of that name.
+    A ``key`` is the key of the section that holds the name, for messages. Every method raises
+    :class:`spacerobot.errors.ScenarioError` for an unknown name.
     """
 
     def signal(self, name: str) -> Mapping[str, ca.SX]:
@@ -208,11 +207,11 @@ class PlanInstant(Protocol):
 
     @property
     def axes(self) -> Sequence[int]:
-        """Along which things move: x and y, or all."""
+        """Axes of translation in the scene: x and y, or all."""
 
     @property
     def turns(self) -> Sequence[int]:
-        """About which things turn: z, or all."""
+        """Axes of rotation in the scene: z, or all."""
 
     def tip(self, label: str, key: str = "tip") -> MovingFrame:
         """Frame of a tip.
@@ -231,7 +230,7 @@ class PlanInstant(Protocol):
         """
 
     def root(self, body: str, key: str) -> tuple[ca.SX, ca.SX]:
-        """Velocity [m/s] and spin [rad/s] of a floating root link, along its own axes in which it moves.
+        """Velocity [m/s] and spin [rad/s] of a floating root link, along those of its axes in which it moves.
 
         Args:
             body: Name of the body.
@@ -270,7 +269,7 @@ class PlanInstant(Protocol):
             wanted, found: Orientations to start from and to reach, as rotations to world axes (3x3 each).
 
         Returns:
-            casadi.SX: As many entries as :attr:`turns`.
+            casadi.SX: Vector with as many entries as :attr:`turns`.
         """
 
     def fault(self, message: str, key: str) -> ScenarioError:
@@ -307,13 +306,12 @@ class PlanInstant(Protocol):
         """Reaction wheels that alone turn a base, by robot; there must be some."""
 
     def gaps(self, between: tuple[str, str], wrap: Wrap | None) -> Iterator[tuple[str, ca.SX, Implicit]]:
-        """Distances of pairs of shapes.
+        """Distances between pairs of shapes.
 
         Args:
-            between: The two sides, each a pad or the links whose shapes count.
+            between: Two sides, each a pad or the links whose shapes count.
             wrap: Shape that replaces meshes and cylinders, if any.
 
         Returns:
-            Iterator: For each pair: its label, the distance (1x1) [m], and the result of the iteration on
-                which it depends.
+            Iterator: Label, distance (1x1) [m], and underlying implicit quantity of each pair.
         """

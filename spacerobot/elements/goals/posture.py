@@ -1,4 +1,4 @@
-"""Joints at given positions."""
+"""Goal of joints at given positions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from spacerobot.elements.goals.plan_instant import BoundedRow, PlanInstant
 from spacerobot.section import Name, Section, quantity
 
 ROUNDING = 1e-9
-"""[rad or m] By which a position at the end of a range may be outside it."""
+"""Tolerance [rad or m] by which a position at the end of a range may lie outside it."""
 
 
 class End(Section):

@@ -1,4 +1,4 @@
-"""Flexible links at rest."""
+"""Goal of flexible links at rest."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from spacerobot.section import Name
 
 @register
 class Undeformed(Goal):
-    """Flexible links of a robot or the target are undeformed and at rest: nothing vibrates afterwards."""
+    """Flexible links of a robot or the target are undeformed and at rest, without vibration afterwards."""
 
     told_by: ClassVar[str | None] = "undeformed"
 

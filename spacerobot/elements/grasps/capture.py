@@ -10,7 +10,7 @@ from spacerobot.elements.core.failure import Failure
 from spacerobot.section import Section, Vector, quantity
 
 ENVELOPE = ("distance", "misalignment_deg", "closing_speed", "lateral_speed", "spin_deg")
-"""Limits of an envelope, each optional."""
+"""Optional limits of a capture envelope."""
 
 
 class Capture(Section):
@@ -78,7 +78,7 @@ class Capture(Section):
 
 
 class Release(Section):
-    """Release of a closed grasp: at a time, or where it breaks away under an excessive load."""
+    """Release of a closed grasp: at a time, or by breaking away under an excessive load."""
 
     at: float | None = quantity("s", "time at which the grasp is released", default=None, ge=0)
     force: float | None = quantity(

@@ -1,4 +1,4 @@
-"""Lifecycle of a grasp: open, in its capture envelope, captured, released; the same for every kind."""
+"""Lifecycle of a grasp: open, inside its capture envelope, captured, released; common to all kinds."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from spacerobot.elements.grasps.grasp import OBSERVED, Grasp, apart, only
 
 DEGREE = np.pi / 180
 TINY = 1e-12
-"""Lower bound of the draw-in distance, squared [m^2, rad^2]: the draw-in time stays above zero."""
+"""Lower bound of the squared draw-in distance [m^2, rad^2], which keeps the draw-in time above zero."""
 STATES = "0 open, 1 in its envelope, 2 captured, 3 released"
 
 
@@ -42,17 +42,17 @@ def grasp_lifecycle(config: Grasp, grasp: GraspContext) -> Contribution:
 
 @dataclass(frozen=True)
 class _GraspLifecycle:
-    """A grasp that opens or closes: its switches and memory, and what follows from them."""
+    """Switches and stored states of a grasp that opens or closes, and the law built on them."""
 
     config: Grasp
     grasp: GraspContext
 
     def contribution(self) -> Contribution:
-        """Contribution of the kind while the grasp is closed, with the events that close and open it."""
+        """Contribution of the closed grasp, with the events that close and open it."""
         law = self.config.build(dataclasses.replace(self.grasp, hold=self.hold))
         acting = gated(law, self.closed, [name for name in OBSERVED if name != "grasp_gap"])
         loss = law.energy
-        constraints = tuple(self._remembering(held, loss) for held in acting.constraints)
+        constraints = tuple(self._remembering(constraint, loss) for constraint in acting.constraints)
         return dataclasses.replace(
             acting,
             constraints=constraints,
@@ -108,7 +108,7 @@ class _GraspLifecycle:
 
     @property
     def _free(self) -> ca.SX:
-        """Whether it may close (1x1)."""
+        """Whether the grasp may close (1x1)."""
         return both(negated(self.closed), negated(self.released), self.grasp.may_close, *self._moves)
 
     @functools.cached_property
@@ -136,14 +136,17 @@ class _GraspLifecycle:
         return capture is not None and (capture.draw_in is not None or capture.draw_in_deg is not None)
 
     def _said(self, key: str, axes: tuple[int, ...]) -> ca.SX:
-        """Vector (3x1) that is remembered of some axes."""
+        """Stored vector (3x1) with components along some axes."""
         vector = ca.SX(3, 1)
         vector[list(axes)] = self.memory[key].symbol
         return vector
 
     @functools.cached_property
     def mated(self) -> ca.SX:
-        """Tip axes to mating frame's axes where mated (3x3): as at the start, if it begins closed."""
+        """Rotation from tip axes to the mating frame's axes at the mated pose (3x3).
+
+        Initial if it starts closed.
+        """
         grasp, capture = self.grasp, self.config.capture
         if self.config.begins == "open" and capture is not None:
             angles = (
@@ -160,7 +163,7 @@ class _GraspLifecycle:
 
     @functools.cached_property
     def hold(self) -> GraspState:
-        """Pose that the grasp holds: as captured, or drawn in from there."""
+        """Rest pose of the grasp: as captured, or drawn in from there."""
         capture, plant = self.config.capture, self.grasp.plant
         if capture is None:
             return GraspState(self.closed, self.mated, STILL, STILL)
@@ -168,10 +171,10 @@ class _GraspLifecycle:
         constant = TimeProfile(ca.SX(1), ca.SX(1, 1), ca.SX(1, 1))
         drawing = constant
         if self._is_drawn:
-            # from 1 to 0 since the capture, by the cubic blend of Eq. 42; 0 where nothing is drawn any more
+            # from 1 to 0 since the capture, by the cubic blend of Eq. 42; 0 after the draw-in
             time = self.memory["draw_time"].symbol
-            passed = (self.grasp.context.time - self.memory["captured_at"].symbol) / time
-            s = ca.fmin(ca.fmax(passed, 0), 1)
+            fraction = (self.grasp.context.time - self.memory["captured_at"].symbol) / time
+            s = ca.fmin(ca.fmax(fraction, 0), 1)
             drawing = TimeProfile(
                 self.drawn * (1 - s * s * (3 - 2 * s)),
                 -self.drawn * 6 * s * (1 - s) / time,
@@ -184,24 +187,24 @@ class _GraspLifecycle:
             along(turn, constant if capture.draw_in_deg is None else drawing),
         )
 
-    def _remembering(self, held: AccelerationConstraint, loss: ca.SX | None) -> AccelerationConstraint:
-        """Constraint whose impulses are remembered, and that slips off."""
+    def _remembering(self, constraint: AccelerationConstraint, loss: ca.SX | None) -> AccelerationConstraint:
+        """Constraint with stored impulses, whose wrench drives the events of breaking away."""
         plant = self.grasp.plant
 
         def answer(force: ca.SX, torque: ca.SX) -> Contribution:
-            answer_of_law = held.answer(force, torque)
+            answer_of_law = constraint.answer(force, torque)
             return dataclasses.replace(
                 answer_of_law, events=(*answer_of_law.events, *self._slipping(answer_of_law.outputs, loss))
             )
 
         def struck(force: ca.SX, torque: ca.SX) -> Mapping[str, ca.SX]:
-            pushed, turned = self.memory["impulse"], self.memory["couple"]
+            impulse, couple = self.memory["impulse"], self.memory["couple"]
             return {
-                pushed.name: pushed.symbol + force[list(plant.translation_axes)],
-                turned.name: turned.symbol + torque[list(plant.rotation_axes)],
+                impulse.name: impulse.symbol + force[list(plant.translation_axes)],
+                couple.name: couple.symbol + torque[list(plant.rotation_axes)],
             }
 
-        return dataclasses.replace(held, answer=answer, struck=struck)
+        return dataclasses.replace(constraint, answer=answer, struck=struck)
 
     def _event(self, kind: str, guard: ca.SX, armed: ca.SX, sets: Mapping[str, bool]) -> Event:
         return Event(f"{self.grasp.name}.{kind}", kind, self.grasp.name, guard, armed, sets)
@@ -227,24 +230,24 @@ class _GraspLifecycle:
             entered = self._event("entered", room, waiting, {inside.name(): True})
             yield dataclasses.replace(entered, updates={entered_at.name: time})
             yield self._event("left", -room, inside, {inside.name(): False})
-            passed = time - entered_at.symbol - number("capture.dwell")
-            yield from self._attempts(passed, both(self._free, inside), sets | {inside.name(): False})
+            since_dwell = time - entered_at.symbol - number("capture.dwell")
+            yield from self._attempts(since_dwell, both(self._free, inside), sets | {inside.name(): False})
         if self._is_drawn:
-            passed = time - self.memory["captured_at"].symbol - self.memory["draw_time"].symbol
-            yield self._event("drawn", passed, both(self.closed, self.drawn), {self.drawn.name(): False})
+            since_dwell = time - self.memory["captured_at"].symbol - self.memory["draw_time"].symbol
+            yield self._event("drawn", since_dwell, both(self.closed, self.drawn), {self.drawn.name(): False})
 
     def _attempts(self, guard: ca.SX, armed: ca.SX, sets: Mapping[str, bool]) -> Iterator[Event]:
-        """The capture, and the attempt ahead of it that fails."""
+        """Event of the capture, preceded by that of a failed attempt if the grasp may fail."""
         for failed in self._failed("misses"):
             context, missed = self.grasp.context, self.grasp.context.switch("missed")
             updates = {self.memory["missed_at"].name: context.time}
             first = both(armed, failed, negated(missed))
             attempt = self._event("missed", guard, first, {missed.name(): True})
             yield dataclasses.replace(attempt, updates=updates)
-            passed = context.time - self.memory["missed_at"].symbol - context.number("failure.retry")
-            guard = ca.fmin(guard, ca.if_else(missed, passed, guard))
+            since_retry = context.time - self.memory["missed_at"].symbol - context.number("failure.retry")
+            guard = ca.fmin(guard, ca.if_else(missed, since_retry, guard))
             armed = both(armed, either(negated(failed), missed))
-        # the capture, and what is remembered of it
+        # the capture event and the states that it stores
         plant, context, capture = self.grasp.plant, self.grasp.context, self.config.capture
         gap, velocity, spin = apart(self.grasp)
         rotation, turn = plant.placement(self.grasp.mate_frame)[0], misalignment(self.grasp, self.mated)
@@ -267,13 +270,13 @@ class _GraspLifecycle:
         yield dataclasses.replace(capture_event, updates=updates, impact=self.config.is_rigid)
 
     def _opened(self, kind: str, guard: ca.SX, armed: ca.SX, loss: ca.SX | None) -> Event:
-        """It lets go, and what its springs hold is lost."""
-        # what is drawn in stays so: the loss is what its springs store where they are at rest just then
+        """Event that opens the grasp; the energy of its springs is lost."""
+        # a draw-in stops at its present value: the loss is the energy of the springs about that rest pose
         sets = {self.closed.name(): False, self.released.name(): True}
         return dataclasses.replace(self._event(kind, guard, both(armed, self.closed), sets), loss=loss)
 
     def _opening(self, loss: ca.SX | None) -> Iterator[Event]:
-        """Events at which it is let go."""
+        """Events that release the grasp."""
         context, release, lets_go = self.grasp.context, self.config.release, self.grasp.lets_go
         if release is not None and release.at is not None:
             yield self._opened(
@@ -284,26 +287,26 @@ class _GraspLifecycle:
             yield dataclasses.replace(command_event, name=f"{self.grasp.name}.told")
 
     def _slipping(self, outputs: Iterable[Output], loss: ca.SX | None) -> Iterator[Event]:
-        """Events at which it is pulled too hard, of what is observed of its force and torque."""
+        """Events at which the grasp breaks away, by the outputs of its force and torque."""
         release, values = self.config.release, {output.name: output.value for output in outputs}
         for key in ("force", "torque"):
             load = values.get(f"grasp_{key}")
             if release is not None and getattr(release, key) is not None and load is not None:
-                most = self.grasp.context.number(f"release.{key}")
+                strength = self.grasp.context.number(f"release.{key}")
                 for weak in self._failed("weak"):
-                    most = most * (1 - weak * (1 - self.grasp.context.number("failure.remaining")))
-                slipped = self._opened("slipped", ca.dot(load, load) / most**2 - 1, ca.SX(1), loss)
+                    strength = strength * (1 - weak * (1 - self.grasp.context.number("failure.remaining")))
+                slipped = self._opened("slipped", ca.dot(load, load) / strength**2 - 1, ca.SX(1), loss)
                 yield dataclasses.replace(slipped, name=f"{self.grasp.name}.slipped_by_{key}")
 
     def _outputs(self) -> Iterator[Output]:
-        """State of the grasp, and what is remembered of its capture."""
+        """Outputs: state of the grasp, and stored values of its capture."""
         plant, states = self.grasp.plant, self.memory
         of_grasp = functools.partial(Output, dimension="grasp", label=self.grasp.name, plotted=False)
         state = 2 * self.closed + 3 * self.released + (self.inside if "entered_at" in states else 0)
         yield of_grasp("grasp_state", state, "1", f"state of grasps: {STATES}")
-        turned = misalignment(self.grasp, self.mated)
+        rotation_vector = misalignment(self.grasp, self.mated)
         text = "rotation vector from where mated to tips"
-        yield of_grasp("grasp_misalignment", turned, "rad", text, plotted=True)
+        yield of_grasp("grasp_misalignment", rotation_vector, "rad", text, plotted=True)
         if "captured_at" in states:
             when = "time of the last capture, -1 before the first"
             yield of_grasp("grasp_captured_at", states["captured_at"].symbol, "s", when)
@@ -331,14 +334,14 @@ class _GraspLifecycle:
 
 
 def misalignment(grasp: GraspContext, mated: ca.SX) -> ca.SX:
-    """Rotation vector (3x1) [rad], world axes, to the tip from where it is mated (3x3, mate axes)."""
+    """Rotation vector (3x1) [rad], world axes, from the mated orientation (3x3, mate axes) to the tip's."""
     plant = grasp.plant
     mated_rotation = ca.mtimes(plant.placement(grasp.mate_frame)[0], mated)
     return plant.orientation_error(plant.placement(grasp.tip_frame)[0], mated_rotation)
 
 
 def margin(grasp: GraspContext, capture: Capture, mated: ca.SX) -> ca.SX:
-    """Room left in the envelope, above zero inside it (1x1): the least of 1 - (value / limit)^2."""
+    """Margin in the capture envelope (1x1), above zero inside: the minimum of 1 - (value / limit)^2."""
     plant, number = grasp.plant, grasp.context.number
     gap, velocity, spin = apart(grasp)
     gap, velocity = only(gap, plant.translation_axes), only(velocity, plant.translation_axes)

@@ -36,7 +36,7 @@ class Compliant(Grasp):
         return bool(self.rotational_stiffness or self.rotational_damping)
 
     def spring_wrench(self, number: Callable[[str], ca.SX], tip: Displacement) -> tuple[ca.SX, ca.SX]:
-        """``K_g gap + R_g velocity``, and likewise between the orientations if asked."""
+        """Force ``K_g gap + R_g velocity`` and, if configured, the corresponding torque."""
         force = number("stiffness") * tip.gap + number("damping") * tip.velocity
         torque = ca.SX(3, 1)
         if self.rotational_stiffness is not None:
@@ -66,7 +66,7 @@ class Compliant(Grasp):
         )
 
     def assumptions(self) -> list[str]:
-        """Spring and damper forces, and the pose at which the springs are at rest."""
+        """Assumptions: action point of the forces, and the pose at which the springs are at rest."""
         sentences = ["one pair of opposite forces at the tip's point"]
         if self.rotational_stiffness and self.begins == "closed":
             sentences.append("rotational spring at rest in the initial relative orientation")

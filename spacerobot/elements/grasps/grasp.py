@@ -1,11 +1,11 @@
-"""Grasps: what holds a tip and a mating frame of the target together.
+"""Grasps: connections between a tip and a mating frame of the target.
 
-A kind defines how it holds; capture and release are the same for all
+A kind defines the connection; capture and release are common to all
 (:mod:`spacerobot.elements.grasps.capture_release`).
 
-All act as *one* pair of opposite wrenches at one point, the tip's, so that momentum is conserved to rounding.
-Velocities are those of the tip relative to the target's material point that coincides with it. The mating
-points' own motion (Eq. 14-25) follows from the target's frames; a test holds it to the printed formulas.
+Every grasp exerts *one* pair of opposite wrenches at one point, the tip's, so momentum is conserved to
+rounding. Velocities are those of the tip relative to the coincident material point of the target. The mating
+points' own motion (Eq. 14-25) follows from the target's frames; a test compares it with the printed formulas.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ OBSERVED = {
     "grasp_torque": ("N m", "torque of grasps on the target, at the tip"),
     "grasp_gap": ("m", "from mating frames to tips"),
 }
-"""Vectors that every grasp declares: unit and text."""
+"""Vectors that every grasp declares as outputs: unit and text."""
 
 
 @dataclass(frozen=True)
 class Displacement:
-    """Tip relative to where a grasp is at rest, world axes (3x1 each).
+    """Displacement of the tip from a grasp's rest pose, world axes (3x1 each).
 
     Attributes:
         gap, twist: Displacement [m] and rotation vector [rad].
@@ -104,35 +104,35 @@ class Grasp(Element):
 
     @property
     def is_rigid(self) -> bool:
-        """Whether it leaves no gap, so that closing it is an impact."""
+        """Whether it is rigid, so that closing it is an impact."""
         return self.fixes_position or self.fixes_orientation
 
     def life(self, *, told: bool = False) -> str:
-        """Conditions of capture and release, in words; ``told`` is whether a phase releases it."""
+        """Conditions of capture and release, in text form; ``told`` is whether a phase releases it."""
         conditions = []
         if self.begins == "open" and self.capture is not None:
             conditions.append(f"open, {self.capture.words()}")
-        never = "released by phases" if told else "never released"
-        conditions.append(never if self.release is None else self.release.words())
+        ending = "released by phases" if told else "never released"
+        conditions.append(ending if self.release is None else self.release.words())
         return "; ".join(conditions)
 
     @property
     def holds_orientation(self) -> bool:
-        """Whether it holds the tip's orientation too, rigidly or by springs and dampers."""
+        """Whether it also holds the tip's orientation, rigidly or by springs and dampers."""
         return self.fixes_orientation
 
     @required("has_springs")
     def spring_wrench(self, number: Callable[[str], ca.SX], tip: Displacement) -> tuple[ca.SX, ca.SX]:
-        """Force [N] and torque [N m] on the target by springs and dampers, world axes (3x1 each).
+        """Force [N] and torque [N m] of springs and dampers on the target, world axes (3x1 each).
 
         Args:
-            number: Value of a key of this section (1x1): a symbol in a closed loop, the number itself in a
-                plan.
-            tip: The tip relative to where the grasp is at rest.
+            number: Function from a key of this section to its value (1x1): a symbol in a closed loop, the
+                number itself in a plan.
+            tip: Displacement of the tip from the rest pose.
 
         Raises:
-            NotImplementedError: If :attr:`has_springs` is not set: the wrench depends on more than that, as
-                that of a rigid one.
+            NotImplementedError: If :attr:`has_springs` is not set: the wrench of a rigid grasp depends on
+                more than the displacement.
         """
         raise NotImplementedError
 
@@ -144,12 +144,12 @@ class Grasp(Element):
 
 @dataclass(frozen=True)
 class RestPose:
-    """Tip relative to mating frame where the grasp is at rest, world axes (3x1 each).
+    """Rest pose of the tip relative to the mating frame, world axes (3x1 each).
 
     Attributes:
         gap: Vector from mating frame to tip [m].
-        velocity, spin: Velocity and angular velocity of the rest pose while it is drawn in [m/s, rad/s].
-        acceleration, angular_acceleration: Their rates, the mating frame turning [m/s^2, rad/s^2].
+        velocity, spin: Velocity and angular velocity of the rest pose during draw-in [m/s, rad/s].
+        acceleration, angular_acceleration: Rates of these, as the mating frame rotates [m/s^2, rad/s^2].
     """
 
     gap: ca.SX
@@ -167,14 +167,15 @@ class RestPose:
 
 @dataclass(frozen=True)
 class RelativeMotion:
-    """Tip relative to where the grasp is at rest, world axes.
+    """Motion of the tip relative to the rest pose of a grasp, world axes.
 
     Attributes:
-        gap: From there to the tip (3x1) [m]; the mating frame itself, unless captured elsewhere.
-        twist: Rotation vector from the orientation at rest, initial or as captured, to the tip's (3x1) [rad].
-        velocity, spin: Of the tip relative to the target at the tip's point, less the rest's own (3x1 each)
-            [m/s, rad/s].
-        rest: Pose at which it is at rest.
+        gap: Vector from the rest position to the tip (3x1) [m]; the rest position is the mating frame unless
+            captured elsewhere.
+        twist: Rotation vector from the rest orientation (initial or as captured) to the tip's (3x1) [rad].
+        velocity, spin: Velocity and spin of the tip relative to the target at the tip's point, minus those of
+            the rest pose (3x1 each) [m/s, rad/s].
+        rest: Rest pose.
     """
 
     gap: ca.SX
@@ -192,9 +193,9 @@ def relative_motion(grasp: GraspContext) -> RelativeMotion:
         tip0, mate0 = start.placement(grasp.tip_frame)[0], start.placement(grasp.mate_frame)[0]
         mated_rotation = ca.mtimes(mate_rotation, grasp.context.once("rest", ca.mtimes(mate0.T, tip0)))
         none = ca.SX(3, 1)
-        rest = RestPose(none, none, none, none, none)
+        rest_pose = RestPose(none, none, none, none, none)
     else:
-        # the tip's orientation at rest (3x3), and its place, which may be drawn in
+        # rest orientation (3x3) and rest position of the tip, which move during draw-in
         mate_spin = plant.velocity(grasp.mate_frame)[1]
         value, rate, acceleration = (
             part if plant.planar else ca.mtimes(mate_rotation, part)
@@ -202,7 +203,7 @@ def relative_motion(grasp: GraspContext) -> RelativeMotion:
         )
         mated = ca.mtimes(mate_rotation, hold.mated)
         moving = ca.mtimes(mate_rotation, hold.gap.rate)
-        rest = RestPose(
+        rest_pose = RestPose(
             ca.mtimes(mate_rotation, hold.gap.value),
             moving,
             rate,
@@ -212,11 +213,11 @@ def relative_motion(grasp: GraspContext) -> RelativeMotion:
         mated_rotation = ca.mtimes(rotation_exp(value), mated) if value.nnz() else mated
     gap, velocity, spin = apart(grasp)
     return RelativeMotion(
-        gap - rest.gap,
+        gap - rest_pose.gap,
         plant.orientation_error(tip_rotation, mated_rotation),
-        velocity - rest.velocity,
-        spin - rest.spin,
-        rest,
+        velocity - rest_pose.velocity,
+        spin - rest_pose.spin,
+        rest_pose,
     )
 
 

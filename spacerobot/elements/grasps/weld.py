@@ -10,7 +10,7 @@ from spacerobot.elements.grasps.rigid_grasp import RigidGrasp
 
 @register
 class Weld(RigidGrasp):
-    """Rigid grip: the tip keeps its pose in the mating frame, as at the start or where captured."""
+    """Rigid grip: the tip keeps its initial or captured pose in the mating frame."""
 
     fixes_orientation: ClassVar[bool] = True
 

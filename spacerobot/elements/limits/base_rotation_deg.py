@@ -23,6 +23,6 @@ class BaseRotationLimit(PlanLimit):
     upper: float = quantity("deg", "maximum rotation of any robot's base since the start", gt=0, lt=180)
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
-        """One for each base."""
+        """Constraint on the rotation vector of each base."""
         for name, base in instant.bases().items():
             yield within(f"rotation of {name}'s base", "rad", base.rotation, float(np.radians(self.upper)))

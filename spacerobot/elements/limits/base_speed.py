@@ -19,6 +19,6 @@ class BaseSpeedLimit(PlanLimit):
     upper: float = quantity("m/s", "maximum speed of the root link's origin in the world's axes", gt=0)
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
-        """One for each base."""
+        """Constraint on the velocity of each base."""
         for name, base in instant.bases().items():
             yield within(f"speed of {name}'s base", "m/s", base.frame.velocity, self.upper)

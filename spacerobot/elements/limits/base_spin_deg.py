@@ -21,7 +21,7 @@ class BaseSpinLimit(PlanLimit):
     upper: float = quantity("deg/s", "maximum angular velocity relative to the world's axes", gt=0)
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
-        """One for each base."""
+        """Constraint on the spin of each base."""
         limit = float(np.radians(self.upper))
         for name, base in instant.bases().items():
             yield within(f"spin of {name}'s base", "rad/s", base.frame.spin, limit)

@@ -21,6 +21,6 @@ class BaseTranslationLimit(PlanLimit):
     upper: float = quantity("m", "maximum displacement of any robot's base since the start", gt=0)
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
-        """One for each base."""
+        """Constraint on the displacement of each base."""
         for name, base in instant.bases().items():
             yield within(f"displacement of {name}'s base", "m", base.translation, self.upper)

@@ -20,7 +20,7 @@ class GripForceLimit(PlanLimit):
     upper: float = quantity("N", "maximum force of any grasp that holds", gt=0)
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
-        """One for each grasp."""
+        """Constraint on the force of each grasp."""
         for name, wrench in instant.grips().items():
             value = wrench[0]
             if value.numel():

@@ -20,7 +20,7 @@ class GripTorqueLimit(PlanLimit):
     upper: float = quantity("N m", "maximum torque of any grasp that holds", gt=0)
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
-        """One for each grasp."""
+        """Constraint on the torque of each grasp."""
         for name, wrench in instant.grips().items():
             value = wrench[1]
             if value.numel():

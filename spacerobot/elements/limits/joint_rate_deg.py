@@ -20,5 +20,5 @@ class JointRateLimit(PlanLimit):
     upper: float = quantity("deg/s", "maximum rate of any revolute or continuous joint", gt=0)
 
     def joint_limits(self, joint: PlannedJoint) -> Mapping[JointQuantity, float]:
-        """Rate of a joint that turns."""
+        """Maximum rate of a revolute or continuous joint."""
         return {} if joint.kind == "prismatic" else {"rate": float(np.radians(self.upper))}

@@ -1,4 +1,4 @@
-"""Keep-out: a least distance between two shapes, or groups of them."""
+"""Keep-out zone: a minimum distance between two shapes or groups of shapes."""
 
 from __future__ import annotations
 

@@ -15,12 +15,12 @@ from spacerobot.elements.limits.plan_limit import PlanLimit
 from spacerobot.section import Vector, quantity
 
 NEAR = 1e-4
-"""[m] Distance from the camera within which the direction loses its meaning smoothly."""
+"""Distance [m] from the camera below which the direction to the frame is regularised."""
 
 
 @register
 class LineOfSightLimit(PlanLimit):
-    """A camera that keeps a mating frame in sight."""
+    """Line of sight: a camera keeps a mating frame inside its view cone."""
 
     short: ClassVar[str | None] = None
 

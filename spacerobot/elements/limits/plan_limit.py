@@ -1,4 +1,4 @@
-"""Limits: what must hold at all times of a planned motion."""
+"""Limits: conditions at all times of a planned motion."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class PlannedJoint:
 
 @dataclass(frozen=True)
 class SeparatedShapes:
-    """Shapes that a limit keeps apart.
+    """Shapes that a limit keeps separated.
 
     Attributes:
-        between: The two: each the name of a pad, or a link with ``*`` for any letters.
-        wrap: Shape around meshes and cylinders that stands in for them.
+        between: Two sides, each the name of a pad, or a link with ``*`` for any letters.
+        wrap: Shape that replaces meshes and cylinders.
     """
 
     between: tuple[str, str]
@@ -62,13 +62,13 @@ class ApproachCone:
 
 
 class PlanLimit(Element):
-    """A limit: bounds of unknowns, which cost the solver nothing, or path constraints.
+    """Limit of a plan: bounds on unknowns, which cost the solver nothing, or path constraints.
 
-    In a scenario a number alone, or a list, is the key :attr:`short`, and the key is its kind where the
-    section names none: ``torque: 3`` is ``torque: {kind: torque, upper: 3}``.
+    In a scenario a single number or list is the value of the key :attr:`short`. The section's key is the kind
+    if the section names none: ``torque: 3`` is ``torque: {kind: torque, upper: 3}``.
 
     Attributes:
-        relative_to_start: Whether it is measured from where the base is at the start.
+        relative_to_start: Whether it is measured from the initial pose of the base.
     """
 
     family: ClassVar[str] = "plan_limit"
@@ -76,7 +76,7 @@ class PlanLimit(Element):
     relative_to_start: ClassVar[bool] = False
 
     def joint_limits(self, joint: PlannedJoint) -> Mapping[JointQuantity, float]:
-        """Maximum rate [rad/s or m/s] and torque [N m or N] of a joint, where it limits them."""
+        """Maximum rate [rad/s or m/s] and torque [N m or N] of a joint, if the limit applies to them."""
         del joint
         return {}
 
@@ -86,12 +86,12 @@ class PlanLimit(Element):
 
     @property
     def separated(self) -> SeparatedShapes | None:
-        """Shapes that it keeps apart, for drawings and for what is checked before planning; if any."""
+        """Shapes that it keeps separated, for drawings and checks before planning; None if it has none."""
         return None
 
     @property
     def approach_cone(self) -> ApproachCone | None:
-        """Cone in which it keeps a tip, for drawings; if any."""
+        """Cone in which it keeps a tip, for drawings; None if it has none."""
         return None
 
     def faults(self, joint: PlannedJoint) -> Iterator[str]:

@@ -25,7 +25,7 @@ class WheelMomentumLimit(PlanLimit):
     )
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
-        """One for each wheel."""
+        """Constraint on the momentum of each wheel."""
         for robot, wheels in instant.wheels().items():
             for k, value in enumerate(ca.vertsplit(wheels.momenta)):
                 label = f"momentum of {robot}'s wheel {k}"

@@ -1,4 +1,4 @@
-"""Coming to rest."""
+"""Braking of a tip or held object to rest."""
 
 from __future__ import annotations
 
@@ -18,12 +18,13 @@ from spacerobot.section import quantity
 _LONGEST = 1.5
 """Maximum slope of u^2 (3 - 2 u)."""
 _STILL = 1e-12
-"""[m/s, rad/s] of which the square is added to that of a speed, so that none has a slope; and [s]."""
+"""Squared regularisation [m/s, rad/s] of a speed, which keeps its derivative finite at zero; also a time
+[s]."""
 
 
 @register
 class Brake(Reference):
-    """Come to rest from the initial velocity and spin, as fast as two deceleration limits allow."""
+    """Deceleration to rest from the initial velocity and spin, as fast as two deceleration limits allow."""
 
     kind: Literal["brake"] = "brake"
     deceleration: float = quantity("m/s^2", "maximum deceleration", default=0.01, gt=0)
@@ -32,7 +33,7 @@ class Brake(Reference):
     def motion(
         self, context: ReferenceContext, start: InitialMotion, pivot: ca.SX | None = None
     ) -> DesiredMotion:
-        """Velocity and spin fall together, along their own directions; so do rigidly attached bodies."""
+        """Velocity and spin decrease together, each along its own direction; attached bodies move rigidly."""
         spin, linear = start.angular_velocity, start.velocity
         if pivot is not None:
             linear = linear + cross(spin, pivot - start.origin)
@@ -52,5 +53,5 @@ class Brake(Reference):
         return carried(context, start, pivot, (fading("velocity", linear), fading("spin", spin)))
 
     def way(self) -> tuple[Array, Array]:
-        """Not known before it begins: none."""
+        """Zero displacement and rotation: the path is not known in advance."""
         return np.zeros((1, 3)), np.zeros((1, 3))

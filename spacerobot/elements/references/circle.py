@@ -1,4 +1,4 @@
-"""A circle (Eq. 39-44)."""
+"""Motion along a circle (Eq. 39-44)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stay at the initial pose."""
+"""Hold of the initial pose."""
 
 from __future__ import annotations
 
@@ -17,6 +17,6 @@ class Hold(Reference):
     kind: Literal["hold"] = "hold"
 
     def moved(self, context: SectionContext) -> TimeProfile:
-        """None."""
+        """Zero displacement."""
         del context
         return STILL

@@ -1,8 +1,11 @@
-"""Motions through knots: a rollout hands in those of the present interval, so many cost no more than few.
+"""Motions through knots.
 
-Time is cut into intervals by knots; in each lie s points in the same way, the first and the last on its ends.
-A position is the polynomial of degree 2 s - 1 that has the values and rates given at the points (the cubic
-for s = 2), a force that of degree s - 1 (linear for s = 2). Behind the last knot everything rests.
+A rollout passes only the numbers of the present interval, so many cost no more than few.
+
+Knots divide time into intervals. Each interval has s points at the same relative positions, the first and
+last at its ends. A position is the polynomial of degree 2 s - 1 with given values and rates at the points
+(the cubic for s = 2), a force the polynomial of degree s - 1 (linear for s = 2). After the last knot
+everything is at rest.
 """
 
 from __future__ import annotations
@@ -24,16 +27,16 @@ ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class Knots:
-    """Where an instant lies among n intervals, and tables of what belongs to them and to what is behind them.
+    """Position of an instant among n intervals, and tables of the intervals' values and the final ones.
 
     Attributes:
         context: Context of the law.
-        cursor: Tells the interval, n behind the last one.
-        u: Part of the interval that lies behind it (1x1).
+        cursor: Index of the interval, n after the last one.
+        u: Elapsed fraction of the interval (1x1).
         width: Width of the interval (1x1) [s].
         pace: Reciprocal of the width, zero after the last interval (1x1) [1/s].
-        nodes: Parts of an interval at which its points lie (s,).
-        event: That an interval ends; None where known times tell it.
+        nodes: Relative positions of an interval's points, 0 to 1 (s,).
+        event: Event at the end of an interval; None if the end times are known in advance.
         parted: Whether each interval has rows of its own at both ends, so that forces may jump at knots.
     """
 
@@ -55,29 +58,31 @@ class Knots:
         time: ca.SX | None = None,
         begin: ca.SX | None = None,
     ) -> Knots:
-        """An instant among the times of all points, rising from 0.
+        """Position of an instant among the times of all points, which rise from 0.
 
         Args:
-            context, times, points: Context of the law; times of its points (n,) [s], and number of points of
-                an interval.
-            time: Time (1x1) [s] that is counted from an event; that of the law if None.
+            context, times, points: Context of the law; times of its points (n,) [s]; number of points per
+                interval.
+            time: Time (1x1) [s] since an event; the law's own time if None.
             begin: Simulation time of the first point (1x1) [s]; the start if None.
         """
         constants, ends = context.constants, times[ends_of(times, points)]
-        now, limits = context.time if time is None else time, ends[1:].copy()
+        elapsed, limits = context.time if time is None else time, ends[1:].copy()
         is_clock = time is None and context.since is None
         if not is_clock or begin is not None:  # what ends with the plan still belongs to its last interval
             limits[-1] *= 1 + ROUNDING
         is_global = is_clock and begin is None
         name = f"knots {limits.tolist()}" if is_global else f"{context.path}.knots"
         if is_global:
-            behind = [now >= constants.jump(f"knot {end!r}", ca.SX(end)) for end in limits.tolist()]
+            has_passed = [elapsed >= constants.jump(f"knot {end!r}", ca.SX(end)) for end in limits.tolist()]
         elif begin is not None:
-            behind = [now >= context.jump(f"knots.{i}", begin + end) for i, end in enumerate(limits, start=1)]
-            now = now - begin
+            has_passed = [
+                elapsed >= context.jump(f"knots.{i}", begin + end) for i, end in enumerate(limits, start=1)
+            ]
+            elapsed = elapsed - begin
         else:
-            behind = [now >= end for end in limits.tolist()]
-        cursor = constants.cursor(name, sum(behind, ca.SX(0)))
+            has_passed = [elapsed >= end for end in limits.tolist()]
+        cursor = constants.cursor(name, sum(has_passed, ca.SX(0)))
         widths = np.append(np.diff(ends), 1.0)
         rows = [ends, np.append(limits, np.inf), widths, np.append(1 / widths[:-1], 0.0)]
         first, last, width, pace = ca.vertsplit(
@@ -86,13 +91,13 @@ class Knots:
         event = None
         if not is_clock:
             owner = context.path if context.since is None else context.since.owner
-            event = Event(f"{context.path}.knot", "reference", owner, now - last, ca.SX(1), kink=True)
+            event = Event(f"{context.path}.knot", "reference", owner, elapsed - last, ca.SX(1), kink=True)
         nodes, parted = nodes_of(times, points), is_parted(times, points)
-        return cls(context, cursor, (now - first) * pace, width, pace, nodes, event, parted)
+        return cls(context, cursor, (elapsed - first) * pace, width, pace, nodes, event, parted)
 
     def here(self, name: str, values: ca.SX) -> ca.SX:
-        """Row of the interval (m x 1), of those of all intervals and of what is behind them (n + 1 x m)."""
-        # columns whose entries are not all one and the same number
+        """Row of the present interval (m x 1), from the rows of all intervals and the final one."""
+        # columns whose entries are not all equal
         changing = [
             j
             for j, column in enumerate(ca.horzsplit(values))
@@ -105,9 +110,9 @@ class Knots:
         return row
 
     def points(self, name: str, values: ca.SX, last: ca.SX) -> list[ca.SX]:
-        """Values at the points of the current interval (s of m x 1), from those at all points (rows).
+        """Values at the points of the present interval (s of m x 1), from those at all points (rows).
 
-        Behind the last interval it is ``last`` (1 x m) at all of them.
+        After the last interval all of them are ``last`` (1 x m).
         """
         points = len(self.nodes)
         step = points if self.parted else points - 1
@@ -146,9 +151,9 @@ def _summed(weights: Sequence[ca.SX], values: list[ca.SX]) -> ca.SX:
 
 
 def is_parted(times: Sequence[float] | Array, points: int) -> bool:
-    """Whether each interval has rows of its own at both ends, so that knots stand in times twice."""
-    count, rest = divmod(len(times), points)
-    return not rest and count > 1 and times[points - 1] == times[points]
+    """Whether each interval has rows of its own at both ends, so that times of knots occur twice."""
+    count, remainder = divmod(len(times), points)
+    return not remainder and count > 1 and times[points - 1] == times[points]
 
 
 def slices_of(times: Sequence[float] | Array, points: int) -> list[slice]:
@@ -158,7 +163,7 @@ def slices_of(times: Sequence[float] | Array, points: int) -> list[slice]:
 
 
 def ends_of(times: Sequence[float] | Array, points: int) -> list[int]:
-    """Row of each knot, the one behind it where there are two."""
+    """Row of each knot; the later one if a knot has two."""
     return [*(interval.start for interval in slices_of(times, points)), len(times) - 1]
 
 
@@ -179,28 +184,43 @@ def nodes_of(times: Array, points: int) -> Array:
 
 
 def lagrange(nodes: Array, u: ca.SX) -> list[tuple[ca.SX, ca.SX, ca.SX]]:
-    """Polynomials (s) that are 1 at one node each and 0 at the others, at a place u, with two derivatives."""
+    """Lagrange polynomials (s): 1 at one node each and 0 at the others, at u, with two derivatives."""
     polynomials = []
     for j, node in enumerate(nodes):
-        others = np.delete(nodes, j)
+        other_nodes = np.delete(nodes, j)
         value, rate, bend = ca.SX(1), ca.SX(1, 1), ca.SX(1, 1)
-        for other in others:
-            value, rate, bend = value * (u - other), rate * (u - other) + value, bend * (u - other) + 2 * rate
-        scale = 1 / float(np.prod(node - others))
+        for other_node in other_nodes:
+            value, rate, bend = (
+                value * (u - other_node),
+                rate * (u - other_node) + value,
+                bend * (u - other_node) + 2 * rate,
+            )
+        scale = 1 / float(np.prod(node - other_nodes))
         polynomials.append((scale * value, scale * rate, scale * bend))
     return polynomials
 
 
 def hermite(nodes: Array, u: ca.SX) -> tuple[list[tuple[ca.SX, ...]], list[tuple[ca.SX, ...]]]:
-    """Polynomials of which one has the value, another the rate 1 at one node; else both are 0.
+    """Hermite polynomials: value 1, or rate 1, at one node each.
 
-    Of each kind (s) at a place u, then their derivatives, then the second ones.
+    All other values and rates are zero. The polynomials (s) of each type at u come with their first and
+    second derivatives.
     """
     by_value, by_rate = [], []
-    for j, (one, slope, bend) in enumerate(lagrange(nodes, u)):
+    for j, (lagrange_value, slope, bend) in enumerate(lagrange(nodes, u)):
         away, steep = u - nodes[j], 2 * float((1 / (nodes[j] - np.delete(nodes, j))).sum())
-        left, square, change = 1 - steep * away, one * one, 2 * one * slope
-        turn = 2 * (slope * slope + one * bend)
-        by_value.append((left * square, left * change - steep * square, left * turn - 2 * steep * change))
+        value_factor, square, change = (
+            1 - steep * away,
+            lagrange_value * lagrange_value,
+            2 * lagrange_value * slope,
+        )
+        turn = 2 * (slope * slope + lagrange_value * bend)
+        by_value.append(
+            (
+                value_factor * square,
+                value_factor * change - steep * square,
+                value_factor * turn - 2 * steep * change,
+            )
+        )
         by_rate.append((away * square, square + away * change, 2 * change + away * turn))
     return list(zip(*by_value, strict=True)), list(zip(*by_rate, strict=True))

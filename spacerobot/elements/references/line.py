@@ -1,4 +1,4 @@
-"""A straight line."""
+"""Motion along a straight line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A planned motion of a tip."""
+"""Planned motion of a tip."""
 
 from __future__ import annotations
 
@@ -54,16 +54,16 @@ class PlanReference(Reference):
     def motion(
         self, context: ReferenceContext, start: InitialMotion, pivot: ca.SX | None = None
     ) -> DesiredMotion:
-        """Through the points; the rotation is one from the knot behind, whose vector is a polynomial."""
+        """Motion through the points; the rotation vector from the last knot is a polynomial."""
         del start, pivot
         planned = self.planned
         knots = Knots.at(context, np.array(planned.times), planned.points)
-        moved = knots.motion(
+        position = knots.motion(
             "position", sparse(np.array(planned.position)), sparse(np.array(planned.velocity))
         )
         firsts, turns, rates = turning(planned)
-        behind = ca.reshape(knots.here("behind", sparse(firsts)), 3, 3)
-        turned = knots.between(
+        knot_rotation = ca.reshape(knots.here("behind", sparse(firsts)), 3, 3)
+        rotation_vector = knots.between(
             *(
                 [knots.here(f"{name} {j}", sparse(each)) for j, each in enumerate(both)]
                 for name, both in (("turn", turns), ("turn rate", rates))
@@ -71,12 +71,12 @@ class PlanReference(Reference):
         )
         if context.since is not None and knots.event is not None:
             context.since.knots.append(replace(knots.event, armed=context.since.active))
-        spin, gain = _spin(turned)
+        spin, gain = _spin(rotation_vector)
         return DesiredMotion(
-            position=moved.value,
-            velocity=moved.rate,
-            acceleration=moved.acceleration,
-            rotation=ca.mtimes(rotation_exp(turned.value), behind),
+            position=position.value,
+            velocity=position.rate,
+            acceleration=position.acceleration,
+            rotation=ca.mtimes(rotation_exp(rotation_vector.value), knot_rotation),
             angular_velocity=spin,
             angular_acceleration=gain,
         )
@@ -95,11 +95,11 @@ class PlanReference(Reference):
         return position - position[0], np.array([pin.log3(pin.exp3(r) @ first.T) for r in rotation])
 
     def leaves_plane(self) -> Iterator[tuple[str, list[float]]]:
-        """Knots that move or turn out of the x-y plane."""
-        moved, turned = self.way()
+        """Knots that leave the x-y plane by displacement or rotation."""
+        displacements, rotations = self.way()
         deviations = [
-            float(np.abs(moved[:, 2]).max()),
-            *(float(x) for x in np.abs(turned[:, :2]).max(axis=0)),
+            float(np.abs(displacements[:, 2]).max()),
+            *(float(x) for x in np.abs(rotations[:, :2]).max(axis=0)),
         ]
         if max(deviations) > PLANE_TOLERANCE:
             yield "knots", deviations
@@ -110,9 +110,9 @@ class PlanReference(Reference):
 
 
 def turning(planned: TipMotion) -> tuple[Array, Array, Array]:
-    """Rotations at the knot behind each interval, and at the last one (n + 1, 9), column by column.
+    """Rotations at the start of each interval and at the end (n + 1, 9), column by column.
 
-    With them rotation vectors from there to the points of the interval and their rates (s, n + 1, 3) each.
+    Also the rotation vectors from there to the interval's points, and their rates (s, n + 1, 3) each.
     """
     import pinocchio as pin  # not needed to validate a section
 
@@ -128,17 +128,21 @@ def turning(planned: TipMotion) -> tuple[Array, Array, Array]:
     return np.array([rotations[k].T.ravel() for k in (*starts, -1)]), turns, rates
 
 
-def _spin(turned: TimeProfile) -> tuple[ca.SX, ca.SX]:
-    """Spin and its rate (3x1 each) of a rotation whose vector changes."""
-    if turned.value.nnz() <= 1:
-        return turned.rate, turned.acceleration
+def _spin(rotation_vector: TimeProfile) -> tuple[ca.SX, ca.SX]:
+    """Spin and its rate (3x1 each) of a rotation given by a time-varying rotation vector."""
+    if rotation_vector.value.nnz() <= 1:
+        return rotation_vector.rate, rotation_vector.acceleration
     vector, rate = ca.SX.sym("vector", 3), ca.SX.sym("rate", 3)
-    turning = ca.mtimes(
+    skew_spin = ca.mtimes(
         ca.reshape(ca.jtimes(ca.vec(rotation_exp(vector)), vector, rate), 3, 3), rotation_exp(vector).T
     )
-    spin = ca.vertcat(turning[2, 1], turning[0, 2], turning[1, 0])
+    spin = ca.vertcat(skew_spin[2, 1], skew_spin[0, 2], skew_spin[1, 0])
     both, change = ca.vertcat(vector, rate), ca.SX.sym("change", 6)
     gain = ca.jtimes(spin, both, change)
     spin_function = ca.Function("spin", [vector, rate, change], [spin, gain])
-    now, growing = spin_function(turned.value, turned.rate, ca.vertcat(turned.rate, turned.acceleration))
-    return now, growing
+    spin_value, growing = spin_function(
+        rotation_vector.value,
+        rotation_vector.rate,
+        ca.vertcat(rotation_vector.rate, rotation_vector.acceleration),
+    )
+    return spin_value, growing

@@ -147,10 +147,10 @@ def points_of(plan: xr.Dataset) -> int:
 
 
 def _during(plan: xr.Dataset, phase: str | None) -> xr.Dataset:
-    """Rows of one phase, time from its beginning; all where none is named.
+    """Rows of one phase, with time from its start; all rows if ``phase`` is None.
 
     Raises:
-        ScenarioError: If there is no such phase.
+        ScenarioError: If the phase does not exist.
     """
     phases = phase_rows(plan)
     if phase is None:
@@ -165,7 +165,7 @@ def _during(plan: xr.Dataset, phase: str | None) -> xr.Dataset:
 
 
 def parted(plan: xr.Dataset) -> xr.Dataset:
-    """A plan whose forces jump at some knots, with rows of its own for both ends of each interval."""
+    """Plan whose intervals have rows of their own at both ends, since forces jump at some knots."""
     times, step, rows, first = plan.time.values, points_of(plan) - 1, list[int](), 0
     if (np.diff(times) > 0).all() or step < 1:
         return plan
@@ -179,7 +179,7 @@ def parted(plan: xr.Dataset) -> xr.Dataset:
 def phase_rows(plan: xr.Dataset) -> dict[str, tuple[int, int]]:
     """First and last row of each phase of a plan, by name; empty if it has no phases.
 
-    A phase ends with a row of its own at the time at which the next one begins, or with the next one's first.
+    A phase ends with its own row at the start time of the next phase, or with that phase's first row.
     """
     if "phase" not in plan.variables:
         return {}

@@ -36,7 +36,7 @@ def plan_phase() -> Any:
 
 
 def check_given(file: str | None, knots: object) -> None:
-    """Refuse an element that follows no plan.
+    """Check that a file or knots are given.
 
     Raises:
         ValueError: If there is neither a file nor knots.
@@ -109,9 +109,9 @@ class PhasedPlan(CollocationTimes):
     )
 
     def time(self, robot: RobotContext) -> ca.SX | None:
-        """Time in the plan (1x1) [s]: in its phase of the present name, after its end in others.
+        """Time in the plan (1x1) [s]: within the present phase, or after the plan's end in other phases.
 
-        None where time is that of the simulation.
+        None if the plan uses simulation time.
         """
         phases = robot.context.phases
         if not phases:
@@ -119,13 +119,13 @@ class PhasedPlan(CollocationTimes):
         if not self.phases:
             return robot.phase_time()
         end = self.times[-1]
-        behind = 2 * end
-        plan_time = ca.SX(behind)
+        after_end = 2 * end
+        plan_time = ca.SX(after_end)
         for name, (begin, last) in self.phases.items():
             if name in phases:
-                passed = robot.phase_time()
-                within = begin + (passed if last == end else ca.fmin(passed, last - begin))
-                plan_time = plan_time + phases[name] * (within - behind)
+                phase_time = robot.phase_time()
+                within = begin + (phase_time if last == end else ca.fmin(phase_time, last - begin))
+                plan_time = plan_time + phases[name] * (within - after_end)
         return plan_time
 
 

@@ -1,6 +1,6 @@
-"""References: where a tip or the held object shall be at each time (Eq. 39-44).
+"""References: desired motion of a tip or a held object (Eq. 39-44).
 
-All kinds start where the frame is when they begin, at rest, and hold where they end.
+All kinds start at rest at the frame's initial pose, and hold their final pose.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from spacerobot.symbolic import Constants, Parameters
 
 DEGREE = np.pi / 180
 SAMPLES = 65
-"""Times at which a reference is looked at where its whole way is judged."""
+"""Number of times at which a whole path is sampled for checks."""
 PLANE_TOLERANCE = 1e-12
 
 
@@ -46,14 +46,13 @@ class Reference(Element):
         return None
 
     def from_standoff(self, standoff: float) -> dict[str, Any] | None:
-        """Section that continues as this one does, for a tip that is already near the link that it follows.
+        """Section that continues this one for a tip that is already near the followed link.
 
         Args:
-            standoff: Distance before that link at which the tip is [m].
+            standoff: Distance of the tip in front of that link [m].
 
         Returns:
-            dict or None: The section without what lies behind the tip; None for a reference that cannot begin
-                there.
+            dict or None: Section without the completed part; None for a reference that cannot start there.
         """
         del standoff
         return None
@@ -79,13 +78,13 @@ class Reference(Element):
     def motion(
         self, context: ReferenceContext, start: InitialMotion, pivot: ca.SX | None = None
     ) -> DesiredMotion:
-        """Motion of a frame that begins at ``start``.
+        """Motion of a frame that starts at ``start``.
 
         Args:
-            context: Time, this section's numbers, and what can be seen of the target.
-            start: Motion of the frame when the reference begins.
-            pivot: Where the point then is that is displaced (3x1) [m], where that is not the frame's own
-                origin: the target's, if the frame is carried along by it.
+            context: Time, the section's numbers, and measurements of the target.
+            start: Motion of the frame at the reference's start.
+            pivot: Initial position of the displaced point (3x1) [m] if it is not the frame's own origin: the
+                target's origin for a frame that the target carries.
         """
         return carried(context, start, pivot, (self.moved(context), self.turned(context)))
 
@@ -102,36 +101,41 @@ class Reference(Element):
         return both[:, :, 0], both[:, :, 1]
 
     def leaves_plane(self) -> Iterator[tuple[str, list[float]]]:
-        """Keys of the section, with their values, that lead out of the x-y plane."""
-        moved, turned = self.way()
-        if np.abs(moved[:, 2]).max() > PLANE_TOLERANCE or np.abs(turned[:, :2]).max() > PLANE_TOLERANCE:
-            farthest = np.abs(moved[:, 2]).max(), *np.abs(turned[:, :2]).max(axis=0)
+        """Keys of the section, with values, that leave the x-y plane."""
+        displacements, rotations = self.way()
+        if (
+            np.abs(displacements[:, 2]).max() > PLANE_TOLERANCE
+            or np.abs(rotations[:, :2]).max() > PLANE_TOLERANCE
+        ):
+            farthest = np.abs(displacements[:, 2]).max(), *np.abs(rotations[:, :2]).max(axis=0)
             yield "kind", [float(size) for size in farthest]
 
 
 def carried(
     context: SectionContext, start: InitialMotion, pivot: ca.SX | None, way: tuple[TimeProfile, TimeProfile]
 ) -> DesiredMotion:
-    """Motion of a frame on a way: a displacement, and a rotation vector of constant direction (3x1 each)."""
-    moved, turned = way
+    """Motion of a frame along a path: displacement and rotation vector of constant direction (3x1 each)."""
+    displacement, rotation_vector = way
     rotation0 = context.begun("start.rotation", start.rotation)
     pivot0 = context.begun("start.pivot", start.origin if pivot is None else pivot)
     lever0 = ca.SX(3, 1) if pivot is None else context.begun("start.lever", start.origin - pivot)
-    rotation = ca.SX.eye(3) if turned.value.nnz() == 0 else rotation_exp(turned.value)
+    rotation = ca.SX.eye(3) if rotation_vector.value.nnz() == 0 else rotation_exp(rotation_vector.value)
     lever = ca.mtimes(rotation, lever0)
-    swing = cross(turned.rate, lever)
+    swing = cross(rotation_vector.rate, lever)
     return DesiredMotion(
-        position=pivot0 + moved.value + lever,
-        velocity=moved.rate + swing,
-        acceleration=moved.acceleration + cross(turned.acceleration, lever) + cross(turned.rate, swing),
+        position=pivot0 + displacement.value + lever,
+        velocity=displacement.rate + swing,
+        acceleration=displacement.acceleration
+        + cross(rotation_vector.acceleration, lever)
+        + cross(rotation_vector.rate, swing),
         rotation=ca.mtimes(rotation, rotation0),
-        angular_velocity=turned.rate,
-        angular_acceleration=turned.acceleration,
+        angular_velocity=rotation_vector.rate,
+        angular_acceleration=rotation_vector.acceleration,
     )
 
 
 class TimedReference(Reference):
-    """A motion that the cubic blend of Eq. 42 carries from rest to rest, and a rotation by the same blend."""
+    """Motion from rest to rest by the cubic blend of Eq. 42, with a rotation by the same blend."""
 
     duration: float = quantity("s", "time the motion takes; held afterwards", default=10.0, gt=0)
     rotation_deg: Vector = quantity(

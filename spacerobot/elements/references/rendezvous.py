@@ -1,4 +1,4 @@
-"""Coming to a mating frame of a target that moves."""
+"""Rendezvous of a tip with a mating frame of a moving target."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Rendezvous(Reference):
         return self.frame
 
     def from_standoff(self, standoff: float) -> dict[str, Any]:
-        """Without the wait; it stays where its own end is farther away than that."""
+        """Section without the wait; it holds the standoff if its own end is farther away than that."""
         document = self.model_dump(mode="json") | {"wait": 0.0}
         stays = self.end_distance >= standoff
         return document | ({"closing_speed": None, "end_distance": standoff} if stays else {})
@@ -80,33 +80,34 @@ class Rendezvous(Reference):
     def motion(
         self, context: ReferenceContext, start: InitialMotion, pivot: ca.SX | None = None
     ) -> DesiredMotion:
-        """A way in the mating frame, carried by it."""
+        """Motion along a path defined in the mating frame and carried by it."""
         del pivot
         plant, sighting = context.plant, _Seen.of(context, context.links[self.frame])
         mated = context.once("mated", rotation_from_rpy(_vector(context, "mated_deg") * DEGREE))
         # displacement and rotation vector (3x1 each) relative to the mated pose, axes of the mating frame
         first = sighting.at(start)
-        back, apart = first.rotation.T, start.origin - first.position
-        offset = context.begun("offset", ca.mtimes(back, apart))
-        relative = start.velocity - first.velocity - cross(first.spin, apart)
+        back, offset_world = first.rotation.T, start.origin - first.position
+        offset = context.begun("offset", ca.mtimes(back, offset_world))
+        relative = start.velocity - first.velocity - cross(first.spin, offset_world)
         drift = context.begun("drift", ca.mtimes(back, relative))
         twist = context.plant.orientation_error(ca.mtimes(back, start.rotation), mated)
         turn = context.begun("turn", twist)
         axis = _vector(context, "axis")
         axis = context.once("axis", axis / ca.norm_2(ca.densify(axis)))
-        # times at which it comes to the standoff and leaves it, and from there to the end (1x1 each) [s]
+        # times of arrival at the standoff and of departure, and duration from there to the end (1x1 each)
+        # [s]
         number = context.number
         if self.closing_speed is not None:
             closing = PEAK * (number("standoff") - number("end_distance")) / number("closing_speed")
         else:
             closing = ca.SX(5) if self.duration is None else number("duration")
         time = number("approach_time")
-        left = time + number("wait") if self.wait else time
+        departure = time + number("wait") if self.wait else time
         arrive = smooth_blend(context, (None, "arrived"), ca.SX(0), time)
-        close = smooth_blend(context, ("left" if self.wait else "arrived", "closed"), left, closing)
+        close = smooth_blend(context, ("left" if self.wait else "arrived", "closed"), departure, closing)
         standoff = -context.number("standoff") * axis
         onward = -context.number("end_distance") * axis - standoff
-        # how far an initial velocity of 1 leads on (1x1) [s]: T u (1 - u)^3 (1 + 3 u), gone at the end
+        # distance per unit of initial velocity (1x1) [s]: T u (1 - u)^3 (1 + 3 u), zero at the end
         u = ca.if_else(context.time < context.jump("arrived", time), context.time / time, 1)
         coast = TimeProfile(
             time * u * (1 - u) ** 3 * (1 + 3 * u),
@@ -114,38 +115,44 @@ class Rendezvous(Reference):
             -12 * u * (1 - u) * (3 - 5 * u) / time,
         )
         away = offset - standoff
-        moved = TimeProfile(
+        displacement = TimeProfile(
             standoff + away * (1 - arrive.value) + drift * coast.value + onward * close.value,
             -away * arrive.rate + drift * coast.rate + onward * close.rate,
             -away * arrive.acceleration + drift * coast.acceleration + onward * close.acceleration,
         )
-        turned = TimeProfile(turn * (1 - arrive.value), -turn * arrive.rate, -turn * arrive.acceleration)
+        rotation_vector = TimeProfile(
+            turn * (1 - arrive.value), -turn * arrive.rate, -turn * arrive.acceleration
+        )
         rotation, spin = sighting.rotation, sighting.spin
         lever, rate, bend = (
-            ca.mtimes(rotation, part) for part in (moved.value, moved.rate, moved.acceleration)
+            ca.mtimes(rotation, part)
+            for part in (displacement.value, displacement.rate, displacement.acceleration)
         )
-        turning, gain = ca.mtimes(rotation, turned.rate), ca.mtimes(rotation, turned.acceleration)
+        relative_spin, gain = (
+            ca.mtimes(rotation, rotation_vector.rate),
+            ca.mtimes(rotation, rotation_vector.acceleration),
+        )
         linear, angular = _free_acceleration(context, sighting)
         swing, about = cross(spin, lever), plant.rotation_axes
         return DesiredMotion(
             position=sighting.position + lever,
             velocity=sighting.velocity + swing + rate,
             acceleration=linear + cross(angular, lever) + cross(spin, swing + 2 * rate) + bend,
-            rotation=ca.mtimes(rotation, ca.mtimes(rotation_exp(turned.value), mated)),
-            angular_velocity=only(spin + turning, about),
-            angular_acceleration=only(angular + cross(spin, turning) + gain, about),
+            rotation=ca.mtimes(rotation, ca.mtimes(rotation_exp(rotation_vector.value), mated)),
+            angular_velocity=only(spin + relative_spin, about),
+            angular_acceleration=only(angular + cross(spin, relative_spin) + gain, about),
         )
 
     def jumps(self) -> tuple[float, ...]:
-        """At the standoff, when it leaves there, and at the end."""
+        """Times of arrival at the standoff, of departure from it, and of the end [s]."""
         closing = 5.0 if self.duration is None else self.duration
         if self.closing_speed is not None:
             closing = PEAK * (self.standoff - self.end_distance) / self.closing_speed
-        left = self.approach_time + self.wait
-        return (self.approach_time, left, left + closing)
+        departure = self.approach_time + self.wait
+        return (self.approach_time, departure, departure + closing)
 
     def way(self) -> tuple[Array, Array]:
-        """Not known before it begins: none."""
+        """Zero displacement and rotation: the path is not known in advance."""
         return np.zeros((1, 3)), np.zeros((1, 3))
 
     def leaves_plane(self) -> Iterator[tuple[str, list[float]]]:
@@ -164,21 +171,21 @@ class Rendezvous(Reference):
 
 
 class _Seen:
-    """A mating frame as the robot's sensors show it: rotation, position, velocity, spin."""
+    """Measured mating frame: rotation, position, velocity, spin."""
 
     def __init__(self, rotation: ca.SX, position: ca.SX, velocity: ca.SX, spin: ca.SX) -> None:
         self.rotation, self.position, self.velocity, self.spin = rotation, position, velocity, spin
 
     @classmethod
     def of(cls, context: ReferenceContext, frame: int) -> _Seen:
-        """Now: its position relative to the tip, and its velocity and spin, by sensors."""
+        """Present measurement: position relative to the tip, velocity and spin from sensors or estimates."""
         plant = context.plant
         (rotation, place), (velocity, spin) = plant.placement(frame), plant.velocity(frame)
         tip, estimates = plant.placement(context.tip)[1], context.estimates
         if "target_position" in estimates:
-            turned = rotation_exp(estimates["target_orientation"](ca.SX(3, 1)))
+            correction = rotation_exp(estimates["target_orientation"](ca.SX(3, 1)))
             estimate = (estimates[f"target_{key}"](place) for key in ("position", "velocity", "spin"))
-            return cls(ca.mtimes(turned, rotation), *estimate)
+            return cls(ca.mtimes(correction, rotation), *estimate)
 
         def read(signal: str, truth: ca.SX, axes: tuple[int, ...], origin: ca.SX | None = None) -> ca.SX:
             value = truth if origin is None else truth - origin

@@ -1,4 +1,4 @@
-"""A cubic spline through waypoints."""
+"""Cubic spline through waypoints."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from spacerobot.elements.references.reference import Reference
 from spacerobot.section import Vector
 
 OVERSHOOT = 0.25
-"""Beyond its waypoints, of the distance between the farthest corners of the box that holds them."""
+"""Overshoot beyond the waypoints that causes a warning, relative to the diagonal of their bounding box."""
 
 
 @register
 class Spline(Reference):
-    """A cubic spline through waypoints, at rest at both ends."""
+    """Cubic spline through waypoints, at rest at both ends."""
 
     kind: Literal["spline"] = "spline"
     times: tuple[float, ...] = Field(
@@ -49,7 +49,7 @@ class Spline(Reference):
         return self
 
     def moved(self, context: SectionContext) -> TimeProfile:
-        """Clamped cubic spline; its coefficients are linear in the waypoints."""
+        """Displacement by a clamped cubic spline; its coefficients are linear in the waypoints."""
         knots, count = np.array(self.times), len(self.times)
         coordinates = [
             context.parameters.sparse_vector(f"{context.path}.displacements.{i}").T for i in range(count)
@@ -59,25 +59,25 @@ class Spline(Reference):
         points = context.once("displacements", points)
         profile = TimeProfile(points[count - 1, :].T, ca.SX(3, 1), ca.SX(3, 1))
         for i in reversed(range(count - 1)):
-            here = context.time < context.jump(f"times.{i + 1}", float(knots[i + 1]))
+            is_before = context.time < context.jump(f"times.{i + 1}", float(knots[i + 1]))
             # cubic between two knots, from the waypoints and second derivatives there
             width = float(knots[i + 1] - knots[i])
-            left, right = (knots[i + 1] - context.time) / width, (context.time - knots[i]) / width
+            before, after = (knots[i + 1] - context.time) / width, (context.time - knots[i]) / width
             a, b, m, n = points[i, :].T, points[i + 1, :].T, second[i, :].T, second[i + 1, :].T
             inside = TimeProfile(
-                left * a + right * b + (m * (left**3 - left) + n * (right**3 - right)) * (width**2 / 6),
-                (b - a) / width + (n * (3 * right**2 - 1) - m * (3 * left**2 - 1)) * (width / 6),
-                left * m + right * n,
+                before * a + after * b + (m * (before**3 - before) + n * (after**3 - after)) * (width**2 / 6),
+                (b - a) / width + (n * (3 * after**2 - 1) - m * (3 * before**2 - 1)) * (width / 6),
+                before * m + after * n,
             )
             profile = TimeProfile(
-                ca.if_else(here, inside.value, profile.value),
-                ca.if_else(here, inside.rate, profile.rate),
-                ca.if_else(here, inside.acceleration, profile.acceleration),
+                ca.if_else(is_before, inside.value, profile.value),
+                ca.if_else(is_before, inside.rate, profile.rate),
+                ca.if_else(is_before, inside.acceleration, profile.acceleration),
             )
         return profile
 
     def warnings(self) -> list[str]:
-        """Warnings of axes on which it swings far beyond its waypoints."""
+        """Warnings about axes with a large overshoot beyond the waypoints."""
         points = np.array(self.displacements)
         lower, upper = points.min(axis=0), points.max(axis=0)
         # displacements (m, 3) on the whole way, at as many times in each piece
@@ -109,7 +109,7 @@ class Spline(Reference):
 
 
 def _clamped_spline_operator(knots: Array) -> ca.DM:
-    """Matrix (n, n) from waypoints to second derivatives at the knots, slopes zero at both ends."""
+    """Matrix (n, n) from waypoints to second derivatives at the knots, with zero slopes at both ends."""
     n, h = len(knots), np.diff(knots)
     left, right = np.zeros((n, n)), np.zeros((n, n))
     for i in range(n):

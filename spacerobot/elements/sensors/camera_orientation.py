@@ -1,4 +1,4 @@
-"""A camera that sees how the target is turned."""
+"""Camera that measures the target's orientation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A camera that sees where the target is."""
+"""Camera that measures the target's position."""
 
 from __future__ import annotations
 

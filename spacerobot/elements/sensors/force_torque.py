@@ -28,8 +28,8 @@ from spacerobot.section import quantity
 class ForceTorque(LinearSensor):
     """Force-torque sensor at a tip or a joint: force or torque on the tip, sampled at 200 Hz.
 
-    For the signals `tip_force` and `tip_torque`. The sampling rate is an assumption, not the data of a
-    certain sensor.
+    It provides the signals `tip_force` and `tip_torque`. The sampling rate is an assumption, not the data of
+    a particular sensor.
     """
 
     kind: Literal["force_torque"] = "force_torque"
@@ -54,10 +54,10 @@ class ForceTorque(LinearSensor):
 
     @property
     def flange(self) -> Flange:
-        """Its joint, and whether the links beyond it are compensated."""
+        """Joint of the sensor, and whether the links beyond it are compensated."""
         return Flange(self.joint, self.compensated or self.joint is None)
 
     @property
     def is_ideal(self) -> bool:
-        """Whether it shows at all times the wrench on the tip itself."""
+        """Whether it reads the wrench on the tip at all times without errors."""
         return super().is_ideal and self.joint is None

@@ -1,4 +1,4 @@
-"""A rate gyro."""
+"""Rate gyro."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from spacerobot.section import quantity
 
 @register
 class Gyro(LinearSensor):
-    """Rate gyro of navigation grade: white noise and a bias that walks at random, sampled at 100 Hz.
+    """Rate gyro of navigation grade: white noise and a random-walk bias, sampled at 100 Hz.
 
     The densities are those of Crassidis and Markley (2003), Unscented filtering for spacecraft attitude
     estimation, Journal of Guidance, Control, and Dynamics 26(4): 0.316 urad/s^0.5 and 0.316 nrad/s^1.5,

@@ -1,4 +1,4 @@
-"""A joint encoder."""
+"""Joint encoder."""
 
 from __future__ import annotations
 

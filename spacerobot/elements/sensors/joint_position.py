@@ -19,7 +19,7 @@ def joint_position(model: Any, joint: int, q: ca.SX) -> ca.SX:
 
 
 def read_positions(robot: RobotContext, desired: ca.SX) -> list[ca.SX]:
-    """Positions of a robot's joints as its sensor gives them, each the one that is nearest to the desired."""
+    """Measured positions of a robot's joints, each moved by whole turns to be nearest to the desired one."""
     model, q, joints = robot.plant.model, robot.plant.q, robot.joints
     last = robot.held("joint_position", ca.vertcat(*(joint_position(model, joint, q) for joint in joints)))
     positions = []
@@ -29,23 +29,23 @@ def read_positions(robot: RobotContext, desired: ca.SX) -> list[ca.SX]:
                 measured(robot.sensors("joint_position"), nearest_position(model, joint, q, desired[i]))
             )
         elif model.joints[joint].nq == 2:
-            behind = last[i] - desired[i]
-            positions.append(desired[i] + ca.atan2(ca.sin(behind), ca.cos(behind)))
+            difference = last[i] - desired[i]
+            positions.append(desired[i] + ca.atan2(ca.sin(difference), ca.cos(difference)))
         else:
             positions.append(last[i])
     return positions
 
 
 def nearest_position(model: Any, joint: int, q: ca.SX, desired: ca.SX) -> ca.SX:
-    """Position of a joint; of an unbounded one that which is nearest to the desired position.
+    """Position of a joint; for an unbounded joint the equivalent angle nearest to the desired position.
 
-    The desired position may pass half a turn, where the angle read from cos and sin jumps by a whole one.
+    The desired position may pass half a turn, where the angle from cos and sin jumps by a whole turn.
     """
     pin_joint = model.joints[joint]
     if pin_joint.nq == 1:
         return joint_position(model, joint, q)
     cos, sin = q[pin_joint.idx_q], q[pin_joint.idx_q + 1]
-    behind = ca.atan2(
+    difference = ca.atan2(
         sin * ca.cos(desired) - cos * ca.sin(desired), cos * ca.cos(desired) + sin * ca.sin(desired)
     )
-    return desired + behind
+    return desired + difference

@@ -15,10 +15,10 @@ class LinearSensor(Sensor):
     scale: float = quantity("1", "b", default=1.0)
 
     def affine(self, context: SectionContext) -> Affine:
-        """Both are numbers of the section."""
+        """Offset and scale from the section."""
         return context.number("offset"), context.number("scale")
 
     @property
     def is_ideal(self) -> bool:
-        """Whether a is 0 and b is 1, always, without noise and failures."""
+        """Whether a is 0 and b is 1 without variation, noise and failures."""
         return self.offset == 0 and self.scale == 1 and self.errors is None and self.failure is None

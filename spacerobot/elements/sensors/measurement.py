@@ -1,18 +1,18 @@
-"""Measurements at instants, with the errors of real sensors.
+"""Measurements at sample instants, with the errors of real sensors.
 
 Sample k of a signal s, with the sensor's scale b and offset a, is
 
     m_k = clip(Q(b s + a + beta_k + sigma_d / sqrt(T) n_k)),    beta_k = beta_k-1 + kappa sqrt(T) w_k,
 
-with the period T, the densities sigma_d of white noise and kappa of the bias' random walk, standard normal
-numbers n and w, the quantisation Q and the range by which it is clipped, both of each component. White noise
-of density sigma_d (square root of the two-sided power spectral density) has the variance sigma_d^2 / T where
-it is averaged over T; the integral of a rate then walks at random by sigma_d sqrt(t), whatever T (IEEE Std
-952). beta_0 is drawn with the standard deviation of the initial bias. A sample that drops out leaves the last
-one; each acts after the latency, and is held until the next. A sensor that sees a vector from a moving point,
-or a rotation vector from a moving attitude, holds the place or the attitude in the world that its sample
-shows. A sensor that drifts adds a ramp to the signal, one that freezes repeats its last sample as if it were
-new, and one that is lost gives no more samples.
+with the period T, the density sigma_d of white noise and kappa of the bias' random walk, standard normal
+numbers n and w, the quantisation Q, and a range to which each component is clipped. White noise of density
+sigma_d (square root of the two-sided power spectral density) averaged over T has the variance sigma_d^2 / T;
+the integral of a rate then performs a random walk sigma_d sqrt(t) for any T (IEEE Std 952). beta_0 is drawn
+with the standard deviation of the initial bias. A dropped sample repeats the last one; each sample acts after
+the latency and is held until the next. A sensor that measures a vector from a moving point, or a rotation
+vector from a moving attitude, holds the resulting position or attitude in the world. A drifting sensor adds a
+ramp to the signal, a frozen one repeats its last sample as if it were new, and a lost one gives no more
+samples.
 """
 
 from __future__ import annotations
@@ -128,28 +128,30 @@ class FailingSensor:
     event: Event
     drift: ca.SX
 
-    def shown(self, last: ca.SX, found: ca.SX, time: ca.SX | None = None) -> ca.SX:
-        """Reading (m x 1), of the last sample and a new one; a frozen one has the new one's time."""
+    def shown(self, last: ca.SX, new: ca.SX, time: ca.SX | None = None) -> ca.SX:
+        """Reading (m x 1) from the last sample and a new one.
+
+        A frozen sensor repeats the value with the new time.
+        """
         if self.mode == "drifting":
-            return found
+            return new
         if self.mode == "frozen" and time is not None:
             last = ca.vertcat(last[:-1], time)
-        return ca.if_else(self.failed, last, found)
+        return ca.if_else(self.failed, last, new)
 
 
 @dataclass(frozen=True)
 class Observation:
-    """A signal as its sensor sees it.
+    """Signal in the view of its sensor.
 
     Attributes:
-        shown: What it shows now, offset and scale in it (n x 1); of an attitude, its error about the axes
-            that turn.
-        distance: Distance to the target (1x1) [m], for a sensor that sees it.
-        attitude: True attitude (3x3) of what is measured as an attitude; None for a vector.
-        origin: Origin from which the sensor measures what it shows: a part of ``shown`` (n x 1), or the
-            attitude (3x3) from which the rotation vector of ``attitude`` counts; None for the zero of
-            ``shown``.
-        stamped: Whether a sample ends with its time, -1 for none; one that drops out keeps that of the last
+        shown: Present value with offset and scale (n x 1); for an attitude, its error about the scene's
+            rotation axes.
+        distance: Distance to the target (1x1) [m], for a sensor that observes it.
+        attitude: True attitude (3x3) of an attitude measurement; None for a vector.
+        origin: Origin of the measurement: a part of ``shown`` (n x 1), or the attitude (3x3) from which the
+            rotation vector of ``attitude`` is measured; None for zero.
+        stamped: Whether a sample ends with its time, -1 for none; a dropped sample keeps the time of the last
             one.
     """
 
@@ -162,13 +164,13 @@ class Observation:
     def sample(
         self, observation: ca.SX, time: ca.SX, coarsen: Callable[[ca.SX], ca.SX] | None = None
     ) -> ca.SX:
-        """Build the sample (m x 1) that shows an observation.
+        """Sample (m x 1) of an observation.
 
         Args:
             observation: Observation (n x 1), as ``shown``.
             time: Time of the sample (1x1) [s].
-            coarsen: Map from the signal that the sensor measures (n x 1) to the numbers that it gives; None
-                if these are the same.
+            coarsen: Function from the measured signal (n x 1) to the output numbers, such as quantisation;
+                None for the identity.
         """
         if self.attitude is not None:
             planar = observation.size1() == 1
@@ -218,14 +220,14 @@ def attitude_of(numbers: ca.SX) -> ca.SX:
 
 @dataclass(frozen=True)
 class Measurement:
-    """A signal as it was measured last.
+    """Last measurement of a signal.
 
     Attributes:
         shown: Present reading of the sensor (n x 1).
         value: State that holds the last sample.
-        states, events: States of the sensor, and events at its instants.
-        samples: Number of samples so far.
-        bias: Bias at the last sample (n x 1); none without noise.
+        states, events: States of the sensor, and events at its sample instants.
+        samples: Number of samples taken.
+        bias: Bias at the last sample (n x 1); empty without noise.
         continuous: Reading of a continuous sensor that may fail (n x 1).
     """
 
@@ -244,7 +246,7 @@ class Measurement:
 
     @classmethod
     def failing(cls, name: str, shown: ca.SX, sensor: FailingSensor) -> Measurement:
-        """Build the measurement of a continuous sensor, which remembers its reading when it fails."""
+        """Measurement of a continuous sensor, which stores its reading at the instant of failure."""
         value, none = memory(f"{name}.measured", shown), memory(f"{name}.count", ca.SX.zeros(1))
         event = replace(sensor.event, updates={value.name: ca.densify(shown)})
         reading = sensor.shown(value.symbol, shown + sensor.drift)
@@ -254,13 +256,13 @@ class Measurement:
     def held(
         cls, name: str, context: SectionContext, shown: ca.SX, sensor: FailingSensor | None = None
     ) -> Measurement:
-        """Without errors, at the start and then once in each ``period`` of the section."""
+        """Error-free measurement at the start and then once in each ``period`` of the section."""
         period = context.steady("period")
         value, clock = memory(f"{name}.measured", shown), Clock.of(name, context.time, period, begin=period)
         new = shown if sensor is None else sensor.shown(value.symbol, shown + sensor.drift)
         due = clock.event(f"{name}.measured", "measured", name, {value.name: new}, routine=True)
-        later = () if sensor is None else (sensor.event,)
-        return cls(shown, value, (value, clock.count), (due, *later), clock.count)
+        later_events = () if sensor is None else (sensor.event,)
+        return cls(shown, value, (value, clock.count), (due, *later_events), clock.count)
 
     @classmethod
     def of(
@@ -271,19 +273,19 @@ class Measurement:
         observed: Observation,
         sensor: FailingSensor | None = None,
     ) -> Measurement:
-        """With errors.
+        """Sampled measurement with errors.
 
         Args:
-            name: Unique in the closed loop; it also tells the sensor's random numbers from those of others.
+            name: Name, unique in the closed loop; it also identifies the sensor's random numbers.
             context: Context of the section ``errors``.
-            errors: That section.
+            errors: Section ``errors``.
             observed: Present observation of the sensor.
             sensor: Failure of the sensor, if it fails.
         """
         period = context.steady("period")
         clock = Clock.of(f"{name}.samples", context.time, period)
         value = memory(f"{name}.measured", observed.sample(observed.shown, ca.SX(-1)))
-        # a sample (m x 1), what is remembered for the next one with its new values, and the bias (n x 1)
+        # a sample (m x 1), stored states with their new values, and the bias (n x 1)
         sample, updated_states = observed.shown, list[tuple[State, ca.SX]]()
         size, root, number = sample.size1(), ca.sqrt(context.steady("period")), clock.count.symbol
         rows = math.ceil(context.parameters.value("simulation.duration") / errors.period) + 2
@@ -291,13 +293,13 @@ class Measurement:
         bias = None
         if begins or walks:
             drift = memory(f"{name}.bias", ca.SX.zeros(size))
-            first, moved = ca.SX.zeros(size), drift.symbol
+            first, walked = ca.SX.zeros(size), drift.symbol
             if begins:
                 first = context.number("bias") * context.random(f"{name}.bias", 1, size, ca.SX(0))
             if walks:
                 step = context.random(f"{name}.walk", rows, size, number)
-                moved = moved + context.number("bias_walk") * root * step
-            updated_states.append((drift, ca.if_else(number < 0.5, first, moved)))
+                walked = walked + context.number("bias_walk") * root * step
+            updated_states.append((drift, ca.if_else(number < 0.5, first, walked)))
             sample, bias = sample + updated_states[0][1], drift.symbol
         if not context.is_zero("noise"):
             density = context.number("noise")
@@ -318,34 +320,34 @@ class Measurement:
             updated_states.append((last, sample))
         states = [*(state for state, _ in updated_states), value]
         updates = {state.name: new for state, new in updated_states}
-        later = [] if sensor is None else [sensor.event]
+        later_events = [] if sensor is None else [sensor.event]
         if context.is_zero("delay"):
             updates[value.name] = sample
         else:
             line = DelayLine.of(name, context, clock, value, errors.delay / errors.period)
             states += line.states
             updates |= line.shifted(sample)
-            later.append(line.event("measured"))
+            later_events.append(line.event("measured"))
         steps = not context.is_zero("resolution")
         due = clock.event(f"{name}.sampled", "measured", name, updates, silent=True, quantised=steps)
-        return cls(observed.shown, value, (*states, clock.count), (due, *later), clock.count, bias)
+        return cls(observed.shown, value, (*states, clock.count), (due, *later_events), clock.count, bias)
 
 
 def places_of(value: ca.SX) -> list[tuple[int, int]]:
-    """Places in a matrix of what is no constant."""
+    """Indices (row, column) of the non-constant entries of a matrix."""
     rows, columns = value.sparsity().row(), value.sparsity().get_col()
     return [place for place in zip(rows, columns, strict=True) if not value[place].is_constant()]
 
 
 def changing(value: ca.SX, of: ca.SX | None = None) -> ca.SX:
-    """Entries of a matrix that are not constant (n x 1), or those of another matrix at the same places."""
+    """Non-constant entries of a matrix (n x 1), or the entries of another matrix at the same indices."""
     matrix = value if of is None else of
     return ca.vertcat(ca.SX(0, 1), *(matrix[place] for place in places_of(value)))
 
 
-def filled(value: ca.SX, other: ca.SX) -> ca.SX:
-    """A matrix with other values (n x 1) of what is no constant."""
+def filled(value: ca.SX, entries: ca.SX) -> ca.SX:
+    """Matrix with its non-constant entries replaced by other values (n x 1)."""
     matrix = ca.SX(value)
-    for place, part in zip(places_of(value), ca.vertsplit(other), strict=True):
+    for place, part in zip(places_of(value), ca.vertsplit(entries), strict=True):
         matrix[place] = part
     return matrix

@@ -1,4 +1,4 @@
-"""A sensor that measures at instants."""
+"""Sensor that measures at sample instants."""
 
 from __future__ import annotations
 

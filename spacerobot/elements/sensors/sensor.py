@@ -1,4 +1,4 @@
-"""Sensors: what a controller reads of a signal (section 1.6 of the paper)."""
+"""Sensors: readings of signals for controllers (section 1.6 of the paper)."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from spacerobot.registry import required
 
 @dataclass(frozen=True)
 class Flange:
-    """Place of a force-torque sensor.
+    """Location of a force-torque sensor.
 
     Attributes:
-        joint: Name of the joint of the URDF, fixed or not, through which the measured wrench passes; None for
-            the tip, beyond which there is no link.
+        joint: Name of the joint in the URDF, fixed or not, that transmits the measured wrench; None for the
+            tip, beyond which there is no link.
         compensated: Whether weight and inertia of the links beyond it are subtracted.
     """
 
@@ -36,11 +36,10 @@ class Flange:
 
 
 class Sensor(Element):
-    """A sensor of one signal, the same for every component; its reading is linear in the signal.
+    """Sensor of one signal, the same for every component; its reading is linear in the signal.
 
     Attributes:
-        holds: Whether it measures only now and then, by its number ``period`` [s], and holds what it
-            measured.
+        holds: Whether it measures once per ``period`` [s] and holds the measurement.
     """
 
     family: ClassVar[str] = "sensor"
@@ -75,12 +74,13 @@ class Sensor(Element):
         return None if failing is None else Measurement.failing(name, observed.shown, failing)
 
     def aligned(self, context: SectionContext, value: ca.SX, axes: ca.SX | None) -> ca.SX:
-        """Signal by a sensor whose axes are turned.
+        """Signal as measured in a sensor's misaligned axes.
 
         Args:
             context: Context of the sensor's section.
             value: Vector (3x1), or attitude (3x3).
-            axes: Axes of what carries the sensor, in those of the signal (3x3); None if they are the value.
+            axes: Axes of the link that carries the sensor, in those of the signal (3x3); None if they are the
+                value.
         """
         turn = None if self.errors is None else misalignment(context.at(f"{context.path}.errors"))
         if turn is None:
@@ -98,12 +98,12 @@ class Sensor(Element):
 
     @property
     def reads_motors(self) -> bool:
-        """Whether it is mounted on the motors of joints, in front of their transmissions."""
+        """Whether it is mounted on the joints' motors, on the motor side of their transmissions."""
         return False
 
     @property
     def measures_wrench(self) -> bool:
-        """Whether it measures forces and torques alone."""
+        """Whether it measures only forces and torques."""
         return False
 
     @property
@@ -114,12 +114,12 @@ class Sensor(Element):
     @property
     @required()
     def is_ideal(self) -> bool:
-        """Whether it reads the signal as it is."""
+        """Whether it reads the exact signal."""
         raise NotImplementedError
 
 
 def ideal(signal: str) -> Affine:
-    """Sensor without error, which costs nothing."""
+    """Offset and scale of an error-free sensor, without operations in the loop."""
     del signal
     return None, ca.SX(1)
 

@@ -1,4 +1,4 @@
-"""Signals that sensors measure: their units and frames."""
+"""Signals of sensors: units and frames."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class MeasuredSignal(NamedTuple):
-    """Unit of a signal, and what a sample of it is, with its frame."""
+    """Unit of a signal, and meaning and frame of its sample."""
 
     unit: str
     text: str
@@ -35,6 +35,6 @@ SIGNALS: dict[str, MeasuredSignal] = {
 WRENCHES = ("tip_force", "tip_torque")
 """Signals of force-torque sensors."""
 BODY_AXES = "_body"
-"""Ending of the names of signals in the axes of the link that carries the sensor."""
+"""Suffix of the names of signals in the axes of the link that carries the sensor."""
 MEASURED = "measured_"
-"""Beginning of the names of outputs that are the last samples of sensors."""
+"""Prefix of the names of outputs that are the last samples of sensors."""

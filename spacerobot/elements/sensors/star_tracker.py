@@ -1,4 +1,4 @@
-"""A star tracker."""
+"""Star tracker."""
 
 from __future__ import annotations
 

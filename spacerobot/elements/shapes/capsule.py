@@ -43,7 +43,7 @@ class Capsule(CollisionShape):
 
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         candidates = [(*_smallest(points - middle, axis), axis) for axis in axes]
-        _, radius, half, shift, axis = min(candidates, key=lambda one: one[0])
+        _, radius, half, shift, axis = min(candidates, key=lambda candidate: candidate[0])
         turn = np.roll(np.eye(3), 2 - axis, axis=1)  # own z along the axis
         placement = pin.SE3(turn, middle + shift * turn[:, 2]).homogeneous
         return Wrapping({"radius": radius, "length": 2 * half}, placement)
@@ -67,12 +67,12 @@ class Capsule(CollisionShape):
 def _smallest(points: Array, axis: int) -> tuple[float, float, float, float]:
     """Volume, radius, half length and shift along an axis of the smallest capsule about points (n, 3).
 
-    With the distance d of a point from the axis and its height z, a capsule of radius r holds it if the ends
-    of its segment are at least z - s and at most z + s with s = sqrt(r^2 - d^2). So the radius alone is free.
+    A point at the distance d from the axis and height z is inside the capsule of radius r if the ends of its
+    segment are at least z - s and at most z + s, with s = sqrt(r^2 - d^2). So only the radius is free.
     """
     height = points[:, axis]
     across = np.linalg.norm(np.delete(points, axis, axis=1), axis=1)
-    least, most = float(across.max()), float(np.hypot(across, height).max())
+    min_radius, max_radius = float(across.max()), float(np.hypot(across, height).max())
 
     def ends(radius: float) -> tuple[float, float]:
         """Half length and shift of the segment."""
@@ -86,6 +86,10 @@ def _smallest(points: Array, axis: int) -> tuple[float, float, float, float]:
 
     from scipy.optimize import minimize_scalar  # slow to import, and few scenes have meshes to wrap
 
-    inside = minimize_scalar(volume, bounds=(least, most), method="bounded").x if least < most else least
-    radius = min((least, float(inside), most), key=volume)
+    inside = (
+        minimize_scalar(volume, bounds=(min_radius, max_radius), method="bounded").x
+        if min_radius < max_radius
+        else min_radius
+    )
+    radius = min((min_radius, float(inside), max_radius), key=volume)
     return volume(radius), radius, *ends(radius)

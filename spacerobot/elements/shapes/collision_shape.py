@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 _GOLDEN = math.pi * (3 - 5**0.5)
 _SAMPLED = 400
-"""Directions in which a shape's surface is sampled, in addition to its axes."""
+"""Number of directions in which a shape's surface is sampled, in addition to its axes."""
 
 
 class DrawnGeometry(NamedTuple):
-    """A part of a shape's drawing: what, how far along the shape's z axis [m], and its opacity."""
+    """Part of a shape's drawing: geometry, shift along the shape's z axis [m], and opacity."""
 
     geometry: Geometry
     along: float = 0.0
@@ -42,15 +42,15 @@ class Wrapping(NamedTuple):
 
 
 class CollisionShape(Element):
-    """A convex shape fixed to a link; it has no mass.
+    """Convex shape fixed to a link, without mass.
 
-    Its measures are the keys that a kind adds to these. A kind states its support function, from which
-    distances follow; a half-space has none. Everything else has a default that follows from it.
+    A kind adds its measures as keys, and defines its support function, from which distances follow; a
+    half-space has none. Everything else has a default that follows from the support function.
 
     Attributes:
-        is_halfspace: Whether it is all that is below its own x-y plane.
-        urdf_geometry: Geometry of a URDF that it is, if there is one.
-        wrap_order: Rank among the shapes that plans try around meshes and cylinders; only where it can wrap.
+        is_halfspace: Whether it is the half-space below its own x-y plane.
+        urdf_geometry: Corresponding geometry in a URDF, if there is one.
+        wrap_order: Rank among the shapes that plans try around meshes and cylinders; None if it cannot wrap.
     """
 
     family: ClassVar[str] = "shape"
@@ -72,8 +72,8 @@ class CollisionShape(Element):
         """Support function about its origin.
 
         Args:
-            rotation: Rotation from its own axes to those of the result (3x3).
-            measures: Lengths (n x 1) [m], in the order of its keys.
+            rotation: Rotation from the shape's own axes to those of the result (3x3).
+            measures: Lengths (n x 1) [m], in the order of the shape's keys.
         """
         raise NotImplementedError
 
@@ -134,7 +134,7 @@ class CollisionShape(Element):
         return ca.vertcat(*values) if values else ca.SX(0, 1)
 
     def surface_points(self) -> Array:
-        """Points of its surface (n, 3) [m], own axes: the farthest ones all around."""
+        """Surface points (n, 3) [m], own axes: the support points in directions all around."""
         support, none = self.support(ca.SX.eye(3), self.measures()), ca.SX(1e-6)
         n = ca.SX.sym("n", 3)
         farthest = sum((term.farthest(n, none) for term in support.terms), support.ball * n)
@@ -142,7 +142,10 @@ class CollisionShape(Element):
         return np.asarray(farthest_points.full().T)
 
     def extent(self) -> tuple[float, float]:
-        """Least and greatest distance of its support planes from its origin [m]; infinite if a half-space."""
+        """Minimum and maximum distance of its support planes from its origin [m].
+
+        Infinite for a half-space.
+        """
         if self.is_halfspace:
             return math.inf, math.inf
         reach = np.einsum("ij,ij->i", directions(), self.surface_points())
@@ -186,7 +189,7 @@ def wrapping_shapes() -> list[str]:
 
 
 Wrap = Annotated[str, OneOf(wrapping_shapes)]
-"""Shape around meshes and cylinders that stands in for them."""
+"""Shape that replaces meshes and cylinders."""
 
 
 def directions() -> Array:

@@ -1,4 +1,4 @@
-"""Convex hull of points, its faces domed."""
+"""Convex hull of points, with domed faces."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from spacerobot.section import Vector
 from spacerobot.shapes import SmoothTerm, Support
 
 POWER = 32
-"""Exponent of the norm in place of the maximum over the points: a face of m points is domed by m^(1/32) - 1
+"""Exponent of the norm that replaces the maximum over the points. A face of m points is domed by m^(1/32) - 1
 of its distance from the origin, 4.4 % for a quadrilateral."""
 
 
 def support_law(n: ca.SX, measures: ca.SX) -> ca.SX:
     """Support function (1x1) [m]: (sum of max(x.n, 0)^p)^(1/p) over the points x, at least their maximum.
 
-    It is convex and has two derivatives. With the largest x.n taken out nothing overflows.
+    It is convex and twice differentiable. The largest x.n is factored out to avoid overflow.
     """
     along = ca.fmax(ca.mtimes(ca.reshape(measures, 3, measures.numel() // 3).T, n), 0)
     largest = ca.norm_2(along)
@@ -56,7 +56,7 @@ class Hull(CollisionShape):
 
     @classmethod
     def support(cls, rotation: ca.SX, measures: ca.SX) -> Support:
-        """A smooth term."""
+        """Support function with one smooth term."""
         return Support(terms=(SmoothTerm(support_law, rotation, measures, is_sharp=True),))
 
     def measures(self, context: SectionContext | None = None) -> ca.SX:
@@ -71,7 +71,7 @@ class Hull(CollisionShape):
         return np.vstack([np.array(self.points), super().surface_points()])
 
     def words(self) -> str:
-        """Its kind and number of corners."""
+        """Kind and number of corners, in text form."""
         return f"{self.kind}, {len(self.points)} points"
 
     def drawing(self, reach: float) -> list[DrawnGeometry]:

@@ -25,7 +25,7 @@ class Plane(CollisionShape):
 
     @classmethod
     def support(cls, rotation: ca.SX, measures: ca.SX) -> Support:
-        """None: it has no end."""
+        """Empty support: a half-space is unbounded."""
         del rotation, measures
         return Support()
 
@@ -41,7 +41,7 @@ class Plane(CollisionShape):
         return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
 
     def drawing(self, reach: float) -> list[DrawnGeometry]:
-        """A plate with a pin along its normal, wide enough for what may touch it."""
+        """Plate with a pin along its normal, wide enough for the touching shapes."""
         from spacerobot.description import Geometry
 
         edge, length = 3 * reach, 0.4 * reach

@@ -1,4 +1,4 @@
-"""Numerical methods, each a table of numbers in a file of its own."""
+"""Numerical methods, each a table of coefficients in its own file."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -13,6 +13,6 @@ METHODS: Mapping[str, Tableau] = MappingProxyType({m.name: m for m in (TANAKA6, 
 """Every method by its name."""
 
 DEFAULT = "tanaka6"
-"""What is taken where none is named: quick at equal error, stable at long steps."""
+"""Default method: fast at equal error, and stable at long steps."""
 
 __all__ = ["DEFAULT", "METHODS", "Tableau"]

@@ -1,4 +1,4 @@
-"""The classical method of Runge and Kutta; the slope at the step's end tells its error to order 3."""
+"""Classical Runge-Kutta method of order 4; the slope at the step's end gives an error estimate of order 3."""
 
 from spacerobot.rollout.methods.tableau import Tableau
 

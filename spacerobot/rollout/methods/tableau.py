@@ -19,7 +19,7 @@ import numpy as np
 from spacerobot.rollout.closed_loop_protocol import Array
 
 INNER = (1 / 3, 2 / 3, 0.45)
-"""Parts of a step at which guards are seen inside it: two for a cubic, and one to check it."""
+"""Fractions of a step at which guards are evaluated inside it: two to fit a cubic, one to check it."""
 
 
 @dataclass(frozen=True)
@@ -27,15 +27,15 @@ class Tableau:
     """Coefficients of a method.
 
     Attributes:
-        name: What a scenario calls it.
-        about: Who published it.
-        order: Of the solution: halving the step divides its error by two to this power.
-        rows: The strictly lower triangle of a, row by row, the first stage left out; every stage, those that
-            only the error estimate needs last.
+        name: Name in a scenario.
+        about: Authors and publication.
+        order: Order of the solution: halving the step divides its error by 2**order.
+        rows: Strictly lower triangle of a, row by row, without the first stage. Stages that only the error
+            estimate needs come last.
         b: Weights of the solution, one for each of the S stages that it needs.
-        nodes: c, one for each row and the first stage.
+        nodes: c, one entry for the first stage and one for each row.
         error: Weights of the error estimate, one for each stage.
-        error_order: Of the solution that the estimate belongs to: its error per step shrinks by one power
+        error_order: Order of the embedded solution of the estimate; its error per step shrinks with one power
             more.
     """
 
@@ -63,34 +63,34 @@ class Tableau:
 
     @property
     def places(self) -> tuple[int, ...]:
-        """Storage place of each stage's slope: a place is free once no later stage reads it."""
+        """Storage slot of each stage's slope; a slot is reused once no later stage reads it."""
         last = [max(np.flatnonzero(self.a[: self.stages, j]), default=j) for j in range(self.stages)]
         busy: dict[int, int] = {}  # place to the stage from whose evaluation on it is free
-        chosen = []
+        slots = []
         for s in range(self.stages):
             place = next((p for p in range(s) if p in busy and busy[p] <= s), len(busy))
             busy[place] = self.stages + 1 if self.b[s] != 0 else int(last[s])
-            chosen.append(place)
-        return tuple(chosen)
+            slots.append(place)
+        return tuple(slots)
 
     @property
     def dense(self) -> Array:
-        """Weights of states inside a step: coefficients (S, 4) of the powers 1 to 4 of the part of the step.
+        """Weights of dense output: coefficients (S, 4) of the powers 1 to 4 of the fraction of the step.
 
-        They are of order 4, or one less than the solution's where that is lower: the least weights, of the
-        slopes that b reads, that meet the conditions of that order.
+        Their order is min(4, order - 1). Of all weights on the slopes that b reads and that satisfy the order
+        conditions, these have the smallest norm.
         """
         a, c = self.a[: self.stages, : self.stages], np.array(self.nodes[: self.stages])
         read = np.flatnonzero(self.b)
         once, twice = a @ c, a @ c**2
         trees = [(1, 1, c**0), (2, 2, c), (3, 3, c**2), (3, 6, once)]
         trees += [(4, 4, c**3), (4, 8, c * once), (4, 12, twice), (4, 24, a @ once)]
-        met = [tree for tree in trees if tree[0] <= min(4, self.order - 1)]
+        conditions = [tree for tree in trees if tree[0] <= min(4, self.order - 1)]
         weights, inverse = (
             np.zeros((self.stages, 4)),
-            np.linalg.pinv([tree[read] for _, _, tree in met], 1e-10),
+            np.linalg.pinv([tree[read] for _, _, tree in conditions], 1e-10),
         )
-        for (order, density, _), column in zip(met, inverse.T, strict=True):
+        for (order, density, _), column in zip(conditions, inverse.T, strict=True):
             weights[read, order - 1] += column / density
         return weights
 
