@@ -181,7 +181,7 @@ class SavedMargins(Tabular):
         try:
             with xr.open_dataset(path) as data:
                 data = data.load()
-            missing = {*UNITS, "time", "description"} - {*data.variables}
+            missing = {*UNITS, "stable", "time", "description"} - {*data.variables}
         except (OSError, ValueError, RuntimeError) as fault:
             raise ResultError(f"cannot be read: {fault}", source=path) from None
         if missing:

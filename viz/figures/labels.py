@@ -12,6 +12,8 @@ NAMED = 2
 """Differing values in a label, at most."""
 LONGEST = 40
 """Letters of a label that is made of differing values, at most."""
+LONGEST_VALUE = 60
+"""Letters of a list that is shown whole, at most."""
 
 
 def labels_of(results: Sequence[Result]) -> list[str]:
@@ -51,8 +53,16 @@ def differences(documents: Sequence[Any]) -> list[tuple[str, list[str]]]:
         values = [leaves.get(path, "-") for leaves in flat]
         texts = ["none" if v is None else f"{v:.10g}" if isinstance(v, float) else str(v) for v in values]
         if len(set(texts)) > 1:
-            rows.append((path, texts))
+            rows.append((path, [_shortened(text) for text in texts]))
     return rows
+
+
+def _shortened(text: str) -> str:
+    """Text of a value; of a long list, such as the knots of a plan, its beginning and its size."""
+    if len(text) <= LONGEST_VALUE or not text.startswith("["):
+        return text
+    beginning = text[: text.rindex(",", 0, LONGEST_VALUE)]
+    return f"{beginning}, ... ({text.count(',') + 1} values)"
 
 
 def _leaves(node: Any, path: str) -> list[tuple[str, Any]]:

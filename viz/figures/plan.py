@@ -71,7 +71,11 @@ def plan_joints(plan: xr.Dataset, flown: Result | None = None) -> Drawing:
                         values = np.gradient(np.unwrap(values, period=360.0), data.time.values)
                     panel.plot(data.time.values, values, **FLOWN)
             limits = plan[f"{name}_limit"].sel(joint=mine).values * scale
-            _near_limits(panel, limits, [joint.partition("/")[2] for joint in mine])
+            # without the words that all joints begin with; the legend has the whole names
+            parts = [joint.partition("/")[2].split("_") for joint in mine]
+            shared = len(list(itertools.takewhile(lambda each: len({*each}) == 1, zip(*parts, strict=False))))
+            short = ["_".join(part[shared if len(parts) > 1 else 0 :] or part) for part in parts]
+            _near_limits(panel, limits, short)
             shade(panel, _phases(plan), named=panel is axes[0, 0])
             panel.set(title=f"{robot}, {words}", ylabel=f"[{unit}]", xlabel="time [s]")
     legend_beside(figure, axes)

@@ -25,6 +25,8 @@ from viz.page.page import animation_page
 from viz.record import frames
 from viz.report.verdict import verdict
 
+MOST_DIFFERENCES = 12
+"""Values in which scenarios differ, at most, that are shown unfolded."""
 MOST_COMPARED = 4
 """More results than these are listed in tables, but not drawn over each other."""
 
@@ -87,7 +89,9 @@ def what_was_run(subject: Subject) -> str | None:
     differing = differences([to_document(result.scenario) for result in subject.results])
     if differing:
         parts.append("<h3>Where the scenarios differ</h3>")
-        parts.append(table(["path", *subject.labels], [[path, *values] for path, values in differing]))
+        rows_differing = table(["path", *subject.labels], [[path, *values] for path, values in differing])
+        folded = f"<details><summary>{len(differing)} values</summary>{rows_differing}</details>"
+        parts.append(folded if len(differing) > MOST_DIFFERENCES else rows_differing)
     return "".join(parts)
 
 

@@ -11,6 +11,7 @@ from viz.figures import to_bytes
 from viz.figures.style import Drawing, line, panels, styled
 from viz.report.report import ReportSection, page
 from viz.report.sections import picture
+from viz.report.verdict import margins_verdict
 
 DIAGRAMS = {
     "bode": "Gain and phase of the loops with the least disk margins, each broken at its point",
@@ -18,6 +19,8 @@ DIAGRAMS = {
     "margins_along": "Disk and phase margins along the simulation",
 }
 """Captions of the diagrams of margins."""
+MOST_INSTANTS = 12
+"""Instants, at most, about each of which a page of margins begins with a sentence."""
 
 
 def tables_report(result: Tabular, title: str) -> str:
@@ -27,9 +30,14 @@ def tables_report(result: Tabular, title: str) -> str:
         result: Margins, a batch, a failure probability, a gradient, ...
         title: Heading, plain text.
     """
+    # a sentence for each instant, but not for the many along a simulation, which a figure shows
+    verdicts = list[str]()
+    if isinstance(result, SavedMargins) and result.data.sizes["instant"] <= MOST_INSTANTS:
+        verdicts = margins_verdict(result)
     notices = "".join(f"<li>{escape(text)}</li>" for text in result.notices())
     texts = {
         "warnings": ("Look at this first", f"<ul class='warnings'>{notices}</ul>" if notices else ""),
+        "short": ("In short", "".join(f"<p class='outcome'>{escape(text)}</p>" for text in verdicts)),
         "numbers": ("Numbers", content_html(result.content())),
         "figures": ("Figures", "".join(picture(*drawing) for drawing in _drawings(result))),
     }

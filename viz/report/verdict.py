@@ -1,10 +1,30 @@
-"""First lines of a report: what came of a run, in a sentence or two."""
+"""First lines of a report: the outcome of a run, or of an analysis of margins, in a sentence or two."""
 
 from __future__ import annotations
 
+import numpy as np
+
+from spacerobot.linear import SavedMargins
 from spacerobot.result import Result
 from spacerobot.result.table import status_text
 from spacerobot.tables import unit_scale
+
+
+def margins_verdict(margins: SavedMargins) -> list[str]:
+    """Stability at each instant, and the loop with the least disk margin."""
+    sentences = []
+    for k, label in enumerate(map(str, margins.data.instant.values)):
+        instant = margins.data.isel(instant=k)
+        sentence = f"{label}: {'stable' if bool(instant.stable) else 'not stable: it has growing modes'}."
+        disks = np.nan_to_num(instant.disk.values, nan=np.inf)
+        if disks.size and np.isfinite(disks.min()):
+            loop = instant.isel(loop=int(disks.argmin()))
+            sentence += (
+                f" The least disk margin is {float(loop.disk):.3f}, of {loop.loop.item()}: its phase may "
+                f"change by {float(loop.phase):.1f} deg."
+            )
+        sentences.append(sentence)
+    return sentences
 
 
 def verdict(result: Result) -> str:

@@ -210,12 +210,14 @@ export class Scene {
   get scale() {
     const { greatest_force: force } = this.payload, { momentum, thrust, impulse } = this.greatest;
     const parts = this.shown.grid ? [`grid ${this.spacing} m`] : [];
-    if (force > 0 && (this.shown.forces || this.shown.contacts)) parts.push(`longest force ${force.toPrecision(3)} N`);
-    if (impulse > 0 && this.shown.impulses) parts.push(`longest impulse ${impulse.toPrecision(3)} N s`);
-    if (thrust > 0 && this.shown.plumes) parts.push(`longest plume ${thrust.toPrecision(3)} N`);
+    const arrows = [];
+    if (force > 0 && (this.shown.forces || this.shown.contacts)) arrows.push(`force ${force.toPrecision(3)} N`);
+    if (impulse > 0 && this.shown.impulses) arrows.push(`impulse ${impulse.toPrecision(3)} N s`);
+    if (momentum > 0 && this.shown.momenta) arrows.push(`momentum ${momentum.toPrecision(3)} N s`);
+    if (arrows.length) parts.push(`longest arrow: ${arrows.join(", ")}`);
+    if (thrust > 0 && this.shown.plumes) parts.push(`longest plume: ${thrust.toPrecision(3)} N`);
     const { slowed } = this.payload.runs[0].wheels;
-    if (slowed > 1 && this.shown.wheels) parts.push(`wheels ${slowed.toPrecision(2)} times slower`);
-    if (momentum > 0 && this.shown.momenta) parts.push(`longest momentum ${momentum.toPrecision(3)} N s`);
+    if (slowed > 1 && this.shown.wheels) parts.push(`wheels drawn ${slowed.toPrecision(2)} times slower`);
     return parts.join("; ");
   }
 

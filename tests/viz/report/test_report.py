@@ -134,6 +134,11 @@ def test_others_may_add_sections(paper):
 def test_differences_are_the_changed_leaves():
     a, b = {"x": {"y": 1, "z": [1, 2]}}, {"x": {"y": 2, "z": [1, 2]}, "w": None}
     assert differences([a, b]) == [("x.y", ["1", "2"]), ("w", ["-", "none"])]
+    knots = [{"knots": [0.125 * k + shift for k in range(200)]} for shift in (0.0, 1.0)]
+    ((path, texts),) = differences(knots)
+    assert path == "knots"
+    assert texts[0].startswith("[0.0, 0.125, 0.25, ")
+    assert all(text.endswith(", ... (200 values)") and len(text) < 90 for text in texts)
 
 
 def test_folders_of_results_are_found(paper, blind, tmp_path):

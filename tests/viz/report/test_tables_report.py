@@ -17,7 +17,7 @@ def write_margins(folder):
     values = {"gain_up": 6.0, "gain_down": -np.inf, "phase": 14.1, "disk": 0.25, "crossover": 1.6}
     loops = {name: [[values.get(name, 0.0), values.get(name, 0.5)]] for name in UNITS}  # delays 0 and 0.5 s
     data = xr.Dataset(
-        {name: (("instant", "loop"), rows) for name, rows in loops.items()},
+        {name: (("instant", "loop"), rows) for name, rows in loops.items()} | {"stable": ("instant", [True])},
         coords={
             "instant": ["2.5 s"],
             "loop": ["torque/arm/a<1>", "torque/arm/b"],
@@ -35,7 +35,8 @@ def test_margins_have_a_page_that_explains_a_delay_margin_of_zero(tmp_path):
     write_margins(tmp_path)
     sr.report(tmp_path, tmp_path / "page.html")
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert "2.5 s: continuous, 8 states" in page
+    assert "2.5 s: stable. The least disk margin is 0.250, of torque/arm/a&lt;1&gt;" in page
+    assert page.index("In short") < page.index("2.5 s: continuous, 8 states")
     assert "torque/arm/a&lt;1&gt;" in page
     assert page.count("0*") == 2  # in one row, and in the note
     assert "any additional delay makes it unstable" in page
