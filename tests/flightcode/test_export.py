@@ -11,7 +11,7 @@ import yaml
 
 import spacerobot as sr
 from spacerobot.cli import app
-from spacerobot.errors import ScenarioError
+from spacerobot.errors import ScenarioError, SpaceRobotError
 from spacerobot.flightcode.c_functions import count_operations
 from spacerobot.flightcode.c_text import identifier
 from spacerobot.flightcode.evaluation import evaluate_rows, library_bounds
@@ -244,3 +244,8 @@ def test_the_command_line_writes_the_folder(compiler, tmp_path):
     words = ["export", "controller", SMALL, "--out", str(tmp_path / "code"), "--steps", "5"]
     app.command_line()(words, standalone_mode=False)
     assert (tmp_path / "code" / "as_flown.c").is_file()
+
+
+def test_a_format_without_out_is_named():
+    with pytest.raises(SpaceRobotError, match="found the format 'controller' without --out"):
+        app.command_line()(["export", "controller", SMALL], standalone_mode=False)
