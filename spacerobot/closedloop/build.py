@@ -1,4 +1,4 @@
-"""Build the closed loop of a scene: what its elements contribute, concatenated."""
+"""Building of the closed loop of a scene from the contributions of its elements."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ Builder = TypeVar("Builder", bound=LoopBuilder)
 def build_closed_loop(
     scene: Scene | StrPath, vary: Collection[str] = (), kind: type[LoopBuilder] = LoopBuilder
 ) -> ClosedLoop:
-    """Closed loop of a scene, its parameters being every number it depends on.
+    """Closed loop of a scene, whose parameters are all numbers that it depends on.
 
     Args:
         scene: The scene, or the name or file of its scenario.
-        vary: Parameters that shall be kept although they are exactly zero (products of inertia, offsets of
-            centres of mass); all others that are not structurally zero are there anyway.
+        vary: Parameters to keep although they are exactly zero (products of inertia, offsets of centres of
+            mass); all structurally nonzero numbers are kept anyway.
         kind: Kind of builder.
 
     Raises:
-        ScenarioError: If ``vary`` names what the closed loop does not depend on.
+        ScenarioError: If ``vary`` names a number that the closed loop does not depend on.
         SpaceRobotError: If two elements give states the same name.
     """
     scene = to_scene(scene)
@@ -81,9 +81,9 @@ def section_context(scene: Scene, parameters: Parameters) -> SectionContext:
 
 @dataclass(frozen=True)
 class EvaluatedLoop:
-    """Finished expressions: what acts, with all states behind (q, v) and events, and what follows from it.
+    """Expressions of the complete loop: contributions with all states after (q, v) and all events, results.
 
-    These are the acceleration and the actuators' forces (nv x 1 each), works, variables and outputs.
+    The results are acceleration and actuator forces (nv x 1 each), works, variables and outputs.
     """
 
     acting: Contribution
@@ -97,11 +97,11 @@ class EvaluatedLoop:
 def evaluate(
     builder: LoopBuilder, solve: Callable[[Plant, Contribution], ForwardDynamicsResult] = solve_accelerations
 ) -> EvaluatedLoop:
-    """Everything that acts, the accelerations it causes, and what is observed of it.
+    """Contributions of all elements, the resulting accelerations, and the outputs.
 
     Args:
-        builder: What the elements are built from.
-        solve: From mechanics and what acts to the accelerations.
+        builder: Builder of the elements.
+        solve: Function from mechanics and contributions to accelerations.
     """
     scene, plant = builder.scene, builder.plant
     _ = builder.motions  # built first, so that their constants stand in front of those of the controllers
@@ -145,7 +145,7 @@ def evaluate(
 
 
 def _evaluated(event: Event, laws: Sequence[SampledLaw], outputs: Sequence[ca.SX]) -> Event:
-    """Event with what was solved for in the place of the outputs of laws that it evaluates."""
+    """Event in which solved values replace the output symbols of the laws that it evaluates."""
     for law, output in zip(laws, outputs, strict=True):
         if law.event == event.name:
             values = ca.substitute(list(event.updates.values()), [law.output], [output])
@@ -154,7 +154,7 @@ def _evaluated(event: Event, laws: Sequence[SampledLaw], outputs: Sequence[ca.SX
 
 
 def _beginning(builder: LoopBuilder, acting: Contribution, x: ca.SX) -> tuple[InitialState, ca.SX]:
-    """Start with a velocity that rigid grasps allow which no base could close, and where the states begin."""
+    """Initial state with velocities that rigid grasps in loops allow, and initial values of other states."""
     start, constants = builder.start, builder.context.constants
     arguments = [builder.context.time, x, constants.symbols]
     zeros = ca.SX.zeros(sum(state.symbol.size1() for state in acting.states))
@@ -179,7 +179,7 @@ def assemble(builder: LoopBuilder, evaluated: EvaluatedLoop) -> ClosedLoop:
 
     Args:
         builder: Builder whose elements are all built.
-        evaluated: What it evaluated to.
+        evaluated: Expressions of the complete loop.
     """
     context, plant, acting = builder.context, builder.plant, evaluated.acting
     model, q, v = plant.model, plant.q, plant.v

@@ -1,4 +1,4 @@
-"""The closed loop: x' = f(t, x, c), y = h(t, x, c), with everything tunable in p."""
+"""Closed loop: x' = f(t, x, c), y = h(t, x, c), with all tunable numbers in p."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from spacerobot.tables import Table, Tabular
 
 @dataclass(frozen=True)
 class OutputVariable:
-    """An output variable of a result.
+    """Output variable of a result.
 
     Attributes:
-        name: Of the output.
-        dims: Its dimensions behind time: ``tip``, ``body``, ``grasp``, ``joint`` or another one, then
-            ``axis`` of a vector.
-        unit, text: SI unit, and what it is.
-        labels: Along the first dimension; empty for joints, for what has no dimension, and where there is
-            nothing.
+        name: Name of the output.
+        dims: Dimensions after time: ``tip``, ``body``, ``grasp``, ``joint`` or another one, then ``axis`` for
+            a vector.
+        unit, text: SI unit, and description.
+        labels: Labels along the first dimension; empty for joints, for outputs without a dimension, and if
+            there are none.
         plotted: Whether pages plot it over time.
     """
 
@@ -39,7 +39,7 @@ class OutputVariable:
 
 @dataclass(frozen=True)
 class ClosedLoop(Tabular):
-    """Robots, object, grasps and controllers as one differential equation.
+    """Robots, object, grasps and controllers as one system of differential equations.
 
     Attributes:
         parameter_paths: Dotted paths of p: every number of the scenario that the closed loop depends on.
@@ -48,31 +48,27 @@ class ClosedLoop(Tabular):
             states of controllers and the three works of the energy balance.
         nq, nv, nz: Sizes of q, v and z.
         setup: (p) -> (x0, c): initial state and prepared constants, once for each rollout.
-        dynamics: (t, x, c) -> (xdot). Between two jumps it is smooth in t; at one it takes the value that
-            holds afterwards.
-        normalise: (x) -> (x): cosine-sine pairs and quaternions back on their unit spheres.
+        dynamics: (t, x, c) -> (xdot). Smooth in t between jumps; at a jump it has the value from after it.
+        normalise: (x) -> (x): cosine-sine pairs and quaternions scaled to unit length.
         outputs: (t, x, c) -> named column vectors, those of ``variables``.
-        gaps: (p) -> (gap): distances of tip and mating frame at the start [m], of the grasps that no base
-            closes.
-        max_gaps: Greatest ones that are allowed [m], by the grasp's path, in the same order.
-        variables: What each output is, in the outputs' order.
-        works: Names of the works in the energy balance, with their signs: 1 for what is put in, -1 for what
-            is taken.
-        outside: Why momentum is not conserved, in words; empty where all that acts from outside is booked:
-            the outputs ``impulse_linear`` and ``impulse_angular`` are then what it gave.
-        jumps: Places in c of the times [s] at which the dynamics jump: where a reference ends or two pieces
-            of it meet. They are compared with t and used for nothing else.
-        switches: Places in c of the switches: numbers 1 or 0, constant between events.
-        events: What may happen, as data.
-        guards: (t, x, c, xdot) -> (g, rate): event i happens where g[i] > 0; minus infinity where it is not
-            armed. The rates are those of g along xdot.
-        update: (t, x, c, e) -> (x): state after event number e, with the switches as they are afterwards in
-            c.
-        fine: Places in ``switches``, each with the longest step [s] while that switch is 1, and over how many
-            of these steps grow at the beginning of that time and shrink at its end.
-        tables: Tables in c, each with a window that shows one row; the functions see the windows alone, which
-            ``setup`` gives the first rows and rollouts the present ones, as :meth:`at` does.
-        rows: (t, x, c) -> (row): the present row of each cursor, which changes at jumps and events alone.
+        gaps: (p) -> (gap): initial distances of tip and mating frame [m], for the grasps that no base closes.
+        max_gaps: Maximum allowed gaps [m], by the grasp's path, in the same order.
+        variables: Descriptions of the outputs, in their order.
+        works: Names of the works in the energy balance, with signs: 1 for work put in, -1 for work taken out.
+        outside: Reason, in words, why momentum is not conserved; empty if the outputs ``impulse_linear`` and
+            ``impulse_angular`` record all external impulses.
+        jumps: Indices in c of the times [s] at which the dynamics jump: where a reference ends or two pieces
+            of it meet. They are only compared with t.
+        switches: Indices in c of the switches: numbers 1 or 0, constant between events.
+        events: Properties of the events.
+        guards: (t, x, c, xdot) -> (g, rate): event i fires where g[i] > 0; minus infinity while not armed.
+            The rates are those of g along xdot.
+        update: (t, x, c, e) -> (x): state after event number e, with the switches in c as after the event.
+        fine: Indices in ``switches``, each with the longest step [s] while that switch is 1, and the number
+            of such steps over which steps grow at first and shrink at last.
+        tables: Tables in c, each with a window of one row. The functions read only windows; ``setup`` fills
+            them with the first rows, rollouts and :meth:`at` with the present ones.
+        rows: (t, x, c) -> (row): present row of each cursor, which changes only at jumps and events.
         noise: Random numbers of sensors, which a rollout draws by the parameters that they name.
         switch_names: Names of the switches, in their order.
     """

@@ -1,7 +1,7 @@
-"""Closed loops of robots without controllers, whose actuators take their commands from outside.
+"""Closed loops in which external commands replace the controllers of robots.
 
-A command is a parameter whose value the dynamics use as it is, as one constant of its own in c: what advances
-the loop may therefore change it at any instant. Sensors measure all that the controllers would have read.
+A command is a parameter that the dynamics use as one constant in c, so the integrating program may change it
+at any time. Sensors measure all signals that the replaced controllers would read.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ PLANAR_AXES, SPATIAL_AXES = ("fx", "fy", "tz"), ("fx", "fy", "fz", "tx", "ty", "
 
 @dataclass(frozen=True)
 class CommandInput:
-    """A generalized force that is commanded from outside.
+    """Generalized force that is commanded from outside.
 
     Attributes:
         path: Dotted path of its parameter.
-        keys: The words of the path; the name of a joint may have dots.
-        column: Place in v.
-        unit, text: ``N m`` or ``N``, and what it is.
+        keys: Words of the path; a joint's name may contain dots.
+        column: Index in v.
+        unit, text: ``N m`` or ``N``, and description.
     """
 
     path: str
@@ -52,15 +52,15 @@ class CommandInput:
 def build_commanded_loop(
     scene: Scene, robots: Collection[str], vary: Collection[str] = ()
 ) -> tuple[ClosedLoop, tuple[CommandInput, ...]]:
-    """Closed loop of a scene in which commands take the place of the controllers of some robots.
+    """Closed loop of a scene in which commands replace the controllers of some robots.
 
     Args:
         scene: The scene.
-        robots: Names of the robots whose controllers are left out.
-        vary: As for :func:`build_closed_loop`.
+        robots: Names of the robots whose controllers are omitted.
+        vary: See :func:`build_closed_loop`.
 
     Returns:
-        ClosedLoop: The loop; the commands are parameters, zero at first.
+        ClosedLoop: The loop; the commands are parameters with nominal value zero.
         tuple of CommandInput: Commands of each driven joint, and of each base that actuators or the omitted
             controllers act on.
     """
@@ -83,7 +83,7 @@ def build_commanded_loop(
 
 
 def _commands(scene: Scene, body: SceneBody) -> Iterator[CommandInput]:
-    """Commands of a robot: of its driven joints, then of its base."""
+    """Commands of a robot: for its driven joints, then for its base."""
     model, names = scene.model, {joint.name: joint for joint in body.description.joints}
     for joint in body.driven_joints:
         name = body.joint_name(model, joint)
@@ -113,9 +113,9 @@ class CommandedLoopBuilder(LoopBuilder):
 
     @functools.cached_property
     def controllers(self) -> list[Contribution]:
-        """Contributions of the controllers that stay, and of the commands.
+        """Contributions of the remaining controllers, and of the commands.
 
-        The others are built all the same: sensors measure the signals that they read.
+        The replaced controllers are built as well, so that sensors measure the signals that they read.
         """
         by_robot = self._by_robot()
         commanded = {command.keys[1] for command in self.commands.values()}

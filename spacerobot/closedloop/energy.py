@@ -1,10 +1,10 @@
-"""Energy and its flows, in the bond graph's sense.
+"""Energy balance of the closed loop.
 
     kinetic + springs + potential = what is put in - what is taken
 
-The works are states of the closed loop, integrated by the same method as everything else; what the
-balance does not close is the integration's error. The constraints' work is that of rigid grasps whose
-drift is being stabilised, and as small as that drift.
+The works are states of the closed loop, integrated with everything else; the residual of the balance is the
+integration error. The work of constraints comes from the stabilisation of rigid grasps and is as small as
+their drift.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ WORKS: dict[str, tuple[Literal["in", "out"], str]] = {
     "grasp": ("out", "work taken by grips since the start"),
     "constraint": ("in", "work put in by rigid grasps since the start"),
 }
-"""Works that every closed loop books, whether or not something contributes to them."""
+"""Works of every closed loop, even if nothing contributes to them."""
 
 
 @dataclass(frozen=True)
 class EnergyTerm:
-    """A work of the energy balance: its name, its sign, what it is, and its state."""
+    """Work in the energy balance: name, sign, description, and state."""
 
     name: str
     sign: Literal["in", "out"]
@@ -45,7 +45,7 @@ class EnergyTerm:
 
 
 def build_works(powers: Iterable[PowerTerm]) -> list[EnergyTerm]:
-    """Works as states that begin at zero [J], those of :data:`WORKS` first."""
+    """Works [J] as states that start at zero, those of :data:`WORKS` first."""
     totals: dict[str, ca.SX] = {name: ca.SX(1, 1) for name in WORKS}
     kinds = dict(WORKS)
     for power in powers:

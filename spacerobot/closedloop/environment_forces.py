@@ -1,4 +1,4 @@
-"""Generalized forces of a scene's environments without the rest of the closed loop, for plans."""
+"""Generalized forces of a scene's environments, without the rest of the closed loop, for plans."""
 
 from __future__ import annotations
 

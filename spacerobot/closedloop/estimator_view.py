@@ -1,4 +1,4 @@
-"""A robot of a closed loop as its estimators see it."""
+"""View of a robot in the closed loop for its estimators."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class EstimatorView(EstimatorContext):
 
     @functools.cached_property
     def _reader(self) -> HeldReader:
-        """Reader of what controllers read, with the estimates of the estimators before this one."""
+        """Reader of the controllers' signals, with the estimates of estimators before this one."""
         columns = tuple(int(self.plant.model.idx_vs[joint]) for joint in self.joints)
         estimates = dict(self.earlier.estimates)
         return HeldReader(self.robot_sensors, self.robot, self.base_frame, columns, estimates)
@@ -90,7 +90,7 @@ class EstimatorView(EstimatorContext):
 
     @functools.cached_property
     def target(self) -> TargetModel | None:
-        """Target as a rigid body; None if there is none."""
+        """Rigid-body model of the target; None if there is no target."""
         return target_model(self.robot_sensors.parts.scene)
 
     @property
@@ -134,7 +134,7 @@ class EstimatorView(EstimatorContext):
         return measurement
 
     def _show(self, signal: str, last: ca.SX, true: ca.SX, *, of_body: bool) -> None:
-        """Keep a sample for the outputs, unless controllers have samples of their own.
+        """Register a sample for the outputs, unless controllers sample the signal themselves.
 
         Args:
             signal: Name of the signal.
@@ -153,14 +153,14 @@ class EstimatorView(EstimatorContext):
             assert target is not None, "scenes without a target are refused"
             body, dimension, label = target, "tip", f"{self.robot}/{frames[0]}"
         if true.size2() == 3:
-            # the frame that is seen is fixed in the root link, whose attitude follows
+            # # the measured frame is fixed in the root link, whose attitude follows
             root = self.plant.placement(body.root_frame)[0]
             last = ca.mtimes(attitude_of(last), ca.mtimes(true.T, root))
         sample = Sample(f"{signal}{BODY_AXES * of_body}", dimension, label, last, body.name)
         self.robot_sensors.parts.samples.setdefault((sample.signal, label), sample)
 
     def positions(self, driven: ca.SX) -> Mapping[int, ca.SX]:
-        """Positions of all joints by id, from those of the driven joints (n x 1)."""
+        """Positions of all joints by id, from the driven joints' positions (n x 1) [rad or m]."""
         return self._body.positions(driven)
 
     def read(self, signal: str, value: ca.SX) -> ca.SX:
@@ -191,7 +191,7 @@ class EstimatorView(EstimatorContext):
         return [one for one in self.earlier.innovations if one.filter == f"{self.robot}/{key}"]
 
     def rejected(self, signal: str) -> ca.SX:
-        """Switch (1x1): nonzero once a monitor of this estimator detected that a sensor failed."""
+        """Switch (1x1): nonzero once a monitor has detected a failure of the sensor for this estimator."""
         assert isinstance(self._body.config, Robot)
         estimators = self._body.config.estimators
         monitors = sorted(name for name, one in estimators.items() if one.rejects() == (self.key, signal))

@@ -1,4 +1,4 @@
-"""Events of the closed loop: guards and updates of all elements as one function each."""
+"""Events of the closed loop: guards and updates of all elements combined into one function each."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from spacerobot.elements import Contribution, Event, PowerTerm
 from spacerobot.symbolic import Plant
 
 WORK = "event"
-"""Work under which the energy is booked that events take."""
+"""Name of the work to which energy losses at events are booked."""
 
 
 @dataclass(frozen=True)
 class LoopEvent:
-    """An event as integrators see it.
+    """Properties of an event for integrators.
 
     Attributes:
-        name, kind, who: As in :class:`~spacerobot.elements.Event`.
-        sets: Places among the loop's switches, and the value of each afterwards.
-        ends: Whether the rollout is over.
-        kink: Whether it only marks where the dynamics are not smooth.
-        gap: Whether its guard is minus a gap whose rate has a bound.
-        clock, silent: Whether its guard is time less an instant that events alone change; whether it is not
+        name, kind, who: See :class:`~spacerobot.elements.Event`.
+        sets: Indices among the loop's switches, and the value of each after the event.
+        ends: Whether it ends the rollout.
+        kink: Whether it only marks a point where the dynamics are not smooth.
+        gap: Whether its guard is minus a gap whose rate is bounded.
+        clock, silent: Whether its guard is time minus an instant that only events change; whether it is not
             recorded.
         routine: Whether batches do not record it.
-        quantised: Whether what it updates has steps.
+        quantised: Whether its updated values are quantised.
     """
 
     name: str
@@ -106,7 +106,7 @@ def update_of(plant: Plant, acting: Contribution, which: ca.SX, impact: PlasticI
 def _new_values(
     event: Event, acting: Contribution, impact: PlasticImpact | None, symbols: Mapping[str, ca.SX]
 ) -> Iterator[tuple[str, ca.SX]]:
-    """New values of states by name: the event's own updates, the effects of impulses, and the work."""
+    """New values of states by name: the event's own updates, effects of impulses, and work."""
     yield from event.updates.items()
     energy_loss = ca.SX(1, 1) if event.loss is None else event.loss
     if event.impact and impact is not None:

@@ -1,4 +1,4 @@
-"""External impulse: it is recorded, so that the momentum less the impulse is constant."""
+"""External impulse as a state, so that momentum minus impulse is constant."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ KINDS = {
 
 @dataclass(frozen=True)
 class ExternalImpulse:
-    """Impulse from outside since the start: states and outputs, none where nothing acts."""
+    """External impulse since the start: states and outputs, empty without external forces."""
 
     states: tuple[State, ...] = ()
     outputs: tuple[Output, ...] = ()
@@ -47,8 +47,8 @@ def pushes_of(plant: Plant, wrenches: Sequence[Wrench], counted: Mapping[int, ca
     """Impulses of the actuators of bases about the world's origin, as states.
 
     Args:
-        plant, wrenches: Mechanics, and what actuators deliver to bases from outside.
-        counted: Symbols of the states by the base's joint, of components in which the scene moves.
+        plant, wrenches: Mechanics, and external wrenches that actuators deliver to bases.
+        counted: State symbols by the base's joint, with the components in which the scene moves.
     """
     axes, states = [*plant.translation_axes, *(axis + 3 for axis in plant.rotation_axes)], []
     for joint, symbol in counted.items():
@@ -70,7 +70,8 @@ def base_wrenches(scene: Scene, plant: Plant, wrenches: Sequence[Wrench]) -> Ite
     """Forces and torques of actuators on floating bases, about the root link's origin.
 
     Args:
-        scene, plant, wrenches: The scene, its mechanics, and what actuators deliver to bases from outside.
+        scene, plant, wrenches: The scene, its mechanics, and external wrenches that actuators deliver to
+            bases.
     """
     for body in scene.bodies:
         acting = [wrench for wrench in wrenches if wrench.joint_id == body.root_joint]

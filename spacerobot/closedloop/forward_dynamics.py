@@ -49,13 +49,13 @@ class ForwardDynamicsResult:
     """Accelerations, torques and reactions of the closed loop at one instant.
 
     Attributes:
-        acceleration: v' (nv x 1).
+        acceleration: Acceleration v' (nv x 1).
         torque: Actuator torques, as generalized forces (nv x 1).
         wrenches: Force and torque of each rigid grasp on its target at the tip's point (pairs of 3x1), in the
             constraints' order.
-        driven: What actuators bring beside the torques that they deliver.
-        sampled: Outputs of laws that are evaluated at instants, as they are now (n x 1 each).
-        commanded: Generalized forces that controllers command of all actuators (nv x 1).
+        driven: Contributions of actuators in addition to delivered torques.
+        sampled: Present outputs of sampled laws (n x 1 each).
+        commanded: Generalized forces commanded to all actuators (nv x 1).
     """
 
     acceleration: ca.SX
@@ -71,18 +71,20 @@ def solve_accelerations(plant: Plant, acting: Contribution) -> ForwardDynamicsRe
 
     Args:
         plant: Mechanics.
-        acting: What all elements contribute.
+        acting: Contributions of all elements.
     """
     ideal = [channel for channel in acting.channels if channel.derivative_gain is not None]
     torque = ca.SX(plant.v.size1(), 1)
     for channel in acting.channels:
         if channel.derivative_gain is None:
             torque = torque + ca.mtimes(channel.actuation, channel.command)
-    for asked in acting.torques:
-        torque = torque + _projected(plant, asked, acting)
-    first, then = in_turn(acting.drives, ideal)
+    for command in acting.torques:
+        torque = torque + _projected(plant, command, acting)
+    earlier_drives, later_drives = in_turn(acting.drives, ideal)
     commanded = torque
-    torque, early = deliver(torque, first, {column for drive in then for column in drive.columns})
+    torque, early = deliver(
+        torque, earlier_drives, {column for drive in later_drives for column in drive.columns}
+    )
     wrenches = [*acting.wrenches, *acting.outside, *early.wrenches, *early.outside]
     driven = plant.reduced_moving(torque, wrenches)
     held = [_Held.of(constraint) for constraint in acting.constraints]
@@ -93,8 +95,8 @@ def solve_accelerations(plant: Plant, acting: Contribution) -> ForwardDynamicsRe
     for channel, output in zip(ideal, outputs, strict=True):
         torque = torque + ca.mtimes(channel.actuation, output)
         driven = driven + ca.mtimes(channel.drive, output)
-    torque, answer = deliver(torque, then)
-    if then:
+    torque, answer = deliver(torque, later_drives)
+    if later_drives:
         driven = plant.reduced_moving(torque, [*wrenches, *answer.wrenches, *answer.outside])
         _, reactions = _solve(plant, driven, [], held)
     for connection, reaction in zip(held, reactions, strict=True):
@@ -117,7 +119,7 @@ def _at_instant(
     commanded: ca.SX,
     solved: tuple[Sequence[ControlChannel], Sequence[_Held]],
 ) -> ca.SX:
-    """Outputs (n x 1) of a law that is evaluated at instants, with what continuous ones do about it."""
+    """Outputs (n x 1) of a sampled law at its instant, solved together with the continuous ideal channels."""
     ideal, held = solved
     torque, answers = deliver(commanded - law.held, law.others(acting.drives))
     wrenches = [*acting.wrenches, *acting.outside, *answers.wrenches, *answers.outside]
@@ -128,7 +130,7 @@ def _at_instant(
 
 @dataclass(frozen=True)
 class _Held:
-    """Loads (nv x n) along which v' + drift (n x 1) vanishes, masked, and what idles of them (n x 1)."""
+    """Reduced loads (nv x n) along which v' + drift (n x 1) is zero, masked, and diagonal entries (n x 1)."""
 
     sense: ca.SX
     drift: ca.SX
@@ -146,7 +148,7 @@ class _Held:
 
 
 def known_locks(constraints: Iterable[AccelerationConstraint]) -> list[AccelerationConstraint]:
-    """Constraints of joints that are held, active while controllers know of it."""
+    """Constraints of held joints, active only while controllers know about them."""
     locks = []
     for one in constraints:
         if one.known is not None and one.active is not None:
@@ -155,10 +157,10 @@ def known_locks(constraints: Iterable[AccelerationConstraint]) -> list[Accelerat
 
 
 def _projected(plant: Plant, command: CommandedTorque, acting: Contribution) -> ca.SX:
-    """Torque that was asked for; in the null space, without the part that accelerates the robot's tips.
+    """Commanded torque; in the null space, without the part that accelerates the robot's tips.
 
-    Subtracted is ``J^T F`` with the tip force F that cancels the acceleration the tips' feedback would see,
-    with joints held that are known to be.
+    It subtracts ``J^T F`` with the tip force F that cancels the acceleration seen by the tips' feedback;
+    joints known to be held stay fixed.
     """
     channels = [
         channel for channel in acting.channels if channel.robot == command.robot and channel.moves_tip
@@ -182,7 +184,7 @@ def _projected(plant: Plant, command: CommandedTorque, acting: Contribution) -> 
 def _solve(
     plant: Plant, driven: ca.SX, ideal: Sequence[ControlChannel], held: Sequence[_Held]
 ) -> tuple[list[ca.SX], list[ca.SX]]:
-    """Outputs of ideal channels and reactions of what is held, one vector each.
+    """Outputs of ideal channels and reactions of held constraints, one vector each.
 
     ``driven`` are all other loads, reduced (nv x 1).
     """
@@ -211,8 +213,8 @@ def _solve(
 def eliminate(matrix: ca.SX, right: ca.SX) -> ca.SX:
     """Solution of a small linear system by elimination without pivoting, structural zeros skipped (n x 1).
 
-    Safe here because the leading blocks are ``1 + K_d C A`` and, behind them, minus a mobility: well away
-    from singular unless the posture itself is.
+    Safe without pivoting: the leading blocks are ``1 + K_d C A``, followed by minus a mobility; both are far
+    from singular unless the posture itself is singular.
     """
     size = matrix.size1()
     a, b = ca.SX(matrix), [right[i] for i in range(size)]
@@ -238,34 +240,34 @@ def eliminate(matrix: ca.SX, right: ca.SX) -> ca.SX:
 def in_turn(
     drives: Sequence[ActuatorDrive], ideal: Sequence[ControlChannel]
 ) -> tuple[list[ActuatorDrive], list[ActuatorDrive]]:
-    """Actuators of places on which no output that is still to be solved for acts, and the others."""
+    """Actuators that act where no unsolved output acts, and the other actuators."""
     acting = {row for channel in ideal for row in channel.actuation.sparsity().row()}
     first: list[ActuatorDrive] = []
-    then: list[ActuatorDrive] = []
+    dependent_drives: list[ActuatorDrive] = []
     for drive in drives:
         if acting.isdisjoint(drive.columns):
             first.append(drive)
         else:
-            then.append(drive)
+            dependent_drives.append(drive)
             acting |= set(drive.columns)  # the next one of these places comes after it
-    return first, then
+    return first, dependent_drives
 
 
 def deliver(
     torque: ca.SX, drives: Sequence[ActuatorDrive], later: Collection[int] = ()
 ) -> tuple[ca.SX, Contribution]:
-    """Generalized forces that actuators deliver, one after the other, and what else they bring.
+    """Generalized forces that actuators deliver in series, and their further contributions.
 
-    What is left at the places of ``later`` is for actuators that come after them.
+    Remaining commands at the indices ``later`` are passed to actuators that come after these.
     """
-    delivered, answers, left = ca.SX(torque), [], set[int]()
+    delivered, answers, undelivered = ca.SX(torque), [], set[int]()
     for drive in drives:
         columns = list(drive.columns)
-        asked = delivered[columns]
-        delivered[columns] = drive.deliver(asked)
-        left = left.difference(columns).union(drive.passes_on)
+        command = delivered[columns]
+        delivered[columns] = drive.deliver(command)
+        undelivered = undelivered.difference(columns).union(drive.passes_on)
         if drive.answer is not None:
-            answers.append(drive.answer(asked))
-    for column in left.difference(later):
+            answers.append(drive.answer(command))
+    for column in undelivered.difference(later):
         delivered[column] = ca.SX(1, 1)
     return delivered, concatenate(answers)

@@ -15,13 +15,13 @@ from spacerobot.symbolic import Plant
 
 @dataclass(frozen=True)
 class PlasticImpact:
-    """A plastic impact: what stops the relative motion of everything that is rigidly connected.
+    """Plastic impact that stops the relative motion of all rigidly connected parts.
 
     Attributes:
-        velocity: Of the plant afterwards (nv x 1).
-        impulses: Along the directions of each constraint, on the tip (n x 1 each) [N s, N m s]; zero where
-            inactive.
-        loss: Energy that it takes (1x1) [J].
+        velocity: Velocity of the plant after the impact (nv x 1).
+        impulses: Impulses on the tip along the directions of each constraint (n x 1 each) [N s, N m s]; zero
+            if inactive.
+        loss: Dissipated energy (1x1) [J].
     """
 
     velocity: ca.SX
@@ -32,9 +32,10 @@ class PlasticImpact:
 def strike(plant: Plant, constraints: Sequence[AccelerationConstraint]) -> PlasticImpact:
     """Velocity after an impact: no active constraint slips, and the change has minimum kinetic energy.
 
-    That is what an impulse in each of them makes, ``M (v+ - v-) = G^T j`` with ``G v+ = 0``, as if all closed
-    at once; none where nothing slips. It takes the energy ``(v+ - v-)^T M (v+ - v-) / 2 = -j^T G v- / 2``.
-    Where a constraint drives a velocity r, ``G v+ = r`` and ``s = G v- - r``, it takes ``-j^T (s / 2 + r)``.
+    This is the effect of simultaneous impulses j in all constraints, ``M (v+ - v-) = G^T j`` with ``G v+ =
+    0``; they are zero without slip. The dissipated energy is ``(v+ - v-)^T M (v+ - v-) / 2 = -j^T G v- / 2``.
+    If a constraint enforces a velocity r, then ``G v+ = r``, and with ``s = G v- - r`` it is ``-j^T (s / 2 +
+    r)``.
     """
     senses = [masked(constraint.sense, constraint.active) for constraint in constraints]
     slips = [masked(constraint.slip, constraint.active) for constraint in constraints]
@@ -65,10 +66,10 @@ def imposed(constraint: AccelerationConstraint) -> ca.SX:
 
 
 def idleness(constraint: AccelerationConstraint) -> ca.SX:
-    """Diagonal entries of the constraint system (n x 1): 1 while the constraint is not active.
+    """Diagonal entries of the constraint system (n x 1): 1 while inactive, the compliance while active.
 
-    With its loads masked, its reaction is then zero and everything else as if it did not exist. While it is
-    active, its compliance.
+    With masked loads, the reaction of an inactive constraint is then zero and the rest of the system is
+    unaffected.
     """
     active, size = constraint.active, constraint.size
     entries = ca.SX(size, 1) if active is None else ca.repmat(1 - active, size, 1)

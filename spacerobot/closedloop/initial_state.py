@@ -1,7 +1,7 @@
 """Initial configuration and velocity as expressions of the parameters.
 
-The symbolic twin of :mod:`spacerobot.scene.configure`: posture, base poses and the closing of grasps can
-be varied and differentiated. A test holds the two to each other.
+The symbolic counterpart of :mod:`spacerobot.scene.configure`: posture, base poses and the closing of grasps
+can be varied and differentiated. A test compares the two.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ DEGREE = np.pi / 180
 def initial_state(scene: Scene, parameters: Parameters) -> InitialState:
     """Initial state of a scene as an expression of its parameters.
 
-    Bases give way to their grasps in closed form; the velocity of loops is left to
+    Bases are placed in closed form so that their grasps close. Velocities in loops are corrected by
     :func:`~spacerobot.closedloop.impulse.strike`, which needs inertias.
     """
     q, v = ca.SX(scene.model.nq, 1), ca.SX(scene.model.nv, 1)
@@ -40,7 +40,7 @@ def initial_state(scene: Scene, parameters: Parameters) -> InitialState:
             vector = parameters.sparse_vector(f"{closing.body.path}.base.align_rotation_deg")
             orientation = base_alignment.aligned(scene.model, closing, turned, _turn(vector * DEGREE))
             turned[closing.body.root_joint] = _align(scene.model, closing, orientation, q, v)
-        # move a base, and set it in motion, so that its grasp begins closed
+        # # translate a base, and set its velocity, so that its grasp starts closed
         root = closing.body.root_joint
         joint = scene.model.joints[root]
         kinematics = forward_kinematics(scene.model, q, v if closing.sets_velocity else None)
@@ -66,7 +66,7 @@ def initial_state(scene: Scene, parameters: Parameters) -> InitialState:
 def _align(
     model: Any, closing: ClosingBase, orientation: base_alignment.Quaternion, q: ca.SX, v: ca.SX
 ) -> base_alignment.Quaternion:
-    """Turn a base so that its grasp begins aligned, and its described velocity with its axes."""
+    """Rotate a base so that its grasp starts aligned, and express its stated velocity in the new axes."""
     joint = model.joints[closing.body.root_joint]
     if joint.nv == 3:
         orientation = base_alignment.upright(orientation, ca.sqrt(orientation[2] ** 2 + orientation[3] ** 2))
@@ -85,9 +85,9 @@ def _align(
 def _set_base(
     model: Any, body: SceneBody, closing: ClosingBase | None, parameters: Parameters, q: ca.SX, v: ca.SX
 ) -> Mapping[int, base_alignment.Quaternion]:
-    """Set a floating base as described, to zero what gives way to a grasp; its turn by its joint's id.
+    """Set a floating base as stated, or to zero what a grasp determines; return its rotation by joint id.
 
-    A fixed base is the model's.
+    A fixed base is part of the model.
     """
     if not body.root_joint:
         return {}

@@ -1,4 +1,4 @@
-"""The elements of a scene, each built from what it may see."""
+"""Builder of a scene's elements, each from its own context."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ from spacerobot.shapes import Shape
 
 
 class LoopBuilder(LoopParts):
-    """Builder of the elements of one closed loop: a context for each element, and what they contribute."""
+    """Builder of the elements of one closed loop: contexts, and the resulting contributions."""
 
     @functools.cached_property
     def wrenches(self) -> dict[tuple[str, Flange], TipWrench]:
@@ -97,10 +97,11 @@ class LoopBuilder(LoopParts):
         return contributions
 
     def contributions(self) -> list[Contribution]:
-        """Contributions of every element: controllers and estimators first, environments last."""
+        """Contributions of all elements: controllers and estimators first, environments last."""
         contributions = [*self.controllers, *self.estimators.values()]
         contributions += [
-            Contribution(states=one.states, events=one.events) for one in self.measurements.values()
+            Contribution(states=measurement.states, events=measurement.events)
+            for measurement in self.measurements.values()
         ]
         contributions += self.grasps
         contributions += self.contacts
@@ -149,10 +150,10 @@ class LoopBuilder(LoopParts):
         return parts[0], parts[1]
 
     def with_tip_wrenches(self, acting: Contribution, solution: ForwardDynamicsResult) -> Contribution:
-        """Contribution whose sensors measure the wrenches that were solved for.
+        """Contribution whose sensors measure the solved wrenches.
 
         Args:
-            acting, solution: Everything that acts, and what follows from it.
+            acting, solution: All contributions, and the solved accelerations and reactions.
         """
         wrenches = [(one, one.unsolved) for one in self.wrenches.values() if one.unsolved is not None]
         grasps = list(zip(self.scene.grasps, self.grasps, strict=True))
@@ -183,11 +184,11 @@ class LoopBuilder(LoopParts):
         contributions = {}
         for body in self.scene.robots:
             if isinstance(body.config, Robot) and body.config.estimators:
-                built = Contribution()
+                earlier_estimators = Contribution()
                 for key, estimator in body.config.estimators.items():
-                    view = EstimatorView(RobotSensors(self, body), key, built)
-                    built = concatenate([built, estimator.build(view)])
-                contributions[body.name] = built
+                    view = EstimatorView(RobotSensors(self, body), key, earlier_estimators)
+                    earlier_estimators = concatenate([earlier_estimators, estimator.build(view)])
+                contributions[body.name] = earlier_estimators
         return contributions
 
     def estimates(self, body: SceneBody) -> Mapping[str, Callable[[ca.SX], ca.SX]]:
@@ -237,7 +238,7 @@ class LoopBuilder(LoopParts):
         )
 
     def _held_inertia(self, tip: SceneTip) -> ca.SX | None:
-        """Inertial parameters (10x1) of what a tip holds, as an estimator of its robot estimates them."""
+        """Estimated inertial parameters (10x1) of the object that a tip holds; None without an estimator."""
         estimators = tip.body.config.estimators.values() if isinstance(tip.body.config, Robot) else ()
         name = tip.label.rpartition("/")[2]
         if not any(HELD_INERTIA in one.makes and (one.frames() or ("",))[0] == name for one in estimators):
@@ -277,7 +278,7 @@ class LoopBuilder(LoopParts):
         return ContactContext(self.context.at(contact.path), self.plant, contact.name, pairs)
 
     def _surface(self, shape: SceneShape) -> ContactSurface:
-        """A shape where it is now; a pad's numbers can be varied."""
+        """Contact surface of a shape at its present pose; a pad's numbers are parameters."""
         rotation, origin = self.plant.placement(shape.frame)
         if shape.path is None:
             measures = shape.config.measures()
@@ -287,8 +288,10 @@ class LoopBuilder(LoopParts):
             measures, position = shape.config.measures(context), context.vector("position")
             angles = context.parameters.sparse_vector(f"{context.path}.rotation_deg") * DEGREE
             turn = context.once("turn", rotation_from_rpy(angles))
-        turned, place = ca.mtimes(rotation, turn), origin + ca.mtimes(rotation, position)
-        return ContactSurface(Shape(type(shape.config), turned, place, measures), shape.frame, shape.joint)
+        shape_rotation, place = ca.mtimes(rotation, turn), origin + ca.mtimes(rotation, position)
+        return ContactSurface(
+            Shape(type(shape.config), shape_rotation, place, measures), shape.frame, shape.joint
+        )
 
 
 def _is_null(changes: Any, keys: Sequence[str]) -> bool:

@@ -1,4 +1,4 @@
-"""Parts of a closed loop that the elements of a scene share while they are built."""
+"""Parts of a closed loop that its elements share while they are built."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class Sample:
     """Last sample of a signal.
 
     Attributes:
-        signal: Name of the signal, with the ending of its axes if these are not the world's.
-        dimension, label: What it is of, as of an :class:`~spacerobot.elements.Output`.
+        signal: Name of the signal, with a suffix for its axes unless these are the world's.
+        dimension, label: See :class:`~spacerobot.elements.Output`.
         value: Vector (3x1) or number (1x1), or attitude of the root link of a body (3x3).
         body: Name of the body whose attitude it is.
     """
@@ -92,7 +92,7 @@ class LoopParts:
         return self.phase_states[name]
 
     def phase_time(self) -> ca.SX:
-        """Time since the present phase began (1x1) [s]; since the start where there are no phases."""
+        """Time since the present phase began (1x1) [s]; since the start if there are no phases."""
         time = self.context.time
         return time - self.memory("began_at").symbol if self.context.phases else time
 
@@ -105,18 +105,18 @@ class LoopParts:
             return self.driven[body.name]
         assert isinstance(body.config, Robot)
         elements = dict(body.config.driven_by())
-        built = {
+        contributions = {
             key: one.build(self._actuator(body, key, one))
             for key, one in elements.items()
             if not one.sees_wheels
         }
-        wheels = sum((momentum for part in built.values() for momentum in part.wheels), ca.SX(3, 1))
-        stored = sum((one.angular for part in built.values() for one in part.stored), ca.SX(3, 1))
+        wheels = sum((momentum for part in contributions.values() for momentum in part.wheels), ca.SX(3, 1))
+        stored = sum((one.angular for part in contributions.values() for one in part.stored), ca.SX(3, 1))
         for key, one in elements.items():
             if one.sees_wheels:
                 context = replace(self._actuator(body, key, one), wheels=wheels, stored=stored)
-                built[key] = one.build(context)
-        self.driven[body.name] = [built[key] for key in elements]
+                contributions[key] = one.build(context)
+        self.driven[body.name] = [contributions[key] for key in elements]
         return self.driven[body.name]
 
     def _actuator(self, body: SceneBody, key: str, actuator: Actuator) -> ActuatorContext:

@@ -1,9 +1,9 @@
-"""Closed loops whose allocation of wheels and thrusters is held as on-board software holds it.
+"""Closed loops whose allocation of wheels and thrusters is held, as by onboard software.
 
-The allocation is a function of the commanded wrench, at any time. If all that it reads is held between the
-instants of software (commands of periodic controllers, switches), the allocated command is held too. It is
-then a state of the closed loop, which software replaces at its instants. An allocation that reads the motion
-(wheels with friction at their speed limit, thrusters that unload wheels) stays in the plant.
+The allocation is a function of the commanded wrench. If all its inputs are held between the sample instants
+of software (commands of periodic controllers, switches), the allocated command is held too, and becomes a
+state of the closed loop that software replaces at its instants. An allocation that reads the motion (wheels
+with friction at their speed limit, thrusters that unload wheels) stays in the plant.
 """
 
 from __future__ import annotations
@@ -40,17 +40,18 @@ class OnboardLoopBuilder(LoopBuilder):
 
     Attributes:
         command_ports: Held allocations by the name of the actuator.
-        continuous_ports: Actuators whose allocation reads what is not held, with the names of that.
+        continuous_ports: Actuators whose allocation reads inputs that are not held, with the names of these
+            inputs.
     """
 
     command_ports: dict[str, CommandPort] = field(default_factory=dict)
     continuous_ports: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     def command_port(self, name: str, unit: str, text: str, command: ca.SX) -> ca.SX:
-        """State of a held allocation; the allocation itself if it is continuous.
+        """State of a held allocation; the allocation expression itself if it is continuous.
 
-        An allocation is evaluated for several requests. The first one is that of the controllers; the others
-        are predictions within a law, and stay expressions.
+        An allocation is evaluated for several requests. The first is that of the controllers; later ones are
+        predictions within a law and stay expressions.
         """
         if name in self.command_ports:
             port = self.command_ports[name]
@@ -70,9 +71,9 @@ class OnboardLoopBuilder(LoopBuilder):
         return Contribution(states=tuple(port.state for port in self.command_ports.values()))
 
     def _held_symbols(self) -> set[int]:
-        """Symbols that change at instants alone: constants, switches, states that events alone change.
+        """Symbols that change only at sample instants: constants, switches, states that only events change.
 
-        Pulses of thrusters end between these instants, so that their switches are not among them.
+        Switches of thruster pulses are not among them, since pulses end between these instants.
         """
         constants = self.context.constants
         moving = {i for one in constants.tables for i in range(one.window, one.window + one.width)}
@@ -86,11 +87,11 @@ class OnboardLoopBuilder(LoopBuilder):
 
 
 def _is_held(state: State) -> bool:
-    """Whether events alone change it."""
+    """Whether only events change the state."""
     return state.remembers or not ca.sparsify(ca.SX(state.derivative)).nnz()
 
 
 def _same(one: ca.SX, other: ca.SX) -> bool:
-    """Whether two vectors have the same nodes as elements."""
+    """Whether two vectors have identical expression nodes as entries."""
     pairs = zip(ca.vertsplit(ca.densify(one)), ca.vertsplit(ca.densify(other)), strict=True)
     return all(a.element_hash() == b.element_hash() for a, b in pairs)

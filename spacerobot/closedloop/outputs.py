@@ -1,4 +1,4 @@
-"""Outputs of the closed loop: of tips, bodies, joints, the whole system, and those that elements declare."""
+"""Outputs of the closed loop: of tips, bodies, joints, the whole system, and of its elements."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ VECTORS: dict[str, tuple[str, str, str]] = {
     "body_momentum_linear": ("body", "N s", "linear momentum of bodies"),
     "body_momentum_angular": ("body", "N m s", "angular momentum of bodies about the world's origin"),
 }
-"""Vectors in world axes that every result has, whether or not there is something to observe."""
+"""Vectors in world axes that every result has, even without labels."""
 
 
 def core_outputs(builder: LoopBuilder, torque: ca.SX, stored: Sequence[StoredMomentum]) -> Iterator[Output]:
     """Outputs of tips, bodies, joints and the whole system.
 
     Args:
-        builder: What is observed.
+        builder: Builder of the closed loop.
         torque: Generalized forces of the joints (nv x 1).
-        stored: Momenta beside those of the links.
+        stored: Momenta in addition to those of the links.
     """
     for name, (dimension, unit, text) in VECTORS.items():
         yield Output(name, ca.SX(3, 1), unit, text, dimension)
@@ -83,10 +83,10 @@ def core_outputs(builder: LoopBuilder, torque: ca.SX, stored: Sequence[StoredMom
 
 
 def measured_outputs(builder: LoopBuilder) -> Iterator[Output]:
-    """Declare the last sample of each signal that a sensor measures at instants, ``measured_SIGNAL``.
+    """Outputs ``measured_SIGNAL`` with the last sample of each signal of a sampling sensor.
 
-    References and estimators sample a signal apart from controllers. Where more than one of these samples it
-    for one robot or tip, the output has the samples of controllers, otherwise those of the first estimator.
+    References and estimators sample a signal separately from controllers. If several of them sample it for
+    one robot or tip, the output has the controllers' samples, otherwise those of the first estimator.
 
     Args:
         builder: Builder of the closed loop whose elements are all built.
@@ -106,7 +106,7 @@ def measured_outputs(builder: LoopBuilder) -> Iterator[Output]:
 
 
 def added_up(outputs: Iterable[Output]) -> list[Output]:
-    """Outputs, those of one name and label as one."""
+    """Outputs in which those with the same name and label are added."""
     sums: dict[tuple[str, str], Output] = {}
     for output in outputs:
         key = (output.name, output.label)
@@ -118,7 +118,7 @@ def added_up(outputs: Iterable[Output]) -> list[Output]:
 def combine(scene: Scene, outputs: Iterable[Output]) -> tuple[tuple[OutputVariable, ...], dict[str, ca.SX]]:
     """Variables of the result, and their expressions: outputs of one name stacked in the scene's order.
 
-    Where an element of a dimension does not declare an output that others do, it is not a number.
+    Outputs that other elements of a dimension declare are NaN for an element that does not.
     """
     labels = {
         "tip": [tip.label for tip in scene.tips],
@@ -126,14 +126,14 @@ def combine(scene: Scene, outputs: Iterable[Output]) -> tuple[tuple[OutputVariab
         "grasp": [grasp.name for grasp in scene.grasps],
         "contact": [contact.name for contact in scene.contacts],
     }
-    named: dict[str, list[Output]] = {}
+    outputs_by_name: dict[str, list[Output]] = {}
     for output in outputs:
-        named.setdefault(output.name, []).append(output)
+        outputs_by_name.setdefault(output.name, []).append(output)
         if output.dimension and output.dimension != "joint":
             names = labels.setdefault(output.dimension, [])
             names += [output.label] * (bool(output.label) and output.label not in names)
     variables, expressions = [], {}
-    for name, parts in named.items():
+    for name, parts in outputs_by_name.items():
         first = parts[0]
         size, axes = first.value.size1(), (first.dimension,) if first.dimension else ()
         names = labels.get(first.dimension or "", [])

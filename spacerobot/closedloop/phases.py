@@ -1,4 +1,4 @@
-"""Phases of a closed loop: how each ends, what follows, and what begins with that."""
+"""Phases of a closed loop: end conditions, successors, and effects of a phase change."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from spacerobot.scenario.phases import END, Limit, Phase, Settled, successors
 
 DEGREE = np.pi / 180
 Condition = tuple[str, ca.SX, ca.SX]
-"""Name of a way in which a phase ends, its guard, and whether it is armed (1x1 each)."""
+"""End condition of a phase: name, guard, and whether it is armed (1x1 each)."""
 
 
 def phased(builder: LoopBuilder, outputs: Sequence[Output]) -> Contribution:
     """Contribution of the phases to the closed loop; empty if there is only one.
 
     Args:
-        builder: What everything else was built from, which is finished.
-        outputs: Of everything else.
+        builder: Builder of all other elements, which are complete.
+        outputs: Outputs of all other elements.
 
     Raises:
-        ScenarioError: If a phase ends by an output that there is not.
+        ScenarioError: If a phase ends by an unknown output.
     """
     if not builder.context.phases:
         leads = builder.leads.values()
@@ -69,10 +69,10 @@ class _Phases:
         )
 
     def _events(self, name: str) -> Iterator[Event]:
-        """Events that end a phase, and those that tell whether it settles."""
+        """Events that end a phase, and those that mark the start and end of settling."""
         phase, (following, on_timeout) = self.phases[name], successors(self.phases)[name]
         if phase.until is not None and phase.until.settled is not None and phase.until.settled.dwell:
-            # a body begins to move slowly enough, and faster again
+            # # a body starts and stops moving slowly enough
             settled = phase.until.settled
             room, switch = self._room(name, settled), self._settling_switch(name)
             active = self.context.phases[name]
@@ -105,7 +105,7 @@ class _Phases:
             yield "timeout", self.builder.phase_time() - context.number("timeout"), always
 
     def _room(self, name: str, settled: Settled) -> ca.SX:
-        """Above zero where a body hardly moves (1x1)."""
+        """Settling margin of a body (1x1), above zero while its speed and spin are below the limits."""
         plant, context = self.builder.plant, self.context.at(f"phases.{name}.until.settled")
         velocity, spin = plant.velocity(self.builder.scene.body(settled.of).root_frame)
         room = 1 - ca.dot(velocity, velocity) / context.number("speed") ** 2
@@ -117,7 +117,7 @@ class _Phases:
         return self.context.at(f"phases.{name}").switch("settling")
 
     def _settled(self, name: str, settled: Settled) -> tuple[ca.SX, ca.SX]:
-        """Guard and condition of a body that has hardly moved for long enough."""
+        """Guard and arming condition of a body that has been settled for the required time."""
         if not settled.dwell:
             return self._room(name, settled), ca.SX(1)
         dwell = self.context.at(f"phases.{name}").number("until.settled.dwell")
@@ -125,7 +125,7 @@ class _Phases:
         return self.context.time - since - dwell, self._settling_switch(name)
 
     def _limit(self, path: str, limit: Limit) -> ca.SX:
-        """Above zero where an output has passed its limit (1x1), which a section at a path states."""
+        """Guard (1x1), above zero where an output exceeds its limit, from the section at ``path``."""
         values = {(output.name, output.label): output.value for output in self.outputs}
         key = (limit.output, limit.of or "")
         if key not in values:
@@ -136,13 +136,13 @@ class _Phases:
             raise ScenarioError(message, source=self.builder.scene.source, where=f"{path}.{place}")
         side = "above" if limit.above is not None else "below"
         sign, value = (1 if limit.above is not None else -1), values[key]
-        most = self.context.at(path).number(side)
+        bound = self.context.at(path).number(side)
         if value.numel() == 1:
-            return sign * (value - most)
-        return sign * (ca.dot(value, value) - most * ca.fabs(most))
+            return sign * (value - bound)
+        return sign * (ca.dot(value, value) - bound * ca.fabs(bound))
 
     def _ended(self, event: str, name: str, follows: str, guard: ca.SX, armed: ca.SX) -> Event:
-        """The phase ends, and another one or nothing follows."""
+        """Event that ends a phase and starts the next one or ends the simulation."""
         armed = both(self.context.phases[name], armed)
         if follows == END:
             return Event(event, "end", name, guard, armed, ends=True)
@@ -163,9 +163,9 @@ class _Phases:
         return replace(happens, updates=updates | self._anew(updates)) if phase.reset else happens
 
     def _anew(self, updates: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
-        """States of controllers as they begin, from where the event leaves everything else.
+        """Initial values of the controllers' states at a phase change, from the other states after the event.
 
-        What a periodic controller holds, and its clock, go on.
+        Held outputs of periodic controllers, and their clocks, are not reset.
         """
         states = (state for part in self.builder.controllers for state in part.states)
         controllers = [state for state in states if not state.remembers]

@@ -1,4 +1,4 @@
-"""Build the plant of a scene: its kinematics, inertias and resistance as expressions."""
+"""Plant of a scene: kinematics, inertias and resistances as expressions."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def build_plant(scene: Scene, parameters: Parameters, constants: Constants) -> P
 def joint_resistance(scene: Scene, parameters: Parameters, constants: Constants) -> tuple[ca.SX, ca.SX]:
     """Stiffness of springs in flexible links, and viscous resistance, of each velocity component (nv x 1).
 
-    Structurally zero where there is none.
+    Structurally zero for components without stiffness or damping.
     """
     stiffness, damping = ca.SX(scene.model.nv, 1), ca.SX(scene.model.nv, 1)
     for body in scene.bodies:
@@ -93,7 +93,7 @@ def _hoist_symmetric(constants: Constants, name: str, matrix: ca.SX) -> ca.SX:
 def link_moments(parameters: Parameters, path: str, placement: Any) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Mass, first moment and inertia of a link about its joint's origin, in the joint's axes.
 
-    An inertia that is not given by itself follows the mass, unless both are varied.
+    An inertia without a value of its own scales with the mass, unless both are varied.
     """
     mass = parameters(f"{path}.mass")
     rotation, offset = sparse(np.asarray(placement.rotation)), sparse(np.asarray(placement.translation))
@@ -104,8 +104,8 @@ def link_moments(parameters: Parameters, path: str, placement: Any) -> tuple[ca.
         scale = mass / parameters(f"{path}.inertia_at_mass")
         xx, yy, zz, xy, xz, yz = (scale * entry for entry in (xx, yy, zz, xy, xz, yz))
     about_com = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
-    turned = ca.mtimes(rotation, ca.mtimes(about_com, rotation.T))
-    return mass, mass * com, turned + _steiner(mass, com)
+    rotated = ca.mtimes(rotation, ca.mtimes(about_com, rotation.T))
+    return mass, mass * com, rotated + _steiner(mass, com)
 
 
 @recorded((1, 1), (3, 1))

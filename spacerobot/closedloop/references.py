@@ -1,4 +1,4 @@
-"""Desired motions by the references of a tip, each from the instant at which it becomes active."""
+"""Desired motions from the references of a tip, each from the instant at which it becomes active."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ from spacerobot.symbolic import InitialState, Plant
 
 @dataclass(frozen=True)
 class TipGuidance:
-    """A tip and the references that lead it.
+    """Tip with its references.
 
     Attributes:
         tip: The tip.
-        context, plant, start: Time and the scenario's numbers, mechanics now, and where everything begins.
-        target: The target, None if there is none.
-        shown: From signal and value (3x1) to what the sensor of the tip's robot shows of it, None without
+        context, plant, start: Time and the scenario's numbers, mechanics at present and at the initial state.
+        target: The target, None if there is no target.
+        shown: Function from signal and value (3x1) to the reading of the robot's sensor; None without
             sensors.
-        measure: From signal, name and what the sensor sees to the measurement at instants; None for one that
-            is continuous.
-        estimators: Of the tip's robot.
-        kept: What is remembered of the instant at which the present reference began, by a short name.
-        seen: What else is remembered, by the state's name, with its expression at that instant.
-        held: What sensors measured last, by the state's name.
-        samples: The same as vectors (3x1), by signal and path of the reference.
+        measure: Function from signal, name and observation to the sampled measurement; None for a continuous
+            sensor.
+        estimators: Contribution of the robot's estimators.
+        kept: States that store the instant and pose at which the present reference began, by a short name.
+        seen: Further stored states by name, with their expressions at that instant.
+        held: Last measurements of sensors, by the state's name.
+        samples: The same measurements as vectors (3x1), by signal and path of the reference.
     """
 
     tip: SceneTip
@@ -62,7 +62,7 @@ class TipGuidance:
 
     @property
     def root(self) -> int | None:
-        """Frame of the target, None if there is none."""
+        """Frame of the target, None if there is no target."""
         return None if self.target is None else self.target.root_frame
 
     @functools.cached_property
@@ -89,7 +89,7 @@ class TipGuidance:
 
     @functools.cached_property
     def sinces(self) -> tuple[StartInstant, ...]:
-        """Time at which each reference becomes active."""
+        """Start instant of each reference."""
         switches = self.context.phases
         return tuple(
             StartInstant(self.tip.label, either(*(switches[name] for name in reference.phases)))
@@ -121,7 +121,7 @@ class TipGuidance:
         )
 
     def _measured_last(self, path: str, signal: str, shown: ca.SX, origin: ca.SX | None = None) -> ca.SX:
-        """Signal of a sensor, or its last sample where it is held; constant entries stay constant."""
+        """Reading of a sensor, or its last sample if it is held; constant entries stay constant."""
         name = f"{self.tip.label}.{path}.{signal}"
         if name not in self.held:
             frame = self.plant.placement(self.tip.frame)[1]
@@ -150,7 +150,7 @@ class TipGuidance:
         return result
 
     def _at_start(self, name: str, value: ca.SX) -> ca.SX:
-        """An expression of the state where everything begins, where every sensor measures."""
+        """Expression at the initial state, at which every sensor measures."""
         del name
         for held in self.held.values():
             value = ca.substitute(value, held.value.symbol, held.shown)
@@ -158,17 +158,17 @@ class TipGuidance:
         return self.plant.at_start(value, self.start, self.context.constants)
 
     def _first_estimates(self, value: ca.SX) -> ca.SX:
-        """An expression in which filters know what they begin with."""
+        """Expression with the filters' states at their initial values."""
         for state in self.estimators.states:
             value = ca.substitute(value, state.symbol, state.initial)
         return value
 
     def _remembered(self, path: str, name: str, value: ca.SX) -> ca.SX:
-        """An expression of the state when the present reference began; what is constant of it stays so."""
+        """Expression of the state at the start of the present reference; constant entries stay constant."""
         label = f"{self.tip.label}.begun.{path}.{name}"
         if label not in self.seen:
             entries = changing(value)
-            # the estimates of a filter, which are no memory, would count as zero where everything begins
+            # # states of a filter, which are not memory states, would count as zero in initial values
             self.seen[label] = memory(label, self._first_estimates(entries)), entries
         return filled(value, self.seen[label][0].symbol)
 
@@ -200,14 +200,14 @@ class TipGuidance:
         return self.context.at(self.tip.path).once("start", self.start.placement(self.tip.frame)[0])
 
     def _symbol(self, key: str) -> ca.SX:
-        """Symbol of the state that is stored under a name; entries that cannot change are left out."""
+        """Symbol of the state stored under a name; without the entries that cannot change."""
         if key not in self.kept:
             first = ca.SX.zeros(1) if key == "since" else self._values(None)[key][self._axes(key)]
             self.kept[key] = memory(f"{self.tip.label}.begun.{key}", first)
         return self.kept[key].symbol
 
     def _vector(self, key: str) -> ca.SX:
-        """A vector that is remembered (3x1)."""
+        """Stored vector (3x1)."""
         vector, frame = ca.SX(3, 1), {"origin": self.tip.frame, "pivot": self.root}.get(key)
         vector[self._axes(key)] = self._symbol(key)
         if self.plant.planar and frame is not None:
@@ -216,7 +216,7 @@ class TipGuidance:
         return vector
 
     def _axes(self, key: str) -> list[int]:
-        """Components that are remembered."""
+        """Components of a stored vector."""
         if key == "since":
             return [0]
         if key == "rotation" and not self.plant.planar:

@@ -1,4 +1,4 @@
-"""Signals of a robot as its sensors and estimators give them to controllers."""
+"""Signals of a robot from its sensors and estimators, for controllers."""
 
 from __future__ import annotations
 
@@ -75,11 +75,11 @@ class HeldReader:
 
     Attributes:
         sensors: The robot's sensors.
-        owner: Name under which signals of a tip or of the target are sampled: the tip's label, or the robot's
-            name.
+        owner: Name under which signals of a tip or of the target are sampled: label of the tip, or name of
+            the robot.
         frame: Frame in the model that carries the sensors.
-        columns: Places in v of the joints whose positions and rates are read.
-        estimates: From true values to estimated ones, by signal.
+        columns: Indices in v of the joints whose positions and rates are read.
+        estimates: Functions from true to estimated values, by signal.
     """
 
     sensors: RobotSensors
@@ -154,7 +154,7 @@ class HeldReader:
         return result
 
     def _show(self, signal: str, sample: ca.SX) -> None:
-        """Keep a sample (n x 1) for the outputs."""
+        """Register a sample (n x 1) for the outputs."""
         body, model = self.sensors.body, self.sensors.parts.plant.model
         samples = [Sample(signal, "tip" if "/" in self.owner else "body", self.owner, sample)]
         if signal.startswith("joint_"):

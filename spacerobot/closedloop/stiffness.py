@@ -15,17 +15,17 @@ GAINS = frozenset(
         *("rotational_stiffness", "rotational_damping"),
     }
 )
-"""Last parts of the paths of what a user may soften."""
+"""Last words of the paths of gains that a user may reduce."""
 _INCREMENT, _CHANGE, _SHARE = 1e-3, 1.1, 0.25
 
 
 @dataclass(frozen=True)
 class FastestRate:
-    """Largest eigenvalue of the linearised loop where it begins.
+    """Largest eigenvalue of the linearised loop at the initial state.
 
     Attributes:
-        per_s: Its absolute value [1/s]; the method of Runge and Kutta needs steps below 2.8 over it.
-        gains: At most two paths of those it follows most: with the gain to a power of a quarter or more.
+        per_s: Magnitude [1/s]; the Runge-Kutta method needs steps below 2.8 over it.
+        gains: At most two paths of gains on which it depends most: at least to the power 1/4.
     """
 
     per_s: float
@@ -53,23 +53,23 @@ def find_fastest_rate(loop: ClosedLoop) -> FastestRate | None:
 def find_poles(loop: ClosedLoop, time_s: float, x: Array, c: Array) -> Array:
     """Poles of the closed loop about an instant, by differences of fourth order.
 
-    Coordinates of x are more than degrees of freedom, and works and momentum are integrals: a pole at zero
-    for each comes in addition to those of the motion.
+    x has more coordinates than degrees of freedom, and works and momentum are integrals: each adds a pole at
+    zero to those of the motion.
 
     Args:
         loop: The closed loop.
         time_s: Time [s].
-        x, c: State (nx,) and constants (nc,), its switches as they are then.
+        x, c: State (nx,) and constants (nc,) with the switches at that time.
 
     Returns:
-        numpy.ndarray: Eigenvalues (nx,) of the Jacobian of x' [1/s]; NaN where there is none.
+        numpy.ndarray: Eigenvalues (nx,) of the Jacobian of x' [1/s]; NaN if it is not finite.
     """
     # (8 (f(h) - f(-h)) - (f(2h) - f(-2h))) / 12 h, with errors of h^4 and of rounding over h: a
     # Jordan block of k zeros is split by the k-th root of both
     shift = _INCREMENT * np.eye(x.size)
-    moved = np.hstack([np.reshape(x, (-1, 1)) + factor * shift for factor in (1, -1, 2, -2)])
-    ahead, behind, far_ahead, far_behind = np.split(loop.dynamics(time_s, moved, c).full(), 4, axis=1)
-    jacobian = (8 * (ahead - behind) - (far_ahead - far_behind)) / (12 * _INCREMENT)
+    perturbed = np.hstack([np.reshape(x, (-1, 1)) + factor * shift for factor in (1, -1, 2, -2)])
+    forward, backward, far_ahead, far_behind = np.split(loop.dynamics(time_s, perturbed, c).full(), 4, axis=1)
+    jacobian = (8 * (forward - backward) - (far_ahead - far_behind)) / (12 * _INCREMENT)
     if not np.isfinite(jacobian).all():
         return np.full(x.size, np.nan)
     return np.asarray(np.linalg.eigvals(jacobian))

@@ -1,8 +1,8 @@
-"""Wrenches that force-torque sensors measure: what acts from outside beyond a joint of an arm.
+"""Wrenches that force-torque sensors measure: external loads beyond a joint of an arm.
 
-Compliant grasps and contacts follow from the state. Reactions of rigid grasps and the inertia of links depend
-on the accelerations, which depend on the controllers' torques: they stand as symbols until these are solved
-for, and are known at sampling instants only.
+Compliant grasps and contacts follow from the state. Reactions of rigid grasps and inertial forces of links
+depend on the accelerations, which depend on the controllers' torques: they are symbols until the
+accelerations are solved for, and are known only at sample instants.
 """
 
 from __future__ import annotations
@@ -32,11 +32,12 @@ class TipWrench:
 
     Attributes:
         tip: The tip.
-        flange: Place of the sensor.
+        flange: Location of the sensor.
         joints: Ids of the joints whose bodies are beyond it.
-        links: Names of the links beyond it; none if they are compensated.
-        value: Force and torque (6x1) [N, N m], with ``unsolved`` for what depends on accelerations.
-        unsolved: Symbols (6x1); none where nothing depends on accelerations.
+        links: Names of the links beyond it; empty if they are compensated.
+        value: Force and torque (6x1) [N, N m], including ``unsolved`` for the part that depends on
+            accelerations.
+        unsolved: Symbols (6x1); None if no part depends on accelerations.
     """
 
     tip: SceneTip
@@ -55,16 +56,16 @@ class TipWrench:
         grasps: Sequence[tuple[SceneGrasp, Contribution]],
         contacts: Iterable[Contribution],
     ) -> TipWrench:
-        """Wrench by what is closed and what touches.
+        """Wrench of closed grasps and contacts.
 
         Args:
             scene, plant: The scene, and its mechanics.
-            place: Tip, and place of the sensor.
+            place: Tip, and location of the sensor.
             grasps: Grasps and their contributions.
             contacts: Contributions of the contacts.
 
         Raises:
-            ScenarioError: If no such joint carries the tip.
+            ScenarioError: If the joint does not exist or does not carry the tip.
         """
         tip, flange = place
         joint, links = _beyond(scene, tip, flange)
@@ -89,11 +90,11 @@ class TipWrench:
         solution: ForwardDynamicsResult,
         grasps: Sequence[tuple[SceneGrasp, Contribution]],
     ) -> ca.SX:
-        """Reactions of rigid grasps, less what the links beyond the sensor take to move (6x1).
+        """Reactions of rigid grasps minus the inertial wrench of the links beyond the sensor (6x1).
 
         Args:
             plant, context: Mechanics, and the scenario's numbers.
-            acting, solution: Everything that acts, and what follows from it.
+            acting, solution: All contributions, and the solved accelerations and reactions.
             grasps: Grasps and their contributions.
         """
         origin, reactions = plant.placement(self.tip.frame)[1], []
@@ -111,7 +112,7 @@ class TipWrench:
     def _inertia_force(
         self, plant: Plant, context: SectionContext, outside: Sequence[Wrench], acceleration: ca.SX, name: str
     ) -> Wrench:
-        """Wrench of the weight and the inertia of a link on what carries it."""
+        """Wrench of a link's weight and inertia on its carrier."""
         body, model = self.tip.body, plant.model
         frame = int(model.getFrameId(f"{body.name}/{name}", pin.FrameType.BODY))
         joint = int(model.frames[frame].parentJoint)
@@ -135,11 +136,11 @@ class TipWrench:
 
 
 def with_solved(acting: Contribution, unsolved: Sequence[ca.SX], solved: Sequence[ca.SX]) -> Contribution:
-    """Contribution with what was solved for in what sensors measure at instants; none of it at the start.
+    """Contribution in which sampled sensors measure the solved wrenches; zero in initial values.
 
     Args:
-        acting: Everything that acts.
-        unsolved, solved: Symbols, and the expressions in their place (6x1 each).
+        acting: All contributions.
+        unsolved, solved: Symbols, and the expressions that replace them (6x1 each).
     """
     if not unsolved:
         return acting

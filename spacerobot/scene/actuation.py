@@ -1,4 +1,4 @@
-"""Limits of the actuators of a robot: torques of joints, wrench on the base."""
+"""Limits of a robot's actuators: torques of joints, wrench on the base."""
 
 from __future__ import annotations
 
@@ -10,13 +10,15 @@ from spacerobot.scene.scene import Scene, SceneBody
 
 
 def torque_limit(body: SceneBody, joint: str) -> float | None:
-    """Greatest torque [N m] or force [N] of a joint, of the scenario or of the URDF; None if there is none.
+    """Maximum torque [N m] or force [N] of a joint from scenario or URDF; None if neither states one.
 
     Args:
         body, joint: The body, and the name of a joint in its URDF.
     """
     limit = body.config.joints[joint].torque_limit
-    efforts = {one.name: one.effort for one in body.description.joints}
+    efforts = {
+        joint_description.name: joint_description.effort for joint_description in body.description.joints
+    }
     return efforts.get(joint) if limit is None else limit
 
 

@@ -1,4 +1,4 @@
-"""Assumptions where a scenario gives no value, as sentences."""
+"""Assumptions and warnings about a scene, as sentences."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SLIP = 1e-9  # [m/s, rad/s, deg/s] that a described velocity may differ from the
 
 
 def list_assumptions(scene: Scene) -> tuple[str, ...]:
-    """Every assumption taken, in the order of the scenario."""
+    """Sentences on all assumptions, in the order of the scenario."""
     assumptions = (
         ["nothing can leave the x-y plane: two translations and one rotation"] if scene.planar else []
     )
@@ -103,7 +103,7 @@ def list_assumptions(scene: Scene) -> tuple[str, ...]:
 
 
 def list_warnings(scene: Scene) -> tuple[str, ...]:
-    """Warnings about URDFs, postures, and sensors and references without a purpose."""
+    """Warnings about URDFs, postures, and sensors and references without effect."""
     warnings: list[str] = []
     for body in scene.bodies:
         warnings += [f"{body.path}: {warning}" for warning in body.description.warnings]
@@ -146,35 +146,35 @@ def list_warnings(scene: Scene) -> tuple[str, ...]:
     duration = scene.scenario.simulation.duration
     for grasp in scene.grasps:
         capture, release = grasp.config.capture, grasp.config.release
-        for key, time, what in (
+        for key, time, effect in (
             ("capture.at", None if capture is None else capture.at, "closes"),
             ("capture.dwell", None if capture is None else capture.dwell, "closes"),
             ("release.at", None if release is None else release.at, "releases"),
         ):
             if time is not None and time >= duration:
                 warnings.append(
-                    f"{grasp.path}.{key}: never {what}, for the simulation ends after {duration:g} s"
+                    f"{grasp.path}.{key}: never {effect}, for the simulation ends after {duration:g} s"
                 )
     # warnings about pads that neither a contact nor a plan names
     plan = scene.scenario.plan
-    named = {side for contact in scene.scenario.contacts.values() for side in contact.between}
+    used_pads = {side for contact in scene.scenario.contacts.values() for side in contact.between}
     for _, _, limit in plan.every_limit() if plan is not None else ():
-        named |= set(limit.separated.between if limit.separated is not None else ())
+        used_pads |= set(limit.separated.between if limit.separated is not None else ())
     warnings += [
         f"pads.{name}: without effect, no contact names it"
         for name in scene.scenario.pads
-        if name not in named
+        if name not in used_pads
     ]
     for body, path, element in robot_elements(scene):
         warnings += [f"{path}: {caution}" for caution in element.cautions(robot_facts(scene, body))]
-    # described positions and velocities that give way to grasps
+    # # stated positions and velocities that grasps override
     for closing in find_closings(scene.bodies, scene.grasps):
         base, path, free = closing.body.base, f"{closing.body.path}.base", range(closing.axes)
         placement, linear, spin = _base_motion(scene, closing.body)
         end = f"so that grasp {closing.grasp.name!r} begins closed"
-        moved = float(np.linalg.norm((placement.translation - base.position)[free]))
-        if base.close_grasp is None and moved > closing.grasp.config.max_gap:
-            warnings.append(f"{path}: moved {moved:.3g} m from its `position` {end}")
+        offset = float(np.linalg.norm((placement.translation - base.position)[free]))
+        if base.close_grasp is None and offset > closing.grasp.config.max_gap:
+            warnings.append(f"{path}: moved {offset:.3g} m from its `position` {end}")
         if closing.sets_velocity and _gives_way(base.velocity, linear):
             warnings.append(f"{path}: `velocity` is replaced by {_vector(linear)} m/s {end}")
         if closing.sets_spin and _gives_way(base.spin_deg, np.degrees(spin)):
@@ -202,9 +202,9 @@ def _base_motion(scene: Scene, body: SceneBody) -> tuple[pin.SE3, Array, Array]:
     return data.oMf[body.root_frame], motion.linear, motion.angular
 
 
-def _gives_way(described: Sequence[float], found: Array) -> bool:
-    """Whether something was described that is not what begins."""
-    return any(described) and not np.allclose(found, described, rtol=0, atol=SLIP)
+def _gives_way(described: Sequence[float], initial: Array) -> bool:
+    """Whether a nonzero value was stated that differs from the initial one."""
+    return any(described) and not np.allclose(initial, described, rtol=0, atol=SLIP)
 
 
 def _vector(values: Array) -> str:

@@ -1,7 +1,8 @@
-"""Turning a base so that its grasp begins aligned.
+"""Rotation of a base such that its grasp starts aligned.
 
-Quaternions x, y, z, w of numbers or of CasADi symbols alike. They are multiplied along the chain of joints,
-of half angles, and never read from a matrix: they follow all parameters smoothly, without a jump of sign.
+Quaternions x, y, z, w of numbers or CasADi symbols. They are products of half-angle quaternions along the
+chain of joints and are never extracted from a matrix, so they depend smoothly on all parameters without sign
+jumps.
 """
 
 from __future__ import annotations
@@ -57,13 +58,13 @@ def joint(model: Any, index: int, cosine: Any, sine: Any) -> Quaternion:
 def aligned(
     model: Any, closing: ClosingBase, turns: Mapping[int, Quaternion], offset: Quaternion
 ) -> Quaternion:
-    """Turn of a closing's base by which its tip begins turned by ``offset`` in the mating frame.
+    """Rotation of a closing's base for which its tip starts rotated by ``offset`` in the mating frame.
 
     Args:
         model: The scene's model.
-        closing: Whose base it is.
-        turns: Of every other joint that the grasp depends on, by its id.
-        offset: Tip axes to the mating frame's.
+        closing: Base to rotate, and grasp to align.
+        turns: Rotation of every other joint that the grasp depends on, by joint id.
+        offset: Rotation from tip axes to the mating frame's axes.
     """
     root = closing.body.root_joint
     present, other = (_frame(model, frame, turns, root) for frame in (closing.own, closing.other))
@@ -72,7 +73,7 @@ def aligned(
 
 
 def upright(turn: Quaternion, length: Any) -> Quaternion:
-    """The nearest turn about z; ``length`` is that of its z and w, 1 where it is one."""
+    """Nearest rotation about z; ``length`` is the norm of its z and w, 1 for a planar base."""
     return 0.0, 0.0, turn[2] / length, turn[3] / length
 
 

@@ -1,4 +1,4 @@
-"""Collision shapes for the geometry of a URDF: the shape itself, or one around it."""
+"""Collision shapes for the geometry of a URDF: the shape itself, or a shape around it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from spacerobot.elements import CollisionShape, kinds
 from spacerobot.elements.shapes.collision_shape import Wrap
 
 AROUND = 8
-"""Points on each rim of a cylinder: those of a capsule along its axis, or of a sphere, are all alike."""
+"""Number of points on each rim of a cylinder, the same for all enclosing shapes."""
 
 
 def shape_of(geometry: Geometry, link: str) -> CollisionShape:
@@ -29,7 +29,7 @@ def shape_of(geometry: Geometry, link: str) -> CollisionShape:
 
 
 def wraps_around(geometry: Geometry) -> bool:
-    """Whether a shape can stand in for a geometry: a mesh, or what has flat faces and round ones."""
+    """Whether a shape may replace a geometry: a mesh, or a cylinder with its edges."""
     return geometry.kind in ("mesh", "cylinder")
 
 
@@ -61,6 +61,6 @@ def wrapped(geometry: Geometry, wrap: Wrap, link: str) -> tuple[CollisionShape, 
 
 
 def _made(kind: Any, link: str, measures: dict[str, Any]) -> CollisionShape:
-    """A shape without validation: URDFs are checked where they are read, and a wrapping may be degenerate."""
+    """Shape without validation: URDFs are checked on reading, and an enclosing shape may be degenerate."""
     made: CollisionShape = kind.model_construct(link=link, **measures)
     return made

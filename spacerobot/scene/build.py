@@ -56,9 +56,8 @@ def build_scene(
     Args:
         scenario: The scenario.
         changes: Values by dotted path that replace those of the scenario, as pairs or a mapping.
-        source: File that the scenario was read from: relative URDF paths start at its folder, and errors name
-            it.
-        expand_xacro: Whether ``.xacro`` files are expanded that the scenario does not hold expanded, as
+        source: File of the scenario: relative URDF paths start at its folder, and errors name it.
+        expand_xacro: Whether ``.xacro`` files are expanded unless the scenario contains the expanded text, as
             results do.
 
     Raises:
@@ -133,10 +132,10 @@ def resolve(
     source: Path | None,
     expand_xacro: bool = False,
 ) -> tuple[Scenario, Mapping[str, Any]]:
-    """Scenario with URDF values filled in and changes made, and the URDFs, joints locked, by body path.
+    """Scenario with URDF values and changes applied, and the URDFs with locked joints, by body path.
 
     Raises:
-        ScenarioError, DescriptionError: If a change leads nowhere or the result is not valid.
+        ScenarioError, DescriptionError: If a change names no value or the result is invalid.
     """
     pairs = list(changes.items()) if isinstance(changes, Mapping) else list(changes)
     document, is_valid = to_document(scenario), True
@@ -171,7 +170,7 @@ def resolve(
 
 
 def _names_files(pattern: str, value: Any) -> bool:
-    """Whether a change decides which files are read, or which links there are; a whole body does."""
+    """Whether a change affects which files are read or which links exist, as replacing a whole body does."""
     segments = pattern.split(".")
     is_body = isinstance(value, Mapping) and (segments == ["target"] or segments[:-1] == ["robots"])
     added = "mounts" in segments[2:3] or "flexible" in segments[1:3]
@@ -179,9 +178,9 @@ def _names_files(pattern: str, value: Any) -> bool:
 
 
 def _change(document: Document, pattern: str, value: Any, source: Path | None) -> tuple[Document, bool]:
-    """Document with one change, and whether it is valid; several changes may be valid together only.
+    """Document with one change, and whether it is valid; some changes are valid only together.
 
-    Defaults of a section that the change opens are filled in for the changes to come.
+    Defaults of a section that the change creates are filled in for later changes.
     """
     try:
         changed = assign(document, pattern, value)

@@ -1,4 +1,4 @@
-"""Checks of a scene: mass properties before it is built; planarity, gaps, grasps and elements behind."""
+"""Checks of a scene: mass properties before it is built; planarity, gaps, grasps and elements afterwards."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from spacerobot.scene.resolve import position
 from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp
 
 MOST_VELOCITIES = 300
-"""Pinocchio's ``Data`` holds 32 bytes for the cube of their number, 0.9 GB for this one."""
+"""Maximum number of velocities: Pinocchio's ``Data`` takes 32 bytes times its cube, 0.9 GB at this limit."""
 AXIS_TOLERANCE = 1e-9
 ALIGNED = 1e-6  # [rad] that the axes of an aligned grasp may differ
 SHARE_TOLERANCE = 1e-9  # of a flexible link's mass, by which more may move than it has
@@ -34,10 +34,10 @@ PIVOT_TOLERANCE = 1e-10  # of a joint's inertia, left when everything behind it 
 
 
 def check_masses(scenario: Scenario, descriptions: Mapping[str, Description], *, source: Path | None) -> None:
-    """Refuse mass properties that would make a body singular.
+    """Check that mass properties make no body singular.
 
     Raises:
-        ScenarioError: Naming the link.
+        ScenarioError: If they do; names the link.
     """
     for path, description in descriptions.items():
         config = scenario.target if path == "target" else scenario.robots[path.removeprefix("robots.")]
@@ -55,13 +55,14 @@ def check_masses(scenario: Scenario, descriptions: Mapping[str, Description], *,
             raise ScenarioError(message, source=source, where=f"{path}.{place}") from None
         moved: dict[str, Array] = {}
         for name in config.flexible:
-            # refuse a flexible link of which more moves than the link has; the rest must be semidefinite
+            # # the moving part of a flexible link must not exceed the link: the remainder must be
+            # semidefinite
             flexible = config.flexible[name]
             carrier = flexible.carrier(name)
             link = _with_masses(find_link(description, carrier), config.links.get(carrier))
             spatial = pin.Inertia(link.mass, link.com, np.zeros((3, 3))).matrix()
             spatial[3:, 3:] += link.inertia
-            # with what other sections take out of the same link
+            # # including the parts that other sections subtract from the same link
             moving = moved.get(carrier, 0.0) + flexible.moving_inertia(description, name)
             moved[carrier] = moving
             scale = np.sqrt(np.maximum(np.diag(spatial), np.diag(moving)))
@@ -87,7 +88,7 @@ def resolved_bodies(config: Robot | Target, description: Description) -> list[Ri
 
 
 def _with_masses(link: UrdfLink, given: Any) -> UrdfLink:
-    """Link with the mass properties of a resolved scenario."""
+    """Link with the mass properties of the resolved scenario."""
     if given is None:
         return link
     ixx, iyy, izz, ixy, ixz, iyz = given.inertia
@@ -96,10 +97,10 @@ def _with_masses(link: UrdfLink, given: Any) -> UrdfLink:
 
 
 def check_motion(model: Any, *, source: Path | None) -> None:
-    """Refuse a scene in which nothing can move, or too much.
+    """Check that the scene has joints, and not too many.
 
     Raises:
-        ScenarioError: If there is no joint at all, or more than Pinocchio has memory for.
+        ScenarioError: If there is no joint at all, or more joints than fit in Pinocchio's memory.
     """
     if model.nv == 0:
         raise ScenarioError(
@@ -114,13 +115,13 @@ def check_motion(model: Any, *, source: Path | None) -> None:
 
 
 def check_inertia(scene: Scene) -> None:
-    """Refuse a scene in which a joint moves nothing that has inertia, in the posture in which it begins.
+    """Check that every joint moves some inertia in the initial posture.
 
-    Links without mass may stand between the joints of a chain, but not between any: two joints about the same
-    line leave what is between them free.
+    Massless links are allowed between the joints of a chain, except between two joints about the same line,
+    where they could rotate freely.
 
     Raises:
-        ScenarioError: Naming the joints.
+        ScenarioError: If a joint moves no inertia; names the joints.
     """
     model, spread = scene.model, scene.spread
     upper = np.triu(pin.crba(model, model.createData(), scene.q))
@@ -171,10 +172,10 @@ def gap(model: Any, grasp: SceneGrasp, q: Array) -> Array:
 
 
 def check_gaps(scene: Scene) -> None:
-    """Refuse a grasp whose tip is not at its mating frame.
+    """Check that the tip of each closed grasp is at its mating frame.
 
     Raises:
-        ScenarioError: With the gap found, the gap allowed and how to close it.
+        ScenarioError: If a gap is too large; states the gap, the allowed one and how to close it.
     """
     following = {closing.body.name for closing in find_closings(scene.bodies, scene.grasps)}
     for grasp in begun(scene.grasps):
@@ -193,10 +194,10 @@ def check_gaps(scene: Scene) -> None:
 
 
 def check_alignment(scene: Scene) -> None:
-    """Refuse an alignment for which a base would have to tilt that cannot.
+    """Check that each base can rotate as its grasp's alignment requires.
 
     Raises:
-        ScenarioError: With the angle that is left.
+        ScenarioError: If a planar base would have to tilt; states the remaining angle.
     """
     data = scene.model.createData()
     pin.framesForwardKinematics(scene.model, data, scene.q)
@@ -206,22 +207,22 @@ def check_alignment(scene: Scene) -> None:
         grasp, base = closing.grasp, closing.body.base
         actual = data.oMf[grasp.frame].rotation.T @ data.oMf[grasp.tip.frame].rotation
         desired = pin.rpy.rpyToMatrix(np.radians(base.align_rotation_deg))
-        left = float(np.linalg.norm(pin.log3(desired.T @ actual)))
-        if left > ALIGNED:
+        remaining_angle = float(np.linalg.norm(pin.log3(desired.T @ actual)))
+        if remaining_angle > ALIGNED:
             raise ScenarioError(
                 f"cannot align grasp {grasp.name!r}: a {base.joint} base turns about z alone, and the axes "
-                f"of {grasp.tip.label} and {grasp.config.frame} remain tilted by {np.degrees(left):.4g} deg; "
-                "use `joint: free_flyer` or another posture",
+                f"of {grasp.tip.label} and {grasp.config.frame} remain tilted by "
+                f"{np.degrees(remaining_angle):.4g} deg; use `joint: free_flyer` or another posture",
                 source=scene.source,
                 where=f"{closing.body.path}.base.align",
             )
 
 
 def check_rank(scene: Scene) -> None:
-    """Refuse rigid grasps that fix a freedom twice.
+    """Check that rigid grasps do not constrain the same freedom twice.
 
     Raises:
-        ScenarioError: Naming the grasps.
+        ScenarioError: If they do; names the grasps.
     """
     rigid = [grasp for grasp in begun(scene.grasps) if is_rigid(grasp)]
     if not rigid:
@@ -239,17 +240,17 @@ def check_rank(scene: Scene) -> None:
 
 
 def check_elements(scene: Scene) -> None:
-    """Refuse what a robot's controllers and actuators say cannot act on it.
+    """Check every controller, actuator and estimator against the robot that it acts on.
 
     Raises:
-        ScenarioError: With the place and the sentence of the element.
+        ScenarioError: With path and message of the element that does not fit.
     """
     for body, path, element in robot_elements(scene):
         for key, message in element.faults(robot_facts(scene, body)):
             where = f"{path}.{key}" if key else path
             raise ScenarioError(message, source=scene.source, where=where)
     for body in scene.robots:
-        # refuse what acts on a fixed base, and controllers whose wrench on a base no actuator delivers
+        # # elements that act on a fixed base, and controllers whose wrench on a base no actuator delivers
         elements = [found for found in robot_elements(scene) if found[0] is body]
         delivered = {
             part
@@ -257,16 +258,17 @@ def check_elements(scene: Scene) -> None:
             if isinstance(element, Actuator)
             for part in element.base_wrench
         }
-        # refuse to unload wheels that are not there or stand before what unloads them, and to miss failures
+        # # unloading needs wheels listed after it; failures must come after their detection
         actuators = [(path, part) for _, path, part in elements if isinstance(part, Actuator)]
         wheels = [actuator.has_wheels for _, actuator in actuators]
         for place, (path, actuator) in enumerate(actuators):
             if actuator.unloads and (any(wheels[:place]) or not any(wheels[place:])):
-                able = [
+                suitable_kinds = [
                     name for name, kind in kinds("actuator").items() if getattr(kind, "has_wheels", False)
                 ]
                 message = (
-                    f"unloads wheels, which must be listed after it; give some, of kind {' or '.join(able)}"
+                    "unloads wheels, which must be listed after it; give some, of kind "
+                    f"{' or '.join(suitable_kinds)}"
                 )
                 raise ScenarioError(message, source=scene.source, where=path)
             early = next((name for name, other in actuators[:place] if other.loses_torque), None)
@@ -284,16 +286,16 @@ def check_elements(scene: Scene) -> None:
             if isinstance(element, Actuator) or element.own_wrench <= delivered:
                 continue
             part = min(element.own_wrench - delivered)
-            able = [
+            suitable_kinds = [
                 name for name, kind in kinds("actuator").items() if part in getattr(kind, "base_wrench", ())
             ]
             raise ScenarioError(
                 f"commands a {part} on the base, which no actuator of the robot delivers; give one of kind "
-                f"{', '.join(able)} at {body.path}.actuators",
+                f"{', '.join(suitable_kinds)} at {body.path}.actuators",
                 source=scene.source,
                 where=path,
             )
-        # refuse two estimators of one signal, and one that sees nothing
+        # # two estimators of one signal, and an estimator without measurements
         made: dict[str, str] = {}
         estimators = body.config.estimators if isinstance(body.config, Robot) else {}
         for key, estimator in estimators.items():
@@ -339,10 +341,10 @@ def check_elements(scene: Scene) -> None:
 
 
 def check_environment(scene: Scene) -> None:
-    """Refuse planar bases in a scene that is not planar, where an environment pulls out of their plane.
+    """Check that no environment pulls a planar base out of its plane.
 
     Raises:
-        ScenarioError: Naming the base.
+        ScenarioError: If one does; names the base.
     """
     for body in scene.bodies if scene.scenario.environment and not scene.planar else ():
         if body.base.joint == "planar":
@@ -363,7 +365,7 @@ def robot_elements(scene: Scene) -> Iterator[tuple[SceneBody, str, RobotElement]
 
 
 def robot_facts(scene: Scene, body: SceneBody) -> RobotProperties:
-    """A robot in its initial posture, as its elements judge it."""
+    """Properties of a robot in its initial posture, for the checks of its elements."""
     free = {joint: body.joint_name(scene.model, joint) for joint in body.free_joints}
     names = tuple(free[joint] for joint in body.driven_joints)
     return RobotProperties(
@@ -387,9 +389,12 @@ def robot_facts(scene: Scene, body: SceneBody) -> RobotProperties:
 
 
 def _spinning(model: Any, body: SceneBody, joint: int) -> Array | None:
-    """Axis of a joint, root link's axes, that turns without end on that link and carries no other joint."""
-    alone = len(model.subtrees[joint]) == 1 and model.parents[joint] == body.root_joint
-    if not alone or model.joints[joint].nq != 2:
+    """Axis (3,), root link's axes, of a continuous joint on that link without further joints.
+
+    None for others.
+    """
+    is_leaf = len(model.subtrees[joint]) == 1 and model.parents[joint] == body.root_joint
+    if not is_leaf or model.joints[joint].nq != 2:
         return None
     data = model.joints[joint].createData()
     model.joints[joint].calc(data, pin.neutral(model))
@@ -398,7 +403,7 @@ def _spinning(model: Any, body: SceneBody, joint: int) -> Array | None:
 
 
 def _moved(scene: Scene, body: SceneBody) -> Array:
-    """Controlled directions of a robot's tips by the rates of its driven joints (directions, joints)."""
+    """Jacobian (directions, joints) from the driven joints' rates to the tips' controlled directions."""
     data = scene.model.createData()
     pin.computeJointJacobians(scene.model, data, scene.q)
     pin.updateFramePlacements(scene.model, data)

@@ -1,4 +1,4 @@
-"""Initial configuration and velocity, bases moving so that their grasps begin closed."""
+"""Initial configuration and velocity, with bases placed so that their grasps start closed."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp
 def initial_state(
     model: Any, bodies: Sequence[SceneBody], grasps: Sequence[SceneGrasp], *, source: Path | None
 ) -> tuple[Array, Array]:
-    """Configuration (nq,) and velocity (nv,) that the scenario describes, bases closing their grasps.
+    """Initial configuration (nq,) and velocity (nv,) as stated, with bases placed to close their grasps.
 
     Raises:
-        ScenarioError: If bases wait for each other to be placed.
+        ScenarioError: If the placements of bases depend on each other.
     """
     q, v = pin.neutral(model), np.zeros(model.nv)
     closings = find_closings(bodies, grasps, source=source)
@@ -45,7 +45,7 @@ def initial_state(
             else:
                 q[pin_joint.idx_q] = angle
             turned[index] = base_alignment.joint(model, index, np.cos(angle / 2), np.sin(angle / 2))
-        # a floating base as described, zero where it gives way to a grasp
+        # # a floating base as stated, zero for coordinates that a grasp determines
         if body.root_joint:
             closing = giving.get(body.name)
             root = model.joints[body.root_joint]
@@ -63,7 +63,8 @@ def initial_state(
             turned[body.root_joint] = _turn(body.base.rotation_deg)
     for closing in closings:
         if closing.aligns:
-            # turn a base so that its grasp begins aligned, and its described velocity with its axes
+            # # rotate a base so that its grasp starts aligned, and express its stated velocity in the new
+            # axes
             joint = model.joints[closing.body.root_joint]
             offset = _turn(closing.body.base.align_rotation_deg)
             orientation = base_alignment.aligned(model, closing, turned, offset)
@@ -78,7 +79,7 @@ def initial_state(
             for first in range(joint.idx_v, joint.idx_v + joint.nv - 1, 3):
                 v[first : first + size] = rotation[:size, :size].T @ v[first : first + size]
             turned[closing.body.root_joint] = orientation
-        # move a base, and set it in motion, so that its grasp begins closed
+        # # translate a base, and set its velocity, so that its grasp starts closed
         data = model.createData()
         pin.forwardKinematics(model, data, q, v)
         pin.updateFramePlacements(model, data)
@@ -102,10 +103,10 @@ def _velocity(model: Any, data: Any, frame: int) -> Array:
 
 
 def close_velocity(scene: Scene) -> Array:
-    """Velocity (nv,) that all rigid grasps allow: the scene's own one, changed as little as may be.
+    """Velocity (nv,) that all rigid grasps allow, nearest to the stated one.
 
-    The change has the least kinetic energy, which is what happens if the grasps close at once on bodies that
-    move as described: momentum stays. It is zero where bases could close every grasp.
+    The change has minimum kinetic energy: it is the plastic impact of grasps that close at once on bodies
+    moving as stated, and conserves momentum. It is zero if bases could close every grasp.
     """
     grasps = [grasp for grasp in begun(scene.grasps) if is_rigid(grasp)]
     rows = np.vstack([relative_jacobian(scene, grasp) for grasp in grasps])
@@ -120,7 +121,7 @@ def close_velocity(scene: Scene) -> Array:
 def relative_jacobian(scene: Scene, grasp: SceneGrasp) -> Array:
     """Velocity of a tip relative to the target's point that coincides with it (rows, nv), world axes.
 
-    Two or three translations, and for a weld one or three rotations behind them.
+    Two or three translations, followed for a weld by one or three rotations.
     """
     model, data = scene.model, scene.model.createData()
     pin.computeJointJacobians(model, data, scene.q)

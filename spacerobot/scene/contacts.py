@@ -1,4 +1,4 @@
-"""Contacts of a scene: which shapes may touch, where they are, and how far apart."""
+"""Contacts of a scene: pairs of shapes that may touch, their poses and distances."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from spacerobot.section import matching
 from spacerobot.shapes import Shape, have_distance, proximity
 
 TOUCHING = 1e-9
-"""[m] Shapes that reach no deeper into one another do not overlap at the start."""
+"""Overlap [m] at the start below which shapes only touch."""
 
 
 def find_contacts(
@@ -42,16 +42,16 @@ def find_contacts(
 def find_pairs(
     scene: Scene, between: tuple[str, str], wrap: Wrap | None, where: str
 ) -> tuple[tuple[SceneShape, SceneShape], ...]:
-    """Every shape of one side with every one of the other.
+    """All pairs of a shape of one side with a shape of the other.
 
     Args:
         scene: The scene.
-        between: The two sides, as a contact names them.
-        wrap: Shape that stands in for meshes and cylinders.
+        between: Two sides, as a contact names them.
+        wrap: Shape that replaces meshes and cylinders.
         where: Dotted path of the section that names them.
 
     Raises:
-        ScenarioError: As :func:`find_contacts`.
+        ScenarioError: See :func:`find_contacts`.
     """
     bodies = {body.name: body for body in scene.bodies}
     return _Finder(scene.model, bodies, scene.scenario, scene.source).pairs(between, wrap, where)
@@ -66,7 +66,7 @@ class _Finder:
     def pairs(
         self, between: tuple[str, str], wrap: Wrap | None, path: str
     ) -> tuple[tuple[SceneShape, SceneShape], ...]:
-        """Every shape of one side with every one of the other, each pair one whose distance is known."""
+        """All pairs of a shape of one side with a shape of the other, each with a defined distance."""
         ones, others = (list(self._side(side, wrap, f"{path}.between.{i}")) for i, side in enumerate(between))
         pairs = tuple(itertools.product(ones, others))
         for first, second in pairs:
@@ -85,7 +85,7 @@ class _Finder:
         return ScenarioError(message, source=self.source, where=where)
 
     def _side(self, side: str, wrap: Wrap | None, where: str) -> Iterator[SceneShape]:
-        """Collision shapes of a side of a contact: of a pad, or of the links that its pattern matches."""
+        """Collision shapes of a side of a contact: a pad, or the links that its pattern matches."""
         if side in self.scenario.pads:
             pad, path = self.scenario.pads[side], f"pads.{side}"
             body = self._body(pad.link, f"no body for {pad.link!r}", [], f"{path}.link")
@@ -100,12 +100,13 @@ class _Finder:
         body = self._body(side, f"no pad nor body/link {side!r}", [*self.scenario.pads], where)
         pattern = side.partition("/")[2]
         names = [link.name for link in body.description.links]
-        named = set(matching(names, pattern))
-        # of a flexible link all pieces
+        matching_links = set(matching(names, pattern))
+        # # all pieces of a flexible link
         links = [
             link
             for link in body.description.links
-            if link.name in named or (link.borrowed is not None and link.borrowed[0] in named)
+            if link.name in matching_links
+            or (link.borrowed is not None and link.borrowed[0] in matching_links)
         ]
         if not links:
             hint = near_names(pattern, names)
@@ -131,7 +132,7 @@ class _Finder:
                 )
 
     def _body(self, side: str, fault: str, others: list[str], where: str) -> SceneBody:
-        """Body whose name stands before a slash."""
+        """Body whose name precedes the slash."""
         name, slash, _ = side.partition("/")
         if not slash or name not in self.bodies:
             allowed = [*others, *(f"{body}/" for body in self.bodies)]
@@ -144,7 +145,7 @@ class _Finder:
 
 
 def coal_distance(first: SceneShape, second: SceneShape, places: Sequence[Any]) -> Any:
-    """Coal's ``DistanceResult`` of two shapes whose links' placements (``pin.SE3``) are given."""
+    """Coal's ``DistanceResult`` of two shapes with given link placements (``pin.SE3``)."""
     request, result = coal.DistanceRequest(), coal.DistanceResult()
     request.gjk_tolerance = request.epa_tolerance = 1e-13
     request.gjk_max_iterations = request.epa_max_iterations = 1000
@@ -167,10 +168,10 @@ def gaps(scene: Scene, contact: SceneContact) -> list[float]:
 
 
 def check_overlap(scene: Scene) -> None:
-    """Refuse contacts whose shapes overlap at the start, unless asked for.
+    """Check that contact shapes do not overlap at the start, unless allowed.
 
     Raises:
-        ScenarioError: Naming the contact, the shapes and how deep they are in each other.
+        ScenarioError: If they do; names the contact, the shapes and the depth.
     """
     for contact in scene.contacts:
         for gap, (first, second) in zip(gaps(scene, contact), contact.pairs, strict=True):
@@ -205,7 +206,7 @@ def dome_warnings(scene: Scene) -> list[str]:
 
 
 def _within_domes(scene: Scene, pair: tuple[SceneShape, SceneShape], crown: float) -> float:
-    """Penetration [m] of two crowned shapes at the start, negative where they are apart."""
+    """Penetration [m] of two crowned shapes at the start, negative if they are separate."""
     data = scene.model.createData()
     pin.framesForwardKinematics(scene.model, data, scene.q)
 

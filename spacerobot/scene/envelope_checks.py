@@ -1,4 +1,4 @@
-"""Capture envelopes that no motion can bring a tip into."""
+"""Checks for capture envelopes that no motion can reach."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from spacerobot.scene.scene import Scene, SceneBody
 
 
 def envelope_warnings(scene: Scene) -> list[str]:
-    """Warnings about envelopes that can never hold, whatever the controllers do.
+    """Warnings about envelopes that cannot be reached by any controller.
 
-    Until something is captured, or acts from outside, the centres of mass of a robot and of the target move
-    uniformly. A tip stays within a distance of its robot's that its links' lengths bound, and a mating frame
-    within one of the target's.
+    Without external forces, the centres of mass of robot and target move uniformly until a capture. The
+    distance of a tip from its robot's centre of mass, and of a mating frame from the target's, is bounded by
+    the lengths of links.
     """
-    living = [grasp for grasp in scene.grasps if grasp.config.begins == "open"]
+    open_grasps = [grasp for grasp in scene.grasps if grasp.config.begins == "open"]
     acted_on = any(isinstance(body.config, Robot) and body.config.actuators for body in scene.bodies)
     outside = scene.contacts or any(scene.scenario.gravity) or scene.scenario.environment or acted_on
-    if len(living) < len(scene.grasps) or outside:
+    if len(open_grasps) < len(scene.grasps) or outside:
         return []
     distant = []
-    for grasp in living:
+    for grasp in open_grasps:
         capture, target = grasp.config.capture, scene.target
         if target is None or capture is None or capture.distance is None:
             continue
@@ -46,15 +46,15 @@ def envelope_warnings(scene: Scene) -> list[str]:
                 f"{grasp.tip.body.name} and the target come no nearer than {nearest:.4g} m, and the tip "
                 f"reaches {reach:.4g} m from the one, the mating frame {other:.4g} m from the other"
             )
-    # one that captures moves what the others reach for
-    return distant if len(distant) == len(living) else []
+    # # a capture changes the motion of the target for the other grasps
+    return distant if len(distant) == len(open_grasps) else []
 
 
 def mating_warnings(scene: Scene) -> list[str]:
-    """Warnings about references and goals of plans that mate a tip at an angle where its grasp cannot close.
+    """Warnings about references and plan goals that mate a tip at an angle outside its capture envelope.
 
-    Both name roll, pitch, yaw of the tip in the mating frame (``mated_deg``); where they differ by more than
-    the envelope's ``misalignment_deg``, following the one never meets the other.
+    Both state roll, pitch and yaw of the tip in the mating frame (``mated_deg``). If they differ by more than
+    the envelope's ``misalignment_deg``, following the reference never satisfies the envelope.
     """
     warnings = []
     for grasp in scene.grasps:
@@ -78,11 +78,11 @@ def mating_warnings(scene: Scene) -> list[str]:
             if angles is None:
                 continue
             first, other = (pin.rpy.rpyToMatrix(np.radians(rpy)) for rpy in (angles, capture.mated_deg))
-            apart = float(np.degrees(np.linalg.norm(pin.log3(first.T @ other))))
-            if apart > capture.misalignment_deg:
+            angle = float(np.degrees(np.linalg.norm(pin.log3(first.T @ other))))
+            if angle > capture.misalignment_deg:
                 warnings.append(
                     f"{path}.mated_deg: leads {grasp.tip.label} to {_angles(angles)} deg in "
-                    f"{grasp.config.frame}, {apart:.4g} deg from {grasp.path}.capture.mated_deg "
+                    f"{grasp.config.frame}, {angle:.4g} deg from {grasp.path}.capture.mated_deg "
                     f"{_angles(capture.mated_deg)}, which closes "
                     f"within misalignment_deg {capture.misalignment_deg:g}"
                 )
@@ -109,7 +109,7 @@ def _centre(scene: Scene, data: pin.Data, body: SceneBody) -> tuple[Array, Array
 
 
 def _within(scene: Scene, body: SceneBody, frame: int) -> float:
-    """Greatest distance [m] of a frame from what :func:`_centre` takes of its body: lengths, end to end."""
+    """Upper bound [m] of the distance of a frame from the reference point :func:`_centre` of its body."""
     model, tip = scene.model, scene.model.frames[frame]
     if not body.root_joint:
         return reach(scene, body, frame)

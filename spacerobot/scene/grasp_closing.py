@@ -1,9 +1,9 @@
-"""Choice of the base that is moved to close each grasp, so that a scene begins closed.
+"""Choice of the base moved to close each grasp, so that a scene starts closed.
 
-A base with ``close_grasp`` gives way to the grasp it names, and is turned too where it says ``align``. Each
-rigid grasp that is left moves the target, or, if the target has given way already, the base of its own robot;
-grasps of robots that cannot move come first. What no base can close is a *loop*, as two arms of one robot
-form it: its positions must meet as they are described, its velocities are projected.
+A base with ``close_grasp`` is placed by the named grasp, and rotated as well with ``align``. Each remaining
+rigid grasp moves the target or, if the target is already placed, the base of its own robot; grasps of robots
+that cannot move come first. A grasp that no base can close is in a *loop*, such as two arms of one robot: its
+stated positions must fit, its velocities are projected.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp
 
 @dataclass(frozen=True)
 class ClosingBase:
-    """A base that gives way so that a grasp begins closed.
+    """Base that is placed so that a grasp starts closed.
 
     Attributes:
-        body: Whose base it is.
-        grasp: What it closes.
+        body: Body of the base.
+        grasp: Grasp that it closes.
     """
 
     body: SceneBody
@@ -40,17 +40,17 @@ class ClosingBase:
 
     @property
     def aligns(self) -> bool:
-        """Whether the base is turned too."""
+        """Whether the base is rotated as well."""
         return self.body.base.align
 
     @property
     def sets_velocity(self) -> bool:
-        """Whether the base's velocity follows, and not only its position."""
+        """Whether the base's velocity follows the grasp, in addition to its position."""
         return is_rigid(self.grasp)
 
     @property
     def sets_spin(self) -> bool:
-        """Whether the base's spin follows too."""
+        """Whether the base's spin follows the grasp."""
         return self.grasp.config.fixes_orientation
 
     @property
@@ -60,7 +60,7 @@ class ClosingBase:
 
 
 def is_rigid(grasp: SceneGrasp) -> bool:
-    """Whether a grasp leaves no gap."""
+    """Whether a grasp allows no gap."""
     return grasp.config.fixes_position
 
 
@@ -72,35 +72,36 @@ def begun(grasps: Sequence[SceneGrasp]) -> tuple[SceneGrasp, ...]:
 def find_closings(
     bodies: Sequence[SceneBody], grasps: Sequence[SceneGrasp], *, source: Path | None = None
 ) -> tuple[ClosingBase, ...]:
-    """Bases that give way, each behind the body that it follows.
+    """Bases to place, each after the body that it follows.
 
     Raises:
-        ScenarioError: If bases wait for each other, or a grasp does not involve the body it shall place.
+        ScenarioError: If placements depend on each other, or a grasp does not involve the body that it should
+            place.
     """
-    # Grasp that each base with ``close_grasp`` gives way to, by name of the body.
+    # # Grasp that places each base with ``close_grasp``, by name of the body.
     by_name = {grasp.name: grasp for grasp in grasps}
     gives = {
         body.name: by_name[body.base.close_grasp] for body in bodies if body.base.close_grasp is not None
     }
     for one in bodies:
-        held = gives.get(one.name)
-        if held is not None and one.name not in ("target", held.tip.body.name):
+        to_close = gives.get(one.name)
+        if to_close is not None and one.name not in ("target", to_close.tip.body.name):
             raise ScenarioError(
-                f"grasp {held.name!r} holds {held.tip.label!r}, not a tip of {one.name!r}",
+                f"grasp {to_close.name!r} holds {to_close.tip.label!r}, not a tip of {one.name!r}",
                 source=source,
                 where=f"{one.path}.base.close_grasp",
             )
-        if held is not None and held.config.begins == "open":
+        if to_close is not None and to_close.config.begins == "open":
             raise ScenarioError(
-                f"grasp {held.name!r} begins open, so it places nothing; give a `position`",
+                f"grasp {to_close.name!r} begins open, so it places nothing; give a `position`",
                 source=source,
                 where=f"{one.path}.base.close_grasp",
             )
     grasps = begun(grasps)
     target = next((body for body in bodies if body.name == "target"), None)
-    asked = dict(gives)
-    free = [g for g in grasps if is_rigid(g) and all(g is not closed for closed in asked.values())]
-    for grasp in sorted(free, key=lambda g: bool(g.tip.body.root_joint) and g.tip.body.name not in asked):
+    assigned = dict(gives)
+    free = [g for g in grasps if is_rigid(g) and all(g is not closed for closed in assigned.values())]
+    for grasp in sorted(free, key=lambda g: bool(g.tip.body.root_joint) and g.tip.body.name not in assigned):
         for body in (target, grasp.tip.body):
             if body is not None and body.root_joint and body.name not in gives:
                 gives[body.name] = grasp
@@ -137,10 +138,10 @@ def open_grasps(scene: Scene) -> tuple[SceneGrasp, ...]:
 
 
 def has_loops(scene: Scene) -> bool:
-    """Whether a rigid grasp is left that no base closes."""
+    """Whether a rigid grasp remains that no base closes."""
     return any(is_rigid(grasp) for grasp in open_grasps(scene))
 
 
 def _followed(name: str, grasp: SceneGrasp) -> str:
-    """Body that a body follows which gives way to a grasp."""
+    """Body that a body placed by a grasp follows."""
     return grasp.tip.body.name if name == "target" else "target"

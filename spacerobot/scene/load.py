@@ -1,7 +1,7 @@
 """Scenes from scenario files.
 
-What reads, validates and builds is imported when the step before has succeeded, so that a wrong name or file
-is reported at once.
+Modules for reading, validating and building are imported one after the other, so that a wrong name or file is
+reported at once.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ def load_scene(
 
     Args:
         name: Path of a YAML file, or the name of a shipped scenario.
-        changes: New values by dotted path (``*`` stands for every key), applied in order after the URDFs have
-            filled in what the file leaves open.
-        expand_xacro: Whether ``.xacro`` files are expanded; False for a file that somebody else made.
+        changes: New values by dotted path (``*`` matches every key), applied in order after URDF values have
+            been filled in.
+        expand_xacro: Whether ``.xacro`` files are expanded; False for files from untrusted sources.
 
     Raises:
         ScenarioError, DescriptionError: If anything in the scenario or its URDFs cannot be simulated.

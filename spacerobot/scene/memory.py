@@ -1,4 +1,4 @@
-"""Memory that a result takes, compared with what is free."""
+"""Memory that a result needs, compared with the available memory."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from spacerobot.scene.scene import Scene
 
 BYTES_EACH = 8
 COPIES = 3
-"""Engine, dataset and what is derived of them hold each number about so often at once."""
+"""Number of copies of each number held at once by engine, dataset and derived quantities."""
 PART = 0.5
-"""Of the available memory that a result may take."""
+"""Maximum fraction of the available memory for a result."""
 
 
 def check_size(scene: Scene) -> None:
-    """Refuse, before anything is built or runs, a scene whose result the memory does not hold.
+    """Check that the result of a scene fits in memory, before anything is built or run.
 
     Raises:
-        ScenarioError: Saying what it would take, what is allowed, and which number to change.
+        ScenarioError: If it does not; states the needed and allowed memory, and the number to change.
     """
     simulation = scene.scenario.simulation
     samples = int(simulation.duration / simulation.output_step) + 1
@@ -37,7 +37,7 @@ def check_size(scene: Scene) -> None:
 
 
 def numbers_each(scene: Scene) -> int:
-    """Numbers that a result holds of each instant, elements' own outputs not counted."""
+    """Numbers per sample in a result, without outputs of elements."""
     model = scene.model
     of_tips, of_bodies, of_grasps = 15 * len(scene.tips), 16 * len(scene.bodies), 9 * len(scene.grasps)
     return 14 + int(model.nq) + 4 * int(model.nv) + of_tips + of_bodies + of_grasps

@@ -1,4 +1,4 @@
-"""One Pinocchio model of the whole scene."""
+"""Pinocchio model of the whole scene."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from spacerobot.scenario import Robot, Scenario, Target
 from spacerobot.scene.scene import MimicJoint, SceneBody
 
 ROOT = "root"
-"""Name, behind the body's prefix, of the joint that floats a base; ``root_`` if the URDF has a ``root``."""
+"""Name, after the body's prefix, of the joint of a floating base; ``root_`` if the URDF has a ``root``."""
 
 
 def build_model(
     scenario: Scenario, descriptions: Mapping[str, Description]
 ) -> tuple[Any, tuple[SceneBody, ...]]:
-    """Model with every body as a subtree of the universe, and those bodies.
+    """Model with every body as a subtree of the universe, and these bodies.
 
     Args:
-        scenario: Resolved: mass properties and damping are taken from it, not from the URDF.
+        scenario: Resolved scenario, which provides mass properties and damping instead of the URDF.
         descriptions: URDF of each body, by the body's dotted path.
     """
     configs: dict[str, Robot | Target] = {f"robots.{name}": robot for name, robot in scenario.robots.items()}
@@ -77,7 +77,7 @@ def build_model(
 
 
 def _root_name(name: str, description: Description) -> str:
-    """Name of the joint that floats a body's base, unlike those of the body's own joints."""
+    """Name of a floating base's joint, distinct from those of the body's own joints."""
     names, root = {joint.name for joint in description.joints}, ROOT
     while root in names:
         root += "_"
@@ -114,11 +114,11 @@ def _body(model: Any, path: str, config: Robot | Target, description: Descriptio
 
 
 def lent(model: Any, body: SceneBody) -> Iterator[tuple[str, Any, Any]]:
-    """Links whose mass properties another link includes: name, frame of that one, and resting pose in it.
+    """Links whose mass another link includes: name, frame of the including link, and rest pose in it.
 
     Args:
         model: Pinocchio model of the scene.
-        body: Whose links.
+        body: Body of the links.
     """
     for link in body.description.links:
         if link.borrowed is not None and link.name in body.config.links:

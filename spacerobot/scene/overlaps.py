@@ -1,4 +1,4 @@
-"""Bodies that begin inside one another, by their collision shapes."""
+"""Warnings about bodies whose collision shapes overlap at the start."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from spacerobot.arrays import Array
 from spacerobot.scene.scene import Scene, SceneBody
 
 DEPTH = 1e-3
-"""[m] that primitives may reach into one another: shapes that touch are no overlap."""
+"""Depth [m] below which overlapping primitives count as touching."""
 CONTACTS = 100
-"""Of two meshes, at most, whose depths are compared."""
+"""Maximum number of contact points between two meshes whose depths are compared."""
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A collision shape.
+    """Collision shape of a link.
 
     Attributes:
-        link, joint: Its link, and the joint that moves it.
-        geometry, placement: Coal's form of it, and where it is in the joint's frame (``pin.SE3``).
-        primitive: Whether it is no mesh.
-        centre, radius: Of a sphere around it, the joint's frame (3,) [m], [m].
+        link, joint: Name of the link, and id of the joint that moves it.
+        geometry, placement: Coal's geometry, and pose in the joint's frame (``pin.SE3``).
+        primitive: Whether it is not a mesh.
+        centre, radius: Bounding sphere, joint's frame (3,) [m], [m].
     """
 
     link: str
@@ -41,10 +41,10 @@ class Solid:
 
 
 def overlaps(scene: Scene) -> list[str]:
-    """One warning for each pair of bodies whose collision shapes overlap at the start.
+    """Warning for each pair of bodies whose collision shapes overlap at the start.
 
-    Left out are shapes that move with a tip against those that move with what it grips. Links of one body are
-    not compared, nor bodies without collision shapes.
+    Shapes that move with a tip are not compared with those of the object it grips. Links of one body are not
+    compared, nor are bodies without collision shapes.
     """
     data = scene.model.createData()
     pin.forwardKinematics(scene.model, data, scene.q)
@@ -90,20 +90,25 @@ def solids(scene: Scene, body: SceneBody) -> Iterator[Solid]:
 
 
 def overlap_depth(one: Solid, other: Solid, *joints: Any) -> float:
-    """Depth [m] by which two shapes overlap, negative where they are apart.
+    """Depth [m] by which two shapes overlap, negative if they are separate.
 
     Args:
-        one, other: The shapes; of meshes that are apart the distance is not known, but -1.
+        one, other: The shapes; -1 is returned for separate meshes, whose distance is not computed.
         joints: Placements of their joints (``pin.SE3``), world axes.
     """
     at = [joint * solid.placement for joint, solid in zip(joints, (one, other), strict=True)]
     placed = [coal.Transform3s(place.rotation, place.translation) for place in at]
     if one.primitive and other.primitive:
-        apart = coal.DistanceResult()
-        coal.distance(one.geometry, placed[0], other.geometry, placed[1], coal.DistanceRequest(), apart)
-        return -float(apart.min_distance)
-    request, met = coal.CollisionRequest(), coal.CollisionResult()
+        distance_result = coal.DistanceResult()
+        coal.distance(
+            one.geometry, placed[0], other.geometry, placed[1], coal.DistanceRequest(), distance_result
+        )
+        return -float(distance_result.min_distance)
+    request, collision_result = coal.CollisionRequest(), coal.CollisionResult()
     request.enable_contact, request.num_max_contacts = True, CONTACTS
-    if not coal.collide(one.geometry, placed[0], other.geometry, placed[1], request, met):
+    if not coal.collide(one.geometry, placed[0], other.geometry, placed[1], request, collision_result):
         return -1.0
-    return max(abs(float(met.getContact(k).penetration_depth)) for k in range(met.numContacts()))
+    return max(
+        abs(float(collision_result.getContact(k).penetration_depth))
+        for k in range(collision_result.numContacts())
+    )

@@ -1,4 +1,4 @@
-"""Checks of references against the capabilities of the scene's bodies."""
+"""Checks of references against the scene's bodies."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from spacerobot.scene.scene import Scene, SceneBody
 
 
 def check_in_plane(scene: Scene) -> None:
-    """Refuse a reference that leaves the plane in which a planar scene stays.
+    """Check that no reference leaves the plane of a planar scene.
 
     Raises:
-        ScenarioError: Naming the number that leads out of it.
+        ScenarioError: If one does; names the number that leads out of the plane.
     """
     if not scene.planar:
         return
@@ -29,10 +29,10 @@ def check_in_plane(scene: Scene) -> None:
 
 
 def check_followed(scene: Scene) -> None:
-    """Refuse a reference that follows a frame which the target does not have.
+    """Check that the target has every frame that a reference follows.
 
     Raises:
-        ScenarioError: With the near names.
+        ScenarioError: If it does not; lists similar names.
     """
     links = [] if scene.target is None else [link.name for link in scene.target.description.links]
     for reference in (reference for tip in scene.tips for reference in tip.references):
@@ -60,7 +60,7 @@ def reference_warnings(scene: Scene) -> list[str]:
 
 
 def out_of_reach(scene: Scene) -> list[str]:
-    """Warnings about references that lead farther from where a base begins than its arm reaches."""
+    """Warnings about references farther from the base's initial position than the arm reaches."""
     data = scene.model.createData()
     pin.framesForwardKinematics(scene.model, data, scene.q)
     warnings = []
@@ -70,10 +70,10 @@ def out_of_reach(scene: Scene) -> list[str]:
         pivot = begin
         if tip.from_target and scene.target is not None:
             pivot = data.oMf[scene.target.root_frame].translation
-        # positions (n, 3) [m] that a reference leads its tip through; the lever turns with the reference
+        # # positions (n, 3) [m] of the tip along a reference; the lever rotates with the reference
         lever = begin - pivot
-        moved, turned = tip.reference.way()
-        points: Array = pivot + moved + np.array([pin.exp3(turn) @ lever for turn in turned])
+        displacements, rotations = tip.reference.way()
+        points: Array = pivot + displacements + np.array([pin.exp3(turn) @ lever for turn in rotations])
         farthest = float(np.linalg.norm(points - base, axis=1).max())
         longest = reach(scene, tip.body, tip.frame)
         if farthest > longest * (1 + 1e-9):
@@ -87,11 +87,11 @@ def out_of_reach(scene: Scene) -> list[str]:
 def lengths_to_root(
     scene: Scene, body: SceneBody, joint: int, point: Array
 ) -> dict[int, tuple[float, Array]]:
-    """For each joint towards the root: largest length [m] up to a point fixed in it, and that point (3,).
+    """Maximum length [m] from each joint towards the root to a fixed point of it, and that point (3,).
 
     Args:
-        scene, body: The scene, and whose chain it is.
-        joint, point: Where the chain ends: a joint, and a point in its frame (3,) [m].
+        scene, body: The scene, and the body of the chain.
+        joint, point: End of the chain: a joint, and a point in its frame (3,) [m].
     """
     model, by_name = scene.model, {described.name: described for described in body.description.joints}
     lengths, length = {joint: (0.0, point)}, 0.0
@@ -111,7 +111,7 @@ def reach(scene: Scene, body: SceneBody, frame: int) -> float:
     end, root = scene.model.frames[frame], scene.model.frames[body.root_frame]
     lengths = lengths_to_root(scene, body, int(end.parentJoint), np.array(end.placement.translation))
     length, point = lengths[int(root.parentJoint)]
-    # a fixed root link stands in the universe as the chain does; a floating one is the root joint itself
+    # # a fixed root link is part of the universe; a floating one is the root joint itself
     return length + float(np.linalg.norm(point - root.placement.translation * (not body.root_joint)))
 
 

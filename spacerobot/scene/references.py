@@ -13,12 +13,12 @@ from spacerobot.scene.scene import SceneReference
 def references_of(
     label: str, scenario: Scenario, during: Mapping[str, Scenario]
 ) -> tuple[SceneReference, ...]:
-    """References that lead a tip, in the order of the phases in which they begin.
+    """References of a tip, in the order of the phases in which they become active.
 
     Args:
-        label: The tip's, ``robot/tip``.
+        label: Label of the tip, ``robot/tip``.
         scenario: The resolved scenario.
-        during: The scenario as it is in each phase; empty where there are no phases.
+        during: Scenario in each phase, by name; empty if there are no phases.
     """
     if not during:
         return (_reference(label, scenario, {}, ""),)
@@ -32,13 +32,13 @@ def references_of(
 
 
 def _reference(label: str, scenario: Scenario, changes: Document, phase: str) -> SceneReference:
-    """Reference of a tip in a scenario; one that a phase changes carries the phase's name."""
+    """Reference of a tip in a scenario; a phase-specific one carries the phase's name."""
     robot, _, name = label.partition("/")
     tip, target = scenario.robots[robot].tips[name], scenario.target
     place = f"robots.{robot}.tips.{name}.reference"
     tip_changes = changes.get("robots", {}).get(robot, {}).get("tips", {}).get(name, {})
-    held = any(grasp.tip == label for grasp in scenario.grasps.values())
-    if tip.reference is None and held and target is not None and target.reference is not None:
+    is_grasping = any(grasp.tip == label for grasp in scenario.grasps.values())
+    if tip.reference is None and is_grasping and target is not None and target.reference is not None:
         target_changes = changes.get("target", {})
         return SceneReference(
             _in(phase, "target.reference", "reference" in target_changes), target.reference, True

@@ -1,4 +1,4 @@
-"""Fill a scenario's document with what its URDFs say, so that every number has a dotted path."""
+"""Completion of a scenario's document with values of its URDFs, so that every number has a dotted path."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from spacerobot.section import matching
 
 _STATES = ("angle_deg", "rate_deg", "offset", "speed")
 NO_LIMIT = 1e300
-"""Effort limits above this stand for none (URDF readers use the greatest float)."""
+"""Effort limits above this mean no limit (URDF readers use the largest float)."""
 
 
 def body_documents(document: Document) -> dict[str, Document]:
@@ -58,7 +58,7 @@ def _found(path: str, section: Document, source: Path | None) -> Path:
 
 
 def _with_urdfs(document: Document) -> dict[str, Document]:
-    """Sections that name a URDF, by their dotted path: bodies, and behind each what is mounted on it."""
+    """Sections that name a URDF, by dotted path: bodies, each followed by the parts mounted on it."""
     sections: dict[str, Document] = {}
     for path, body in body_documents(document).items():
         sections[path] = body
@@ -67,11 +67,10 @@ def _with_urdfs(document: Document) -> dict[str, Document]:
 
 
 def read_files(document: Document, *, source: Path | None) -> None:
-    """Fill in, in place, what the files of elements say, such as a plan's; what is there already stays.
+    """Fill in, in place, the content of elements' files such as plans; existing values stay.
 
     Raises:
-        ScenarioError: If a file lies outside the scenario's folder, is not there, or is not what the element
-            reads.
+        ScenarioError: If a file is outside the scenario's folder, does not exist, or has the wrong format.
     """
     for where, section, kind in _reading(document):
         if section.get("file") is None or section.get(str(kind.fills)) is not None:
@@ -103,7 +102,7 @@ def read_files(document: Document, *, source: Path | None) -> None:
 
 
 def forget_files(document: Document, before: Document) -> Document:
-    """Document without what was read of files, where it names others than before."""
+    """Document without content of files where it names other files than before."""
     urdfs = {where: section.get("urdf") for where, section in _sections(before)}
     for where, section in _sections(document):
         if section.get("expanded_urdf") is not None and section.get("urdf") != urdfs.get(where):
@@ -134,11 +133,11 @@ def _sections(node: Any, path: str = "") -> Iterator[tuple[str, Document]]:
 
 
 def expand_files(document: Document, *, source: Path | None, allowed: bool) -> None:
-    """Fill in, in place, the URDF text of xacro files; what is there already stays.
+    """Fill in, in place, the expanded URDF text of xacro files; existing text stays.
 
     Raises:
         DescriptionError: If a file cannot be expanded.
-        ScenarioError: If a file would have to be expanded and that is not allowed: in a result, for example.
+        ScenarioError: If a file must be expanded and that is not allowed, as in a result.
     """
     for path, section in _with_urdfs(document).items():
         if Path(section["urdf"]).suffix != SUFFIX:
@@ -155,11 +154,11 @@ def expand_files(document: Document, *, source: Path | None, allowed: bool) -> N
 
 
 def read_descriptions(document: Document, *, source: Path | None) -> dict[str, Description]:
-    """URDF of each body, with what is mounted on it, links placed and flexible ones expanded, by dotted path.
+    """URDF of each body by dotted path, with mounted parts, placed links and expanded flexible links.
 
     Raises:
         DescriptionError: If a URDF is not readable or cannot be simulated.
-        ScenarioError: If a file is not found, or something cannot be mounted.
+        ScenarioError: If a file is not found, or a part cannot be mounted.
     """
     files = {
         path: (_found(path, section, source), section.get("expanded_urdf"))
@@ -178,7 +177,7 @@ def read_descriptions(document: Document, *, source: Path | None) -> dict[str, D
                 description = mounted(description, arm, name, mount["link"], mounting)
             except DescriptionError as fault:
                 raise ScenarioError(fault.message, source=source, where=where) from None
-        # links where the scenario places them; what is as in the URDF keeps its very numbers
+        # # links where the scenario places them; values equal to the URDF's keep the exact numbers
         origins = {}
         joints = {joint.child: joint.origin for joint in description.joints}
         for link, placement in body["placements"].items():
@@ -212,11 +211,11 @@ def _placement(origin: Array) -> Document:
 def fill(document: Document, descriptions: Mapping[str, Description], *, source: Path | None) -> Document:
     """Document with every link's mass properties and every joint's state and resistance.
 
-    What the document already says wins over the URDF.
+    Values in the document take precedence over the URDF.
 
     Raises:
-        ScenarioError: If the document names a link or joint that the URDF does not have, or gives an angle to
-            a prismatic joint (or an offset to a revolute one), or either to a joint that mimics another.
+        ScenarioError: If the document names an unknown link or joint, or gives an angle to a prismatic joint,
+            an offset to a revolute one, or either to a mimic joint.
     """
     filled = dict(document)
     filled["robots"] = dict(document["robots"])
@@ -237,7 +236,7 @@ def fill(document: Document, descriptions: Mapping[str, Description], *, source:
                 if link.mass > 0 and inertia.any():
                     from_urdf["inertia_at_mass"] = float(link.mass)
             link_section = from_urdf | section
-            # an inertia that belongs to another mass is scaled to the link's own
+            # # an inertia stated for another mass is scaled to the link's mass
             mass, belongs = link_section["mass"], link_section.get("inertia_at_mass")
             if belongs is not None and belongs != mass:
                 link_section["inertia"] = [value * (mass / belongs) for value in link_section["inertia"]]
@@ -276,15 +275,15 @@ def fill(document: Document, descriptions: Mapping[str, Description], *, source:
 
 
 def _by_name(
-    given: Document, names: Sequence[str], where: str, what: str, source: Path | None
+    given: Document, names: Sequence[str], where: str, noun: str, source: Path | None
 ) -> dict[str, Document]:
-    """Sections by name, patterns expanded: of several for a name the later wins, a full name always."""
+    """Sections by name with patterns expanded: later patterns win, and full names always win."""
     sections: dict[str, Document] = {}
     for pattern in sorted(given, key=lambda name: "*" not in name):  # stable: full names last
         matched = matching(names, pattern) if "*" in pattern else [name for name in names if name == pattern]
         if not matched:
             hint = near_names(pattern, names)
-            raise ScenarioError(f"no {what} {pattern!r} in the URDF; {hint}", source=source, where=where)
+            raise ScenarioError(f"no {noun} {pattern!r} in the URDF; {hint}", source=source, where=where)
         section = {key: value for key, value in (given[pattern] or {}).items() if value is not None}
         for name in matched:
             sections[name] = sections.get(name, {}) | section
@@ -294,10 +293,10 @@ def _by_name(
 def settle(
     scenario: Scenario, descriptions: Mapping[str, Description], *, source: Path | None
 ) -> dict[str, Description]:
-    """URDF of each body with the scenario's joints locked, and what its other joints mimic found.
+    """URDF of each body with the scenario's joints locked, and mimic joints resolved.
 
     Raises:
-        ScenarioError: If a joint that is not locked mimics what cannot be mimicked.
+        ScenarioError: If a joint that is not locked mimics an unsuitable joint.
     """
     settled = {}
     for path, description in descriptions.items():

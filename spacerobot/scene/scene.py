@@ -1,4 +1,4 @@
-"""The scene: one Pinocchio model that holds every robot and the target."""
+"""Scene: one Pinocchio model with all robots and the target."""
 
 from __future__ import annotations
 
@@ -35,20 +35,21 @@ class MimicJoint:
 
 @dataclass(frozen=True)
 class SceneBody:
-    """A robot or the target: a subtree of the scene's model.
+    """Robot or target: a subtree of the scene's model.
 
     Attributes:
         name: Prefix of its links and joints in the model, ``rpr1`` of ``rpr1/joint_1``.
-        path: Its place in the scenario, ``robots.rpr1`` or ``target``.
-        config: Its part of the scenario, mass properties and joints filled in from the URDF, locked joints
-            left out.
-        description: The URDF, locked joints fixed.
+        path: Dotted path in the scenario, ``robots.rpr1`` or ``target``.
+        config: Its section of the scenario, with mass properties and joints filled in from the URDF and
+            without locked joints.
+        description: URDF with locked joints fixed.
         root_frame: Frame of the root link.
         root_joint: Joint that floats the base; 0 (the universe) for a fixed base.
         joints: Ids of its other joints, parents first.
-        ties: Those of them that mimic another one.
-        owned: Those of them that belong to an actuator, as a wheel's: the arm's controllers do not see them.
-        passive: Those of flexible links, which nothing drives and no controller sees.
+        ties: Its mimic joints.
+        owned: Ids of its joints that belong to an actuator, such as wheels, and are hidden from the arm's
+            controllers.
+        passive: Ids of its joints in flexible links, which nothing drives and no controller reads.
     """
 
     name: str
@@ -68,7 +69,7 @@ class SceneBody:
 
     @property
     def arm_joints(self) -> tuple[int, ...]:
-        """Ids of its joints that no actuator owns, but those of flexible links."""
+        """Ids of its joints without those that actuators own and those of flexible links."""
         return tuple(joint for joint in self.joints if joint not in (*self.owned, *self.passive))
 
     @property
@@ -78,7 +79,7 @@ class SceneBody:
 
     @property
     def free_joints(self) -> tuple[int, ...]:
-        """Ids of its joints that mimic no other one: those with a coordinate and an actuator of their own."""
+        """Ids of its joints that are not mimic joints."""
         tied = {tie.joint for tie in self.ties}
         return tuple(joint for joint in self.joints if joint not in tied)
 
@@ -142,13 +143,13 @@ class SceneBody:
 
 @dataclass(frozen=True)
 class SceneReference:
-    """A reference that leads a tip, in some phases or always.
+    """Reference of a tip, in some phases or always.
 
     Attributes:
         path: Dotted path of its section.
         config: The section.
-        from_target: Whether it is the target's, from which the tip's is derived.
-        phases: Names of the phases in which it leads; none where there are no phases.
+        from_target: Whether it belongs to the target, so that the tip's motion is derived from it.
+        phases: Names of the phases in which it is active; empty if there are no phases.
     """
 
     path: str
@@ -185,7 +186,7 @@ class SceneTip:
 
     @property
     def from_target(self) -> bool:
-        """Whether that is derived from the target's reference."""
+        """Whether it is derived from the target's reference."""
         return self.references[0].from_target
 
 
@@ -201,20 +202,20 @@ class SceneGrasp:
     config: Grasp
 
     def __repr__(self) -> str:
-        """Name and what it joins, in one line."""
+        """Name, kind, tip and mating frame, in one line."""
         return f"<SceneGrasp {self.name}: {self.config.kind}, {self.tip.label} and {self.config.frame}>"
 
 
 @dataclass(frozen=True, eq=False)
 class SceneShape:
-    """A shape for contact, fixed to a link.
+    """Shape for contact, fixed to a link.
 
     Attributes:
-        label: The pad's name, or body/link.
-        path: The pad's place in the scenario; none for a collision shape of a URDF, whose numbers are fixed.
-        config: What it is and its measures [m]; of a shape of a URDF without its place.
-        frame, joint: Of the link in the model.
-        placement: Shape in the link's frame (4, 4) [m].
+        label: Name of the pad, or body/link.
+        path: Dotted path of the pad; None for a collision shape of a URDF, whose numbers are fixed.
+        config: Kind and measures [m]; without a pose for a shape of a URDF.
+        frame, joint: Frame and joint of the link in the model.
+        placement: Pose of the shape in the link's frame (4, 4) [m].
     """
 
     label: str
@@ -237,18 +238,18 @@ class SceneContact:
 
 @dataclass(frozen=True)
 class Scene(Tabular):
-    """Everything that exists, and its initial state.
+    """All bodies, grasps and contacts of a scenario, and the initial state.
 
     Attributes:
         scenario: The resolved scenario: mass properties and joints filled in from the URDFs.
-        source: The file it came from, if any.
+        source: File of the scenario, if any.
         model: ``pinocchio.Model`` of the whole scene; links and joints are named ``body/name``.
         bodies: Robots in the scenario's order, then the target.
-        planar: Whether nothing can leave the x-y plane; tips and grasps then have two translations and one
+        planar: Whether all motion stays in the x-y plane; tips and grasps then have two translations and one
             rotation.
         q, v: Initial configuration and velocity in Pinocchio's coordinates (nq,), (nv,).
-        assumptions, warnings: What was assumed where the scenario is silent, and what a user should look at.
-        contacts: What may touch.
+        assumptions, warnings: Assumed values where the scenario states none, and warnings for the user.
+        contacts: Contacts between shapes.
         changes: Changes with which the scenario's file was loaded, by dotted path.
     """
 
@@ -267,7 +268,7 @@ class Scene(Tabular):
     changes: tuple[tuple[str, Any], ...] = ()
 
     def __repr__(self) -> str:
-        """Name, size and names of what there is, in one line."""
+        """Name, size, tips and grasps in one line."""
         kind = "planar" if self.planar else "spatial"
         tips, grasps = ", ".join(tip.label for tip in self.tips), ", ".join(g.name for g in self.grasps)
         bodies = ", ".join(body.name for body in self.bodies)
@@ -285,7 +286,7 @@ class Scene(Tabular):
         return [Table.of_pairs(f"Scene {self.scenario.name}", rows)]
 
     def error(self, message: str, where: str | None = None) -> ScenarioError:
-        """Error of the scenario's file, to be raised.
+        """Error that names the scenario's file.
 
         Args:
             message: What was found, what is allowed, and how to mend it.
@@ -312,8 +313,8 @@ class Scene(Tabular):
     def spread(self) -> Array:
         """Velocities of all joints from those of the free ones (nv, nv).
 
-        The identity but for joints that mimic: their columns are zero, and the multiplier stands in their
-        row below the joint they follow. Transposed, it moves their torques to that joint.
+        The identity except for mimic joints: their columns are zero, and their row has the multiplier in the
+        column of the joint they follow. The transpose maps their torques to that joint.
         """
         spread = np.eye(self.model.nv)
         for tie in self.ties:
@@ -332,23 +333,23 @@ class Scene(Tabular):
 
     @property
     def translation_axes(self) -> tuple[int, ...]:
-        """World axes along which things move: x and y in a planar scene."""
+        """World axes of translation: x and y in a planar scene."""
         return (0, 1) if self.planar else (0, 1, 2)
 
     @property
     def rotation_axes(self) -> tuple[int, ...]:
-        """World axes about which things turn: z in a planar scene."""
+        """World axes of rotation: z in a planar scene."""
         return (2,) if self.planar else (0, 1, 2)
 
     def joint_positions(self, joints: Sequence[int], q: Array) -> Array:
-        """Positions of joints over time, unbounded ones unwound.
+        """Positions of joints over time, without jumps of unbounded joints.
 
         Args:
             joints: Ids of n joints of one degree of freedom.
             q: Configurations (nt, nq).
 
         Returns:
-            numpy.ndarray: (nt, n) [rad or m].
+            numpy.ndarray: Positions (nt, n) [rad or m].
         """
         positions = np.empty((len(q), len(joints)))
         for k, joint in enumerate(joints):
@@ -360,7 +361,7 @@ class Scene(Tabular):
         """Body by name.
 
         Raises:
-            ScenarioError: If there is none; the near names are listed.
+            ScenarioError: If it does not exist; similar names are listed.
         """
         by_name: Mapping[str, SceneBody] = {body.name: body for body in self.bodies}
         if name not in by_name:

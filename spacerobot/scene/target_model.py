@@ -1,4 +1,4 @@
-"""The target as a rigid body in numbers, as filters know it."""
+"""Rigid-body model of the target for filters."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from spacerobot.scene.scene import Scene
 
 
 def target_model(scene: Scene) -> TargetModel | None:
-    """Mass properties and frames of a floating target at the start; None if there is none."""
+    """Mass properties and frames of a floating target at the start; None if there is no floating target."""
     body, model = scene.target, scene.model
     if body is None or not body.root_joint:
         return None
