@@ -124,7 +124,7 @@ def spacecraft(include: Collection[str], scene: Scene, arm: DraftArm) -> Spacecr
     if "filters" in include:
         camera = {"period": 0.5, "delay": 0.2, "noise_growth": 0.5}
         sensors += [
-            "      # a camera on the tip's link sees the mating frame: 1 mm and 1.7 mrad a sample near it",
+            "      # camera on the tip's link, with 1 mm and 1.7 mrad per sample near the mating frame",
             f"      target_position: {{errors: {flow(camera | {'noise': 7e-4})}}}",
             f"      target_orientation: {{errors: {flow(camera | {'noise': 1.2e-3})}}}",
         ]

@@ -40,7 +40,7 @@ class DraftText:
 def text_of(found: DraftText) -> str:
     """YAML text of the scenario."""
     lines = [
-        "# Drafted by `spacerobot new`: every number is a proposal to edit.",
+        "# Drafted by `spacerobot new`. Every number is a proposal; edit it.",
         "# Units are SI unless a name says otherwise; `spacerobot schema` exports every field with its unit.",
         f"name: {flow(as_name(found.name))}",
         "",
@@ -53,12 +53,12 @@ def text_of(found: DraftText) -> str:
     peak = 1.5 * max(found.move.displacement) / found.move.duration
     allowed = short(max(found.move.displacement) / 5, 1)
     campaign = [
-        "# Uncertain parameters; spreads are proposals. `spacerobot campaign`, docs/how_to/monte_carlo.md",
+        "# Uncertain parameters of `spacerobot campaign`; ranges are proposals (docs/how_to/monte_carlo.md)",
         "campaign:",
         "  parameters:",
         "    object_mass: {paths: 'target.links.*.mass', apply: factor, lower: 0.8, upper: 1.2}",
         "    link_mass: {paths: 'robots.*.links.*.mass', apply: factor, lower: 0.95, upper: 1.05}",
-        "    # a hundredth of the reference's greatest speed",
+        "    # standard deviation: a hundredth of the peak speed of the reference",
         "    velocity_offset: {paths: 'robots.*.sensors.tip_velocity.offset', kind: normal, mean: 0, "
         f"std: {short(peak / 100, 1):g}}}",
         "  samples: 256",
@@ -69,17 +69,17 @@ def text_of(found: DraftText) -> str:
         "",
         "target:",
         f"  urdf: {flow(bare['target']['urdf'])}",
-        f"  base: {flow(bare['target']['base'])}   # placed so that this grasp closes, away from the arm",
-        "  # as far as moves no joint by more than about 0.3 rad, bases giving way, and a tenth of the",
-        "  # distance from base to tip at most; no joint faster than about a tenth of its greatest rate,",
-        "  # and slow relative to w",
+        f"  base: {flow(bare['target']['base'])}   # placed so that this grasp closes",
+        "  # The line leads away from the arm. It moves no joint by more than about 0.3 rad, and the object",
+        "  # by at most a tenth of the distance from base to tip. No joint moves faster than about a tenth",
+        "  # of its rate limit, and the motion is slow relative to the bandwidth.",
         f"  reference: {flow(reference)}",
         "",
-        "grasps:   # a weld is rigid; `kind: compliant` has a stiffness and a damping",
+        "grasps:   # a weld is rigid; `kind: compliant` has stiffness and damping",
         *(f"  {name}: {flow(grasp)}" for name, grasp in bare["grasps"].items()),
         "",
         f"simulation: {flow({'duration': move.duration + 2, 'output_step': 0.02})}   "
-        "# its step is chosen by an error estimate",
+        "# the step is chosen by an error estimate",
         "",
         *tuning_lines(found),
         "",
@@ -102,16 +102,16 @@ def joint_lines(arm: DraftArm, bare: Document) -> list[str]:
         lines += [f"      {name}: {flow(mount)}" for name, mount in bare["mounts"].items()]
     for link, bus in bare.get("links", {}).items():
         lines += [
-            "    # the URDF's own base is lighter than what it moves: a spacecraft stands in, of 20 times",
-            "    # that mass and no lighter than the object, a cube of 300 kg/m^3",
+            "    # The root link of the URDF is lighter than the arm. It is replaced by a spacecraft: a cube",
+            "    # of 300 kg/m^3 with 20 times the mass of the arm, but not lighter than the object.",
             f"    links: {{{flow(link)}: {flow(bus)}}}",
         ]
     lines += [
-        "    joints:   # a posture, well within the ranges, from which the tip moves in every direction",
+        "    joints:   # a posture near mid-range from which the tip can move in every direction",
         *(f"      {flow(name)}: {flow(state)}" for name, state in chain.items()),
     ]
     if locked:
-        lines.append("      # not between base and tip, so held where they begin")
+        lines.append("      # these joints are not between base and tip and are locked")
         lines += [f"      {flow(name)}: {flow(state)}" for name, state in locked.items()]
     return lines
 
@@ -121,10 +121,10 @@ def guidance_lines(arm: DraftArm, gain: float, payload: Document) -> list[str]:
     guidance: Document = {"kind": "resolved_rate", "gain": gain, "rate_gain": short(RATES * gain, 2)}
     guidance |= {} if arm.turns else {"orientation": False}
     return [
-        "      # joint rates by the generalized Jacobian, which has the base's reaction in it. Errors of",
-        "      # the tip fade with `gain`: the rate at which the slowest joint comes to its greatest speed",
-        "      # by its effort, within 0.5 to 2 1/s; those of joint rates fade with `rate_gain`. The object",
-        "      # is its payload while it is held, in axes of the tip",
+        "      # Joint rates follow from the generalized Jacobian, which includes the reaction of the base.",
+        "      # `gain` is the bandwidth of the tip error: the rate at which the slowest joint reaches its",
+        "      # rate limit by its effort, between 0.5 and 2 1/s. `rate_gain` is the bandwidth of the joint",
+        "      # rates. While the object is held, it is the payload, in axes of the tip.",
         f"      guidance: {flow(guidance | payload)}",
     ]
 
@@ -149,21 +149,21 @@ def robot_lines(found: DraftText, arm: DraftArm) -> list[str]:
     lines += [
         "    tips:",
         f"      {arm.tip_name}:",
-        f"        # the tip feels {gains.mass:.3g} kg here, bases and target moving along; bandwidth w = "
+        f"        # effective mass at the tip: {gains.mass:.3g} kg (free-floating); bandwidth w = "
         f"{gains.bandwidth:g} rad/s:",
-        "        # the rate at which the slowest joint comes to its greatest speed by its effort, within",
-        "        # 0.5 to 10, or 2 where the URDF has no limits; K_p = m w, K_i = m w^2 / 4",
+        "        # the rate at which the slowest joint reaches its rate limit by its effort, between 0.5 and",
+        "        # 10, or 2 if the URDF has no limits; K_p = m w, K_i = m w^2 / 4",
     ]
     if "frame" in tip:
         lines.append(f"        frame: {flow(tip['frame'])}")
     lines.append(f"        pid: {flow(gains.pid(gains.mass) | {'feedback': 'inertial'})}")
     if gains.inertia is not None:
-        lines.append(f"        # likewise, for {gains.inertia:.3g} kg m^2")
+        lines.append(f"        # the same for the effective inertia of {gains.inertia:.3g} kg m^2")
         turn = gains.pid(gains.inertia) | {"feedback": "inertial"}
         lines.append(f"        orientation_pid: {flow(turn)}")
     if gains.joint_inertia is not None:
         kd = short(gains.joint_inertia * gains.bandwidth)
-        lines.append("    # damps motion of the joints that moves no tip: their least inertia times w")
+        lines.append("    # damps joint motions in the null space of the tips: smallest inertia times w")
         lines.append(f"    joint_pd: {flow({'kd': kd, 'null_space': True})}")
     return lines
 
@@ -171,7 +171,7 @@ def robot_lines(found: DraftText, arm: DraftArm) -> list[str]:
 def tuning_lines(found: DraftText) -> list[str]:
     """The section of free numbers, line by line."""
     lines = [
-        f"# Free numbers, {1 / SPAN:g} to {SPAN:g} times the proposed (docs/explanation/tuning_methods.md)",
+        f"# Variables of tuning: {1 / SPAN:g} to {SPAN:g} the proposed values (docs/how_to/tune.md)",
         "tuning:",
         "  variables:",
     ]

@@ -67,7 +67,7 @@ class Draft:
 
     @property
     def is_verified(self) -> bool:
-        """Whether it was simulated, and does what it is for."""
+        """Whether it was simulated and passed its verification."""
         return bool(self.checks) and not self.problems
 
 
@@ -124,10 +124,10 @@ def draft(
         tries.append(f"{pace}: {'; '.join(found.problems)}.")
     if found.problems:
         text, scene = write(1.0)
-        lines = ["It does not do yet what it is for; change it by hand.", *tries]
+        lines = ["The draft did not pass its verification; change it by hand.", *tries]
         return Draft(place, _headed(text, lines), scene, tuple(tries))
     if tries:
-        tries.append(f"Slowed down by {slowdown:g}: bandwidths divided by it, times multiplied by it.")
+        tries.append(f"Slowed down by {slowdown:g}: it divides the bandwidths and multiplies the times.")
     lines = ["Simulated and linearised before it was written:", *(f"  {one}" for one in found.checks), *tries]
     return Draft(place, _headed(text, lines), scene, (), found.checks)
 
@@ -161,10 +161,10 @@ def verify_held(scene: Scene, progress: Progress | None = None) -> Verification:
     largest = float(np.linalg.norm(result.data["tip_error"].values, axis=-1).max())
     turned = np.degrees(np.linalg.norm(result.data["tip_orientation_error"].values, axis=-1).max())
     if largest > TRACKED * moved:
-        problems.append(f"a tip is {largest * 1e3:.3g} mm off while it moves by {moved * 1e3:.3g} mm")
+        problems.append(f"a tip error is {largest * 1e3:.3g} mm in a motion of {moved * 1e3:.3g} mm")
     controlled = any(tip.config.orientation_pid is not None for tip in scene.tips)
     if turned > TURNED_DEG and controlled:
-        problems.append(f"a tip turns by {turned:.3g} deg off")
+        problems.append(f"the orientation error of a tip is {turned:.3g} deg")
     checks = (
         f"tips move by {moved * 1e3:.3g} mm with errors of {largest * 1e3:.2g} mm and {turned:.2g} deg.",
         *_joints(scene, result),
@@ -250,7 +250,7 @@ def _joints(scene: Scene, result: Result) -> Iterator[str]:
                 largest[word] = max(largest.get(word, (0.0, "")), (share, joint.name))
     if largest:
         told = (f"{word} {100 * share:.2g} % ({joint})" for word, (share, joint) in largest.items())
-        yield f"of the URDF's limits, joints use at most: {', '.join(told)}."
+        yield f"joints use at most this share of the URDF's limits: {', '.join(told)}."
 
 
 def _fast_poles(loop: ClosedLoop, instant: Instant, lasts_s: float) -> Array:

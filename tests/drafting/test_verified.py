@@ -31,7 +31,7 @@ def test_a_drafted_docking_captures_and_stops_at_the_first_run(tmp_path):
     assert "# Simulated and linearised before it was written:\n#   captured after" in drafted.text
     limits, poles = drafted.text.split("Units are SI")[0].splitlines()[3:5]
     assert re.fullmatch(
-        r"#   of the URDF's limits, joints use at most: torque [\d.]+ % \(joint_\d\), .*", limits
+        r"#   joints use at most this share of the URDF's limits: torque [\d.]+ % \(joint_\d\), .*", limits
     )
     assert re.match(r"#   linearised at 0 s; approach.captured, after; [\d.]+ s: fastest pole ", poles)
 
@@ -49,7 +49,7 @@ def test_a_draft_that_never_works_says_so(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "verify_capture", lambda *_: Verification(("missed: out of reach",)))
     drafted = draft(FLAT, tmp_path / "mine.yaml", capture=True)
     assert not drafted.is_verified
-    assert "# It does not do yet what it is for" in drafted.text
+    assert "# The draft did not pass its verification" in drafted.text
     assert "Slowed down by 8: missed: out of reach" in drafted.problems[-1]
 
 
