@@ -64,9 +64,9 @@ def test_the_page_states_what_is_planned(planned):
             "integral of squared base torques, weight 1": planned.terms["base_torque"],
             "integral of squared base forces, weight 10": planned.terms["base_force"],
             "integral of squared joint torques, weight 1": planned.terms["torque"],
-            "greatest joint torque, N m": max(v for k, v in greatest.items() if "joint" in k),
-            "greatest base torque, N m": greatest["ty"],
-            "angular momentum that is left, %": 100 * left,
+            "largest joint torque, N m": max(v for k, v in greatest.items() if "joint" in k),
+            "largest base torque, N m": greatest["ty"],
+            "remaining angular momentum, %": 100 * left,
             "cost with joints entirely at rest": rest.cost,
         },
     )

@@ -57,7 +57,7 @@ def test_the_page_states_what_is_flown(nominal):
             "the same by free flight and geometry alone (tests), s": first_contact(sr.load_scene("idss")),
             "latches close, s": captured["time_s"],
             "impulse of the latches, N s": np.linalg.norm(captured["impulses_n_s"]["latches"]),
-            "greatest contact force, N": nominal.summary["greatest_contact"]["force_n"],
+            "largest contact force, N": nominal.summary["greatest_contact"]["force_n"],
             "axial force in the latches, N": force[:, 0].max(),
             "shear force in the latches, N": np.linalg.norm(force[:, 1:], axis=1).max(),
             "torsion in the latches, first 5 s, N m": torque[:, 0].max(),
