@@ -204,5 +204,7 @@ def test_the_page_states_what_is_simulated():
         measured[f"{case}, attitude, less than, deg"] = apart(triad() @ rotation, np.transpose(matrix))
     away = np.linalg.norm(orbit_position(found.data) - POSITION_8H)
     measured["2, position on the orbit, less than, m"] = away
-    measured["2, position, simulated relative to a circular reference orbit, less than, m"] = relative_motion()
+    measured["2, position, simulated relative to a circular reference orbit, less than, m"] = (
+        relative_motion()
+    )
     check("checkcases", measured)
