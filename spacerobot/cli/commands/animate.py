@@ -35,11 +35,15 @@ Record = Annotated[
 ]
 Speed = Annotated[
     float | None,
-    typer.Option("--speed", min=1e-6, help="Of a recording, times real time; else it lasts at most 20 s."),
+    typer.Option(
+        "--speed",
+        min=1e-6,
+        help="Speed of a recording relative to real time; by default it lasts at most 20 s.",
+    ),
 ]
 At = Annotated[
     float | None,
-    typer.Option("--at", metavar="SECONDS", min=0, help="Of a .png: its time; else the first capture."),
+    typer.Option("--at", metavar="SECONDS", min=0, help="Time of a .png; the first capture by default."),
 ]
 NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Only print the address.")]
 

@@ -31,10 +31,14 @@ def command(
     changes: Changes = None,
     metric: Metric = None,
     limit: Limit = None,
-    starts: Annotated[int, typer.Option("--starts", min=1, metavar="N", help="Descents at most.")] = 16,
+    starts: Annotated[
+        int, typer.Option("--starts", min=1, metavar="N", help="Largest number of descents.")
+    ] = 16,
     budget: Annotated[
         int | None,
-        typer.Option("--budget", min=1, metavar="N", help="Rollouts at most; a gradient counts as four."),
+        typer.Option(
+            "--budget", min=1, metavar="N", help="Largest number of rollouts; a gradient counts as four."
+        ),
     ] = None,
     seed: Seed = None,
     threads: Threads = None,

@@ -18,7 +18,7 @@ Compare = Annotated[
 ]
 Folder = Annotated[
     Path | None,
-    typer.Option("--out", metavar="DIR", help="Folder for the files; else RESULT/figures."),
+    typer.Option("--out", metavar="DIR", help="Folder for the files; RESULT/figures by default."),
 ]
 Formats = Annotated[str, typer.Option("--format", metavar="LIST", help="pdf, svg, png, separated by commas.")]
 Only = Annotated[

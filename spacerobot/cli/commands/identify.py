@@ -18,7 +18,7 @@ def command(
     result: Annotated[Path, typer.Argument(metavar="RESULT", help="Folder of a result.")],
     since: Annotated[
         float | None,
-        typer.Option("--since", help="Time from which to use samples [s]; else the last capture."),
+        typer.Option("--since", help="Time of the first sample to use [s]; the last capture by default."),
     ] = None,
     noise: Annotated[
         float,

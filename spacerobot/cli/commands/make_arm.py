@@ -40,7 +40,9 @@ def arm(
     link_mass: Annotated[float, typer.Option(help="Mass of a link [kg].")] = 11.76,
     link_inertia: Annotated[
         list[float] | None,
-        typer.Option(help="Inertia about the centre of mass [kg m^2]; several take turns. Repeatable."),
+        typer.Option(
+            help="Inertia about the centre of mass [kg m^2]; several values are used in turn. Repeatable."
+        ),
     ] = None,
     base_mass: Annotated[float, typer.Option(help="Mass of the base [kg].")] = 200.0,
     base_inertia: Annotated[float, typer.Option(help="Inertia of the base [kg m^2].")] = 40.0,

@@ -17,7 +17,7 @@ At = Annotated[
     typer.Option(
         "--at",
         metavar="INSTANT",
-        help="Time in s, or an event such as `captured`: just before and just after it. Repeatable; else 0.",
+        help="Time in s, or an event such as `captured` (just before and after it). Repeatable; 0 by default.",
     ),
 ]
 Along = Annotated[
@@ -31,7 +31,7 @@ Worst = Annotated[
     typer.Option(
         "--worst-case",
         metavar="PATH=LOW..HIGH",
-        help="Least margin while this number varies; a path's end matches as for `tune --vary`. Repeatable.",
+        help="Smallest margin while this number varies; a path's end matches as for `tune --vary`. Repeatable.",
     ),
 ]
 Margin = Annotated[
@@ -45,7 +45,7 @@ Loops = Annotated[
 ]
 Together = Annotated[
     bool,
-    typer.Option("--together", help="Disk margin of the --loops when all change at once."),
+    typer.Option("--together", help="Disk margin for simultaneous changes of all --loops."),
 ]
 
 

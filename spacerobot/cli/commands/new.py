@@ -19,7 +19,7 @@ Robots = Annotated[
     typer.Option("--robot", metavar="URDF", help="A robot: a file, or a shipped URDF. Repeatable."),
 ]
 Target = Annotated[
-    str | None, typer.Option("--target", metavar="URDF", help="The object that is held, likewise.")
+    str | None, typer.Option("--target", metavar="URDF", help="The object: a file, or a shipped URDF.")
 ]
 Tips = Annotated[
     list[str] | None,
@@ -59,7 +59,7 @@ Include = Annotated[
     typer.Option(
         "--with",
         metavar="LIST",
-        help="Equipment of the base, with --capture: wheels, thrusters, filters, by commas.",
+        help="Equipment of the base, with --capture: wheels, thrusters, filters, separated by commas.",
     ),
 ]
 Capture = Annotated[

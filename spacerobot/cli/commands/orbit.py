@@ -14,9 +14,12 @@ from spacerobot.cli.command import EXCHANGE, Command
 @Command.of("orbit", place=2, group=EXCHANGE)
 def command(
     chaser: Annotated[Path, typer.Argument(help="Two-line elements or OEM of the chaser.")],
-    target: Annotated[Path, typer.Argument(help="The same of the target.")],
+    target: Annotated[Path, typer.Argument(help="Two-line elements or OEM of the target.")],
     at: Annotated[
-        str | None, typer.Option("--at", metavar="TIME", help="Epoch, ISO 8601; else the files' later one.")
+        str | None,
+        typer.Option(
+            "--at", metavar="TIME", help="Epoch (ISO 8601); by default the later one of both files."
+        ),
     ] = None,
 ) -> None:
     """Print reference orbit and relative state, as sections of a scenario.

@@ -23,10 +23,10 @@ def command(
     ] = None,
     until: Annotated[
         float | None,
-        typer.Option("--until", help="Last abort [s]; the first capture, else the end, if not given."),
+        typer.Option("--until", help="Time of the last abort [s]; by default the first capture, or the end."),
     ] = None,
 ) -> None:
-    """Find the least distance of robots and target in free drift after an abort at any sample.
+    """Find the smallest distance of robots and target in free drift after an abort at any sample.
 
     Actuators are off and joints are braked from the abort on. Exits with 1 if a clearance is not kept.
 

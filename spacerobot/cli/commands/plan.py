@@ -37,7 +37,7 @@ Sensitivities = Annotated[
     typer.Option(
         "--sensitivities",
         metavar="PATHS",
-        help="Sensitivities of the optimal cost to numbers of the scenario; by commas.",
+        help="Sensitivities of the optimal cost to numbers of the scenario, separated by commas.",
     ),
 ]
 Design = Annotated[

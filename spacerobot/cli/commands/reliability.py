@@ -30,10 +30,10 @@ def command(
     ] = "importance",
     variation: Annotated[
         float,
-        typer.Option("--variation", min=1e-3, max=1, help="Coefficient of variation at which it ends."),
+        typer.Option("--variation", min=1e-3, max=1, help="Coefficient of variation at which sampling ends."),
     ] = 0.1,
     budget: Annotated[
-        int, typer.Option("--budget", min=1000, metavar="N", help="Rollouts at most.")
+        int, typer.Option("--budget", min=1000, metavar="N", help="Largest number of rollouts.")
     ] = 20_000,
     seed: Seed = None,
     threads: Threads = None,

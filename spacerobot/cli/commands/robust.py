@@ -26,10 +26,12 @@ from spacerobot.cli.tuning_options import (
 
 Measure = Annotated[
     Literal["mean", "percentile", "worst"],
-    typer.Option("--measure", help="What of the samples' objectives is made small."),
+    typer.Option("--measure", help="Statistic of the samples' objectives that is minimised."),
 ]
-Percent = Annotated[float, typer.Option("--percent", min=1, max=99, metavar="P", help="Which percentile.")]
-Common = Annotated[int, typer.Option("--samples", min=2, metavar="N", help="Samples that are tuned for.")]
+Percent = Annotated[
+    float, typer.Option("--percent", min=1, max=99, metavar="P", help="Percentile of --measure percentile.")
+]
+Common = Annotated[int, typer.Option("--samples", min=2, metavar="N", help="Samples used in tuning.")]
 Fresh = Annotated[int, typer.Option("--fresh", min=2, metavar="N", help="Samples of the verification.")]
 Method = Annotated[str, typer.Option("--method", metavar="NAME", help="ga, de, pso, cmaes or nlp.")]
 

@@ -38,7 +38,7 @@ Controller = Annotated[
     typer.Option(
         "--controller",
         metavar="LIBRARY",
-        help="Fly exported code: a library that you built, tcp:HOST:PORT or serial:DEVICE[@BAUD].",
+        help="Run exported code as the controller: a library that you built, tcp:HOST:PORT or serial:DEVICE[@BAUD].",
     ),
 ]
 
