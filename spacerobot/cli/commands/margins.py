@@ -17,7 +17,7 @@ At = Annotated[
     typer.Option(
         "--at",
         metavar="INSTANT",
-        help="Time in s, or an event such as `captured` (just before and after it). Repeatable; 0 by default.",
+        help="Time in s, or an event such as `captured` (just before and after). Repeatable; default 0.",
     ),
 ]
 Along = Annotated[
@@ -31,7 +31,7 @@ Worst = Annotated[
     typer.Option(
         "--worst-case",
         metavar="PATH=LOW..HIGH",
-        help="Smallest margin while this number varies; a path's end matches as for `tune --vary`. Repeatable.",
+        help="Smallest margin over a number's range; a path's end matches as in `tune --vary`. Repeatable.",
     ),
 ]
 Margin = Annotated[

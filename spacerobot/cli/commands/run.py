@@ -38,7 +38,7 @@ Controller = Annotated[
     typer.Option(
         "--controller",
         metavar="LIBRARY",
-        help="Run exported code as the controller: a library that you built, tcp:HOST:PORT or serial:DEVICE[@BAUD].",
+        help="Exported code as controller: a library that you built, tcp:HOST:PORT or serial:DEVICE[@BAUD].",
     ),
 ]
 
