@@ -94,6 +94,7 @@ def test_the_port_of_a_tip_is_passive_whatever_it_holds(masses, grasp, law, kind
     values = {
         "target.links.body.mass": masses[0],
         "target.links.body.inertia.2": masses[1],
+        "target.links.body.inertia_at_mass": masses[0],  # so that the inertia is the drawn one
         "target.base.velocity.0": velocity[0],
         "target.base.velocity.1": velocity[1],
         "target.base.spin_deg.2": spin,
