@@ -102,7 +102,11 @@ class SinglePlant:
 
     def roll(self, p: Array, start: Array, duration: float) -> Ends:
         """See :class:`UpdatedPlant`."""
-        return self._ends(self._rolled(p, start, duration), start)
+        ends = [
+            self._ends(self._rolled(row[None, :], begin[None, :], duration), begin[None, :])
+            for row, begin in zip(p, start, strict=True)
+        ]
+        return Ends(np.vstack([one.start for one in ends]), [inputs for one in ends for inputs in one.inputs])
 
     def advance(self, rows: Rows, until: float) -> None:
         """See :class:`UpdatedPlant`."""
