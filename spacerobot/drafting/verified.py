@@ -272,6 +272,9 @@ def _slowest(loop: ClosedLoop, at: Mapping[float, Instant]) -> str:
     """Poles in a sentence."""
     found = np.concatenate([_fast_poles(loop, instant, lasts_s) for lasts_s, instant in at.items()])
     where = "; ".join(instant.label for instant in at.values())
+    # samples are held in the Jacobian: what is fed back through them has no pole there
+    if any(rule.clock for rule in loop.events):
+        where += " between samples (`spacerobot margins` includes what is fed back through samples)"
     if not found.size:
         return f"linearised at {where}: no pole is faster than the motion."
     damping = -found.real / np.abs(found)
