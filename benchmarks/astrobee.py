@@ -159,6 +159,8 @@ OBSERVATIONS = (
     "grasp_misalignment",
 )
 """Outputs in world axes (31 numbers), of which :func:`network_inputs` makes the inputs of the network."""
+CARGO_MASS, CARGO_INERTIA, BAR = 5.0, np.array([0.042, 0.042, 0.036]), np.array([-0.205, 0, 0])
+"""Mass [kg] and inertia [kg m^2] of the cylinder, and the place of its bar [m]: grapple_cylinder.urdf."""
 PERIOD = 0.1
 FADED = 14_000_000
 """Number of steps at which the learning rate of PPO would be zero."""
@@ -183,10 +185,6 @@ def network_inputs(observed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     vectors = [velocity, spin, -gap, -misaligned, p / CARGO_MASS + np.cross(target_spin, bar), target_spin]
     in_root = [np.einsum("nji,nj->ni", rotations, vector) for vector in vectors]
     return np.hstack([joints, *in_root]), rotations
-
-
-CARGO_MASS, CARGO_INERTIA, BAR = 5.0, np.array([0.042, 0.042, 0.036]), np.array([-0.205, 0, 0])
-"""Mass [kg] and inertia [kg m^2] of the cylinder, and the place of its bar [m]: grapple_cylinder.urdf."""
 
 
 def environments(file: Path, count: int, duration: float) -> Any:
@@ -270,7 +268,9 @@ def ppo(out: Path, steps: int) -> None:
         """Log of the training, and the network so far."""
 
         def _on_step(self) -> bool:
-            captures.extend(bool(one["events"]) for one in self.locals["infos"] if "episode" in one)
+            captures.extend(
+                "grip.captured" in one["events"] for one in self.locals["infos"] if "episode" in one
+            )
             return True
 
         def _on_rollout_end(self) -> None:
