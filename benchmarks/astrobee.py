@@ -3,7 +3,7 @@
 python -m benchmarks.astrobee train OUT 701         # a network by exact gradients, in 701 iterations (torch)
 python -m benchmarks.astrobee evaluate OUT 1000     # a campaign of 1 000 draws
 python -m benchmarks.astrobee follow OUT 1000       # one plan followed by feedback on 1 000 draws
-python -m benchmarks.astrobee mpc OUT 300           # model predictive control on 300 draws
+python -m benchmarks.astrobee mpc OUT 1000          # model predictive control on 1 000 draws
 python -m benchmarks.astrobee ppo OUT 2293760       # the same network by PPO, in 2 293 760 steps (sb3)
 """
 
