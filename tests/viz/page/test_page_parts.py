@@ -192,7 +192,7 @@ def test_masses_and_momenta_are_shown_where_asked(shown, paper):
     page = shown(paper, fragment="#t=4")
     before = page.picture()
     page.evaluate("location.hash = '#t=4&layers=centres momenta'")
-    page.wait_for("document.getElementById('scale').innerText.includes('longest momentum')")
+    page.wait_for("document.getElementById('scale').innerText.includes('momentum ')")
     after = page.picture()
     yellow = (after[:, :, 0] > 240) & (abs(after[:, :, 1] - 210) < 20) & (abs(after[:, :, 2] - 63) < 30)
     was = (before[:, :, 0] > 240) & (abs(before[:, :, 1] - 210) < 20) & (abs(before[:, :, 2] - 63) < 30)
