@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-PACKAGES = ["spacerobot", "optim", "viz"]
+PACKAGES = ["spacerobot", "spacerobot.elements", "optim", "viz"]
 
 
 @pytest.mark.parametrize("package", PACKAGES)
