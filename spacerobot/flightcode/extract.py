@@ -1,10 +1,11 @@
-"""Extraction of the on-board software of a scene from its closed loop.
+"""Extraction of the onboard software of a scene from its closed loop.
 
-The closed loop's periodic controllers, estimators and detections are events: at the instants of a clock, or
-where a guard rises, an update ``z+ = F(t, x, c)``. Their states z become fields of a C struct, the scenario's
-numbers c become constants, and what remains of the state x becomes inputs: samples of sensors where there are
-sensors with ``errors``, true values where sensors are ideal or a law solves the model. A true value that does
-not influence a task after its first call, as the initial attitude of a filter, is fixed at its initial value.
+The periodic controllers, estimators and detections of the closed loop are events: at the instants of a clock,
+or where a guard rises, they perform an update ``z+ = F(t, x, c)``. Their states z become fields of a C
+struct, the scenario's numbers c become constants, and the rest of the state x becomes inputs: samples of
+sensors with ``errors``, and true values for ideal sensors or for laws that use the model. A true value that
+does not influence a task after its first call, such as the initial attitude of a filter, is fixed at its
+initial value.
 """
 
 from __future__ import annotations
@@ -33,10 +34,10 @@ from spacerobot.scenario import Robot
 from spacerobot.scene import Scene, SceneBody
 
 LONGEST = 0.01
-"""Longest step in which states that change between instants are advanced [s]."""
+"""Maximum step [s] for the integration of states that change between instants."""
 
 COINCIDENT = 1e-9
-"""Time after which a reference's jump is seen [s]: at the same instant, laws come first, as in rollouts."""
+"""Delay [s] after which a reference's jump is seen: at the same instant, laws come first, as in rollouts."""
 
 TRIALS = 24
 """Number of random points at which an input is tested for influence."""
@@ -46,9 +47,9 @@ INFLUENCE = 1e-10
 
 
 def onboard_software(scene: Scene, loop: ClosedLoop) -> OnboardSoftware:
-    """On-board software of a scene.
+    """Onboard software of a scene.
 
-    Plans that are made in flight come from outside: the software follows them.
+    Plans that are made in flight are inputs: the software tracks them.
 
     Args:
         scene: The scene, as :func:`~spacerobot.flightcode.flyable.prepared_scene` returns it.
@@ -74,7 +75,7 @@ def onboard_software(scene: Scene, loop: ClosedLoop) -> OnboardSoftware:
 
 @dataclass(frozen=True)
 class _Draft:
-    """A task whose expressions (n x 1 each) may read anything; new values by the name of the old ones."""
+    """Task whose expressions (n x 1 each) may read any symbol; new values by the name of the old ones."""
 
     name: str
     path: str
@@ -99,7 +100,7 @@ class _Extraction:
 
     @functools.cached_property
     def states(self) -> dict[str, State]:
-        """All states behind (q, v) by name."""
+        """All states after (q, v), by name."""
         return {state.name: state for state in self.evaluated.acting.states}
 
     @functools.cached_property
@@ -122,18 +123,19 @@ class _Extraction:
 
     @functools.cached_property
     def _actuator_events(self) -> tuple[list[Event], dict[str, str]]:
-        """Events of actuators that software on board does, and why others stay in the plant.
+        """Events of actuators that onboard software performs, and the reasons why others stay in the plant.
 
-        Software integrates what it commands, and tests samples. A residual of momenta that integrates what
-        moves between two instants, or that is tested at all times, is a law in continuous time.
+        Software can integrate its own commands and test samples. A momentum residual that integrates the
+        motion between two instants, or that is tested continuously, is a law in continuous time and stays in
+        the plant.
         """
         events = [event for event in self.evaluated.acting.events if event.onboard]
         events = [event for event in events if event.name not in self._builder_names[1]]
         ports = self.builder.continuous_ports
         reasons = {f"allocation of {name}": _reason(moving) for name, moving in ports.items()}
         while True:
-            own = self._states_of(events)
-            moving = {event.name: self._moving(event, own) for event in events}
+            software_states = self._states_of(events)
+            moving = {event.name: self._moving(event, software_states) for event in events}
             staying = {name: names for name, names in moving.items() if names}
             if not staying:
                 return events, reasons
@@ -141,13 +143,13 @@ class _Extraction:
             events = [event for event in events if event.name not in staying]
 
     def _states_of(self, events: Sequence[Event]) -> set[str]:
-        """Names of the states of software that does these events of actuators."""
-        written = {name for event in events for name in event.updates if name in self.states}
+        """Names of the software's states if it performs these events of actuators."""
+        written_states = {name for event in events for name in event.updates if name in self.states}
         phases = {state.name for state in self.builder.phase_states.values()}
-        return self._builder_names[0] | phases | written | set(self._ports)
+        return self._builder_names[0] | phases | written_states | set(self._ports)
 
     def _moving(self, event: Event, own: set[str]) -> list[str]:
-        """Names of what an event's states integrate, or its test reads, that changes in the plant."""
+        """Names of plant signals that an event's states integrate, or its test reads, between instants."""
         expressions = [self.states[name].derivative for name in event.updates if name in self.states]
         if not any(name.endswith(".count") for name in event.updates):
             expressions.append(event.guard)
@@ -159,7 +161,7 @@ class _Extraction:
 
     @functools.cached_property
     def _ports(self) -> dict[str, ca.SX]:
-        """Allocated commands by the names of their states, as expressions of what controllers command."""
+        """Allocated commands by the names of their states, as expressions of the controllers' commands."""
         commands = dict[str, ca.SX]()
         for port in self.builder.command_ports.values():
             symbols = [self.states[name].symbol for name in commands]
@@ -186,18 +188,18 @@ class _Extraction:
 
     @functools.cached_property
     def own_switches(self) -> set[str]:
-        """Names of switches that the software alone sets: phases, references, detections, pulses."""
-        own = {event.name for event in (*self.own_events, *self.transitions)}
+        """Names of switches that only the software sets: phases, references, detections, pulses."""
+        software_events = {event.name for event in (*self.own_events, *self.transitions)}
         names = {name for event in self.own_events for name in event.sets}
         names |= {switch.name() for switch in self.builder.context.phases.values()}
-        others = [event for event in self.evaluated.acting.events if event.name not in own]
-        return names - {name for event in others for name in event.sets}
+        plant_events = [event for event in self.evaluated.acting.events if event.name not in software_events]
+        return names - {name for event in plant_events for name in event.sets}
 
     # -- expressions of fields alone -------------------------------------------------------------------------
 
     @functools.cached_property
     def constants(self) -> tuple[ca.SX, ca.SX]:
-        """Constants that are numbers or expressions of plans: symbols, and what replaces them."""
+        """Constants that are numbers or expressions of plans: symbols, and their replacements."""
         context = self.builder.context
         parameters, constants = context.parameters, context.constants
         plan_paths = [path for paths in self.plans.values() for path in paths]
@@ -217,15 +219,15 @@ class _Extraction:
         variable = {*constants.switches.values()}
         for table in constants.tables:
             variable |= set(range(table.window, table.window + table.width))
-        chosen = [i for i in range(symbols.numel()) if i not in variable]
-        return symbols[chosen], values[chosen]
+        indices = [i for i in range(symbols.numel()) if i not in variable]
+        return symbols[indices], values[indices]
 
     def closed(self, expressions: Sequence[ca.SX], *, held: bool = False) -> list[ca.SX]:
-        """Expressions of time and fields alone: tables are looked up, constants are numbers.
+        """Expressions of time and fields only: tables are evaluated, and constants replaced by numbers.
 
         Args:
             expressions: The expressions.
-            held: Whether allocated commands are those of the last tick, not those of the present instant.
+            held: Whether allocated commands are those of the last tick, instead of the present instant.
         """
         if self._ports and not held:
             commands = [self.states[name].symbol for name in self._ports]
@@ -238,10 +240,10 @@ class _Extraction:
                 continue
             row_number = constants.cursors[table.cursor]
             rows = ca.reshape(symbols[table.first : table.first + table.width * table.count], table.width, -1)
-            shown = rows[:, table.count - 1]
+            current_row = rows[:, table.count - 1]
             for k in range(table.count - 1):
-                shown = ca.if_else(row_number == k, rows[:, k], shown)
-            expressions = ca.substitute(list(expressions), [window], [shown])
+                current_row = ca.if_else(row_number == k, rows[:, k], current_row)
+            expressions = ca.substitute(list(expressions), [window], [current_row])
         return [ca.SX(one) for one in ca.substitute(list(expressions), *([each] for each in self.constants))]
 
     # -- fields ----------------------------------------------------------------------------------------------
@@ -256,7 +258,7 @@ class _Extraction:
         return self.pools[one.path]
 
     def fill(self) -> None:
-        """Register every field that tasks may read."""
+        """Register all fields that tasks may read."""
         x0, c0 = self.start
         names = {name: i for i, name in enumerate(self.loop.state_names)}
         for one in true_motion(self.scene, self.builder, x0):
@@ -265,24 +267,24 @@ class _Extraction:
         for name, state in self.states.items():
             places = tuple(names[each] for each in state.names)
             role: Role = "state" if name in self.own_states else "truth"
-            made = Field(name, name, role, state.symbol, x0[list(places)], name, places=places)
+            state_field = Field(name, name, role, state.symbol, x0[list(places)], name, places=places)
             if role == "truth":
                 unit, text = PLANT_STATES.get(name.rpartition(".")[2], ("SI unit", "state of the plant"))
-                made = replace(made, text=f"{text}: {name}", unit=unit)
-            self.add(samples(made) if name not in self.own_states else made)
+                state_field = replace(state_field, text=f"{text}: {name}", unit=unit)
+            self.add(samples(state_field) if name not in self.own_states else state_field)
         constants, loop_switches = self.builder.context.constants, self.loop.switches
         for name, place in constants.switches.items():
             role = "state" if name in self.own_switches else "mode"
             text = f"1 while: {name}" if role == "mode" else name
             at = loop_switches[self.loop.switch_names.index(name)]
-            made = Field(name, name, role, constants.symbols[place], c0[[at]], text, places=(at,))
-            self.add(made)
+            state_field = Field(name, name, role, constants.symbols[place], c0[[at]], text, places=(at,))
+            self.add(state_field)
         for table in (table for table in constants.tables if table.noise >= 0):
             window = list(range(table.window, table.window + table.width))
             name = constants.symbols[window[0]].name().rpartition("[")[0]
             text = "standard normal numbers of simulated errors; zero on board"
-            made = Field(name, name, "draw", constants.symbols[window], np.zeros(table.width), text)
-            self.add(replace(made, places=tuple(window)))
+            state_field = Field(name, name, "draw", constants.symbols[window], np.zeros(table.width), text)
+            self.add(replace(state_field, places=tuple(window)))
         parameters = self.builder.context.parameters
         for name, paths in self.plans.items():
             symbol = ca.vertcat(*(parameters(path) for path in paths))
@@ -317,14 +319,16 @@ class _Extraction:
                 period, _ = self.instants(event)
                 for name in event.updates:
                     periods[name] = period
-        measured = {one.value.name: name for name, one in self.builder.measurements.items()}
-        counted = {one.samples.name: name for name, one in self.builder.measurements.items()}
+        signal_by_state = {one.value.name: name for name, one in self.builder.measurements.items()}
+        signal_by_count = {one.samples.name: name for name, one in self.builder.measurements.items()}
         bodies = {sample.signal for sample in self.builder.samples.values()}
         estimators = [f"{body.name}/{key}." for body in self.scene.robots for key in self._estimators(body)]
         stamped = {
-            state for state, name in measured.items() if any(name.startswith(each) for each in estimators)
+            state
+            for state, name in signal_by_state.items()
+            if any(name.startswith(each) for each in estimators)
         }
-        return SampleNames(measured, counted, periods, bodies, stamped)
+        return SampleNames(signal_by_state, signal_by_count, periods, bodies, stamped)
 
     @staticmethod
     def _estimators(body: SceneBody) -> Sequence[str]:
@@ -333,12 +337,12 @@ class _Extraction:
 
     def reads_of(self, expressions: Sequence[ca.SX]) -> list[Field]:
         """Fields that expressions read, in the order in which they were registered."""
-        found = {
+        read_paths = {
             self.symbols[symbol.element_hash()].path
             for symbol in ca.symvar(ca.veccat(*expressions))
             if symbol.element_hash() in self.symbols
         }
-        return [one for path, one in self.pools.items() if path in found]
+        return [one for path, one in self.pools.items() if path in read_paths]
 
     # -- tasks -----------------------------------------------------------------------------------------------
 
@@ -354,8 +358,8 @@ class _Extraction:
     def drafts(self) -> tuple[list[_Draft], list[_Draft], list[_Draft]]:
         """Tasks in the order of one instant, conditions before them, and transitions.
 
-        A detection follows the task that writes what it tests: what one event arms comes before what else
-        is due at that instant.
+        A detection follows the task that writes its inputs: an event armed by another one precedes everything
+            else at that instant.
         """
         tasks, conditions, detections, entries = (list[_Draft]() for _ in range(4))
         names = set(FUNCTIONS)
@@ -420,9 +424,9 @@ class _Extraction:
         return constants.symbols[constants.switches[name]]
 
     def _values(self, event: Event) -> dict[str, ca.SX]:
-        """New values of states and switches; states see the switches as they are afterwards.
+        """New values of states and switches; states read the switches as after the event.
 
-        Those of the plant, as the brake of a joint, are left out.
+        Values of the plant, such as a joint's brake, are left out.
         """
         sets = {name: ca.SX(float(value)) for name, value in event.sets.items()}
         updates = [ca.SX(value) for value in event.updates.values()]
@@ -432,7 +436,7 @@ class _Extraction:
         return {key: one for key, one in values.items() if key in self.own_states | self.own_switches}
 
     def software(self) -> OnboardSoftware:
-        """Fields and tasks that are needed."""
+        """Onboard software with the fields and tasks that are needed."""
         self.fill()
         tasks, conditions, entries = self.drafts()
         if not tasks:
@@ -454,21 +458,21 @@ class _Extraction:
         needed = self._needed([*drafts, *([flow] if flow else [])], closed)
 
         def finished(draft: _Draft) -> Task | None:
-            """Task over the fields that are needed."""
-            written = [
+            """Task over the needed fields; None if it writes none of them."""
+            outputs = [
                 (self.pools[key], value)
                 for key, value in zip(draft.values, closed[draft.path], strict=True)
                 if key in needed
             ]
-            if not written:
+            if not outputs:
                 return None
-            values = [ca.densify(value) for _, value in written]
+            values = [ca.densify(value) for _, value in outputs]
             reads = self.reads_of(values)
             function = ca.Function(
                 draft.name, [self.builder.context.time, *(one.symbol for one in reads)], ca.cse(values)
             )
             period, offset = (round(time / float(tick)) for time in (draft.period, draft.offset))
-            writes = tuple(one for one, _ in written)
+            writes = tuple(one for one, _ in outputs)
             period = 1 if draft.continual else period
             return Task(
                 draft.name,
@@ -490,16 +494,18 @@ class _Extraction:
         functions = all_of(tasks), all_of(conditions), all_of(entries)
         flowing = None if flow is None else finished(flow)
         allocation = finished(allocate)
-        used = {one.path for group in functions for task in group for one in (*task.reads, *task.writes)}
-        used |= {one.path for one in (*result.reads, *result.writes)}
+        used_paths = {
+            one.path for group in functions for task in group for one in (*task.reads, *task.writes)
+        }
+        used_paths |= {one.path for one in (*result.reads, *result.writes)}
         for more in (flowing, allocation):
             if more is not None:
-                used |= {one.path for one in (*more.reads, *more.writes)}
+                used_paths |= {one.path for one in (*more.reads, *more.writes)}
         return OnboardSoftware(
             name=identifier(self.scene.scenario.name, PROGRAMS),
             title=self.scene.scenario.name,
             tick=tick,
-            fields=tuple(one for path, one in self.pools.items() if path in used),
+            fields=tuple(one for path, one in self.pools.items() if path in used_paths),
             flow=flowing,
             conditions=functions[1],
             tasks=functions[0],
@@ -511,8 +517,8 @@ class _Extraction:
         )
 
     def _needed(self, drafts: Sequence[_Draft], closed: Mapping[str, list[ca.SX]]) -> set[str]:
-        """Paths of states and commands that tasks write and that matter to a task's state or a command."""
-        written = {key for draft in drafts for key in draft.values}
+        """Paths of states and commands that tasks write and that affect a task's state or a command."""
+        written_paths = {key for draft in drafts for key in draft.values}
         transitions = {event.name for event in self.transitions}
         periodic = [draft for draft in drafts if draft.path not in transitions]
         needed = {key for draft in periodic for key in draft.values}
@@ -524,13 +530,13 @@ class _Extraction:
                 if key in needed
                 for one in self.reads_of([value])
             }
-            more = (read & written) - needed
+            more = (read & written_paths) - needed
             if not more:
                 return needed
             needed |= more
 
     def _commands(self) -> dict[str, ca.SX]:
-        """Commanded generalized forces of each robot, which are fields of their own."""
+        """Commanded generalized forces of each robot, as separate fields."""
         totals: dict[str, ca.SX] = {}
         for contribution in self.builder.controllers:
             for torque in contribution.torques:
@@ -566,22 +572,22 @@ class _Extraction:
         return ca.densify(value)
 
     def _flow(self, tick: float) -> _Draft | None:
-        """Advance of states over one tick by Runge and Kutta's method of order four.
+        """Task that integrates states over one tick by the Runge-Kutta method of order 4.
 
-        The simulation integrates them by its own method: both are far more exact than rounding where the
-        states are free motions, as those of filters between two samples are.
+        The simulation uses its own method. Both are accurate to rounding for free motions, such as those of
+        filters between two samples.
         """
-        moving = [
+        flowing_states = [
             state
             for name, state in self.states.items()
             if name in self.own_states and not state.remembers and not ca.SX(state.derivative).is_zero()
         ]
-        moving = [state for state in moving if ca.sparsify(state.derivative).nnz()]
-        if not moving and not self._cuts:
+        flowing_states = [state for state in flowing_states if ca.sparsify(state.derivative).nnz()]
+        if not flowing_states and not self._cuts:
             return None
         time = self.builder.context.time
-        symbols = ca.vertcat(ca.SX(0, 1), *(state.symbol for state in moving))
-        rates = ca.vertcat(ca.SX(0, 1), *(state.derivative for state in moving))
+        symbols = ca.vertcat(ca.SX(0, 1), *(state.symbol for state in flowing_states))
+        rates = ca.vertcat(ca.SX(0, 1), *(state.derivative for state in flowing_states))
         cuts = {name: time - event.guard for event in self._cuts for name in event.sets}
         # A pulse that ends within the tick counts by its part of the tick. Rates are linear in switches.
         parts = [
@@ -595,7 +601,7 @@ class _Extraction:
                 raise self.scene.error(
                     f"found {one.path} in its rate, allowed for flight code: states that change at instants, "
                     "or by themselves",
-                    moving[0].name,
+                    flowing_states[0].name,
                 )
         rule = ca.Function("rate", [time, symbols], [rate], {"allow_free": True})
         free = rule.free_sx()
@@ -610,16 +616,16 @@ class _Extraction:
             third = rule(at + h / 2, value + h / 2 * second, *free)
             fourth = rule(at + h, value + h * third, *free)
             value = value + h / 6 * (first + 2 * second + 2 * third + fourth)
-        ends = np.cumsum([0, *(state.symbol.numel() for state in moving)]).tolist()
-        values = dict(zip((state.name for state in moving), ca.vertsplit(value, ends), strict=True))
+        ends = np.cumsum([0, *(state.symbol.numel() for state in flowing_states)]).tolist()
+        values = dict(zip((state.name for state in flowing_states), ca.vertsplit(value, ends), strict=True))
         values |= {name: self._symbol(name) * (end > time + tick + COINCIDENT) for name, end in cuts.items()}
         return _Draft("flow", "flow", "states that change between instants, over one tick", values)
 
     def _drop_what_has_no_influence(self, tasks: Sequence[_Draft], closed: dict[str, list[ca.SX]]) -> None:
-        """Fix true values that do not influence a task at their initial ones.
+        """Fix true values that do not influence a task at their initial values.
 
-        An estimate is an expression of the true value that cancels, and filters read the true state once, at
-        the start. Neither is seen in the expressions: tasks are evaluated with other true values instead.
+        An estimate is an expression in which the true value cancels, and filters read the true state only at
+        the start. The expressions do not show this, so tasks are evaluated with perturbed true values.
         """
         for draft in tasks:
             values = closed[draft.path]
@@ -636,7 +642,7 @@ class _Extraction:
                 )
 
     def _influences(self, function: ca.Function, reads: Sequence[Field], block: Field) -> bool:
-        """Whether a true value changes what a function of fields gives, at random values of all of them."""
+        """Whether a true value changes the results of a function, at random values of all fields."""
         model, generator = self.builder.plant.model, np.random.default_rng(39)
         x0, moving = self.start[0], model.nq + model.nv
         phases = [switch.name() for switch in self.builder.context.phases.values()]
@@ -676,7 +682,7 @@ class _Extraction:
 
 
 def _is_sample(event: Event) -> bool:
-    """Whether a sensor takes or delivers a sample."""
+    """Whether the event takes or delivers a sensor's sample."""
     return event.kind == "measured" and not event.onboard
 
 

@@ -36,29 +36,31 @@ class SampleNames:
     signals: set[str]
     stamped: set[str]
 
-    def __call__(self, made: Field) -> Field:
-        """The field as a sample, if it is one."""
-        name = self.measured.get(made.path, self.counted.get(made.path))
+    def __call__(self, candidate: Field) -> Field:
+        """Field with role, text and unit of a sample, if it is one."""
+        name = self.measured.get(candidate.path, self.counted.get(candidate.path))
         if name is None:
-            return made
+            return candidate
         signal = next((signal for signal in SIGNALS if signal in name.split(".")), name)
         unit, text = SIGNALS.get(signal, ("1", signal))
-        period = self.periods.get(made.path, 0.0)
-        if made.path in self.counted:
+        period = self.periods.get(candidate.path, 0.0)
+        if candidate.path in self.counted:
             text = f"number of samples that were taken of: {signal}"
-            return replace(made, role="count", text=text, period_s=period)
+            return replace(candidate, role="count", text=text, period_s=period)
         frame = "world axes" if "world axes" in text else "joint axes"
         head, _, tail = name.rpartition(".")
         name = head if tail.isdigit() else name
         if f"{signal}{BODY_AXES}" in self.signals:
             frame, text = "axes of the link that carries the sensor", text.replace(", world axes", "")
-        if made.path in self.stamped:
-            what = "vector"
+        if candidate.path in self.stamped:
+            content = "vector"
             if "orientation" in signal:
-                what = "attitude as quaternion (x, y, z, w)" if made.size == 5 else "cosine and sine"
+                content = "attitude as quaternion (x, y, z, w)" if candidate.size == 5 else "cosine and sine"
                 unit = "1"
-            text = f"{text}: {what}, last the time of the sample [s], below zero for none"
-        return replace(made, name=name, role="sample", text=text, unit=unit, frame=frame, period_s=period)
+            text = f"{text}: {content}, last the time of the sample [s], below zero for none"
+        return replace(
+            candidate, name=name, role="sample", text=text, unit=unit, frame=frame, period_s=period
+        )
 
 
 def column_names(model: pin.Model) -> list[str]:

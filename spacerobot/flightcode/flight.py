@@ -1,9 +1,9 @@
-"""Flight of exported controllers against the plant of our closed loop.
+"""Flight of exported controllers against the plant of the closed loop.
 
-The closed loop stays as it is. The clocks of the controllers' own events are put far into the future, so that
-these events never fire; between the instants of the controllers the loop is rolled out, and at each of them
-the exported code is called with what sensors and the plant give then. What it computes replaces the loop's
-states of the same names: commands are held until the next instant.
+The closed loop is unchanged, except that the clocks of the controllers' own events are set far into the
+future so that these never fire. Between the controllers' instants the loop is rolled out; at each instant the
+exported code is called with the present sensor samples and plant values. Its results replace the loop's
+states of the same names, and commands are held until the next instant.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ from spacerobot.scene import Scene
 from spacerobot.updates.plant import ROUNDING, SinglePlant
 
 NEVER = 1e9
-"""Number of samples that a clock which never ticks has taken."""
+"""Sample number of a clock that never ticks."""
 
 COINCIDENT = 1e-9
-"""Instants that are so close are one [s]; a controller's instant comes before the beginning of a phase."""
+"""Time [s] within which instants are one; a controller's instant precedes the start of a phase."""
 
 
 class ControlledPlant(SinglePlant):
-    """A simulation whose periodic controllers are exported code, while Python updates others.
+    """Simulation whose periodic controllers are exported code; other controllers may be Python functions.
 
     Args:
-        loop, rollout, output_step_s: As in :class:`spacerobot.updates.plant.SinglePlant`.
+        loop, rollout, output_step_s: See :class:`spacerobot.updates.plant.SinglePlant`.
         controller: The exported controller.
     """
 
@@ -64,11 +64,11 @@ class ControlledFlight:
 
     Attributes:
         loop: The closed loop.
-        rollout: Rollout of the same loop, resumed.
+        rollout: Resumed rollout of the same loop.
         controller: The exported controller.
         parameters: Parameters of the closed loop (np,).
-        start: Time, state and switches now, as of :func:`spacerobot.rollout.resumable_loop.start_of`.
-        fired: Events of the controller that are not in a record yet, their times those of the whole.
+        start: Present time, state and switches; see :func:`spacerobot.rollout.resumable_loop.start_of`.
+        fired: Events of the controller that are not recorded yet, with absolute times.
     """
 
     loop: ClosedLoop
@@ -97,15 +97,15 @@ class ControlledFlight:
 
     @functools.cached_property
     def _clocks(self) -> npt.NDArray[np.int64]:
-        """Places in x of the numbers of the controllers' instants."""
+        """Indices in x of the sample numbers of the controllers' clocks."""
         software = self.controller.software
-        written = {one.path: one for task in software.tasks for one in task.writes}
-        counts = [one for path, one in written.items() if path.endswith(".count")]
+        written_fields = {one.path: one for task in software.tasks for one in task.writes}
+        counts = [one for path, one in written_fields.items() if path.endswith(".count")]
         return np.array([place for one in counts for place in one.places], dtype=np.int64)
 
     @functools.cached_property
     def _stored(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-        """Places in x of the controller's states, and their places among all of these."""
+        """Indices in x of the controller's states, and their indices in the controller's state vector."""
         names = {name: i for i, name in enumerate(self.loop.state_names)}
         targets, sources = list[int](), list[int]()
         for one, part in _placed(self.controller.software.states):
@@ -135,7 +135,7 @@ class ControlledFlight:
 
     @functools.cached_property
     def _alarms(self) -> list[tuple[Task, int]]:
-        """Detections, each with the place of its switch among the controller's states."""
+        """Detections, each with the index of its switch in the controller's state vector."""
         places = {one.path: part.start for one, part in _placed(self.controller.software.states)}
         software, alarms = self.controller.software, list[tuple[Task, int]]()
         rules = {rule.name: rule for rule in self.loop.events}
@@ -155,7 +155,7 @@ class ControlledFlight:
         return float(start[0]), start[1 : 1 + nx], start[1 + nx :]
 
     def _gathered(self, time: float, x: Array, switches: Array) -> Array:
-        """All inputs of the controller at a time [s] and a state of the plant."""
+        """Vector of all controller inputs at a time [s] and a state of the plant."""
         values = np.zeros(sum(one.size for one, _ in self._inputs))
         order = {place: i for i, place in enumerate(self.loop.switches)}
         constants = self._constants(time, x, switches) if self._draws else np.zeros(0)
@@ -174,14 +174,14 @@ class ControlledFlight:
     # -- flight ----------------------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """Let sensors take their first samples, and the controller its first step."""
+        """Take the first samples of the sensors and the first step of the controller."""
         time, x, switches = self._parts(self.start)
         x = x.copy()
         c = self._constants(time, x, switches)
-        own = {task.path for task in self.controller.software.tasks}
+        task_names = {task.path for task in self.controller.software.tasks}
         xdot = np.zeros(self.loop.nx)
         for number, event in enumerate(self.loop.events):
-            if not event.clock or event.kind != "measured" or event.name in own:
+            if not event.clock or event.kind != "measured" or event.name in task_names:
                 continue
             values = self.loop.guards(time, x, c, xdot)
             if float(values[0][number]) > 0:
@@ -220,24 +220,29 @@ class ControlledFlight:
         return record.trajectory(last, grid)
 
     def _interval(self, end: float, step_s: float, record: _Record) -> Trajectory:
-        """Go on to the next sample; the last piece.
+        """Advance to the next output sample and return the last piece.
 
         The steps are those of an uninterrupted rollout: an instant of a clock ends a step, and the rest of
-        the interval is divided into equal steps again.
+            the interval is again divided into equal steps.
         """
-        begin, done = float(self.start[0]), 0
+        begin, completed_steps = float(self.start[0]), 0
         while True:
-            now = float(self.start[0])
+            present = float(self.start[0])
             count = pieces(end - begin, step_s)
-            step_end = end if done + 1 == count else begin + (done + 1) * (end - begin) / count
-            instant = self._next_instant(now)
+            step_end = (
+                end if completed_steps + 1 == count else begin + (completed_steps + 1) * (end - begin) / count
+            )
+            instant = self._next_instant(present)
             target = instant if instant < step_end - COINCIDENT else step_end
             if record.waiting and self._outputs_count:
                 record.add(
-                    now, self._parts(self.start)[1], self._piece(now + COINCIDENT, shown=True), events=False
+                    present,
+                    self._parts(self.start)[1],
+                    self._piece(present + COINCIDENT, shown=True),
+                    events=False,
                 )
             piece = self._piece(target)
-            record.add(now, self._parts(self.start)[1], piece)
+            record.add(present, self._parts(self.start)[1], piece)
             if piece.status != "completed" or piece.ended_at_s is not None:
                 return piece
             self._conclude(piece, target)
@@ -246,12 +251,12 @@ class ControlledFlight:
                 record.waiting = True
                 return piece
             if abs(target - instant) <= COINCIDENT:
-                begin, done = target, 0
+                begin, completed_steps = target, 0
             else:
-                done += 1
+                completed_steps += 1
 
     def _next_instant(self, now: float) -> float:
-        """Next instant of a clock, of the controller's or of a sensor's [s]."""
+        """Next instant of a clock of the controller or of a sensor [s]."""
         software = self.controller.software
         tick = self.controller.tick
         while not software.is_busy(tick) or software.time(tick) <= now + COINCIDENT:
@@ -264,26 +269,26 @@ class ControlledFlight:
 
     @functools.cached_property
     def _outputs_count(self) -> bool:
-        """Whether an output depends on the number of a controller's instants."""
+        """Whether an output depends on the sample number of a controller's clock."""
         columns = set(self._clocks.tolist())
         outputs = self.loop.outputs
         patterns = (outputs.jac_sparsity(i, 1) for i in range(outputs.n_out()))
         return any(columns & set(pattern.get_col()) for pattern in patterns)
 
     def _piece(self, end: float, *, shown: bool = False) -> Trajectory:
-        """Rollout of the plant from now to a time; the present state stays.
+        """Rollout of the plant from the present to a time; the stored state is unchanged.
 
-        Its first sample is right in all outputs where it is only to be ``shown``.
+        With ``shown``, the outputs of its first sample are exact.
         """
         start = self.start.copy()
         if not shown:
             start[1 + self._clocks] = NEVER
         length = end - float(start[0])
-        whole = dataclasses.replace(self.rollout, grid=TimeGrid(length, 1, 1))
-        return whole.run(np.concatenate([self.parameters, start]), estimate=True)
+        rollout = dataclasses.replace(self.rollout, grid=TimeGrid(length, 1, 1))
+        return rollout.run(np.concatenate([self.parameters, start]), estimate=True)
 
     def _conclude(self, piece: Trajectory, end: float) -> None:
-        """Go to the end of a piece: phases that began in it, and the controller's steps up to its end."""
+        """Advance to a piece's end: phases that started in it, and the controller's steps up to its end."""
         begin, counts = float(self.start[0]), self.start[1 + self._clocks].copy()
         software = self.controller.software
         self.start = np.concatenate([[end], piece.state[-1], piece.outputs[SWITCHES][-1]])
@@ -309,7 +314,7 @@ class ControlledFlight:
             self._step(inputs)
 
     def _step(self, inputs: Array) -> None:
-        """One step of the controller, and what its events do in the plant."""
+        """Step of the controller, with the effects of its events on the plant."""
         software, tick = self.controller.software, self.controller.tick
         states = self.controller.step(inputs)[0]
         due = [task for task in software.tasks if not task.continual and task.is_due(tick)]
@@ -372,7 +377,7 @@ def fly(scene: Scene, rollout: Rollout, grid: TimeGrid, controller: OnboardContr
 
 @dataclass
 class _Record:
-    """Samples of a flight; one is taken where the next piece begins, when the controller has stepped."""
+    """Samples of a flight; each is taken at the start of the next piece, after the controller's step."""
 
     begin: float
     waiting: bool = False
@@ -386,19 +391,19 @@ class _Record:
     step_error: float = 0.0
 
     def add(self, time: float, x: Array, piece: Trajectory, *, events: bool = True) -> None:
-        """Take the first sample of a piece, if one is due, and its events."""
+        """Record the first sample of a piece, if one is due, and its events."""
         if self.waiting:
             self._sample(time, x, {name: values[0] for name, values in piece.outputs.items()})
             self.waiting = False
         if events:
-            self.last = passed = time - self.begin
-            self.events += [dataclasses.replace(one, time_s=one.time_s + passed) for one in piece.events]
+            self.last = elapsed = time - self.begin
+            self.events += [dataclasses.replace(one, time_s=one.time_s + elapsed) for one in piece.events]
             self.steps += piece.steps
             self.step_error = max(self.step_error, piece.step_error)
         self.wall_s += piece.wall_s
 
     def take(self, fired: list[FiredEvent]) -> None:
-        """Take the events of the controller."""
+        """Record the events of the controller."""
         self.events += [dataclasses.replace(one, time_s=one.time_s - self.begin) for one in fired]
         fired.clear()
 
@@ -408,7 +413,7 @@ class _Record:
         self.outputs.append(outputs)
 
     def trajectory(self, last: Trajectory, grid: TimeGrid) -> Trajectory:
-        """All samples, with the status of the last piece."""
+        """Trajectory of all samples, with the status of the last piece."""
         times = np.array(self.times)
         if last.ended_at_s is None and len(times) == grid.intervals + 1:
             times = grid.time
@@ -428,6 +433,6 @@ class _Record:
 
 
 def _placed(fields: Sequence[Field]) -> list[tuple[Field, slice]]:
-    """Fields with their places one after the other."""
+    """Fields with their slices in one vector."""
     ends = np.cumsum([0, *(one.size for one in fields)]).tolist()
     return [(one, slice(a, b)) for one, a, b in zip(fields, ends[:-1], ends[1:], strict=True)]

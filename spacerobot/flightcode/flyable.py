@@ -1,4 +1,4 @@
-"""Scenes that flight code can fly: refusals, and plans from outside."""
+"""Scenes that can be exported as flight code: checks, and plans as inputs."""
 
 from __future__ import annotations
 
@@ -30,7 +30,10 @@ def flyable(scene: Scene) -> Scene:
 
 
 def prepared_scene(scene: Scene) -> Scene:
-    """Scene with places for plans that are made in flight, if there are any; errors as of :func:`flyable`."""
+    """Scene with placeholders for plans that are made in flight, if there are any.
+
+    See :func:`flyable` for errors.
+    """
     updated = UpdatedScene.of(flyable(scene))
     return scene if updated is None else updated.scene
 

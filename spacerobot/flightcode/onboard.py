@@ -1,4 +1,4 @@
-"""On-board software of a scenario: fields, and tasks that read and write them."""
+"""Onboard software of a scenario: fields, and tasks that read and write them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from spacerobot.arrays import Array
 
 Role = Literal["state", "sample", "count", "truth", "mode", "plan", "draw", "command"]
 """Roles of fields: stored states; samples of sensors and their number; true values that ideal sensors or
-models on board read; switches of the plant; plans from outside; numbers of the initial errors; commands."""
+onboard models read; switches of the plant; plans as inputs; numbers of the initial errors; commands."""
 
 INPUTS: tuple[Role, ...] = ("sample", "count", "truth", "mode", "plan", "draw")
 """Roles of fields that the caller sets."""
@@ -57,16 +57,16 @@ class Field:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A function of fields that new values of fields follow from.
+    """Function that computes new values of fields from fields.
 
     Attributes:
         name: C identifier.
         path: Name of the event in the closed loop.
         text: Description.
-        period, offset: Ticks between two calls, and the tick of the first one; period 0 for a single call.
+        period, offset: Ticks between two calls, and first tick; period 0 for a single call.
         function: (time, read fields) -> (written fields).
-        reads, writes: These fields.
-        continual: Whether it is called at every tick, and tests by itself whether it has anything to do.
+        reads, writes: Fields that the function reads and writes.
+        continual: Whether it is called at every tick and decides itself whether to act.
     """
 
     name: str
@@ -80,7 +80,7 @@ class Task:
     continual: bool = False
 
     def is_due(self, tick: int) -> bool:
-        """Whether it is called at a tick."""
+        """Whether the task is called at a tick."""
         if tick < self.offset:
             return False
         return tick == self.offset if not self.period else (tick - self.offset) % self.period == 0
@@ -88,20 +88,20 @@ class Task:
 
 @dataclass(frozen=True)
 class OnboardSoftware:
-    """Software of a scenario, called once in each tick.
+    """Onboard software of a scenario, called once per tick.
 
     Attributes:
         name: C prefix of all names.
         title: Name of the scenario.
         tick: Time between two calls [s].
         fields: All fields: inputs first, then states, then commands.
-        flow: Advances states that change between instants over one tick; None if there are none.
-        conditions: Evaluated in each tick before the tasks.
-        tasks: Tasks in the order of one instant; detections among them, after what they test.
+        flow: Task that integrates states between instants over one tick; None if there are none.
+        conditions: Tasks evaluated in each tick before the others.
+        tasks: Tasks in their order at one instant; detections follow the tasks that write their inputs.
         allocation: Commands of wheels and thrusters, at the end of each tick and after transitions; None if
             there are none.
-        entries: Transitions between phases, which a mode manager calls.
-        output: Commands from states.
+        entries: Phase transitions, which a mode manager calls.
+        output: Task that computes commands from states.
         sampling: Periods and first instants of the sensors [s].
         plant_side: Parts of the scenario's software that stay in the plant, each with the reason.
     """
@@ -140,7 +140,7 @@ class OnboardSoftware:
 
     @functools.cached_property
     def functions(self) -> list[Task]:
-        """Every function once."""
+        """All functions, each listed once."""
         flow, allocation = ([] if one is None else [one] for one in (self.flow, self.allocation))
         return [*flow, *self.conditions, *self.tasks, *allocation, *self.entries, self.output]
 
@@ -164,7 +164,7 @@ class OnboardSoftware:
 
 
 def common_tick(times: Sequence[float]) -> Fraction:
-    """Largest time of which all times are multiples [s].
+    """Largest time [s] of which all times are multiples.
 
     Args:
         times: Periods and offsets [s].

@@ -29,11 +29,11 @@ SEED = 39
 
 
 def write_package(software: OnboardSoftware, folder: Path, precision: Precision, steps: int) -> None:
-    """Write flight code with its test vectors; where there is a C compiler, build and measure it.
+    """Write flight code with its test vectors; with a C compiler, also build and measure it.
 
     Args:
         software: The software.
-        folder: Folder to write, created.
+        folder: Folder to create and write.
         precision: Type of real numbers.
         steps: Number of steps of the test vectors.
 
@@ -51,8 +51,8 @@ def write_package(software: OnboardSoftware, folder: Path, precision: Precision,
         "processor_table.h": processor_table(software),
         "CMakeLists.txt": cmake_file(software),
     }
-    own = resources.files("spacerobot.flightcode") / "c"
-    texts |= {program: (own / program).read_text(encoding="utf-8") for program in PROGRAMS}
+    sources = resources.files("spacerobot.flightcode") / "c"
+    texts |= {program: (sources / program).read_text(encoding="utf-8") for program in PROGRAMS}
     for file, text in texts.items():
         (folder / file).write_text(text, encoding="utf-8")
     write_vectors(record_vectors(software, steps, SEED, precision), folder / "vectors", precision)
@@ -64,7 +64,7 @@ def write_package(software: OnboardSoftware, folder: Path, precision: Precision,
 
 
 def c_compiler() -> str | None:
-    """C compiler, of ``CC``, cc, gcc and clang; None without one, or with ``SPACEROBOT_COMPILER=none``."""
+    """C compiler from ``CC``, cc, gcc or clang; None without one, or with ``SPACEROBOT_COMPILER=none``."""
     if os.environ.get("SPACEROBOT_COMPILER", "").strip().lower() == "none":
         return None
     return next(
@@ -81,7 +81,7 @@ def build_and_measure(software: OnboardSoftware, folder: Path, compiler: str) ->
         compiler: C compiler.
 
     Raises:
-        CompileError: If a source is refused.
+        CompileError: If the compiler rejects a source, or the test fails.
     """
     name = software.name
     build = folder / "build"
@@ -93,7 +93,7 @@ def build_and_measure(software: OnboardSoftware, folder: Path, compiler: str) ->
     _run([compiler, "-shared", *objects, "-o", "libcontroller.so", "-lm"], folder)
     program = str(build / "test_vectors")
     _run([compiler, *FLAGS, "test_vectors.c", objects[1], "-o", program, "-lm"], folder)
-    done = subprocess.run([program, "vectors"], cwd=folder, capture_output=True, text=True, check=False)
+    test_run = subprocess.run([program, "vectors"], cwd=folder, capture_output=True, text=True, check=False)
     stacks = dict[str, int]()
     for report in build.glob("*.su"):
         for line in report.read_text(encoding="utf-8").splitlines():
@@ -101,20 +101,20 @@ def build_and_measure(software: OnboardSoftware, folder: Path, compiler: str) ->
             stacks[place.rpartition(":")[2]] = int(size)
     measured = {}
     names = {task.name: function_name(software, task) for task in software.functions}
-    for line in done.stdout.splitlines():
+    for line in test_run.stdout.splitlines():
         task, values, differing, distance, _, mean, worst = line.split()
         measured[task] = FunctionReport(
             int(differing), int(values), float(distance), float(mean), float(worst), stacks.get(names[task])
         )
     shutil.rmtree(build)
-    if done.returncode:
-        raise CompileError(f"the compiled functions differ from their vectors: {done.stderr.strip()}")
+    if test_run.returncode:
+        raise CompileError(f"the compiled functions differ from their vectors: {test_run.stderr.strip()}")
     return measured
 
 
 def _run(command: list[str], folder: Path) -> None:
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    if done.returncode:
-        lines = done.stderr.strip().splitlines() or ["no message"]
+    compilation = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if compilation.returncode:
+        lines = compilation.stderr.strip().splitlines() or ["no message"]
         first = next((line for line in lines if "error:" in line), lines[0])
         raise CompileError(f"{Path(command[0]).name} refuses the exported code: {first}")

@@ -1,4 +1,4 @@
-"""Header of the processor in the loop: what its main function calls."""
+"""Header for processor-in-the-loop tests: functions and sizes that their main function uses."""
 
 from __future__ import annotations
 

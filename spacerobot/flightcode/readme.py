@@ -1,4 +1,4 @@
-"""README of exported flight code: how to use it, what it relies on, and measurements."""
+"""README of exported flight code: usage, assumptions and measurements."""
 
 from __future__ import annotations
 
@@ -178,7 +178,7 @@ def _assumptions(software: OnboardSoftware) -> list[str]:
 
 
 def _plant_side(software: OnboardSoftware) -> list[str]:
-    """Laws of actuators that are not in the code, and why."""
+    """Laws of actuators that are not in the code, with reasons."""
     lines = ["- Limits of motors and valves, failures and their consequences, brakes: they are hardware."]
     return [*lines, *(f"- {one}: {reason}." for one, reason in software.plant_side.items())]
 

@@ -1,4 +1,4 @@
-"""Test vectors of flight code: seeded steps of its functions, recorded by CasADi's own evaluation."""
+"""Test vectors of flight code: seeded steps of its functions, evaluated by CasADi."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from spacerobot.flightcode.onboard import Field, OnboardSoftware, Task
 
 MAGIC = b"SRV2"
 RESTART = 50
-"""Steps after which the states begin again at those of the start."""
+"""Number of steps after which the states restart at their initial values."""
 
 
 @dataclass(frozen=True)
@@ -49,10 +49,10 @@ class TestVectors:
 def record_vectors(
     software: OnboardSoftware, steps: int, seed: int, precision: Precision
 ) -> list[TestVectors]:
-    """Run every function for so many steps, from random inputs near those of the start.
+    """Test vectors of every function from random inputs near the initial ones.
 
-    The states of a step are those that the step before left, so that delays fill and estimates converge;
-    every 50 steps, or where a value is not finite, they begin again.
+    A step starts with the states that the last step produced, so that delays fill and estimates converge. The
+    states restart every 50 steps and when a value is not finite.
 
     Args:
         software: The software.
@@ -91,7 +91,7 @@ def record_vectors(
 
 
 def write_vectors(vectors: Sequence[TestVectors], folder: Path, precision: Precision) -> None:
-    """Write a binary and a text file for each function; the text has the digits that give the number back."""
+    """Write a binary and a text file for each function; the text has enough digits to restore each number."""
     folder.mkdir(parents=True, exist_ok=True)
     number: npt.DTypeLike = "<f8" if precision == "double" else "<f4"
     digits = "%.17g" if precision == "double" else "%.9g"
@@ -177,7 +177,7 @@ def _evaluator(function: ca.Function) -> Callable[[Array], Array]:
 def _random_inputs(
     fields: Sequence[Field], time: float, step: int, generator: np.random.Generator
 ) -> Iterator[tuple[str, Array]]:
-    """Inputs near those of the start; quaternions and directions have length one."""
+    """Random inputs near the initial ones; quaternions and directions are normalised."""
     for one in fields:
         value = np.array(one.initial, dtype=float)
         if one.role == "mode":

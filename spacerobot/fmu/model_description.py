@@ -111,7 +111,7 @@ def _add_units(root: ET.Element, ports: PlantPorts) -> None:
 
 
 def _add_variables(root: ET.Element, ports: PlantPorts, fmi: Fmi) -> None:
-    """Add the variables, whose value references count from zero, and the structure."""
+    """Add all variables, with value references from zero, and the model structure."""
     variables = ET.SubElement(root, "ModelVariables")
     structure = ET.SubElement(root, "ModelStructure")
     causes = {"causality": "independent", "variability": "continuous"}
@@ -149,14 +149,14 @@ def _add(
     kind: Literal["Real", "Integer"],
     start: str | None = None,
 ) -> None:
-    """Add one variable."""
-    named = {"name": variable.name, "valueReference": str(len(variables)), "description": variable.text}
+    """Add a variable."""
+    attributes = {"name": variable.name, "valueReference": str(len(variables)), "description": variable.text}
     values = {"unit": variable.unit} if variable.unit and kind == "Real" else {}
     limits = {"min": variable.lower, "max": variable.upper}
     values |= {key: repr(float(limit)) for key, limit in limits.items() if math.isfinite(limit)}
     values |= {} if start is None else {"start": start}
     if fmi == 2:
-        ET.SubElement(ET.SubElement(variables, "ScalarVariable", named | dict(causes)), kind, values)
+        ET.SubElement(ET.SubElement(variables, "ScalarVariable", attributes | dict(causes)), kind, values)
     else:
         tag = {"Real": "Float64", "Integer": "Int32"}[kind]
-        ET.SubElement(variables, tag, named | dict(causes) | values)
+        ET.SubElement(variables, tag, attributes | dict(causes) | values)

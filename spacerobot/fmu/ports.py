@@ -1,4 +1,4 @@
-"""Variables of a functional mock-up unit: parameters, inputs, outputs and whole numbers of a closed loop."""
+"""Variables of a functional mock-up unit: parameters, inputs, outputs and integers of a closed loop."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ from spacerobot.scene.actuation import torque_limit, wrench_limits
 
 AXES = ("x", "y", "z")
 WHOLE = ("phase", "grasp_state")
-"""Outputs whose values are whole numbers."""
+"""Outputs with integer values."""
 
 
 @dataclass(frozen=True)
 class PlantVariable:
-    """A variable of the unit.
+    """Variable of the unit.
 
     Attributes:
-        name: Its name by the convention ``structured``.
-        unit: Its unit; empty where it has no one unit.
-        text: What it is.
-        place: Of a parameter its place in p, of an input that in p, of an output that in y, of a switch that
-            among the switches, of a count that among the events.
-        start: Value at the beginning of a parameter or an input.
-        constant: Place in c of an input.
-        tunable: Whether a parameter may change after the initialization: the initial state does not depend on
-            it.
-        lower, upper: Limits of a parameter or an input; infinite without.
+        name: Name by FMI's convention ``structured``.
+        unit: Unit; empty for mixed units.
+        text: Description.
+        place: Index of the variable: of a parameter or input in p, of an output in y, of a switch among the
+            switches, of a count among the events.
+        start: Initial value of a parameter or an input.
+        constant: Index in c of an input.
+        tunable: Whether a parameter may change after initialization, which requires that the initial state
+            does not depend on it.
+        lower, upper: Limits of a parameter or an input; infinite if unlimited.
     """
 
     name: str
@@ -58,9 +58,9 @@ class PlantPorts:
 
     Attributes:
         parameters, inputs, outputs: Real variables.
-        switches, counts, whole: Whole numbers: switches, 0 or 1; how often each event fired; outputs that are
-            whole.
-        signals: (t, x, c) -> (y), which ``outputs`` and ``whole`` have places in.
+        switches, counts, whole: Integers: switches, 0 or 1; number of times each event fired; outputs with
+            integer values.
+        signals: (t, x, c) -> (y), in which ``outputs`` and ``whole`` have their indices.
     """
 
     parameters: tuple[PlantVariable, ...]
@@ -73,7 +73,7 @@ class PlantPorts:
 
     @property
     def integers(self) -> tuple[PlantVariable, ...]:
-        """All whole numbers."""
+        """All integer variables."""
         return (*self.switches, *self.counts, *self.whole)
 
 
@@ -85,7 +85,7 @@ def find_ports(scene: Scene, loop: ClosedLoop, commands: Sequence[CommandInput] 
         commands: Parameters of the loop that are inputs.
 
     Raises:
-        SpaceRobotError: If two variables have one name, or a name has a character that FMI does not allow.
+        SpaceRobotError: If two variables have the same name, or a name has a character that FMI forbids.
     """
     outputs, whole, signals = _signals(scene, loop)
     switches = [
@@ -136,7 +136,7 @@ def _with_units(scene: Scene, variables: Sequence[PlantVariable]) -> Iterator[Pl
 
 
 def _parameters(scene: Scene, loop: ClosedLoop, inputs: Sequence[str]) -> Iterator[PlantVariable]:
-    """Parameters on which the initial state, or the constants that the loop uses, depend."""
+    """Parameters that affect the initial state or the used constants of the loop."""
     document = to_document(scene.scenario)
     begun, prepared = (_dependence(loop.setup, result, 0) for result in (0, 1))
     used = set(loop.jumps)
@@ -149,11 +149,11 @@ def _parameters(scene: Scene, loop: ClosedLoop, inputs: Sequence[str]) -> Iterat
         if table.noise < 0:
             used |= set(range(table.first, table.first + table.count * table.width))
     gaps = _dependence(loop.gaps, 0, 0) if loop.max_gaps else {}
-    drawn = {key for table in loop.noise for key in table.keys}
+    random_paths = {key for table in loop.noise for key in table.keys}
     for place, path in enumerate(loop.parameter_paths):
         constants = prepared.get(place, set())
         is_initial = place in begun or place in gaps or bool(constants & set(loop.jumps))
-        if path in drawn or path in inputs or not (is_initial or constants & used):
+        if path in random_paths or path in inputs or not (is_initial or constants & used):
             continue
         keys = keys_at(document, path)
         if all(isinstance(key, int) for key in keys[-2:]):
@@ -178,12 +178,12 @@ def _parameters(scene: Scene, loop: ClosedLoop, inputs: Sequence[str]) -> Iterat
 
 
 def _dependence(function: ca.Function, result: int, argument: int) -> dict[int, set[int]]:
-    """Entries of a result that depend on each entry of an argument, if there are any."""
+    """Entries of a result that depend on each entry of an argument; independent entries are missing."""
     rows, columns = function.jac_sparsity(result, argument).get_triplet()
-    found: dict[int, set[int]] = {}
+    dependent_rows: dict[int, set[int]] = {}
     for row, column in zip(rows, columns, strict=True):
-        found.setdefault(column, set()).add(row)
-    return found
+        dependent_rows.setdefault(column, set()).add(row)
+    return dependent_rows
 
 
 def _input(scene: Scene, loop: ClosedLoop, command: CommandInput) -> PlantVariable:
@@ -215,7 +215,7 @@ def _limit(scene: Scene, command: CommandInput) -> float:
 
 
 def _signals(scene: Scene, loop: ClosedLoop) -> tuple[list[PlantVariable], list[PlantVariable], ca.Function]:
-    """Outputs, those of whole numbers, and the function of all: outputs of the loop, bodies and joints."""
+    """Real outputs, integer outputs, and the function of both: outputs of the loop, bodies and joints."""
     arguments = [
         ca.SX.sym(loop.outputs.name_in(i), loop.outputs.numel_in(i)) for i in range(loop.outputs.n_in())
     ]
@@ -254,7 +254,7 @@ def _unit_of_joint(scene: Scene, unit: str, label: str) -> str:
 
 
 def _labels(scene: Scene, variable: OutputVariable, size: int) -> list[list[str | int]]:
-    """Words and indices of each entry's name behind that of its variable."""
+    """Words and indices of each entry's name after the name of its variable."""
     labels = [_words(label, variable.dims[:1] == ("driven_joint",)) for label in variable.labels]
     if variable.dims[:1] == ("joint",):
         joints = sorted(joint for body in scene.bodies for joint in body.arm_joints)

@@ -22,12 +22,12 @@ from spacerobot.rollout.time_grid import TimeGrid
 def plant_sources(
     loop: ClosedLoop, kernel: Kernel, grid: TimeGrid, ports: PlantPorts, fmi: int
 ) -> tuple[str, Mapping[str, SourceUnit]]:
-    """Identity of the unit, and its sources by file name, each of which is compiled on its own.
+    """Identity of the unit, and its sources by file name, each compiled separately.
 
     Args:
         loop, kernel: The closed loop and the functions of its rollouts.
         grid: Steps of the rollout.
-        ports: Variables; their signals take the place of the loop's outputs.
+        ports: Variables; their signals replace the loop's outputs.
         fmi: Version of the standard, 2 or 3.
     """
     functions = dict(kernel.functions)
@@ -60,8 +60,8 @@ def plant_sources(
     )
     cold = cold_functions(kernel) | {"gaps"}
     units = source_units(functions, cold=cold, tail=tail)
-    named = {f"functions_{k}.cpp": unit for k, unit in enumerate(units[:-1])}
-    return token, named | {"plant.cpp": units[-1]}
+    named_units = {f"functions_{k}.cpp": unit for k, unit in enumerate(units[:-1])}
+    return token, named_units | {"plant.cpp": units[-1]}
 
 
 def _tables(loop: ClosedLoop, kernel: Kernel, grid: TimeGrid, ports: PlantPorts) -> str:

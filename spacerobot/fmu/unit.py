@@ -1,4 +1,4 @@
-"""A scene's plant as the bytes of a functional mock-up unit."""
+"""Functional mock-up unit of a scene's plant, as bytes."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ PLATFORMS: Mapping[tuple[str, str], Mapping[int, str]] = {
     ("linux", "x86_64"): {2: "linux64", 3: "x86_64-linux"},
     ("linux", "aarch64"): {2: "linux-aarch64", 3: "aarch64-linux"},
 }
-"""Folder of a binary by operating system, processor and version of FMI."""
+"""Folder of binaries by operating system, processor and version of FMI."""
 
 NO_DATE = (1980, 1, 1, 0, 0, 0)
-"""Date of all files in the archive, so that the same scene gives the same bytes."""
+"""Date of all files in the archive, fixed so that the same scene gives the same bytes."""
 
 
 def build_fmu(
@@ -49,15 +49,14 @@ def build_fmu(
     Args:
         scene: The scene.
         fmi: Version of the standard: 2 or 3.
-        is_open: Whether commands of the actuators take the place of all controllers. Robots without
-            controllers take commands in any case.
-        vary: Numbers that are parameters although they are exactly zero, by dotted path.
+        is_open: Whether actuator commands replace all controllers. Robots without controllers always take
+            commands.
+        vary: Numbers to keep as parameters although they are exactly zero, by dotted path.
 
     Raises:
         ScenarioError: If Python updates a controller, as model predictive control does, or a name cannot be
             that of an FMU's variable.
-        CompileError: If there is no compiler, or it fails, or the machine is none for which FMI names
-            binaries.
+        CompileError: If there is no compiler, compilation fails, or FMI names no binaries for this machine.
     """
     folders = PLATFORMS.get((sys.platform, platform.machine().lower()))
     if folders is None:
@@ -102,7 +101,7 @@ def build_fmu(
 
 
 def _is_controlled(scene: Scene, robot: str) -> bool:
-    """Whether a robot, or a tip of it, has a controller."""
+    """Whether a robot, or one of its tips, has a controller."""
     body = scene.body(robot)
     tips = [key for tip in scene.tips if tip.body.name == robot for key, _ in tip.config.elements()]
     return bool(tips) or (isinstance(body.config, Robot) and any(body.config.elements()))
@@ -136,7 +135,7 @@ def _compile(units: Sequence[SourceUnit], toolchain: Toolchain) -> bytes:
 
 
 def _archive(files: Mapping[str, bytes]) -> bytes:
-    """Zip file whose bytes depend on its contents alone."""
+    """Zip file whose bytes depend only on its contents."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
         for name in sorted(files, key=lambda name: (name != "modelDescription.xml", name)):

@@ -33,10 +33,10 @@ class UnitDefinition:
 
 
 def unit_definition(name: str) -> UnitDefinition | None:
-    """Definition of a unit such as ``N m s/rad`` or ``deg/s``; None for what is no product of powers.
+    """Definition of a unit such as ``N m s/rad`` or ``deg/s``; None if it is not a product of powers.
 
     Args:
-        name: Factors with blanks between them; what follows a slash divides.
+        name: Factors separated by blanks; factors after a slash divide.
     """
     exponents, factor = dict.fromkeys(BASE, 0), 1.0
     for k, part in enumerate(name.split("/")):

@@ -33,7 +33,7 @@ def make_environment(scenario: Scene | StrPath, **options: Unpack[EnvironmentOpt
 
     Raises:
         SpaceRobotError: If the extra ``learning`` is not installed.
-        ScenarioError: If the scene has no such outputs, actions or events.
+        ScenarioError: If an output, action or event does not exist in the scene.
     """
     optional_module("gymnasium", "learning", "spacerobot.learning")
     from spacerobot.learning.environment import SceneEnvironment
@@ -49,22 +49,22 @@ def make_vector_environment(
     interface: Literal["gymnasium", "stable_baselines3"] = "gymnasium",
     **options: Unpack[EnvironmentOptions],
 ) -> Any:
-    """Make an environment of many simulations of a scene, which are rolled out together in SIMD lanes.
+    """Make an environment of many simulations of a scene, rolled out in SIMD lanes.
 
     Args:
-        scenario: As for :func:`make_environment`.
+        scenario: Scene, scenario or environment; see :func:`make_environment`.
         num_envs: Number of simulations; best a multiple of lanes times threads.
         threads: Number of threads; one for each usable core if None. Episodes do not depend on it.
         interface: ``gymnasium``, or ``stable_baselines3`` (extra ``sb3``).
-        **options: As for :func:`make_environment`.
+        * **options: See :func:`make_environment`.
 
     Returns:
         A ``gymnasium.vector.VectorEnv`` that resets an episode in the step in which it ends
             (``AutoresetMode.SAME_STEP``), or a ``VecEnv`` of stable-baselines3.
 
     Raises:
-        SpaceRobotError: If an extra is not installed, or there is no such interface.
-        ScenarioError: If the scene has no such outputs, actions or events.
+        SpaceRobotError: If an extra is not installed, or the interface is unknown.
+        ScenarioError: If an output, action or event does not exist in the scene.
     """
     if interface not in INTERFACES:
         raise SpaceRobotError(f"interface: found {interface!r}, allowed: {', '.join(INTERFACES)}")

@@ -19,18 +19,18 @@ KEY = "policy"
 TIP_FEEDBACK = ("pid", "amnesia", "orientation_pid", "orientation_amnesia")
 """Keys of a tip's controllers."""
 Limits = float | Sequence[float]
-"""Greatest magnitude of an action, or its lowest and highest value."""
+"""Maximum magnitude of an action, or its lower and upper limit."""
 
 
 @dataclass(frozen=True)
 class Action:
-    """One component of the actions.
+    """Component of the actions.
 
     Attributes:
         name: ``robot/joint``, ``robot/base.force``, ``robot/base.torque``, or the dotted path of a number.
-        robot: Robot that holds the force; empty for a number of the scenario.
-        place: Place among the robot's held forces.
-        limits: Values of the actions -1 and 1; None where the scenario gives none.
+        robot: Robot whose controller holds the force; empty for a number of the scenario.
+        place: Index among the robot's held forces.
+        limits: Physical values for the actions -1 and 1; None if the scenario gives none.
     """
 
     name: str
@@ -64,7 +64,7 @@ def with_policy(scene: Scene, period: float, *, feedback: bool) -> Scene:
 
 
 def _without_feedback(robots: Mapping[str, Any]) -> dict[str, Any]:
-    """Differences of a phase without those of controllers."""
+    """Changes of a phase without those of controllers."""
     cleaned = {}
     for name, robot in robots.items():
         cleaned[name] = {key: value for key, value in robot.items() if key != "controllers"}
@@ -99,21 +99,21 @@ def available_forces(scene: Scene) -> list[Action]:
 
 
 def _around_zero(limit: float | None) -> tuple[float, float] | None:
-    """Limits of a force or torque; None where there is none."""
+    """Symmetric limits of a force or torque; None if unlimited."""
     return (-float(limit), float(limit)) if limit is not None and 0 < limit < 1e300 else None
 
 
 def numbers_of(scene: Scene, pattern: str) -> list[Action]:
-    """Return the numbers of the scenario that a pattern of dotted paths names.
+    """Numbers of the scenario that match a pattern of dotted paths.
 
-    Their limits are those of the variable of the section ``tuning`` that sets them, if there is one.
+    Their limits are those of the ``tuning`` variable that sets them, if there is one.
 
     Args:
-        scene: The scene with the controllers that act.
+        scene: Scene with the active controllers.
         pattern: Dotted path, ``*`` for every name.
 
     Raises:
-        ScenarioError: If the pattern leads nowhere, or to what is no number.
+        ScenarioError: If the pattern matches nothing, or a value that is not a number.
     """
     document, bounds = to_document(scene.scenario), dict[str, tuple[float, float]]()
     variables = {} if scene.scenario.tuning is None else scene.scenario.tuning.variables
@@ -139,15 +139,15 @@ def is_number_of_scenario(pattern: str) -> bool:
 
 
 def select_actions(scene: Scene, chosen: Sequence[str] | Mapping[str, Limits] | None) -> list[Action]:
-    """Return the components that actions have.
+    """Components of the actions.
 
     Args:
         scene: The scene with its policies.
-        chosen: Names, or patterns such as ``servicer/left_*`` and ``robots.*.tips.*.pid.kp``, as a mapping
-            with their limits; all joints if None.
+        chosen: Names or patterns such as ``servicer/left_*`` and ``robots.*.tips.*.pid.kp``, or a mapping
+            from these to limits; all joints if None.
 
     Raises:
-        ScenarioError: If a name fits nothing, or a limit is missing.
+        ScenarioError: If a name matches nothing, or a limit is missing.
     """
     forces = available_forces(scene)
     if chosen is None:
@@ -170,7 +170,7 @@ def select_actions(scene: Scene, chosen: Sequence[str] | Mapping[str, Limits] | 
 def _fitting(
     scene: Scene, forces: Sequence[Action], chosen: Sequence[str] | Mapping[str, Limits]
 ) -> Iterator[Action]:
-    """Actions that names or patterns stand for, each once, with their limits."""
+    """Actions that match names or patterns, each listed once, with their limits."""
     names, limits = set[tuple[str, int]](), dict(chosen) if isinstance(chosen, Mapping) else {}
     for pattern in chosen:
         if is_number_of_scenario(pattern):

@@ -1,4 +1,4 @@
-"""A scene as an environment of Gymnasium: each step holds the actions for one period and reads outputs."""
+"""Scene as an environment of Gymnasium: each step holds the actions for one period and reads outputs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from spacerobot.scene import Scene, build_scene
 from spacerobot.updates.plant import ROUNDING, SHORT
 
 FIRST = np.array([0])
-"""Place of the only episode."""
+"""Index of the only episode."""
 
 
 def spaces_of(task: SceneTask) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
@@ -57,7 +57,7 @@ class SceneEnvironment(gymnasium.Env):
         self._pieces = list[tuple[float, Trajectory]]()
 
     def _roll(self, rows: Array, duration_s: float) -> Segment:
-        """Roll out one row, and record what takes time."""
+        """Roll out one row, and record the wall time."""
         rollout = self.task.rollout
         grid = time_grid(duration_s, rollout.grid.step_s * (1 + ROUNDING), self.task.sample_s)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -106,14 +106,16 @@ class SceneEnvironment(gymnasium.Env):
         return step.observations[0], float(step.rewards[0]), terminated, truncated, info
 
     def result(self) -> Result:
-        """Return the episode so far as a result, to save, plot or animate.
+        """Episode so far as a result, to save, plot or animate.
 
         Raises:
-            ScenarioError: If it has not begun.
+            ScenarioError: If the episode has not started.
         """
         if not self._pieces:
             raise self.scene.error("the episode has not begun: call reset() and step()", "")
-        drawn = self._episodes.drawn[0]
-        scene = build_scene(self.scene.scenario, self.task.drawn_numbers(drawn), source=self.scene.source)
-        loop = dataclasses.replace(self.task.loop, parameter_values=drawn)
+        parameter_values = self._episodes.drawn[0]
+        scene = build_scene(
+            self.scene.scenario, self.task.drawn_numbers(parameter_values), source=self.scene.source
+        )
+        loop = dataclasses.replace(self.task.loop, parameter_values=parameter_values)
         return build_result(scene, loop, joined(self._pieces))

@@ -1,4 +1,4 @@
-"""Running episodes of a task: each step holds actions for one period and evaluates what follows."""
+"""Episodes of a task: each step holds actions for one period and evaluates observations and rewards."""
 
 from __future__ import annotations
 
@@ -99,13 +99,13 @@ class Episodes:
     Args:
         task: The task.
         count: Number of episodes N.
-        roll: Rolls out some of them for one step.
+        roll: Function that rolls out some episodes for one step.
     """
 
     def __init__(self, task: SceneTask, count: int, roll: Roll) -> None:
         self.task, self._roll, self._np = task, roll, len(task.loop.parameter_paths)
         width = self._np + len(task.loop.state_names) + 1 + len(task.loop.switches)
-        # parameters, time, state and switches from which the next step begins
+        # # parameters, time, state and switches at the start of the next step
         self.rows = np.zeros((count, width))
         self.drawn = np.zeros((count, self._np))
         self.running = np.zeros(count, bool)
@@ -127,7 +127,7 @@ class Episodes:
         task = self.task
         self.drawn[rows] = [task.draw(generator) for generator in generators]
         self.rows[rows] = task.begin(self.drawn[rows])
-        # outputs, and quantities whose initial value is not zero, after no time
+        # # outputs and quantities with a nonzero initial value, after zero time
         segment = self._roll(self.rows[rows], SHORT)
         for name, measure in task.quantity_measures.items():
             values = segment.measures[name]
@@ -164,7 +164,7 @@ class Episodes:
         return _merged(parts)
 
     def _evaluate(self, rows: Rows, begins: Array, actions: Array, segment: Segment) -> Step:
-        """Rewards and ends of a step of episodes, whose states are carried on."""
+        """Rewards and terminations of a step; the states are carried over."""
         task = self.task
         lost = np.array([bool(cause) for cause in segment.causes])
         words = [task.words(fired) for fired in segment.fired]
@@ -185,7 +185,7 @@ class Episodes:
                 totals[good] = values
         after = {name: values[rows] for name, values in self._totals.items()}
         rewards = self._rewards(rows, lost, (outputs, before, after), actions, words)
-        now = begins[:, self._np]
+        times_before = begins[:, self._np]
         self._steps[rows] += 1
         self.rows[rows, : self._np] = begins[:, : self._np]
         self.rows[rows, self._np] = self._steps[rows] * task.period
@@ -194,7 +194,7 @@ class Episodes:
         truncated = ~terminated & (self._steps[rows] >= task.steps)
         self.running[rows] = ~(terminated | truncated)
         names = [[task.loop.events[place].name for place in fired] for fired in segment.fired]
-        times = now + segment.reached_s
+        times = times_before + segment.reached_s
         observations = task.observe(outputs)
         return Step(observations, rewards, terminated, truncated, times, names, segment.causes)
 
@@ -208,8 +208,9 @@ class Episodes:
     ) -> Array:
         """Rewards (n,) of a step.
 
-        A rollout that is lost must not pay: it costs the worst reward of a step so far (at most zero), for
-        this step and each one that was left. Without it, a policy that pays for time learns to diverge.
+        A diverged rollout must not be rewarded: it costs the worst step reward so far (at most zero), for
+            this step and each remaining one. Otherwise a policy with a positive reward per step learns to
+            diverge.
         """
         task, (outputs, before, after) = self.task, measured
         if task.function is not None:

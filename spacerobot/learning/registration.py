@@ -1,4 +1,4 @@
-"""Names of environments in Gymnasium's registry."""
+"""Registration of environments in Gymnasium."""
 
 from __future__ import annotations
 
@@ -69,11 +69,11 @@ CAPTURE: dict[str, Any] = {
 """Capture of the tumbling satellite by the servicer's left arm, whose compliant tip follows a target."""
 
 ENVIRONMENTS: dict[str, dict[str, Any]] = {"spacerobot/Scene-v0": {}, "spacerobot/Capture-v0": CAPTURE}
-"""Arguments of :func:`spacerobot.learning.make_environment` by name; ``Scene-v0`` takes any scenario."""
+"""Arguments of :func:`spacerobot.learning.make_environment` by name; ``Scene-v0`` accepts any scenario."""
 
 
 def register_environments() -> None:
-    """Register the environments that ship; without Gymnasium there is nothing to register them with."""
+    """Register the shipped environments, if Gymnasium is installed."""
     try:
         from gymnasium.envs.registration import register, registry
     except ImportError:
