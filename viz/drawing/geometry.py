@@ -1,4 +1,4 @@
-"""Surfaces of the shapes that a URDF names."""
+"""Surfaces of URDF shapes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _BOX_FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 
 def faces(geometry: Geometry) -> list[Array]:
     """Flat faces of a box or a cylinder, corners counter-clockwise seen from outside.
 
-    Of a cylinder these are its two ends; other shapes have none.
+    A cylinder has two, its ends; other shapes have none.
 
     Returns:
         list of arrays (k, 3): Corners in the shape's frame, m.
@@ -48,9 +48,11 @@ def surface(geometry: Geometry) -> TriangleMesh:
     rings = [np.outer(outline[:, 0], np.cos(angle)), np.outer(outline[:, 0], np.sin(angle))]
     vertices = np.stack([*rings, np.repeat(outline[:, 1:], _SIDES, axis=1)], axis=-1).reshape(-1, 3)
     below = (_SIDES * np.arange(len(outline) - 1)[:, None] + np.arange(_SIDES)).ravel()
-    beside = below - below % _SIDES + (below + 1) % _SIDES
-    above, across = below + _SIDES, beside + _SIDES
-    triangles = np.concatenate([np.stack([below, beside, across], 1), np.stack([below, across, above], 1)])
+    next_below = below - below % _SIDES + (below + 1) % _SIDES
+    above, across = below + _SIDES, next_below + _SIDES
+    triangles = np.concatenate(
+        [np.stack([below, next_below, across], 1), np.stack([below, across, above], 1)]
+    )
     return TriangleMesh(vertices, triangles)
 
 
@@ -60,12 +62,12 @@ def is_round(geometry: Geometry) -> bool:
 
 
 def silhouette(geometry: Geometry, placement: Array, across: Array, up: Array) -> Array:
-    """Outline (k, 2) of a round shape in the picture that ``across`` and ``up`` (3,) span, m.
+    """Outline (k, 2) [m] of a round shape in the picture plane spanned by ``across`` and ``up`` (3,).
 
-    ``placement`` is from the shape to the world, homogeneous (4, 4).
+    ``placement`` is the homogeneous transform (4, 4) from shape to world.
     """
-    turned = np.linspace(0, 2 * np.pi, _SIDES, endpoint=False)
-    circle = np.column_stack([np.cos(turned), np.sin(turned)]) * geometry.size[0]
+    angles = np.linspace(0, 2 * np.pi, _SIDES, endpoint=False)
+    circle = np.column_stack([np.cos(angles), np.sin(angles)]) * geometry.size[0]
     centre = np.array([placement[:3, 3] @ across, placement[:3, 3] @ up])
     if geometry.kind == "sphere":
         return np.asarray(centre + circle)

@@ -1,4 +1,4 @@
-"""Mesh files as surfaces of no more triangles than a picture can show."""
+"""Mesh files as surfaces with a limited number of triangles."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Indices = NDArray[np.int64]
 Colours = NDArray[np.uint8]
 
 MOST_TRIANGLES = 60_000
-"""Maximum number of triangles of all different meshes of a scene together."""
+"""Maximum total number of triangles of all different meshes of a scene."""
 
 _FINEST = 1 / 300  # of the longest mesh: the first edge of cells that is tried
 _FEWEST_CELLS = 10  # across any mesh, however small it is beside others
@@ -28,12 +28,12 @@ _PULL = 1e-3  # towards the mean of a cell's vertices, in directions in which it
 
 
 class TriangleMesh(NamedTuple):
-    """A surface.
+    """Triangle mesh with optional colours.
 
     Attributes:
-        vertices: (n, 3), m.
-        triangles: (m, 3), counter-clockwise seen from outside.
-        colours: Red, green, blue (m, 3) of the triangles, 0 to 255; None where the file gives none.
+        vertices: Vertices (n, 3) [m].
+        triangles: Vertex indices (m, 3), counter-clockwise seen from outside.
+        colours: Red, green, blue (m, 3) of the triangles, 0 to 255; None if the file has no colours.
     """
 
     vertices: Array
@@ -59,7 +59,7 @@ def mesh_file(geometry: Geometry) -> MeshFile:
 
 @lru_cache(maxsize=256)
 def load_mesh(file: MeshFile) -> TriangleMesh:
-    """All of a mesh file, by the library that Pinocchio uses, or of a convex hull."""
+    """Complete surface of a mesh file, read by Pinocchio's geometry library, or of a convex hull."""
     if file.path is None:
         # Convex hull of points (n, 3), whose triangles Qhull gives in either sense.
         points = np.array(file.corners) * file.scale
@@ -84,11 +84,11 @@ _TURNS = (np.eye(3), np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0
 
 
 def _coloured(file: MeshFile, plain: TriangleMesh) -> TriangleMesh | None:
-    """A mesh with the colours of its file's materials and textures; None where it has none.
+    """Mesh with the colours of its file's materials and textures; None if it has none.
 
-    The geometry library that Pinocchio uses reads no materials, and of a file with several parts in one node
-    (a part for each material) it gives wrong triangles. So the file is read by trimesh, and brought to the
-    size and the upward axis of the other reading, ``plain``: readers differ in how they treat both.
+    Pinocchio's geometry library reads no materials, and returns wrong triangles for a node with several parts
+    (one for each material). So trimesh reads the file, and the result is scaled and oriented to match
+    ``plain``, since readers treat units and the upward axis differently.
     """
     if file.path is None or file.path.suffix.lower() not in _COLOURED or not len(plain.vertices):
         return None
@@ -149,14 +149,14 @@ def _shown_meshes(files: tuple[MeshFile, ...]) -> dict[MeshFile, TriangleMesh]:
 
 
 def simplified(surface: TriangleMesh, cell: float) -> TriangleMesh:
-    """A surface whose vertices in each cell of a grid have become one.
+    """Surface with the vertices in each cell of a grid merged into one.
 
-    It lies where the planes of the cell's faces meet as nearly as can be (least squares), so that edges and
-    corners stay, and within the cell: nothing moves by more than the cell's diagonal.
+    The merged vertex minimises the squared distances from the planes of the cell's faces, so that edges and
+    corners stay sharp. It stays inside the cell, so nothing moves by more than the cell's diagonal.
 
     Args:
-        surface: What to simplify.
-        cell: Edge of the grid's cells, m.
+        surface: Surface to simplify.
+        cell: Edge length of the grid's cells [m].
     """
     vertices, triangles, colours = surface
     place = np.floor((vertices - vertices.min(axis=0)) / cell).astype(np.int64)
@@ -167,8 +167,8 @@ def simplified(surface: TriangleMesh, cell: float) -> TriangleMesh:
     is_triangle = (merged != np.roll(merged, 1, axis=1)).all(axis=1)
     _, first = np.unique(_numbered(np.sort(merged[is_triangle], axis=1)), return_index=True)
     best = mean + np.clip(_meeting_points(surface, owner, mean), -cell / 2, cell / 2)
-    left = np.flatnonzero(is_triangle)[np.sort(first)]
-    return _compact(best, merged[left], None if colours is None else colours[left])
+    remaining = np.flatnonzero(is_triangle)[np.sort(first)]
+    return _compact(best, merged[remaining], None if colours is None else colours[remaining])
 
 
 def _meeting_points(surface: TriangleMesh, owner: Indices, mean: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Poses over time of everything visible."""
+"""Poses of all visible bodies over time."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from viz.drawing.geometry import corners
 from viz.drawing.placements import JointPlacements, joint_placements, quaternions
 
 Rows = np.ndarray[tuple[int], np.dtype[np.int64]]
-"""Rows of a result's data."""
+"""Indices of rows of a result's data."""
 
 GREY = np.array([0.6, 0.6, 0.6, 1.0])
-"""Colour of shapes to which the URDF gives none."""
+"""Colour of shapes without a colour in the URDF."""
 
 PAD = np.array([0.85, 0.45, 0.1, 1.0])
 """Colour of pads."""
@@ -32,7 +32,7 @@ FINISHES = {
     "solar": ("solar", "panel", "cell"),
     "metal": ("metal", "silver", "alumin", "steel", "chrome", "titan"),
 }
-"""Looks of surfaces, and the words in a URDF material's name that stand for them; all others are painted."""
+"""Surface finishes, and the words in a URDF material's name that select them; the default is paint."""
 
 
 def finish_of(material: str) -> str:
@@ -60,12 +60,12 @@ class DrawnSolid:
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """Shapes that move as one: those of all links behind one joint.
+    """Shapes that move together: those of all links fixed to one joint.
 
     Attributes:
-        joint: Id of the joint in the scene's model; 0 for what stands still.
+        joint: Id of the joint in the scene's model; 0 for static shapes.
         body: Robot or ``target`` that it belongs to.
-        label: Name of the body that people read.
+        label: Displayed name of the body.
         is_base: Whether it is the body's root.
         solids: Its shapes.
     """
@@ -79,16 +79,16 @@ class Node:
 
 @dataclass(frozen=True, eq=False)
 class BodyMotion:
-    """Placements of all nodes at some times.
+    """Placements of all nodes at sampled times.
 
     Attributes:
-        nodes: What can be seen.
-        rows: Rows of the result's data that were taken (nt,).
-        time: s (nt,).
-        position: Of the nodes' frames in the world (nt, nodes, 3), m.
-        quaternion: From node to world (nt, nodes, 4), x y z w; neighbours in time lie on the same side.
-        mates: Mating frames of the grasps in the world (nt, grasps, 3), m.
-        joints: Of all joints' frames.
+        nodes: Visible nodes.
+        rows: Sampled rows of the result's data (nt,).
+        time: Times (nt,) [s].
+        position: Origins of the nodes' frames in the world (nt, nodes, 3) [m].
+        quaternion: Rotations from node to world (nt, nodes, 4), x y z w, without sign jumps over time.
+        mates: Mating frames of the grasps in the world (nt, grasps, 3) [m].
+        joints: Placements of all joints' frames.
     """
 
     nodes: tuple[Node, ...]
@@ -111,12 +111,12 @@ class BodyMotion:
 
 
 def scene_nodes(scene: Scene) -> tuple[Node, ...]:
-    """Everything of a scene that can be seen: the URDFs' visuals, else their collision shapes; and pads.
+    """Visible nodes of a scene: visuals of the URDFs, or else collision shapes, and pads.
 
-    A body's root is a node even without shapes; of a body without any, all joints are.
+    A body's root is a node even without shapes; for a body without any shapes, all joints are nodes.
     """
     nodes = []
-    # Pads of contacts: the body and joint that carry each, and what is seen of it.
+    # # Pads of contacts: the body and joint that carry each, and its drawn solids.
     pairs = [pair for contact in scene.contacts for pair in contact.pairs]
     pads = []
     for pad in dict.fromkeys(shape for pair in pairs for shape in pair if shape.path is not None):
@@ -154,16 +154,16 @@ def pad_solids(
     # distance across its z axis from its origin to the farthest of the others at the start [m]
     data, reach = scene.model.createData(), 0.0
     pin.framesForwardKinematics(scene.model, data, scene.q)
-    here = data.oMf[shape.frame] * pin.SE3(shape.placement)
+    pad_placement = data.oMf[shape.frame] * pin.SE3(shape.placement)
     for other in {other for pair in pairs if shape in pair for other in pair if other is not shape}:
-        there = data.oMf[other.frame] * pin.SE3(other.placement)
-        away = float(np.linalg.norm(here.actInv(there.translation)[:2]))
+        other_placement = data.oMf[other.frame] * pin.SE3(other.placement)
+        away = float(np.linalg.norm(pad_placement.actInv(other_placement.translation)[:2]))
         reach = max(reach, away + other.config.extent()[1])
     pad = []
     for part in shape.config.drawing(reach):
-        moved = placement.copy()
-        moved[:3, 3] += part.along * placement[:3, 2]
-        pad.append(DrawnSolid(moved, part.geometry, np.array([*PAD[:3], part.opacity])))
+        part_placement = placement.copy()
+        part_placement[:3, 3] += part.along * placement[:3, 2]
+        pad.append(DrawnSolid(part_placement, part.geometry, np.array([*PAD[:3], part.opacity])))
     return pad
 
 
@@ -188,11 +188,11 @@ def pick_rows(time: Array, *, rate_hz: float, most: int) -> Rows:
 
 @dataclass(frozen=True, eq=False)
 class SceneGeometry:
-    """Moving geometry of a scene, read once to be placed many times: nodes and joints.
+    """Geometry of a scene, read once and placed many times: nodes and joints.
 
     Attributes:
-        nodes: What can be seen.
-        joints: Of the scene's model, the universe left out.
+        nodes: Visible nodes.
+        joints: Joints of the scene's model, without the universe.
     """
 
     nodes: tuple[Node, ...]
@@ -215,8 +215,8 @@ def sample_motion(
 
     Args:
         result, scene, rows: The result, its scene, and the rows.
-        stage: The scene's; read anew if not given.
-        enlarged: Factor of the deflections of flexible links: of the positions of their joints.
+        stage: Geometry of the scene; built if None.
+        enlarged: Factor of the deflections of flexible links.
     """
     rows = np.asarray(rows, dtype=np.int64)
     q, time = result.array("q")[rows], result.array("time")[rows]
@@ -235,12 +235,12 @@ def initial_motion(scene: Scene) -> BodyMotion:
 
 
 def place(scene: Scene, stage: SceneGeometry, q: Array, time: Array) -> BodyMotion:
-    """Placements of a scene at configurations q (nt, nq) and times (nt,) [s], each a row of its own."""
+    """Placements of a scene at configurations q (nt, nq) and times (nt,) [s]."""
     nodes, joints = stage.nodes, joint_placements(scene, stage.joints, q)
     moving = [node.joint for node in nodes]
     quaternion = quaternions(joints.rotation[:, moving])
-    turned = np.cumprod(np.where(np.sum(quaternion[1:] * quaternion[:-1], axis=-1) < 0, -1.0, 1.0), axis=0)
-    quaternion[1:] *= turned[..., None]
+    signs = np.cumprod(np.where(np.sum(quaternion[1:] * quaternion[:-1], axis=-1) < 0, -1.0, 1.0), axis=0)
+    quaternion[1:] *= signs[..., None]
     mates = [scene.model.frames[grasp.frame] for grasp in scene.grasps]
     points = [joints.points(frame.parentJoint, frame.placement.translation) for frame in mates]
     places = np.stack(points, axis=1) if points else np.zeros((len(q), 0, 3))
@@ -249,10 +249,10 @@ def place(scene: Scene, stage: SceneGeometry, q: Array, time: Array) -> BodyMoti
 
 
 def bounds(motion: BodyMotion, *, farthest: float = 3.0) -> tuple[Array, Array]:
-    """Least and greatest corner (3,) of a box around everything seen at all times, m.
+    """Lower and upper corner (3,) [m] of a box around all visible points at all times.
 
-    A diverged rollout may throw bodies far away: the box reaches at most ``farthest`` times the initial one's
-    diagonal beyond it.
+    A diverged rollout may move bodies far away: the box exceeds the initial one by at most ``farthest`` times
+    its diagonal.
     """
     points = _seen_points(motion)
     low, high = points.min(axis=1), points.max(axis=1)
@@ -273,7 +273,7 @@ def greatest_force(result: Result) -> float:
 
 
 def extremes(motion: BodyMotion, low: Array, high: Array) -> Array:
-    """Few points (k, 3) that reach as far as anything seen, in 98 directions, kept inside a box, m."""
+    """Extreme points (k, 3) [m] of the visible bodies in 98 directions, clipped to a box."""
     points = np.clip(_seen_points(motion).reshape(-1, 3), low, high)
     steps = np.arange(-2, 3)
     grid = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)

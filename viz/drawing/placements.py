@@ -36,7 +36,8 @@ def joint_placements(scene: Scene, joints: Sequence[JointModel], q: Array) -> Jo
     model = scene.model
     rotation, origin = np.zeros((model.njoints, len(q), 3, 3)), np.zeros((model.njoints, len(q), 3))
     rotation[0] = np.eye(3)
-    # origins (nt, 3) [m] and rotation vectors (nt, 3) [rad] of joints' moved frames in their resting ones
+    # # origins (nt, 3) [m] and rotation vectors (nt, 3) [rad] of the joints' moved frames in their rest
+    # frames
     places, vectors = np.zeros((len(joints), len(q), 3)), np.zeros((len(joints), len(q), 3))
     for joint, place, vector in zip(joints, places, vectors, strict=True):
         coordinates = q[:, joint.idx_q : joint.idx_q + joint.nq]
@@ -57,17 +58,19 @@ def joint_placements(scene: Scene, joints: Sequence[JointModel], q: Array) -> Jo
     turns = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix().reshape(*vectors.shape, 3)
     for joint, place, turned in zip(joints, places, turns, strict=True):
         resting, before = model.jointPlacements[joint.index], rotation[joint.parent]
-        moved = resting.translation + place @ resting.rotation.T
-        origin[joint.index] = origin[joint.parent] + np.einsum("tij,tj->ti", before, moved)
-        there = (before.reshape(-1, 3) @ resting.rotation).reshape(-1, 3, 3)  # faster than a stack's product
-        rotation[joint.index] = there @ turned
+        offset = resting.translation + place @ resting.rotation.T
+        origin[joint.index] = origin[joint.parent] + np.einsum("tij,tj->ti", before, offset)
+        joint_rotation = (before.reshape(-1, 3) @ resting.rotation).reshape(
+            -1, 3, 3
+        )  # faster than a stack's product
+        rotation[joint.index] = joint_rotation @ turned
     return JointPlacements(rotation.swapaxes(0, 1), origin.swapaxes(0, 1))
 
 
 def quaternions(rotation: Array) -> Array:
     """Unit quaternions (..., 4), x, y, z, w, of rotation matrices (..., 3, 3).
 
-    It is a row of the products of its components, each times four: that with the greatest square.
+    The quaternion is the normalised row, with the largest diagonal entry, of the matrix 4 q q^T.
     """
     products = np.empty((*rotation.shape[:-2], 4, 4))
     trace = np.trace(rotation, axis1=-2, axis2=-1)

@@ -1,4 +1,4 @@
-"""Scenes in parallel projection: flat polygons, far faces first, or pixels where there are meshes."""
+"""Scenes in parallel projection: polygons sorted by depth, or pixels for scenes with meshes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _POINT_M = 1e-9
 
 
 def draw_nodes(axes: Axes, motion: BodyMotion, frame: int, view: View, *, dpi: float = 300) -> None:
-    """Draw all nodes as they stand at a frame, in axes whose limits are set.
+    """Draw all nodes at a frame, in axes whose limits are set.
 
     Scenes with meshes are drawn as one image of ``dpi`` pixels an inch, all others as polygons.
     """
@@ -56,7 +56,7 @@ def draw_nodes(axes: Axes, motion: BodyMotion, frame: int, view: View, *, dpi: f
 
 
 def draw_ghosts(axes: Axes, motion: BodyMotion, view: View, *, dpi: float = 300) -> None:
-    """Bases and object where each of them began, pale, behind what is drawn; see :func:`draw_nodes`."""
+    """Draw bases and object in their initial poses, pale, behind everything else; see :func:`draw_nodes`."""
     look: dict[str, Any] = {"linewidths": 0.5, "linestyles": "--", "zorder": 2}
     if has_meshes(motion):
         grid = _grid(axes, dpi)
@@ -76,12 +76,12 @@ def draw_ghosts(axes: Axes, motion: BodyMotion, view: View, *, dpi: float = 300)
 
 
 def has_meshes(motion: BodyMotion) -> bool:
-    """Whether any shape that can be seen is a mesh."""
+    """Whether any visible shape is a mesh."""
     return any(solid.geometry.kind == "mesh" for node in motion.nodes for solid in node.solids)
 
 
 class _Grid(NamedTuple):
-    """Pixels that fill axes: where their sides lie (left, right, bottom, top), and how many."""
+    """Pixel grid that fills axes: sides (left, right, bottom, top) and numbers of pixels."""
 
     extent: tuple[float, float, float, float]
     width: int
@@ -89,7 +89,7 @@ class _Grid(NamedTuple):
 
 
 def _grid(axes: Axes, dpi: float) -> _Grid:
-    """Pixels for axes as their limits are now."""
+    """Pixel grid for the present limits of axes."""
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     figure = axes.get_figure(root=True)
     inches = axes.get_position().width * (figure.get_figwidth() if figure else 1.0)
@@ -105,25 +105,25 @@ def _add_image(axes: Axes, image: Array, grid: _Grid, zorder: float) -> None:
 
 @lru_cache(maxsize=2)
 def _ghosts(motion: BodyMotion, view: View, grid: _Grid) -> Picture:
-    """Share (h, w) of each pixel that bases cover at the first frame, kept because all pictures have them."""
+    """Fraction (h, w) of each pixel that bases cover at the first frame; cached, as all pictures show it."""
     bases = [k for k, node in enumerate(motion.nodes) if node.is_base]
     return cover(_faces(motion, 0, view, bases, grid).corners, grid.width, grid.height)
 
 
-def _faces(motion: BodyMotion, frame: int, view: View, chosen: Iterable[int], grid: _Grid) -> Faces:
-    """Faces of chosen nodes in pixels, lit on the side that looks at the eye."""
-    turned = np.stack([view.across, view.up, view.towards])
+def _faces(motion: BodyMotion, frame: int, view: View, node_indices: Iterable[int], grid: _Grid) -> Faces:
+    """Faces of selected nodes in pixels, lit on the side that faces the viewer."""
+    to_picture = np.stack([view.across, view.up, view.towards])
     left, right, bottom, top = grid.extent
     scale = [grid.width / (right - left), -grid.height / (top - bottom), 1.0]
     surfaces, placements, parts = _node_surfaces(motion.nodes), motion.placements(frame), []
-    for k in chosen:
+    for k in node_indices:
         vertices, triangles, rgba, part = surfaces[k]
         to_world = placements[k]
-        corners = ((vertices @ to_world[:3, :3].T + to_world[:3, 3]) @ turned.T)[triangles]
+        corners = ((vertices @ to_world[:3, :3].T + to_world[:3, 3]) @ to_picture.T)[triangles]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         # files do not agree on which way round the corners go
         length = np.linalg.norm(normal, axis=1) * np.where(normal[:, 2] < 0, -1.0, 1.0)
-        shade = _shade(normal @ (turned @ _LIGHT) / np.where(length == 0, 1.0, length))
+        shade = _shade(normal @ (to_picture @ _LIGHT) / np.where(length == 0, 1.0, length))
         lit = rgba * np.stack([shade, shade, shade, np.ones(len(shade))], axis=1)
         parts.append(((corners - [left, top, 0.0]) * scale, lit, part))
     return Faces(*map(np.concatenate, zip(*parts, strict=True)))
@@ -193,24 +193,24 @@ def _node_faces(node: Node, placement: Array, view: View) -> list[tuple[float, A
 
 
 def fit(axes: Axes, points: Array, view: View, *, margin: float = 0.04, shape: float | None = None) -> None:
-    """Set equal scales and limits so that points of the world fit the picture, a metre where they are one.
+    """Set equal scales and limits so that world points fit the picture; a single point gets a metre.
 
     Args:
         axes: The picture.
-        points: What must be seen (k, 3), m.
-        view: How it is seen.
-        margin: Room around it, as a share of its longer side.
-        shape: Height of the picture over its width, to fill it; as the points need it if not given.
+        points: Points to include (k, 3) [m].
+        view: Direction of view.
+        margin: Margin around the points, as a fraction of the longer side.
+        shape: Height of the picture over its width; as the points need it if None.
     """
     flat = view.flat(points)
-    least, greatest = flat.min(axis=0), flat.max(axis=0)
-    side = float((greatest - least).max())
+    lowest, highest = flat.min(axis=0), flat.max(axis=0)
+    side = float((highest - lowest).max())
     if side < _POINT_M:  # nothing but a point, such as the one joint of a robot without shapes
         margin, side = 0.5, 1.0
-    size = (greatest - least) + 2 * margin * side
+    size = (highest - lowest) + 2 * margin * side
     if shape is not None:
         size = np.array([max(size[0], size[1] / shape), max(size[1], size[0] * shape)])
-    middle = (least + greatest) / 2
+    middle = (lowest + highest) / 2
     axes.set_xlim(middle[0] - size[0] / 2, middle[0] + size[0] / 2)
     axes.set_ylim(middle[1] - size[1] / 2, middle[1] + size[1] / 2)
     axes.set_aspect("equal")

@@ -1,4 +1,4 @@
-"""Surfaces as pixels: the nearest face wins, so that pictures cost the same however many faces there are."""
+"""Rasterised surfaces with a depth buffer: the run time depends little on the number of faces."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ _AT_ONCE = 4_000_000  # pixels of faces worked on together
 
 
 class Faces(NamedTuple):
-    """Triangles in a picture.
+    """Triangles in picture coordinates.
 
     Attributes:
         corners: Across and down in pixels, from the picture's upper left corner, and towards the eye (m, 3,
             3).
         rgba: Colours (m, 4), 0 to 1.
-        part: Numbers (m,) from 0; between different parts an edge is drawn.
+        part: Part numbers (m,) from 0; edges are drawn between different parts.
     """
 
     corners: Array
@@ -32,13 +32,13 @@ class Faces(NamedTuple):
 
 
 def draw_faces(faces: Faces, width: int, height: int, *, fine: int = 2, edge: float = 0.55) -> Picture:
-    """Picture (height, width, 4) of triangles, clear where there are none.
+    """Picture (height, width, 4) of triangles, transparent elsewhere.
 
     Args:
-        faces: What is seen.
-        width, height: Of the picture, pixels.
+        faces: Triangles to draw.
+        width, height: Size of the picture [pixels].
         fine: Samples along each side of a pixel.
-        edge: How dark the edges between parts are, as a share of their colour.
+        edge: Darkness of the edges between parts, as a fraction of their colour.
     """
     corners, size = faces.corners * [fine, fine, 1.0], (height * fine, width * fine)
     clear = faces.rgba[:, 3] < 1
@@ -85,13 +85,13 @@ def nearest_faces(corners: Array, chosen: Indices, size: tuple[int, int]) -> tup
     """Visible face at the middle of each pixel, and its depth.
 
     Args:
-        corners: Of triangles (m, 3, 3): across, down, towards the eye.
-        chosen: Places (k,) of those that are drawn.
+        corners: Corners of triangles (m, 3, 3): across, down, towards the viewer.
+        chosen: Indices (k,) of the triangles to draw.
         size: Height and width in pixels.
 
     Returns:
-        which: Place of the nearest (h, w); -1 where there is none.
-        depth: Towards the eye (h, w); minus infinity there.
+        which: Index of the nearest triangle (h, w); -1 for none.
+        depth: Depth towards the viewer (h, w); minus infinity for none.
     """
     first, tall = _covered(corners[chosen, :, 1], size[0])
     boxes = tall * _covered(corners[chosen, :, 0], size[1])[1]
@@ -114,14 +114,17 @@ def nearest_faces(corners: Array, chosen: Indices, size: tuple[int, int]) -> tup
 
 
 def _covered(place: Array, size: int) -> tuple[Indices, Indices]:
-    """First row (or column) whose middle a triangle may cover, and how many there are; place (m, 3)."""
+    """First row (or column) whose centre a triangle may cover, and number of such rows.
+
+    ``place`` is (m, 3).
+    """
     first = np.clip(np.ceil(place.min(axis=1) - 0.5), 0, size)
     last = np.clip(np.floor(place.max(axis=1) - 0.5) + 1, first, size)
     return first.astype(np.int64), (last - first).astype(np.int64)
 
 
 def _fragments(corners: Array, first: Indices, tall: Indices, width: int) -> tuple[Indices, Indices, Array]:
-    """Pixel, triangle and depth of every middle of a pixel that a triangle covers."""
+    """Pixel, triangle and depth for every pixel centre that a triangle covers."""
     face, row = _counted(tall)
     y = first[face] + row + 0.5
     left, right = np.zeros(len(face)), np.full(len(face), float(width))
@@ -132,12 +135,12 @@ def _fragments(corners: Array, first: Indices, tall: Indices, width: int) -> tup
     b = sign * (np.roll(across, -1, axis=1) - across)
     c = -(a * across + b * down)
     for k in range(3):  # the inside is where a x + b y + c >= 0 for all three
-        slope, rest = a[face, k], b[face, k] * y + c[face, k]
+        slope, offset = a[face, k], b[face, k] * y + c[face, k]
         with np.errstate(divide="ignore", invalid="ignore"):
-            at = -rest / slope
+            at = -offset / slope
         left = np.where(slope > 0, np.maximum(left, at), left)
         right = np.where(slope < 0, np.minimum(right, at), right)
-        right = np.where((slope == 0) & (rest < 0), -1.0, right)
+        right = np.where((slope == 0) & (offset < 0), -1.0, right)
     start = np.ceil(np.clip(left, 0, width + 1) - 0.5).astype(np.int64)
     end = np.floor(np.clip(right, -1, width) - 0.5).astype(np.int64) + 1
     wide = np.maximum(0, end - start)
@@ -153,7 +156,7 @@ def _fragments(corners: Array, first: Indices, tall: Indices, width: int) -> tup
 
 
 def _counted(counts: Indices) -> tuple[Indices, Indices]:
-    """For each of ``counts[i]`` things of every i: i, and its number among them."""
+    """Owner i of each of ``counts[i]`` items, and the item's number within its owner."""
     owner = np.repeat(np.arange(len(counts)), counts)
     return owner, np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
 

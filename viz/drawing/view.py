@@ -1,4 +1,4 @@
-"""From where a scene is looked at: the same direction for pictures, figures and pages."""
+"""Directions of view, the same for pictures, figures and pages."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from viz.drawing.motion import BodyMotion, initial_motion, sample_motion
 
 _AZIMUTH_DEG, _ELEVATION_DEG = -60.0, 25.0
 _TURNS_DEG = (0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180)
-"""Away from the usual azimuth, in the order in which they are preferred."""
+"""Azimuths relative to the usual one [deg], in order of preference."""
 
 _ELEVATIONS_DEG = (25.0, 50.0, 5.0, -20.0)
-"""Of views of a grasp, in the order in which they are preferred."""
+"""Elevations of views of a grasp [deg], in order of preference."""
 
 _AS_GOOD = 0.1  # less of what matters may be hidden by a direction that is preferred
 _NEARLY = 0.02  # the same, where a grasp shall be seen
@@ -51,11 +51,11 @@ class View:
 
 
 TOP = View(np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), ("x [m]", "y [m]"))
-"""From above, for planar scenes."""
+"""View from above, for planar scenes."""
 
 
 def oblique(azimuth_deg: float = _AZIMUTH_DEG, elevation_deg: float = _ELEVATION_DEG) -> View:
-    """From outside and above, for spatial scenes; z points up."""
+    """View from outside and above, for spatial scenes; z points up."""
     a, e = np.radians([azimuth_deg, elevation_deg])
     across = np.array([-np.sin(a), np.cos(a), 0.0])
     up = np.array([-np.sin(e) * np.cos(a), -np.sin(e) * np.sin(a), np.cos(e)])
@@ -63,25 +63,25 @@ def oblique(azimuth_deg: float = _AZIMUTH_DEG, elevation_deg: float = _ELEVATION
 
 
 def view_of(result: Result, scene: Scene) -> View:
-    """Where a result is seen from: planar scenes from above, others from where arms are hidden least."""
+    """View of a result: from above for planar scenes, otherwise from the side with the least hidden arms."""
     rows = len(result.data.time)
     times = [e["time_s"] for e in result.summary.get("events", ()) if e["kind"] == "captured"]
     places = np.searchsorted(result.array("time"), times).clip(0, len(result.data.time) - 1)
     captured = sorted({int(row) for row in places})
-    chosen = [0, rows // 2, rows - 1, *captured]
-    return TOP if scene.planar else _clearest(sample_motion(result, scene, chosen))
+    sample_rows = [0, rows // 2, rows - 1, *captured]
+    return TOP if scene.planar else _clearest(sample_motion(result, scene, sample_rows))
 
 
 def grasp_view(motion: BodyMotion, frames: Sequence[int], usual: View) -> View:
-    """Choose the view from which grasps are hidden least; of equally good ones the nearest to the usual.
+    """View in which grasps are hidden least; among equally good ones the nearest to the usual view.
 
     Args:
         motion: Bodies, with the points of the grasps as its ``mates``.
-        frames: Frames that count, all alike.
-        usual: View from which its azimuth is counted.
+        frames: Frames to consider, with equal weight.
+        usual: View from which azimuths are measured.
 
     Returns:
-        View: From one of the sides all around, at one of a few elevations.
+        View: View from one of several azimuths, at one of a few elevations.
     """
     azimuth = float(np.degrees(np.arctan2(usual.towards[1], usual.towards[0])))
     turns = [(turn, up) for up in _ELEVATIONS_DEG for turn in _TURNS_DEG]
@@ -106,7 +106,7 @@ def first_view(scene: Scene) -> View:
 
 
 def _clearest(motion: BodyMotion) -> View:
-    """From the side that hides the least, of sides that do equally well the one nearest to the usual."""
+    """View from the side that hides least; among equally good ones the nearest to the usual view."""
     views = [oblique(_AZIMUTH_DEG + turn) for turn in _TURNS_DEG]
     frames = [_frame(motion, k) for k in range(len(motion.time))]
     visibility = np.array([np.mean([frame.seen(view.towards) for frame in frames]) for view in views])
@@ -114,14 +114,14 @@ def _clearest(motion: BodyMotion) -> View:
 
 
 class _Frame(NamedTuple):
-    """A frame as boxes, and what shall be seen of it.
+    """Boxes of a frame for visibility tests, and the points that should be visible.
 
     Attributes:
-        links, mates: Middles of the arms' shapes (l, 3) and points of grasps (m, 3), world, m.
-        placements, halves: Of boxes around shapes of bases and of the target, which hide what is behind them:
-            to the world (b, 4, 4), and half their edges (b, 3), m. What an arm hides of itself is left out:
-            its links' boxes reach into each other.
-        near: Distance up to which nothing hides anything, m.
+        links, mates: Centres of the arms' shapes (l, 3) and points of grasps (m, 3), world [m].
+        placements, halves: Boxes around shapes of bases and of the target, which hide points behind them:
+            transforms to the world (b, 4, 4), and half edges (b, 3) [m]. Occlusion of an arm by itself is
+            ignored, since the boxes of its links overlap.
+        near: Distance [m] within which nothing hides a point.
     """
 
     links: Array
@@ -131,15 +131,15 @@ class _Frame(NamedTuple):
     near: float
 
     def seen(self, towards: Array) -> float:
-        """Share of links and of grasps, which count alike, that an eye there sees; 1 without any."""
-        turned, shares = self.placements[:, :3, :3].transpose(0, 2, 1), []
-        along = turned @ towards
+        """Fraction of visible links and grasps, with equal weight, from a direction; 1 if there are none."""
+        to_boxes, shares = self.placements[:, :3, :3].transpose(0, 2, 1), []
+        along = to_boxes @ towards
         along = np.where(np.abs(along) < 1e-12, 1e-12, along)
         for points in (self.links, self.mates):
             if not len(points):
                 continue
             # a box lies between a point and the eye; one that holds the point does not
-            start = np.einsum("bij,kbj->kbi", turned, points[:, None] - self.placements[:, :3, 3])
+            start = np.einsum("bij,kbj->kbi", to_boxes, points[:, None] - self.placements[:, :3, 3])
             first, second = (-self.halves - start) / along, (self.halves - start) / along
             enter, leave = np.minimum(first, second).max(axis=-1), np.maximum(first, second).min(axis=-1)
             hidden = ((leave > np.maximum(enter, self.near)) & (enter > -self.near)).any(axis=-1)
@@ -149,7 +149,7 @@ class _Frame(NamedTuple):
 
 def _frame(motion: BodyMotion, index: int) -> _Frame:
     arms: list[tuple[Array, Array]] = []
-    others: list[tuple[Array, Array]] = []
+    base_boxes: list[tuple[Array, Array]] = []
     for placement, node in zip(motion.placements(index), motion.nodes, strict=True):
         # placement in the world and half the edges of a box around each shape
         link_points = []
@@ -159,10 +159,10 @@ def _frame(motion: BodyMotion, index: int) -> _Frame:
             to_world[:3, 3] += to_world[:3, :3] @ around.mean(axis=0)
             link_points.append((to_world, np.ptp(around, axis=0) / 2))
         is_arm = node.body != "target" and not node.is_base
-        (arms if is_arm else others).extend(link_points)
+        (arms if is_arm else base_boxes).extend(link_points)
     links, placements = (
-        np.array([placement for placement, _ in boxes]).reshape(-1, 4, 4) for boxes in (arms, others)
+        np.array([placement for placement, _ in boxes]).reshape(-1, 4, 4) for boxes in (arms, base_boxes)
     )
-    halves = np.array([half for _, half in others]).reshape(-1, 3)
+    halves = np.array([half for _, half in base_boxes]).reshape(-1, 3)
     size = 2 * float(np.linalg.norm(halves, axis=1).max(initial=0.0))
     return _Frame(links[:, :3, 3], motion.mates[index], placements, halves, _NEAR * size)

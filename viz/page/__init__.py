@@ -1,1 +1,1 @@
-"""The animated page: what it shows, written as one file, in a notebook, or served live to this computer."""
+"""Animated page of results: its data, and the page as a file, in a notebook, or served on this computer."""

@@ -44,7 +44,7 @@ FRAMES_PER_S = 25.0
 MOST_FRAMES = 1500
 
 ENLARGED = (10, 100)
-"""Factors by which deflections of flexible links can be enlarged."""
+"""Factors for enlarged deflections of flexible links."""
 
 FIRST_SHOWN = 2
 """Number of results shown when the page of several opens."""
@@ -63,11 +63,11 @@ def animation(
     """Data of a page that plays one result, or compares several.
 
     Args:
-        results: What to show; unfinished ones are shown up to where they went.
-        title: Heading of the page; the results' names if not given.
-        autoplay: Whether it plays at once.
-        names: What the results are called; after their folders or scenarios if not given.
-        first: So many are shown when it opens; the others by a tick in its panel.
+        results: Results to show; unfinished ones are shown up to their end.
+        title: Heading of the page; names of the results if None.
+        autoplay: Whether the animation starts automatically.
+        names: Names of the results; their folders or scenarios if None.
+        first: Number of results shown at first; the others are selected in the panel.
 
     Raises:
         ResultError: If the results cannot be compared.
@@ -81,7 +81,7 @@ def animation(
 def shown_data(
     shown: Sequence[AnimatedResult], title: str | None = None, autoplay: bool = False
 ) -> dict[str, Any]:
-    """The same of results as they were looked at, without the panel."""
+    """Data of a page for prepared results, without the side panel."""
     meshes = Meshes(node for one in shown for node in one.motion.nodes)
     # box around bodies and references, m
     corners = [bounds(one.motion) for one in shown]
@@ -101,9 +101,11 @@ def shown_data(
     words = f"{kind}, {simulated_s:.4g} s, simulated by {engine}"
     if scenario.description and len({one.result.scenario.name for one in shown}) == 1:
         words = f"{scenario.description} ({words})"
-    # warnings that belong beside the picture
-    who = [f"{one.label}: " if len(shown) > 1 else "" for one in shown]
-    lines = [k + line for k, one in zip(who, shown, strict=True) for line in notices(one.result, one.scene)]
+    # # warnings to display next to the picture
+    prefixes = [f"{one.label}: " if len(shown) > 1 else "" for one in shown]
+    lines = [
+        k + line for k, one in zip(prefixes, shown, strict=True) for line in notices(one.result, one.scene)
+    ]
     # points around what the tips do: the object, tips and references; none without tips
     near = list[Array]()
     for one in shown:
@@ -145,9 +147,9 @@ def shown_data(
 
 @dataclass(frozen=True, eq=False)
 class AnimatedResult:
-    """A result, the scene it ran in, how that moved, and what to call it.
+    """Result with its scene, its motion, and its label.
 
-    ``bent`` are the motions with the deflections of flexible links enlarged, by the factor.
+    ``bent`` are motions with enlarged deflections of flexible links, by factor.
     """
 
     result: Result
@@ -160,9 +162,9 @@ class AnimatedResult:
 def look_at(
     result: Result, label: str, scene: Scene | None = None, stage: SceneGeometry | None = None
 ) -> AnimatedResult:
-    """A result as a page shows it.
+    """Result prepared for display.
 
-    ``scene`` is the result's own, and ``stage`` the scene's; they are made anew if not given.
+    ``scene`` is the result's own, and ``stage`` the scene's geometry; both are built if None.
     """
     scene = scene or result.scene()
     rows = pick_rows(result.array("time"), rate_hz=FRAMES_PER_S, most=MOST_FRAMES)
@@ -172,7 +174,10 @@ def look_at(
 
 
 def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
-    """Data of a page that shows a scene as it begins; ``about`` is said of it, its description by default."""
+    """Data of a page that shows a scene's initial state.
+
+    ``about`` is the caption, its description by default.
+    """
     motion = initial_motion(scene)
     low, high = bounds(motion)
     meshes = Meshes(motion.nodes)
@@ -221,7 +226,7 @@ def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
 
 
 def run_data(shown: AnimatedResult) -> dict[str, Any]:
-    """Everything of a run that changes with its numbers: all but its nodes."""
+    """Data of a run that depend on its numbers: all except its nodes."""
     result, motion = shown.result, shown.motion
     rows = motion.rows
     tips = [str(tip) for tip in result.array("tip")]
@@ -259,12 +264,12 @@ def run_data(shown: AnimatedResult) -> dict[str, Any]:
 
 
 def notices(result: Result, scene: Scene) -> list[str]:
-    """Warnings that belong beside pictures of a result, one line each."""
+    """Warnings to display next to pictures of a result, one line each."""
     lines = []
     if not result.completed:
         end, duration = result.array("time")[-1], result.scenario.simulation.duration
         lines.append(f"The rollout diverged after {end:.4g} s of {duration:g} s and is shown up to there.")
-    doubt = warning(result.summary["status"])
-    if doubt is not None:
-        lines.append(f"{doubt[0].upper()}{doubt[1:]}.")
+    status_warning = warning(result.summary["status"])
+    if status_warning is not None:
+        lines.append(f"{status_warning[0].upper()}{status_warning[1:]}.")
     return [*lines, *scene.warnings, *changed_descriptions(result, scene)]

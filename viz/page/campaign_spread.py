@@ -1,4 +1,4 @@
-"""Many rollouts at once on a page: quantiles of its signals over time, and where the tips of some go."""
+"""Page data of many rollouts: quantiles of signals over time, and tip paths of some rollouts."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 MOST_TIMES = 201
 MOST_PATHS = 100
 MOST_BANDED = 200
-"""Number of rollouts of which quantiles are taken, the first ones."""
+"""Number of rollouts, the first ones, from which quantiles are computed."""
 
 MOST_SIGNALS = 150
 """Maximum number of signals with bands, in the page's order."""
 
 PIECE_BYTES = 100_000_000
-"""Maximum size of a batch whose states and outputs are all kept [bytes]."""
+"""Maximum size [bytes] of a batch with all states and outputs."""
 
 
 class CampaignSpread:
@@ -54,21 +54,21 @@ class CampaignSpread:
         return max(1, PIECE_BYTES // (8 * width * (self._rollout.grid.intervals + 1)))
 
     def roll(self, paths: Sequence[str], values: Array, stop: Stop | None = None) -> Batch:
-        """Roll out a piece, and take of it what is shown; rollouts that diverged are left out.
+        """Roll out a piece and store the displayed data; diverged rollouts are left out.
 
         ``paths`` and ``values`` are those of :meth:`spacerobot.rollout.Rollout.batch`.
         """
-        left = MOST_BANDED - len(self._paths)
-        outputs = [variable.name for variable in self._loop.variables] if left else []
-        batch = self._rollout.batch(paths, values, outputs=outputs, states=left > 0, stop=stop)
+        remaining_count = MOST_BANDED - len(self._paths)
+        outputs = [variable.name for variable in self._loop.variables] if remaining_count else []
+        batch = self._rollout.batch(paths, values, outputs=outputs, states=remaining_count > 0, stop=stop)
         if batch.state is None or not batch.done.all():
             return batch
         every = max(1, len(batch.time) // (MOST_TIMES - 1))
         self._time = batch.time[::every]
         state = batch.state[:, ::every]
-        there = np.isfinite(state).all(axis=2).sum(axis=1)  # an event may end one early
-        for k in np.flatnonzero(np.isnan(batch.diverged_at_s) & (there > 0))[:left]:
-            end = int(there[k])
+        valid_samples = np.isfinite(state).all(axis=2).sum(axis=1)  # an event may end one early
+        for k in np.flatnonzero(np.isnan(batch.diverged_at_s) & (valid_samples > 0))[:remaining_count]:
+            end = int(valid_samples[k])
             series = {name: rows[k, ::every][:end] for name, rows in batch.outputs.items()}
             self._paths.append(
                 np.pad(series["tip_position"], ((0, len(self._time) - end), (0, 0)), mode="edge")
@@ -98,11 +98,11 @@ class CampaignSpread:
         paths = np.reshape(
             self._paths[:MOST_PATHS], (min(MOST_PATHS, len(self._paths)), len(self._time), tips, 3)
         )
-        # quantiles of the rollouts that go on at each time; not a number where none does
+        # # quantiles of the rollouts that are still running at each time; NaN if none is
         bands = np.full((len(self._signals), len(QUANTILES), len(self._time)), np.nan)
         for band, rows in zip(bands, map(np.array, self._signals.values()), strict=True):
-            there = np.isfinite(rows).any(axis=0)
-            band[:, there] = np.nanquantile(rows[:, there], QUANTILES, axis=0)
+            has_values = np.isfinite(rows).any(axis=0)
+            band[:, has_values] = np.nanquantile(rows[:, has_values], QUANTILES, axis=0)
         return {
             "time": packed(self._time),
             "quantiles": list(QUANTILES),

@@ -1,4 +1,4 @@
-"""Centres of mass, and the momenta drawn at them, over time."""
+"""Centres of mass over time, and the momenta drawn at them."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from viz.page.meshcat_scene import packed
 
 _ROUNDING = 1e-6
 NO_MASSES: dict[str, Any] = {"centres": "", "momenta": "", "count": 0, "greatest": 0.0}
-"""Data of a scene in which nothing moves, or that has not been simulated yet."""
+"""Data of a scene without moving bodies, or without a simulation."""
 
 
 def centres_of_mass(scene: Scene, joints: JointPlacements) -> tuple[Array, Array]:
-    """Centres of mass of what moves.
+    """Centres of mass of moving bodies.
 
     Args:
         scene: The scene.
-        joints: Where they are (nt).
+        joints: Placements of the joints (nt).
 
     Returns:
-        centres: Of each body's moving links, world (nt, bodies, 3), m; not a number for a body of which
-            nothing moves.
-        masses: Of them (bodies,), kg.
+        centres: Centre of mass of each body's moving links, world (nt, bodies, 3) [m]; NaN for a body without
+            moving links.
+        masses: Masses of the moving links (bodies,) [kg].
     """
     model, times = scene.model, len(joints.origin)
     tops = [[joint for joint in body.subtree if joint] for body in scene.bodies]
@@ -42,12 +42,12 @@ def centres_of_mass(scene: Scene, joints: JointPlacements) -> tuple[Array, Array
 
 
 def mass_data(result: Result, scene: Scene, motion: BodyMotion) -> dict[str, Any]:
-    """Centres of mass and linear momenta of moving bodies, then of all together, at times of a motion.
+    """Centres of mass and linear momenta of each moving body, and of all bodies, at the times of a motion.
 
     Returns:
-        dict: ``centres`` [m] and ``momenta`` [N s], packed (nt, k + 1, 3); ``count``, which is k + 1; and
-            ``greatest`` [N s], of the momenta (of a diverged result before its last instants), 0 if it is
-            rounding.
+        dict: ``centres`` [m] and ``momenta`` [N s], packed (nt, k + 1, 3) with k bodies and the total;
+            ``count``, which is k + 1; ``greatest``, the largest momentum [N s] (for a diverged result before
+            its last instants), or 0 if it is only rounding.
     """
     rows = motion.rows
     centres, masses = centres_of_mass(scene, motion.joints)
@@ -60,7 +60,7 @@ def mass_data(result: Result, scene: Scene, motion: BodyMotion) -> dict[str, Any
     momenta = np.concatenate([body_momenta, result.array("momentum_linear")[rows][:, None]], axis=1)
     count = len(rows) if result.completed else max(1, int(0.8 * len(rows)))
     greatest = float(np.linalg.norm(momenta[:count], axis=-1).max(initial=0.0))
-    # of a robot that holds nothing: rounding, beside what moves inside it
+    # # total momentum of a free robot is rounding compared with the momenta of its moving parts
     inner = float(np.sqrt(2 * masses.sum() * result.array("energy_kinetic")[rows].max()))
     return {
         "centres": packed(np.concatenate([centres, centre[:, None]], axis=1)),

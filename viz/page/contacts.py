@@ -1,4 +1,4 @@
-"""Contacts, grasps and plumes for the page: forces, which grasps hold, and when they were captured."""
+"""Page data of contacts, grasps and plumes: forces, closed grasps, and times of capture."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _CAPTURED = 2  # a grasp's state
 NO_CONTACTS: dict[str, Any] = {"count": 0, "forces": "", "points": ""}
 NO_PLUMES: dict[str, Any] = {"count": 0, "forces": "", "points": "", "greatest": 0.0}
 NO_GRIPS: dict[str, Any] = {"held": "", "captures": [], "impulses": [], "greatest": 0.0}
-"""Data where nothing can touch, without thrusters, and where nothing is held yet."""
+"""Data without contacts, thrusters and grasps."""
 
 
 def contact_data(result: Result, rows: Rows) -> dict[str, Any]:
@@ -29,21 +29,21 @@ def contact_data(result: Result, rows: Rows) -> dict[str, Any]:
 
 
 def strongest(forces: Array, points: Array, rows: Rows) -> tuple[Array, Array]:
-    """Forces and where they act (nt, n, 3) near rows: of the rows nearest to each, that with the largest.
+    """Forces and points of action (nt, n, 3): the maximum among the samples nearest to each row.
 
-    What acts may be shorter than the time between frames.
+    Forces may be shorter than the time between frames.
     """
     edges = [0, *((rows[1:] + rows[:-1]) // 2 + 1), len(forces)]
     size = np.linalg.norm(forces, axis=-1)
-    most = np.array([begin + size[begin:end].argmax(axis=0) for begin, end in pairwise(edges)])
+    peak_rows = np.array([begin + size[begin:end].argmax(axis=0) for begin, end in pairwise(edges)])
     places = np.arange(forces.shape[1])
-    return forces[most, places], points[most, places]
+    return forces[peak_rows, places], points[peak_rows, places]
 
 
 def plume_data(result: Result, rows: Rows) -> dict[str, Any]:
     """Thrusters near rows of a result: ``count``, ``forces`` [N] and ``points`` [m], packed (nt, count, 3).
 
-    ``greatest`` is the largest force [N]. A pulse may be shorter than the time between frames.
+    ``greatest`` is the largest force [N]. Pulses may be shorter than the time between frames.
     """
     if "thruster" not in result.data.dims:
         return NO_PLUMES
@@ -54,16 +54,16 @@ def plume_data(result: Result, rows: Rows) -> dict[str, Any]:
 
 
 def grip_data(result: Result, rows: Rows) -> dict[str, Any]:
-    """Grasps at rows of a result: ``held``, packed (nt, grasps), 1 or 0; times [s] of their ``captures``.
+    """Page data of grasps: ``held``, packed (nt, grasps), 1 or 0, and times [s] of their ``captures``.
 
-    ``impulses`` of impacts on the target are (time [s], x, y, z [N s]) for each grasp, none at all where no
-    rigid one opens or closes; ``greatest`` [N s] is the largest.
+    ``impulses`` of impacts on the target are (time [s], x, y, z [N s]) for each grasp, empty if no rigid
+    grasp opens or closes; ``greatest`` is the largest [N s].
     """
     data, events = result.data, result.summary.get("events", ())
-    held = np.ones((len(rows), data.sizes["grasp"]))
+    is_held = np.ones((len(rows), data.sizes["grasp"]))
     if "grasp_state" in data:  # not a number for one that is always closed
         state = result.array("grasp_state")[rows]
-        held = np.where(np.isnan(state), 1.0, state == _CAPTURED)
+        is_held = np.where(np.isnan(state), 1.0, state == _CAPTURED)
     captures = [
         [e["time_s"] for e in events if (e["kind"], e["who"]) == ("captured", name)]
         for name in result.array("grasp")
@@ -74,4 +74,4 @@ def grip_data(result: Result, rows: Rows) -> dict[str, Any]:
         for name in (result.array("grasp") if rigid and "grasp_impulse" in data else ())
     ]
     greatest = max((float(np.linalg.norm(one[1:])) for grip in impulses for one in grip), default=0.0)
-    return {"held": packed(held), "captures": captures, "impulses": impulses, "greatest": greatest}
+    return {"held": packed(is_held), "captures": captures, "impulses": impulses, "greatest": greatest}

@@ -28,18 +28,17 @@ LEFT = re.compile(r"^(?:import|export)\b.*", re.M)
 
 
 def joined(entry: str, read: Callable[[str], str]) -> str:
-    """One script that does what a module does.
+    """Script equivalent to a module with its imports.
 
     Args:
-        entry: Path of the module that is run.
-        read: Gives a module's text by its path.
+        entry: Path of the module to run.
+        read: Function that returns a module's text by its path.
 
     Returns:
-        str: The script, in strict mode and in a scope of its own.
+        str: The script, in strict mode and in its own scope.
 
     Raises:
-        SpaceRobotError: If modules import each other in a circle, or import or export in another form than
-            those above.
+        SpaceRobotError: If modules import each other in a circle, or use another form of import or export.
     """
     scopes: dict[str, str] = {}
     importing: list[str] = []
@@ -55,9 +54,9 @@ def joined(entry: str, read: Callable[[str], str]) -> str:
         for _, source in IMPORT.findall(text):
             visit(_resolved(path, source))
         importing.pop()
-        # the module as a constant that holds what it exports
+        # # the module as a constant that holds its exports
         exports = DECLARED.findall(text)
-        # "a as b" is {a: b} where it is taken apart, and {b: a} where it is put together
+        # # "a as b" becomes {a: b} in an import, and {b: a} in an export
         for names in LISTED.findall(text):
             exports += [": ".join(reversed(name.split(" as "))) for name in _names(names)]
         body = LISTED.sub("", DECLARED.sub("", COMMENT.sub("", text)))

@@ -10,9 +10,9 @@ from viz.figures.phases import phases_of
 
 
 def event_data(result: Result) -> dict[str, Any]:
-    """Phases as (name, begin, end) and all other events as (time, what, kind), times in s.
+    """Phases as (name, start, end) and all other events as (time, text, kind), times in s.
 
-    The closest approach of a grasp that was missed is marked too, with the reason.
+    The closest approach of a missed grasp is marked as well, with the reason.
     """
     events = result.summary.get("events", ())
     marks = [

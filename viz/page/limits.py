@@ -1,4 +1,4 @@
-"""Limits that the page's curves have: of joints, by the URDFs, of grasps and of wheels, by the scenario."""
+"""Limits drawn with the page's curves: of joints from the URDFs, of grasps and wheels from the scenario."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from spacerobot.scenario import Robot
 from spacerobot.scene import Scene
 
 Limits = dict[tuple[str, str], tuple[float | None, float | None]]
-"""Least and greatest allowed value by quantity and signal, in the quantity's unit; None where it is open."""
+"""Lower and upper limit by quantity and signal, in the quantity's unit; None if unlimited."""
 
 
 def drawn_limits(scene: Scene) -> Limits:
-    """Limits of all signals of a scene that have any."""
+    """Limits of all limited signals of a scene."""
     limits = joint_limits(scene)
     # capture envelopes, and forces at which grasps break away
     for grasp in scene.grasps:
         capture, release = grasp.config.capture, grasp.config.release
-        named = {
+        envelope_limits = {
             "gap of grips": capture and capture.distance and capture.distance * 1e3,
             "misalignment of grips": capture and capture.misalignment_deg,
             "grip force": release and release.force,
         }
-        limits |= {(title, grasp.name): (None, limit) for title, limit in named.items() if limit}
-    # greatest speeds and motor torques of reaction wheels
+        limits |= {(title, grasp.name): (None, limit) for title, limit in envelope_limits.items() if limit}
+    # # maximum speeds and motor torques of reaction wheels
     robots = ((body.name, body.config) for body in scene.bodies if isinstance(body.config, Robot))
     for robot, where, actuator in (
         (name, *driven) for name, robot_limits in robots for driven in robot_limits.driven_by()
@@ -47,7 +47,7 @@ def joint_limits(scene: Scene) -> Limits:
             turns = joint.kind != "prismatic"
             factor = np.degrees(1.0) if turns else 1e3
             names = ("angle", "rate", "torque") if turns else ("travel", "speed", "force")
-            # an effort or velocity of 0 in a URDF says that nobody gave one
+            # # an effort or velocity of 0 in a URDF means that none was stated
             velocity, effort = (joint.velocity or np.inf) * factor, joint.effort or np.inf
             limits = ((joint.lower * factor, joint.upper * factor), (-velocity, velocity), (-effort, effort))
             for name, ends in zip(names, limits, strict=True):

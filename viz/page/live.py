@@ -1,4 +1,4 @@
-"""Live viewer: the animated page, served to this computer alone, showing what the program sends it."""
+"""Live viewer: the animated page, served only to this computer, with data from a running program."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ class LiveViewer(Loopback):
         return [(r"/", _Page, {"server": self}), (r"/stream", Stream, {"server": self})]
 
     def tell(self, text: str) -> None:
-        """Say what is being done, until something is shown; fits ``simulate(..., progress=viewer.tell)``.
+        """Display a progress message until a scene is shown; for ``simulate(..., progress=viewer.tell)``.
 
-        Words with a percentage, such as ``40 %``, show as a bar as well.
+        A percentage in the text, such as ``40 %``, is displayed as a bar as well.
         """
         self._send({"tell": text})
 
     def show_scene(self, scene: Scene, about: str | None = None) -> None:
-        """Show a scene as it begins; ``about`` is said of it, its description by default."""
+        """Show a scene's initial state; ``about`` is the caption, its description by default."""
         self._send({"show": still(scene, about=about)})
 
     def show(self, *results: Result) -> None:
-        """Play a result, or compare several; what was shown before goes.
+        """Play a result or compare several, instead of what was shown before.
 
         Raises:
             ResultError: If the results cannot be compared.
@@ -53,7 +53,7 @@ class LiveViewer(Loopback):
         self.show_data(animation(*results))
 
     def show_data(self, data: dict[str, Any]) -> None:
-        """Show what :func:`viz.page.animation.animation` makes."""
+        """Show data made by :func:`viz.page.animation.animation`."""
         self._send({"show": data})
 
     def wait_for_page(self, timeout_s: float | None = None) -> bool:
@@ -61,7 +61,7 @@ class LiveViewer(Loopback):
         return self._connected.wait(timeout_s)
 
     def admit(self, stream: Stream) -> None:
-        """Show a new page what it would have missed."""
+        """Send a new page the present content and message."""
         for text in filter(None, (self._shown, self._told)):
             stream.send(text)
         super().admit(stream)
@@ -72,7 +72,7 @@ class LiveViewer(Loopback):
             self._loop.call_soon_threadsafe(self._broadcast, json_text(message), "show" in message)
 
     def _broadcast(self, text: str, shows: bool) -> None:
-        """Send to every page, and keep for pages that open later what they would have missed."""
+        """Send a message to every page, and store it for pages that open later."""
         if shows:
             self._shown, self._told = text, ""
         else:
@@ -90,7 +90,7 @@ class _Page(LocalRequestHandler):
 
 @contextmanager
 def view_run(scene: Scene, *, port: int = FIRST_PORT, open_browser: bool = True) -> Iterator[LiveViewer]:
-    """Viewer that shows a scene while it is simulated; ``port`` is as :class:`LiveViewer` takes it.
+    """Viewer that shows a scene while it is simulated; see :class:`LiveViewer` for ``port``.
 
     Examples:
         >>> with view_run(scene) as viewer:  # doctest: +SKIP

@@ -1,4 +1,4 @@
-"""Server that only this computer reaches: bound to the loopback address, and asked for by its name alone."""
+"""Server that only this computer can reach, by the loopback address and its name."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ import tornado.websocket
 from spacerobot.errors import SpaceRobotError
 
 ADDRESS = "127.0.0.1"
-"""The only address listened on: this computer's own."""
+"""Only address that the server listens on: this computer's loopback address."""
 
 FIRST_PORT, PORTS = 7000, 200
 
 
 class Loopback:
-    """A server in a thread of its own.
+    """Server in its own thread.
 
-    Only this computer can reach it: the server is bound to the loopback address, and answers only requests
-    that name that address, so that no foreign web page can read it through the browser either.
+    Only this computer can reach it: the server is bound to the loopback address and answers only requests
+    with that host name, so that no foreign web page can read it through the browser.
 
     Args:
-        port: First port to try; a busy one is stepped over.
+        port: First port to try; busy ports are skipped.
 
     Raises:
         SpaceRobotError: If no port is free.
@@ -63,7 +63,7 @@ class Loopback:
         raise NotImplementedError
 
     def allows(self, host: str) -> bool:
-        """Whether a request may name this host."""
+        """Whether the server answers requests for this host name."""
         return host in (f"{ADDRESS}:{self.port}", f"localhost:{self.port}")
 
     def admit(self, stream: Stream) -> None:
@@ -75,9 +75,9 @@ class Loopback:
         self._streams.discard(stream)
 
     def open(self) -> bool:
-        """Open the page in the user's browser; whether one was found.
+        """Open the page in the user's browser and return whether one was found.
 
-        One that would take over the terminal is not opened, unless the user chose it by ``BROWSER``.
+        A text browser in the terminal is used only if the user chose it by ``BROWSER``.
         """
         try:
             browser = webbrowser.get()
@@ -94,7 +94,7 @@ class Loopback:
                 self._thread.join(0.5)
 
     def close(self) -> None:
-        """Stop serving; pages keep what they have."""
+        """Stop the server; open pages keep their content."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._loop.stop)
             self._thread.join(5)
@@ -124,24 +124,24 @@ class Loopback:
         for stream in list(self._streams):
             stream.close()
         self._loop.run_until_complete(asyncio.sleep(0.05))  # lets the pages hear of it
-        # a browser would keep what is left open for the next viewer at this port, and wait there in vain
+        # # a browser would reuse an open connection for the next viewer at this port, and wait in vain
         self._loop.run_until_complete(server.close_all_connections())
         self._loop.close()
 
 
 class LocalRequestHandler(tornado.web.RequestHandler):
-    """Answers requests that name this computer only.
+    """Handler that answers only requests for this computer's name.
 
-    A foreign web page whose own name has been made to lead here (DNS rebinding) is one origin with this
-    server in the browser's eyes; the name it was asked for by is what gives it away.
+    A foreign web page whose host name resolves to this computer (DNS rebinding) has the same origin as this
+    server for the browser; the host name in the request reveals it.
     """
 
     def initialize(self, server: Any) -> None:
-        """Keep the server."""
+        """Store the server."""
         self.server = server
 
     def prepare(self) -> None:
-        """Refuse what names another computer."""
+        """Reject requests for another host name."""
         if not self.server.allows(self.request.host):
             raise tornado.web.HTTPError(403)
 
@@ -154,11 +154,11 @@ class Stream(LocalRequestHandler, tornado.websocket.WebSocketHandler):
         return bool(self.server.allows(origin.removeprefix("http://")))
 
     def open(self, *_: str, **__: str) -> None:
-        """Let the server know."""
+        """Register the connection with the server."""
         self.server.admit(self)
 
     def send(self, message: str | bytes) -> Any:
-        """Send; returns what tells when that is done, None if the page has gone."""
+        """Send a message; return its future, or None if the page is closed."""
         try:
             return self.write_message(message, binary=isinstance(message, bytes))
         except tornado.websocket.WebSocketClosedError:
@@ -168,7 +168,7 @@ class Stream(LocalRequestHandler, tornado.websocket.WebSocketHandler):
         """Messages from pages are ignored."""
 
     def on_close(self) -> None:
-        """Let the server know."""
+        """Remove the connection from the server."""
         self.server.leave(self)
 
 

@@ -1,4 +1,4 @@
-"""Bodies as the plain data from which the page makes MeshCat objects."""
+"""Bodies as plain data, from which the page builds MeshCat objects."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from viz.drawing.meshes import mesh_file, shown_meshes
 from viz.drawing.motion import BodyMotion, DrawnSolid, Node
 
 DIGITS = 7
-"""Significant digits of numbers that are written as text: those of single precision."""
+"""Significant digits of numbers in text form, those of single precision."""
 
 
 Packed = np.ndarray[Any, np.dtype[np.float32]]
-"""Numbers as they are sent: in single precision, row by row, little-endian."""
+"""Numbers for transmission: single precision, row by row, little-endian."""
 
 
 def packed(values: ArrayLike) -> Packed:
@@ -39,10 +39,10 @@ def rounded(values: ArrayLike) -> list[float]:
 
 
 class Meshes:
-    """Meshes of a page, each kept once, however many solids show it.
+    """Meshes of a page, each stored once for all solids that use it.
 
     Args:
-        nodes: Everything that the page shows.
+        nodes: All nodes of the page.
     """
 
     def __init__(self, nodes: Iterable[Node]) -> None:
@@ -96,7 +96,7 @@ def poses(motion: BodyMotion) -> Packed:
 
 
 def changed_descriptions(result: Result, scene: Scene) -> list[str]:
-    """Bodies whose URDF is no longer the one that was simulated, one line each."""
+    """Bodies whose URDF differs from the simulated one, one line each."""
     recorded = result.summary.get("urdf_sha256", {})
     return [
         f"{body.name}: {body.description.path.name} has changed since the run; what is drawn may differ"

@@ -1,4 +1,4 @@
-"""Notebooks: a result's animation in a cell."""
+"""Animations of results in notebook cells."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class EmbeddedPage:
 
 
 def embed(*results: Result, height_px: int = 600) -> EmbeddedPage:
-    """Animation of a result, or of several compared, that shows itself as the last line of a cell.
+    """Animation of one result, or of several compared, for the last line of a notebook cell.
 
     It needs no server and stays in the saved notebook.
 
@@ -41,7 +41,7 @@ def embed(*results: Result, height_px: int = 600) -> EmbeddedPage:
 
 
 def frame(page: str, height_px: int) -> str:
-    """Frame element that holds a whole page; its scripts can touch nothing outside it."""
+    """Frame element with a whole page, whose scripts cannot access anything outside it."""
     return (
         f'<iframe loading="lazy" sandbox="allow-scripts allow-downloads" title="animation" '
         f'style="width:100%;height:{height_px}px;border:0" '

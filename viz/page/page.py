@@ -19,10 +19,10 @@ from viz.page.es_modules import joined
 from viz.page.meshcat_scene import encoded, script_hash
 
 PLAYER, STUDIO = "main.js", "studio/main.js"
-"""Modules that are run: on a page of results, and on a studio's."""
+"""Entry modules of a page of results, and of a studio's page."""
 
 CHARTS = "vendor/uPlot.iife.min.js"
-"""The library of the charts."""
+"""Chart library."""
 
 STYLES = ("vendor/uPlot.min.css", "page.css", "studio/studio.css")
 """Style sheets, in order."""
@@ -31,7 +31,7 @@ STYLES = ("vendor/uPlot.min.css", "page.css", "studio/studio.css")
 def animation_page(*results: Result, title: str | None = None, autoplay: bool = True) -> str:
     """HTML of a page that plays one result, or compares several; it needs no network.
 
-    ``#t=3`` behind its address shows it standing still at 3 s; the page notes there what it shows.
+    A suffix ``#t=3`` of its address shows it paused at 3 s; the page updates this suffix.
 
     Raises:
         ResultError: If the results cannot be compared.
@@ -53,8 +53,8 @@ def page(payload: Mapping[str, Any], *, connect: str = "'none'") -> str:
     """HTML of the player with its data.
 
     Args:
-        payload: As :func:`viz.page.animation.animation` makes it.
-        connect: What the page may connect to, as a source expression; nothing by default.
+        payload: Data made by :func:`viz.page.animation.animation`.
+        connect: Allowed connections of the page, as a CSP source expression; none by default.
     """
     entry = STUDIO if payload.get("studio") else PLAYER
     parts = {
@@ -79,20 +79,20 @@ def policy(connect: str = "'none'", *, entry: str = PLAYER) -> str:
 
 
 def fill(template: str, parts: Mapping[str, str]) -> str:
-    """Template with ``@@name@@`` replaced; what is put in is not searched again."""
+    """Template with ``@@name@@`` replaced; inserted text is not searched again."""
     pieces = template.split("@@")
     return "".join(piece if k % 2 == 0 else parts[piece] for k, piece in enumerate(pieces))
 
 
 def json_text(data: Any) -> str:
-    """JSON that may stand inside a script element, whatever texts it holds; arrays in base 64."""
+    """JSON text that is safe inside a script element; arrays are encoded in base 64."""
     text = json.dumps(data, allow_nan=False, separators=(",", ":"), default=encoded)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 @cache
 def meshcat_script() -> str:
-    """MeshCat's own viewer, as its package brings it."""
+    """MeshCat's viewer script from its package."""
     spec = find_spec("meshcat")  # found, not imported: its import starts loading a server
     if spec is None or spec.origin is None:
         raise SpaceRobotError("the package meshcat is not installed")
@@ -102,7 +102,7 @@ def meshcat_script() -> str:
 
 @cache
 def player_script(entry: str = PLAYER) -> str:
-    """Our player, in a scope of its own; ``entry``: the module that is run."""
+    """Script of the player in its own scope; ``entry`` is the module to run."""
     return joined(entry, _web)
 
 

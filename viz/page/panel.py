@@ -16,14 +16,14 @@ MOST_DIFFERENCES = 60
 
 
 def panel_data(results: Sequence[Result], names: Sequence[str]) -> dict[str, Any]:
-    """Metrics of results and the numbers in which their scenarios differ.
+    """Metrics of results, and the numbers that differ between their scenarios.
 
     Returns:
         dict: ``metrics``, each with ``key``, ``label``, ``unit`` and ``text``; ``designs``, one for each
-            result, with its ``name``, its ``values`` of the metrics, None where there is none, and
-            ``numbers``: texts by dotted path.
+            result, with its ``name``, ``values`` of the metrics (None if missing) and ``numbers`` (texts by
+            dotted path).
     """
-    # value and unit of each quantity that a result has; of a diverged one no value
+    # # value and unit of each quantity of a result; empty for a diverged one
     tables: list[dict[str, tuple[float | None, str]]] = []
     for result in results:
         summary, is_completed = result.summary, result.completed

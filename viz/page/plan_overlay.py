@@ -1,4 +1,4 @@
-"""A plan beside what was flown of it: pale bodies, planned curves, keep-out shapes and approach cones."""
+"""Comparison of a plan with its simulation: pale bodies, planned curves, keep-out shapes, cones."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from viz.page.meshcat_scene import packed, poses, rounded, solid_data
 CONE = (0.55, 0.8, 1.0, 0.25)
 """Colour and opacity of approach cones."""
 LONG = 0.1
-"""Length of a cone, as a part of the scene's size."""
+"""Length of a cone, as a fraction of the scene's size."""
 
 
 def beside_its_plan(flown: Result, scene: Scene, plan: xr.Dataset) -> dict[str, Any]:
-    """Data of a page that plays a result, and pale over it the plan that it follows.
+    """Data of a page that plays a result together with the plan that it follows, drawn pale.
 
     Args:
         flown: The result.
-        scene: Of the plan, its plan section in it.
-        plan: What stands in ``plan.nc``.
+        scene: Scene of the plan, with its plan section.
+        plan: Content of ``plan.nc``.
 
     Raises:
         ResultError: If the result has other bodies or joints.
@@ -41,7 +41,7 @@ def beside_its_plan(flown: Result, scene: Scene, plan: xr.Dataset) -> dict[str, 
     # The plan's motion in frames; between its points configurations are splined.
     end = float(plan.time.values[-1])
     time = np.linspace(0.0, end, max(2, round(end * FRAMES_PER_S) + 1))
-    # Where two phases meet, one of two rows of the same time is taken.
+    # # Two rows at the boundary of two phases have the same time; one of them is used.
     first = np.append(True, np.diff(plan.time.values) > 0)
     rows = plan.time.values[first]
     q, tips = (CubicSpline(rows, plan[name].values[first], axis=0)(time) for name in ("q", "tip_position"))

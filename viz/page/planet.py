@@ -1,4 +1,4 @@
-"""The planet of an orbit for the page: where it is, seen from the world's origin."""
+"""Planet of an orbit for the page: direction, distance and size from the world's origin."""
 
 from __future__ import annotations
 
@@ -34,22 +34,22 @@ def planet_data(result: Result, rows: Rows) -> dict[str, Any] | None:
 
 
 def has_backdrop(scene: Scene) -> bool:
-    """Whether an Earth is shown as a backdrop: in space, where no environment says where the planet is."""
+    """Whether an Earth is drawn as a backdrop: in space, if no environment defines the planet's position."""
     scenario = scene.scenario
     orbits = any(hasattr(element, "planet_radius") for element in scenario.environment.values())
     return not (scene.planar or orbits or any(scenario.gravity))
 
 
 def limb_view(view: View, planet: dict[str, Any] | None) -> View:
-    """View of the same elevation, turned about z as little as shows the limb of an orbit's planet.
+    """View with the same elevation, rotated about z by the smallest angle that shows the planet's limb.
 
     At the start the planet's centre lies in the direction -x and its disc has the half angle
     ``arcsin(radius / distance)``. A direction d of sight with the angle g to -x looks at the limb, a little
     off the middle of the picture, where ``g`` is that half angle and ``_OFF_LIMB_DEG``.
 
     Args:
-        view: View that hides least of the arms.
-        planet: As of :func:`planet_data`; None leaves the view as it is.
+        view: View in which the arms are hidden least.
+        planet: Data of :func:`planet_data`; None returns the view unchanged.
     """
     if planet is None:
         return view
@@ -59,6 +59,6 @@ def limb_view(view: View, planet: dict[str, Any] | None) -> View:
     first = np.cos(np.radians(min(90.0, size + _OFF_LIMB_DEG))) / max(1e-9, np.hypot(x, y))
     if abs(first) > 1:
         return view
-    now = np.degrees(np.arctan2(y, x))
-    turns = [(sign * np.degrees(np.arccos(first)) - now + 180) % 360 - 180 for sign in (1, -1)]
-    return oblique(now + min(turns, key=abs), np.degrees(np.arcsin(z)))
+    azimuth = np.degrees(np.arctan2(y, x))
+    turns = [(sign * np.degrees(np.arccos(first)) - azimuth + 180) % 360 - 180 for sign in (1, -1)]
+    return oblique(azimuth + min(turns, key=abs), np.degrees(np.arcsin(z)))

@@ -1,4 +1,4 @@
-"""Reaction wheels for the page: axes on their base, and angles by which they have turned."""
+"""Reaction wheels for the page: axes on their base, and rotation angles."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from viz.drawing.motion import BodyMotion
 from viz.page.meshcat_scene import packed, rounded
 
 FASTEST = 4.0
-"""Angular velocity of the fastest wheel as drawn [rad/s]; a faster one may seem to stand still."""
+"""Angular velocity of the fastest wheel as drawn [rad/s]; faster rotation may look like standing still."""
 
 NO_REACTION_WHEELS: dict[str, Any] = {"count": 0, "nodes": [], "axes": [], "angles": "", "slowed": 1.0}
-"""Data where there are none."""
+"""Data of a scene without reaction wheels."""
 
 
 def reaction_wheel_data(result: Result, motion: BodyMotion) -> dict[str, Any]:

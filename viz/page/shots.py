@@ -1,4 +1,4 @@
-"""Shots of the camera over a motion: the approach, each capture from nearer, and the whole afterwards."""
+"""Camera shots of a motion: the approach, a close-up of each capture, and the whole scene afterwards."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from viz.page.meshcat_scene import rounded
 _LEAD, _TAIL = 0.14, 0.06  # of the whole duration: a close-up before and after a capture
 _TOGETHER = 0.02  # of it: captures that share a close-up
 _TURNING = 0.5
-"""Part of the shorter of two shots in which the camera turns from one to the other; as in ``camera.js``."""
+"""Fraction of the shorter of two shots in which the camera moves between them; as in ``camera.js``."""
 
 
 def shots(
     result: Result, scene: Scene, motion: BodyMotion, view: View, box: tuple[Array, Array]
 ) -> list[dict[str, Any]]:
-    """Shots in time: first instant ``time`` [s], ``points`` to be seen [m] and ``towards`` the eye.
+    """Shots in order: start time ``time`` [s], visible ``points`` [m], and direction ``towards`` the viewer.
 
-    None where nothing is captured: then one view shows everything.
+    Empty without a capture: a single view then shows everything.
 
     Args:
-        result, scene, motion: What is shown, and how it moves.
-        view: From where it is seen as a whole.
-        box: Least and greatest corner (3,) of all that is shown, m.
+        result, scene, motion: Result, its scene and its motion.
+        view: View of the whole scene.
+        box: Lower and upper corner (3,) [m] of all visible points.
     """
     time, names = motion.time, list(result.array("grasp"))
     captures = sorted(

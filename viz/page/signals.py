@@ -1,4 +1,4 @@
-"""Everything of a result that the animated page can plot over time, as plain data."""
+"""Signals of a result that the animated page can plot over time, as plain data."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from viz.page.meshcat_scene import packed
 NO_LIMITS: Limits = {}
 
 MOST_SAMPLES = 1200
-"""Samples over time, beside the extremes of each signal; a chart has about as many pixels."""
+"""Number of samples over time, in addition to the extremes of each signal; about the pixels of a chart."""
 
 ABOUT_AXES = ("rad", "rad/s", "kg m^2")
-"""Units of vectors whose components are about axes."""
+"""Units of vectors whose components are rotations about axes."""
 
 ENERGIES = {"energy_kinetic": "kinetic", "energy_spring": "springs of grips", "energy_potential": "potential"}
 
@@ -66,28 +66,28 @@ THRUSTERS = (
     ("thruster force", "N", "thruster", "thruster_force", 1.0, "size"),
     ("propellant", "g", "acting body", "propellant", 1e3, "value"),
 )
-"""Curves: title, unit, whose, variable, factor; and its value, the vector's size, or the components along or
-about the axes in which anything moves."""
+"""Curves: title, unit, owner, variable, factor, and value: the vector's norm, or its components along or
+about the axes of motion."""
 
 COMPOSED = (
     *("body_angle", "body_position", "body_rotation", "body_momentum_linear", "body_momentum_angular"),
     *("momentum_linear", "momentum_angular", "impulse_linear", "impulse_angular"),
     *("hill_position", "hill_velocity", *ENERGIES),
 )
-"""Variables that curves of bodies, momenta, orbits and energies are made of."""
+"""Variables from which curves of bodies, momenta, orbits and energies are computed."""
 
 TABULATED = tuple(
     (key, whose.rpartition(" ")[2])
     for _, _, whose, key, _, _ in (*TIP_ERRORS, *TIPS_TO_JOINTS, *WHEELS, *BASE_ERRORS, *THRUSTERS)
 )
-"""Variables whose curves have a title, unit and form of their own, with the dimension along which they do."""
+"""Variables whose curves have their own title, unit and form, with the dimension of their labels."""
 
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """One number over time: name, values (nt,), and the colour of the tip or body it belongs to.
+    """Signal over time: name, values (nt,), and the colour of its tip or body.
 
-    ``bound`` (nt,) is three times the standard deviation that a filter states of this error of its estimate.
+    ``bound`` (nt,) is three times the standard deviation of this estimation error as stated by its filter.
     """
 
     name: str
@@ -106,10 +106,10 @@ class PlottedQuantity:
 
 
 def quantities(result: Result) -> list[PlottedQuantity]:
-    """All signals of a result at all its times, by quantity; those that the scenario controls come first.
+    """All signals of a result at all its times, by quantity; controlled quantities come first.
 
-    That is the tip error; where nothing leads a tip the errors of bases, the orbit, and the momentum. A
-    body that is alone exchanges no momentum and may be the orbit's origin: its rotation precedes them.
+    This is the tip error; without tip control, the errors of bases, the orbit, and the momentum. A single
+    body exchanges no momentum and may be the orbit's origin: its rotation precedes these.
     """
     bodies, momenta, orbit = _bodies(result), _momenta(result), _orbit(result)
     errors = _tabulated(result, BASE_ERRORS)
@@ -125,7 +125,7 @@ def quantities(result: Result) -> list[PlottedQuantity]:
 
 
 def chart_rows(result: Result, shown: Iterable[PlottedQuantity]) -> Rows:
-    """Rows that a chart needs: an even spacing, and where each signal is least and greatest."""
+    """Rows for a chart: evenly spaced ones, and those of each signal's minimum and maximum."""
     time = result.array("time")
     rows = [pick_rows(time, rate_hz=1e9, most=MOST_SAMPLES)]
     for signal in (signal for quantity in shown for signal in quantity.signals):
@@ -143,11 +143,11 @@ def signal_data(
     """Plain data of signals at some rows.
 
     Returns:
-        list of dict: ``title``, ``unit`` and ``signals``, each with its ``name``, ``colour`` and packed
-            ``values``: one value where it never changes. Errors of estimates have the ``bound`` of three
-            standard deviations. A colour is ``[kind, k]``: that of the tip number k, of the body number k, or
-            of all together; null for one of its own. One with limits tells its ``limits``, least and
-            greatest, null where there is none.
+        list of dict: ``title``, ``unit`` and ``signals``, each with ``name``, ``colour`` and packed
+            ``values``: a single value for a constant signal. Errors of estimates have the ``bound`` of three
+            standard deviations. A colour is ``[kind, k]``: that of tip number k, of body number k, or of the
+            total; null for a separate colour. A limited signal has ``limits``, lower and upper, null if
+            unlimited.
     """
     return [
         {
@@ -179,14 +179,14 @@ def _along(
 
 
 def _about(result: Result) -> list[str]:
-    """World axes about which anything can turn."""
+    """World axes of rotation in the scene."""
     return ["z"] if "body_angle" in result.data else ["x", "y", "z"]
 
 
 def _tabulated(
     result: Result, rows: Iterable[tuple[str, str, str, str, float, str]]
 ) -> Iterator[PlottedQuantity]:
-    """Quantities of a table's rows, of those that a result has variables for."""
+    """Quantities of a table's rows whose variables exist in the result."""
     data, tips = result.data, [str(tip) for tip in result.array("tip")]
     axes = {"along": shown_axes(result), "about": _about(result)}
     for title, unit, whose, key, factor, form in rows:

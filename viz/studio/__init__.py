@@ -1,4 +1,4 @@
-"""The studio: a server that simulates a scenario whenever a number changes, and its page.
+"""Studio: a server that simulates a scenario whenever a number changes, and its page.
 
-It stands in ``viz`` because pages may know of tuning, and tuning may not know of pages.
+It is part of ``viz`` because pages may import tuning, whereas tuning must not import pages.
 """

@@ -1,4 +1,4 @@
-"""Keeping a design: as a scenario file, a result, a page, a recording, a table, and as a command line."""
+"""Export of a design: scenario file, result, page, recording, table, or command line."""
 
 from __future__ import annotations
 
@@ -48,13 +48,13 @@ def keep(
 
     Args:
         what: One of ``KINDS``.
-        name: Of the file, without its ending, or of the result's folder.
-        folder: Where; nothing is written elsewhere.
+        name: Name of the file without its suffix, or of the result's folder.
+        folder: Folder of the file; nothing is written elsewhere.
         origin, changes: The design.
-        tell: Told in words how far it is, where it takes a while.
+        tell: Called with progress messages of long exports.
 
     Raises:
-        ResultError: If the name is none, or the file cannot be written.
+        ResultError: If the name is not allowed, or the file cannot be written.
         ScenarioError, DescriptionError, DivergedError: If the design cannot be simulated.
     """
     path = place(folder, name, {"result": "", "scenario": "yaml", "page": "html"}.get(what, what))
@@ -138,7 +138,7 @@ def as_yaml(value: Any) -> str:
 
 
 def table(result: Result) -> str:
-    """All curves of a result as comma-separated values, a row for each sample."""
+    """All curves of a result as comma-separated values, one row per sample."""
     columns = [("time [s]", result.data.time.values)]
     for quantity in quantities(result):
         columns += [(f"{quantity.title} {s.name} [{quantity.unit}]", s.values) for s in quantity.signals]

@@ -1,4 +1,4 @@
-"""A cloud of rollouts around a design: its numbers drawn at random, told as it grows."""
+"""Monte Carlo rollouts around a design, with results sent as they arrive."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ CHUNK = 64  # rollouts between two messages
 
 
 def cloud(_: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float], job: Job) -> None:
-    """Roll out samples chunk by chunk, and tell what they say so far.
+    """Roll out random samples chunk by chunk, and send the results so far.
 
     Raises:
-        SpaceRobotError: If the request asks for what there is not.
+        SpaceRobotError: If the request names an unknown metric or parameter.
     """
     request, metric = job.request, plant.metrics[job.request.text("metric")]
-    # campaign section of what the request says is uncertain
+    # # campaign section with the uncertain numbers of the request
     spreads = request.pairs("spreads")
     if not spreads:
         raise ScenarioError("pin the numbers that are uncertain first")
@@ -51,8 +51,8 @@ def cloud(_: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float], j
         for end in (column.min(), column.max()):
             plant.leaves[path].check(float(end))
     job.tell(always=True, progress=0.0, message="compiling many rollouts at once")
-    others = {path: value for path, value in numbers.items() if path not in paths}
-    names, fixed = [*paths, *others], list(others.values())
+    fixed_numbers = {path: value for path, value in numbers.items() if path not in paths}
+    names, fixed = [*paths, *fixed_numbers], list(fixed_numbers.values())
     gathered, costs = CampaignSpread(plant.scene, plant.ready.rollout), np.zeros(0)
     chunk = min(CHUNK, gathered.most)
     for begin in range(0, len(draws), chunk):

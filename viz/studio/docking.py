@@ -1,4 +1,4 @@
-"""A docking of one's own: URDFs to choose from, the draft of their scenario, and a plan of it."""
+"""Docking of uploaded robots: URDFs to choose from, the drafted scenario, and its plan."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ DEPTHS = ("*.urdf", "*/*.urdf", "*/*/*.urdf")
 """Patterns of the URDFs that are searched for below the working folder."""
 
 MOST_URDFS = 300
-"""Of a folder."""
+"""Maximum number of URDFs found in a folder."""
 
 PLACED = {
     "position": "target.base.position",
@@ -40,23 +40,23 @@ PLACED = {
 """Settings of the object's motion that may replace drafted ones."""
 
 LEADS_ELSEWHERE = re.compile(r"""xacro|<!\w|filename\s*=\s*["'](?:[/\\]|[^"']*(?::|\.\.))""")
-"""Parts of an uploaded URDF that could refer to files elsewhere."""
+"""Patterns of an uploaded URDF that could refer to other files."""
 
 
 @dataclass(frozen=True)
 class UrdfChoice:
-    """URDFs that a page may name: those that ship, those in the working folder, and those it uploaded.
+    """URDFs that a page may use: shipped ones, those in the working folder, and uploaded ones.
 
     Attributes:
-        working: The folder in which the studio was started.
-        folder: The only place where anything is written.
+        working: Folder in which the studio was started.
+        folder: Only folder in which files are written.
     """
 
     working: Path
     folder: Path
 
     def files(self) -> dict[str, Path]:
-        """Files by the names that a page knows; links that lead out of the two folders are left out."""
+        """Files by the names used in the page; links that lead out of the two folders are left out."""
         found = {name: shipped_urdf_folder() / name for name in shipped_names()}
         for top in (self.working.resolve(), self.folder.resolve()):
             paths = itertools.islice((path for pattern in DEPTHS for path in top.glob(pattern)), MOST_URDFS)
@@ -78,11 +78,10 @@ class UrdfChoice:
         return files[name]
 
     def upload(self, name: str, text: str) -> str:
-        """Write a URDF that a page sends, and return its name.
+        """Write an uploaded URDF and return its name.
 
         Raises:
-            ScenarioError, ResultError: If it names other files that are not beside it, or its own name could
-                lead elsewhere.
+            ScenarioError, ResultError: If it refers to missing files, or to files outside the folder.
         """
         led = LEADS_ELSEWHERE.search(text)
         if led is not None:
@@ -107,12 +106,12 @@ class Docking:
 
     @classmethod
     def of(cls, request: Request, choice: UrdfChoice) -> Docking:
-        """Draft of what a page chose.
+        """Draft of a docking from the page's choices.
 
-        For a point of the surface the object's URDF with a mating frame there is written.
+        For a point on the surface, a URDF of the object with a mating frame there is written.
 
         Raises:
-            ScenarioError, DescriptionError, ResultError: If there can be none.
+            ScenarioError, DescriptionError, ResultError: If no draft is possible.
         """
         more = request.more
         file = place(choice.folder, request.text("name"), "yaml")
@@ -165,10 +164,10 @@ class Docking:
 
 
 def _numbers(text: Any, where: str) -> list[float]:
-    """Three numbers that a page wrote, ``x, y, z``; none where it wrote nothing.
+    """Three numbers from a text ``x, y, z``; empty for an empty text.
 
     Raises:
-        ScenarioError: If it wrote something else.
+        ScenarioError: If the text has another form.
     """
     if text in (None, ""):
         return []
@@ -182,12 +181,12 @@ def _numbers(text: Any, where: str) -> list[float]:
 
 
 def plan(scene: Scene, folder: Path, job: Job) -> Path | None:
-    """Plan the approach of a scene, and return the scenario that follows the plan; None if it was stopped.
+    """Plan the approach of a scene, and return the scenario that tracks the plan; None if cancelled.
 
     Args:
         scene: The scene, with a ``plan`` section.
-        folder: Where the plan is written.
-        job: Told of the progress.
+        folder: Folder of the plan.
+        job: Job that receives the progress.
 
     Raises:
         SpaceRobotError: If there is no plan section, or no plan passes the verification.
@@ -207,7 +206,7 @@ def plan(scene: Scene, folder: Path, job: Job) -> Path | None:
         return None
     write(planned, folder)
     followed = folder / FOLLOWED
-    # the page that opens again says what it shows now
+    # # the reopened page restores its state from this
     text = followed.read_text(encoding="utf-8")
     write_text(followed, re.sub(r"(?m)^name: .*$", f"name: {folder.name}", text, count=1))
     job.tell(

@@ -1,4 +1,4 @@
-"""A scenario's text with some values changed, everything else left as it stands."""
+"""Scenario text with changed values, in which everything else stays as written."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ WORDS = ("true", "false", "null", "yes", "no", "on", "off", "y", "n")
 
 
 def edited(text: str, changes: Mapping[str, Any]) -> str | None:
-    """Text with values at dotted paths; None where one cannot be put in without rewriting more.
+    """Text with values set at dotted paths; None if one cannot be set without rewriting more.
 
-    What stands there is replaced; what does not yet is put at the beginning of the section that it belongs
-    to, or at the end of one in braces. Where an anchor is shared the text may say too much: read it again.
+    Existing values are replaced. New ones are inserted at the start of their section, or at the end of a
+    section in braces. With shared YAML anchors the edit may change more than intended: compare after reading
+    it again.
     """
     for path, value in changes.items():
         try:
@@ -40,7 +41,7 @@ def edited(text: str, changes: Mapping[str, Any]) -> str | None:
             node, keys = child, keys[1:]
         begin, end = node.start_mark.index, node.end_mark.index
         if keys:
-            # a new key in a mapping, and sections behind it
+            # # a new key in a mapping, with nested sections
             if not isinstance(node, yaml.MappingNode) or not (node.flow_style or node.value):
                 return None
             for key in reversed(keys[1:]):

@@ -1,4 +1,4 @@
-"""One job of the studio, and how it tells a page how far it is."""
+"""Background job of the studio, with progress messages to its page."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 from viz.studio.messages import Request
 
 PAUSE_S = 0.1
-"""At least so long between two messages of a job."""
+"""Minimum time between two messages of a job [s]."""
 
 Send = Callable[[Any, dict[str, Any]], None]
 
@@ -22,13 +22,13 @@ class StoppedError(Exception):
 
 @dataclass
 class Job:
-    """One job: who asked, whether it shall stop, what was told last.
+    """Job: requesting page, stop flag, last message.
 
     Attributes:
-        id, page, request: Its name, who asked for it, and what was asked.
-        stop: Set where it shall end.
-        told_at: When something was told of it.
-        ended: Whether its end has been told: who hears of it may begin another one at once.
+        id, page, request: Id, requesting page, and request.
+        stop: Event that is set to stop it.
+        told_at: Time of the last message.
+        ended: Whether its end has been reported; a page may start the next job after that report.
     """
 
     id: str
@@ -41,11 +41,11 @@ class Job:
 
     @property
     def is_due(self) -> bool:
-        """Whether the last message is long enough ago for another one."""
+        """Whether enough time has passed since the last message."""
         return time.monotonic() - self.told_at > PAUSE_S
 
     def tell(self, state: str = "running", *, always: bool = False, **what: Any) -> None:
-        """Tell the page, but not too often."""
+        """Send a message to the page, at a limited rate."""
         if always or state != "running" or self.is_due:
             self.told_at = time.monotonic()
             self.ended |= state != "running"

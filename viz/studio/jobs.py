@@ -20,9 +20,9 @@ class Jobs:
     """Jobs of a session, one at a time.
 
     Args:
-        plants: The structures that designs have.
-        send: Sends a message to a page.
-        more: What does kinds of jobs beside those of ``DO``.
+        plants: Prepared structures of designs.
+        send: Function that sends a message to a page.
+        more: Functions of further kinds of jobs, in addition to ``DO``.
     """
 
     def __init__(

@@ -14,14 +14,14 @@ from viz.studio.prepared_design import DesignCache, PreparedDesign
 
 
 def loop_margins_job(plants: DesignCache, _: PreparedDesign, __: Mapping[str, float], job: Job) -> None:
-    """Compute the margins of all loops of a design at one time, and send them, the least disk margin first.
+    """Compute the margins of all loops of a design at one time, and send them sorted by disk margin.
 
     Args:
-        plants: Structures of designs, whose origin builds the design's scene.
-        job: Its request has ``values`` and the time ``at`` [s].
+        plants: Prepared structures of designs.
+        job: Job whose request has ``values`` and the time ``at`` [s].
 
     Raises:
-        SpaceRobotError: As :func:`spacerobot.linear.margins`.
+        SpaceRobotError: See :func:`spacerobot.linear.margins`.
     """
 
     def tell(words: str) -> None:
@@ -47,7 +47,7 @@ def loop_margins_job(plants: DesignCache, _: PreparedDesign, __: Mapping[str, fl
         at=linear.label,
         growing=len(linear.growing),
         units=UNITS,
-        # infinite margins become null, as does all of a loop whose linearisation varies in time
+        # # infinite margins become null, as do all margins of a loop with a time-varying linearisation
         loops=[
             {"name": one.name, "varies": math.isnan(one.disk)} | {name: getattr(one, name) for name in UNITS}
             for one in ranked
