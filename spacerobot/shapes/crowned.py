@@ -62,7 +62,9 @@ def to_shape(one: Shape, other: Shape, crown: ca.SX) -> tuple[Nearest, ca.SX | N
     return nearest_points, lead if curved else None
 
 
-def gap_along(one: Shape, other: Shape, crown: ca.SX) -> tuple[ca.SX, ca.SX, ca.Function, ca.SX]:
+def gap_along(
+    one: Shape, other: Shape, crown: ca.SX
+) -> tuple[ca.SX, ca.SX, ca.Function, ca.SX, ca.Function | None]:
     """Signed distance (1x1) [m] as a function of both poses for a given normal.
 
     The distance is the maximum of V(x, n) over unit vectors n. With n = (n0 + T' d) / |n0 + T' d|, n0 the
@@ -75,7 +77,8 @@ def gap_along(one: Shape, other: Shape, crown: ca.SX) -> tuple[ca.SX, ca.SX, ca.
 
     Returns:
         tuple: The distance; a symbol (6x1) for n0 in the first shape's axes and the entries 11, 12, 22 of
-            M0^-1; the function that finds them, and what it is given.
+            M0^-1; the function that finds them, what it is given, and one step of it where such steps alone
+            find them for shapes that are apart.
     """
     kinds, sizes = _pair(one, other)
     symbol = ca.SX.sym("normal", 6)
@@ -86,7 +89,8 @@ def gap_along(one: Shape, other: Shape, crown: ca.SX) -> tuple[ca.SX, ca.SX, ca.
     pull = ca.substitute(slope, step, ca.SX.zeros(2))
     newton = ca.vertcat(a * pull[0] + b * pull[1], b * pull[0] + c * pull[1])
     flat = ca.vertcat(*(ca.densify(ca.vec(one)) for one in inputs))
-    return ca.substitute(value, step, newton), symbol, _maximum(kinds, sizes), flat
+    gap = ca.substitute(value, step, newton)
+    return gap, symbol, _maximum(kinds, sizes), flat, _ascent(kinds, sizes)
 
 
 _Kinds = tuple[type[ConvexKind], type[ConvexKind]]
@@ -133,6 +137,36 @@ def _maximum(kinds: _Kinds, sizes: _Sizes) -> ca.Function:
     summit = best(*parts)
     name = "_".join(["maximum", *(kind.__name__.lower() for kind in kinds)])
     return ca.Function(name, [flat], [ca.vertcat(summit, inverse(*parts, summit))], ["given"], ["found"])
+
+
+@functools.cache
+def _ascent(kinds: _Kinds, sizes: _Sizes) -> ca.Function | None:
+    """One Newton step to the maximum, of what :func:`_maximum` is given; None where steps have a memory.
+
+    The value is the lower bound n.c - h(n) of a concave function of n in space: where it is positive there is
+    one maximum on the sphere, whatever the first direction. The function takes a unit vector n too, or zeros
+    for that to the second shape's centre. Its result (11x1) is the vector after the step, what ``_maximum``
+    finds if n is the maximum, the value [m] and its slope [m] at n.
+    """
+    inputs = _symbols(sizes)
+    reach = _reach_between(kinds, inputs)[0]
+    memory = [term.first_memory() for term in reach.terms]
+    if not reach.is_sharp or any(one.numel() for one in memory):
+        return None
+    given = ca.SX.sym("n", 3)
+    n = ca.if_else(ca.dot(given, given) > 0, given, _unit(reach.centre))
+    normal = ca.SX.sym("normal", 3)
+    value, slope, step = reach.about(normal)
+    bent = -ca.jacobian(slope, step)
+    at = ca.substitute([value, ca.densify(slope), ca.densify(bent)], [step], [ca.SX.zeros(2)])
+    inverse = _inverse((at[2][0, 0], at[2][0, 1], at[2][1, 1]), at[0])
+    found = ca.vertcat(normal, inverse, at[0], ca.norm_2(at[1]))
+    here = ca.Function("here", [*inputs, normal], [found])(*inputs, n)
+    flat = ca.vertcat(*(ca.vec(one) for one in inputs))
+    after = reach._stepping(n, *memory, *reach._free)[0]
+    whole = ca.vertcat(after, here)
+    name = "_".join(["ascent", *(kind.__name__.lower() for kind in kinds)])
+    return ca.Function(name, [flat, given], [ca.densify(ca.cse(whole))])
 
 
 def _symbols(sizes: _Sizes) -> list[ca.SX]:

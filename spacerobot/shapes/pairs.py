@@ -145,11 +145,15 @@ class Implicit(NamedTuple):
         symbol: Symbol (n x 1); of no length where there is no iteration.
         function: Finds its value (n x 1) by a fixed number of steps; None where there is none.
         given: Expression (m x 1) that the function is called with.
+        ascent: One step of the iteration, called with the same and a direction (3 x 1), which alone leads
+            there where shapes are apart; see :func:`spacerobot.shapes.crowned.gap_along`. None where it may
+            not.
     """
 
     symbol: ca.SX
     function: ca.Function | None
     given: ca.SX
+    ascent: ca.Function | None = None
 
 
 def held_gap(one: Shape, other: Shape, crown: ca.SX | float = CROWN) -> tuple[ca.SX, Implicit]:
@@ -164,8 +168,8 @@ def held_gap(one: Shape, other: Shape, crown: ca.SX | float = CROWN) -> tuple[ca
     """
     if is_exact(one, other) or one.kind.is_halfspace or other.kind.is_halfspace:
         return proximity(one, other, crown).gap, Implicit(ca.SX(0, 1), None, ca.SX(0, 1))
-    gap, symbol, function, arguments = crowned.gap_along(one, other, ca.SX(crown))
-    return gap, Implicit(symbol, function, arguments)
+    gap, *implicit = crowned.gap_along(one, other, ca.SX(crown))
+    return gap, Implicit(*implicit)
 
 
 def is_exact(one: Shape, other: Shape) -> bool:

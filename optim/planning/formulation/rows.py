@@ -11,6 +11,10 @@ from spacerobot.arrays import Array
 from spacerobot.elements.goals.plan_instant import BoundedRow
 from spacerobot.shapes import Implicit
 
+STEPS, APART_AFTER, SLOPE = 30, 8, 1e-10
+"""Maximum number of steps from the direction of the centres, the number after which shapes count as
+overlapping if none has shown them apart, and the slope at which a maximum is found [m]."""
+
 Call = Callable[..., Array]
 """Evaluates a function, by name, for columns (n, N)."""
 
@@ -36,15 +40,45 @@ def implicit_values(implicit: Sequence[Implicit], inputs: Array, call: Call) -> 
     count = inputs.shape[1]
     parts = np.split(inputs, np.cumsum([one.given.numel() for one in implicit])[:-1]) if implicit else []
     values: list[Array] = [np.empty((0, count))] * len(implicit)
-    functions = {one.function.name(): one.function for one in implicit if one.function is not None}
-    for name in functions:
+    for name in {one.function.name(): None for one in implicit if one.function is not None}:
         matching = [
             k for k, one in enumerate(implicit) if one.function is not None and one.function.name() == name
         ]
-        columns = call(name, np.hstack([parts[k] for k in matching]))
+        columns = _found(implicit[matching[0]], np.hstack([parts[k] for k in matching]), call)
         for k, value in zip(matching, np.hsplit(columns, len(matching)), strict=True):
             values[k] = value
     return np.vstack([np.empty((0, count)), *values])
+
+
+def functions_of(implicits: Sequence[Implicit]) -> dict[str, ca.Function]:
+    """Functions that find what iterations find, by name."""
+    functions = (function for one in implicits for function in (one.function, one.ascent))
+    return {function.name(): function for function in functions if function is not None}
+
+
+def _found(implicit: Implicit, given: Array, call: Call) -> Array:
+    """What an iteration finds for columns (n, N): by few steps where shapes are apart, else by all of it."""
+    assert implicit.function is not None
+    if implicit.ascent is None:
+        return call(implicit.function.name(), given)
+    count = given.shape[1]
+    found, left, rest = np.empty((implicit.symbol.numel(), count)), np.arange(count), list[int]()
+    directions = np.zeros((3, count))
+    for k in range(STEPS):
+        step = call(implicit.ascent.name(), given[:, left], directions)
+        directions, here, (value, slope) = step[:3], step[3:9], step[9:]
+        done = (value > 0) & (slope < SLOPE)
+        found[:, left[done]] = here[:, done]
+        overlaps = ~done & ~(value > 0) & (k >= APART_AFTER)
+        rest += left[overlaps].tolist()
+        goes_on = ~done & ~overlaps
+        left, directions = left[goes_on], directions[:, goes_on]
+        if not left.size:
+            break
+    rest += left.tolist()
+    if rest:
+        found[:, rest] = call(implicit.function.name(), given[:, rest])
+    return found
 
 
 def row_values(rows: Sequence[BoundedRow], at: ca.SX, columns: Array) -> Array:
@@ -52,11 +86,11 @@ def row_values(rows: Sequence[BoundedRow], at: ca.SX, columns: Array) -> Array:
     implicit, size = implicit_in(rows), columns.shape[1]
     symbols = symbols_of(implicit)
     inputs = ca.Function("given", [at], [ca.vertcat(ca.SX(0, 1), *(one.given for one in implicit))])
-    functions = {one.function.name(): one.function for one in implicit if one.function is not None}
+    functions = functions_of(implicit)
 
-    def call(name: str, arguments: Array) -> Array:
+    def call(name: str, *arguments: Array) -> Array:
         """Evaluate one of the functions."""
-        return np.array(functions[name](arguments).full())
+        return np.array(functions[name](*arguments).full())
 
     held = (
         implicit_values(implicit, np.array(inputs(columns).full()), call) if implicit else np.empty((0, size))

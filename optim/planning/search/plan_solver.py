@@ -35,7 +35,7 @@ from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.motion import Motion, PhasedMotion
 from optim.planning.transcription.phase_chain import Linkage, PhaseChain
-from optim.planning.verification.verify import VerificationResult
+from optim.planning.verification.verify import VerificationResult, limit_names
 from optim.problem.scene_recipe import BuildRecipe, SceneRecipe
 from spacerobot.elements.goals.plan_instant import BoundedRow
 from spacerobot.scenario.plan import PlanSection
@@ -47,6 +47,30 @@ ITERATIONS = 50
 """Typical number of iterations of one solve with its mesh refinement."""
 COMPILED = 30_000
 """Number of instants from which compiling a problem's functions takes less time than interpreting them."""
+
+
+def with_margins(problem: PlanningProblem, margins: Mapping[str, float]) -> PlanningProblem:
+    """A problem whose limits are tighter.
+
+    Args:
+        problem: The problem.
+        margins: Room left to a limit, by its name, in its unit.
+    """
+    if not margins:
+        return problem
+    lower, upper = problem.lower.copy(), problem.upper.copy()
+    for k, (name, _) in limit_names(problem).items():
+        lower[k] += margins.get(name, 0.0)
+        upper[k] -= margins.get(name, 0.0)
+    path = tuple(
+        dataclasses.replace(
+            row,
+            lower=row.lower + margins.get(row.name, 0.0) / row.scale,
+            upper=row.upper - margins.get(row.name, 0.0) / row.scale,
+        )
+        for row in problem.path
+    )
+    return dataclasses.replace(problem, lower=lower, upper=upper, path=path)
 
 
 @dataclass(frozen=True)
@@ -324,9 +348,16 @@ class PlanSolver:
         shares = (one.plan.intervals / self.plan.intervals for one in self.phases)
         return tuple(Mesh.of(max(1, round(share * intervals))) for share in shares)
 
-    def program(self, request: SolveRequest, meshes: Sequence[Mesh]) -> PhaseChain:
-        """Nonlinear program on a mesh of each phase, or of each segment of a single phase."""
-        problems = self.problems_of(request)
+    def program(
+        self, request: SolveRequest, meshes: Sequence[Mesh], margins: Mapping[str, float] | None = None
+    ) -> PhaseChain:
+        """Nonlinear program on a mesh of each phase, or of each segment of a single phase.
+
+        Args:
+            request, meshes: Request, and the meshes.
+            margins: Room that the program leaves to limits, by their names, in their units.
+        """
+        problems = [with_margins(problem, margins or {}) for problem in self.problems_of(request)]
         if len(self.phases) == 1 and (len(meshes) > 1 or problems[0].magnitudes):
             programs = [
                 CollocationProgram(problem, self.instants, self.lobatto, mesh)

@@ -52,6 +52,10 @@ GAIN = 1e-3
 DRAWN = 2
 """Maximum number of drawn guesses for leaving a saddle point."""
 
+ROUNDS, ROOM = 4, 1.5
+"""Maximum number of searches on the same mesh with more room to limits that are passed between its points,
+and the room over that excess. Where an arrival is given, the plan need not be the cheapest."""
+
 MANY, COARSER = 16, 4
 """Intervals from which on a first mesh is solved from one that is coarser by a factor, where iterations cost
 less and links that collide are found."""
@@ -122,6 +126,7 @@ class _SolverRuns:
         self.ended: tuple[PhaseChain, Solution, Meshes] | None = None
         self.stalled = False
         self.best: VerifiedPlan | None = None
+        self.margins: dict[str, float] = {}
 
     @property
     def problem(self) -> PlanningProblem:
@@ -232,6 +237,9 @@ class _SolverRuns:
         jumps = self.solver.names == ("",) and problem.begin is None and not problem.magnitudes
         jumps = jumps and all(row.final_fraction == 1.0 for row in problem.path)
         verification, before = None, np.inf
+        span = self.solver.plan.duration
+        is_arrival = span is not None and span.arrivals > 0  # the first plan that is verified is wanted
+        rounds = ROUNDS if is_arrival else 0
         while True:
             self.clear()
             if self.kept is None:
@@ -241,11 +249,13 @@ class _SolverRuns:
                 self.request, SolveResult((), solution, meshes, self.cost, None, "")
             )
             solver.notify("replaying the plan")
-            program = solver.interpreted.program(self.request, meshes)
+            program = solver.interpreted.program(self.request, meshes, self.margins)
             verification = verify(phased_motion, program, solution, _size(self.cost), solver.backend)
             if not verification.failures() and (self.best is None or self.cost < self.best.cost):
                 self.best = VerifiedPlan(solver, self.kept, self.cost, verification)
             if verification.fine_enough:
+                if is_arrival:
+                    return verification
                 sharper = sharper_meshes(phased_motion, solver.plan.max_intervals)
                 gained, before = before - self.cost, self.cost
                 if sharper is None or gained < GAIN * self.cost:
@@ -255,6 +265,10 @@ class _SolverRuns:
                     self.cause = ""
                     return verification
                 continue
+            if rounds and verification.error_m <= verification.tolerance_m:
+                rounds -= 1
+                if self._with_room(verification):
+                    continue
             if jumps and len(meshes) < MOST_SEGMENTS:
                 pieces = split_at_jumps(phased_motion, self.problem)
                 jumps = pieces is not None and self._segmented(pieces)
@@ -268,6 +282,21 @@ class _SolverRuns:
             self.why = f" (refined, for {verification.failures()[-1]})"
             if not self._finer(finer):
                 return verification
+
+    def _with_room(self, verification: VerificationResult) -> bool:
+        """Solve on the same mesh with more room to the limits that are passed between its points."""
+        assert self.kept is not None
+        (solution, meshes), kept, cost, margins = self.kept, self.kept, self.cost, dict(self.margins)
+        for one in verification.exceeded:
+            self.margins[one.name] = self.margins.get(one.name, 0.0) + ROOM * one.amount
+        self.why = f" (more room, for {verification.failures()[-1]})"
+        near = SolveResult((), solution, meshes, self.cost, None, "")
+        phased_motion = self.solver.phased_motion(self.request, near)
+        warm = dataclasses.replace(solution, barrier=max(solution.barrier, BARRIER))
+        if self._solve(phased_motion, meshes, warm):
+            return True
+        self.kept, self.cost, self.margins = kept, cost, margins
+        return False
 
     def relaxed(self) -> None:
         """Solve the elastic program where the search ended by itself without a solution.
@@ -352,7 +381,7 @@ class _SolverRuns:
         give_up: bool = False,
     ) -> bool:
         solver, costs, violations = self.solver, list[float](), list[float]()
-        program = solver.program(self.request, meshes)
+        program = solver.program(self.request, meshes, self.margins)
         intervals = sum(mesh.intervals for mesh in meshes)
         many = f"start {self.request.start + 1} of {solver.plan.starts}, " if solver.plan.starts > 1 else ""
         words = f"solving: {many}{intervals} intervals{self.why}"

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from optim.planning.formulation.rows import implicit_in, implicit_values, symbols_of
+from optim.planning.formulation.rows import functions_of, implicit_in, implicit_values, symbols_of
 from optim.planning.formulation.stage import PlanningProblem
 from spacerobot.arrays import Array
 from spacerobot.compiled import compile_functions, find_toolchain
@@ -141,7 +141,7 @@ def _instants(
         if iterated:
             inputs = ca.vertcat(*(one.given for one in iterated))
             functions[f"{prefix}given"] = _function(f"{prefix}given", _inputs(z, None, constant), inputs)
-            functions |= {one.function.name(): one.function for one in iterated if one.function is not None}
+            functions |= functions_of(iterated)
     call, used = _caller(functions, backend)
     none = (np.empty(0, dtype=np.int64),) * 2
     # what iterations find is cached

@@ -11,11 +11,13 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from benchmarks.soft_capture import Draw, draws, flown, violations, wrench_of
+from optim.planning.formulation.rows import functions_of, implicit_values
 from optim.planning.search.make_plan import arrival_requests, make_plan
-from optim.planning.search.plan_solver import PlanSolver
+from optim.planning.search.plan_solver import PlanSolver, with_margins
 from optim.planning.transcription.initial_guess import initial_guess, is_guided
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
+from spacerobot.shapes import Shape, held_gap
 
 UNIT = """<robot name="unit"><link name="body"><inertial><mass value="10"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
@@ -145,3 +147,42 @@ def test_an_approach_holds_its_limits_in_a_flight_by_other_equations():
     assert max(excess.values()) > -0.2  # and some of them are active
     states = motion.q[:, :3]
     assert np.abs(states[-1] - chaser[-1, :3]).max() < 1e-5
+
+
+def test_few_steps_find_the_direction_between_hulls_that_all_steps_find():
+    pads = load_scene("soft-capture").scenario.pads
+    turn, place = ca.SX.sym("turn", 3, 3), ca.SX.sym("place", 3)
+    one = Shape(type(pads["chaser"]), ca.SX.eye(3), ca.SX(3, 1), pads["chaser"].measures())
+    other = Shape(type(pads["target"]), turn, place, pads["target"].measures())
+    _, about = held_gap(one, other)
+    given = ca.Function("given", [turn, place], [about.given])
+    rng, columns = np.random.default_rng(0), []
+    for distance in np.linspace(1, 25, 12):  # the first ones overlap
+        direction = rng.normal(size=3)
+        place_here = distance * direction / np.linalg.norm(direction)
+        rotation = Rotation.random(random_state=rng).as_matrix()
+        columns.append(given(rotation, place_here).full().ravel())
+    functions, calls = functions_of([about]), []
+
+    def call(name, *arguments):
+        calls.append((name, arguments[0].shape[1]))
+        return np.array(functions[name](*arguments).full())
+
+    found = implicit_values([about], np.array(columns).T, call)
+    np.testing.assert_allclose(found, np.array(about.function(np.array(columns).T).full()), atol=1e-8)
+    most = sum(count for name, count in calls if name == about.function.name())
+    assert 0 < most < 6  # of the overlapping ones alone
+
+
+def test_margins_tighten_rows_in_their_units_and_drives(solver):
+    problem = solver.problem
+    sight = next(row for row in problem.path if row.form == "cosine")
+    force = next(name for name in problem.stage.driven.names if name.endswith("fx"))
+    tight = with_margins(problem, {sight.name: 0.01, f"torque of {force}": 2.0})
+    new = next(row for row in tight.path if row.name == sight.name)
+    assert np.arccos(sight.lower) - np.arccos(new.lower) == pytest.approx(0.01, rel=0.05)
+    changed = np.flatnonzero(tight.upper != problem.upper)
+    assert problem.upper[changed] - tight.upper[changed] == pytest.approx([2.0])
+    assert tight.lower[changed] - problem.lower[changed] == pytest.approx([2.0])
+    others = [(a, b) for a, b in zip(problem.path, tight.path, strict=True) if a.name != sight.name]
+    assert all(a.lower == b.lower and a.upper == b.upper for a, b in others)
