@@ -28,7 +28,7 @@ def test_they_are_those_of_the_distance(kinds, at):
         )
         for k, kind in zip((0, 6), kinds, strict=True)
     ]
-    near, (about, (symbol, function, given)) = proximity(*shapes), held_gap(*shapes)
+    near, (about, (symbol, function, given, _)) = proximity(*shapes), held_gap(*shapes)
     slope = ca.Function("slope", [x], [ca.gradient(near.gap, x)])
     cheap = [about, ca.gradient(about, x), ca.hessian(about, x)[0]]
     held = ca.DM(0, 1) if function is None else function(ca.Function("given", [x], [given])(at))
