@@ -168,8 +168,8 @@ def held_gap(one: Shape, other: Shape, crown: ca.SX | float = CROWN) -> tuple[ca
     """
     if is_exact(one, other) or one.kind.is_halfspace or other.kind.is_halfspace:
         return proximity(one, other, crown).gap, Implicit(ca.SX(0, 1), None, ca.SX(0, 1))
-    gap, *implicit = crowned.gap_along(one, other, ca.SX(crown))
-    return gap, Implicit(*implicit)
+    gap, symbol, function, arguments, ascent = crowned.gap_along(one, other, ca.SX(crown))
+    return gap, Implicit(symbol, function, arguments, ascent)
 
 
 def is_exact(one: Shape, other: Shape) -> bool:
