@@ -135,9 +135,8 @@ def test_arrivals_are_tried_in_turn_each_with_its_fixed_duration(solver):
 def test_an_approach_holds_its_limits_in_a_flight_by_other_equations():
     draw = draws(2)[1]
     assert isinstance(draw, Draw)
-    plan = make_plan(
-        load_scene("soft-capture", draw.changes() | {"plan.keep_out": {}}), backend="interpreted"
-    )
+    changes = draw.changes() | {"plan.keep_out": {}, "plan.tolerance": 1e-5}
+    plan = make_plan(load_scene("soft-capture", changes), backend="interpreted")
     motion = plan.motion
     wrench = wrench_of(motion)
     times, chaser, target = flown(draw, wrench, np.array(motion.mesh.knots) * motion.duration_s)
