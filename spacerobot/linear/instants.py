@@ -35,6 +35,26 @@ class Instant:
         return self.time_s == 0 and "," not in self.label
 
 
+def check_instants(loop: ClosedLoop, duration_s: float, at: Iterable[float | str]) -> None:
+    """Check of times and of names of events, before anything is simulated.
+
+    Args:
+        loop: The closed loop.
+        duration_s: Duration of the simulation [s].
+        at: Times [s], and kinds or names of events.
+
+    Raises:
+        ScenarioError: If a time lies outside the simulation, or there is no such event.
+    """
+    kinds = dict.fromkeys(kind for rule in loop.events for kind in (rule.kind, rule.name))
+    for place in at:
+        if isinstance(place, str):
+            if place not in kinds:
+                raise ScenarioError(f"no event '{place}', {near_names(place, kinds)}", where="at")
+        elif not 0 <= place <= duration_s:
+            raise ScenarioError(f"found {place:g} s, allowed: from 0 to {duration_s:g} s", where="at")
+
+
 def instants(rollout: Rollout, loop: ClosedLoop, at: Iterable[float | str]) -> Iterator[Instant]:
     """States at times and at events.
 
@@ -49,10 +69,7 @@ def instants(rollout: Rollout, loop: ClosedLoop, at: Iterable[float | str]) -> I
         ScenarioError: If a time lies outside the simulation, or an event does not happen.
     """
     places = list(at)
-    duration = rollout.grid.duration_s
-    for time_s in places:
-        if not isinstance(time_s, str) and not 0 <= time_s <= duration:
-            raise ScenarioError(f"found {time_s:g} s, allowed: from 0 to {duration:g} s", where="at")
+    check_instants(loop, rollout.grid.duration_s, places)
     trajectory = _run(rollout) if any(isinstance(place, str) for place in places) else None
     for place in places:
         if isinstance(place, str) and trajectory is not None:
@@ -114,9 +131,6 @@ def _at_event(loop: ClosedLoop, trajectory: Trajectory, name: str) -> Iterator[I
             yield _instant(loop, f"{name}, before", fired.time_s, fired.before, before)
             yield _instant(loop, f"{name}, after", fired.time_s, fired.after, fired.switches)
             return
-    kinds = dict.fromkeys(kind for rule in loop.events for kind in (rule.kind, rule.name))
-    if name not in kinds:
-        raise ScenarioError(f"no event '{name}', {near_names(name, kinds)}", where="at")
     raise ScenarioError(f"'{name}' does not happen in the simulation", where="at")
 
 

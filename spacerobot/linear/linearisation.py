@@ -35,7 +35,7 @@ from spacerobot.closedloop.break_points import PerturbedLoop, build_perturbed_lo
 from spacerobot.errors import SpaceRobotError, near_names
 from spacerobot.files import StrPath
 from spacerobot.linear.complex_step import evaluate
-from spacerobot.linear.instants import Instant, instants
+from spacerobot.linear.instants import Instant, check_instants, instants
 from spacerobot.linear.periodic import Matrices, PeriodicUpdate, beginning, occurrences, transition
 from spacerobot.rollout import Rollout
 from spacerobot.scene import Scene, to_scene
@@ -302,7 +302,8 @@ def linearise(
     """
     tell = progress or (lambda _: None)
     tell("building the closed loop")
-    lineariser = Lineariser.of(to_scene(scene), outputs)
+    at = list(at)
+    lineariser = Lineariser.of(to_scene(scene), outputs, at=at)
     rollout = lineariser.rollout(backend, tell)
     tell("simulating and linearising")
     return [lineariser.at(instant) for instant in instants(rollout, lineariser.loop, at)]
@@ -317,17 +318,27 @@ class Lineariser:
     perturbed: PerturbedLoop
 
     @classmethod
-    def of(cls, scene: Scene, outputs: Iterable[str] = (), vary: Collection[str] = ()) -> Lineariser:
+    def of(
+        cls,
+        scene: Scene,
+        outputs: Iterable[str] = (),
+        vary: Collection[str] = (),
+        at: Iterable[float | str] = (),
+    ) -> Lineariser:
         """Linearisation of a scene, with outputs of the simulation after the break points' signals.
 
         Args:
             scene, outputs: As of :func:`linearise`.
             vary: Parameters that are kept although they are exactly zero.
+            at: Instants at which it will be evaluated; wrong ones are reported before the break points are
+                built and anything is compiled.
 
         Raises:
-            ScenarioError: If there is no such output.
+            ScenarioError: If there is no such output, or an instant lies outside the simulation or names no
+                event.
         """
         loop, requested = build_closed_loop(scene, vary), tuple(outputs)
+        check_instants(loop, scene.scenario.simulation.duration, at)
         names = [variable.name for variable in loop.variables]
         for name in requested:
             if name not in names:

@@ -242,7 +242,8 @@ def margins(
         raise SpaceRobotError(f"along: found {along:g}, allowed: 0, or from 2 to {MAX_INSTANTS}")
     tell = progress or (lambda _: None)
     tell("building the closed loop")
-    lineariser = Lineariser.of(to_scene(scene))
+    at = list(at)
+    lineariser = Lineariser.of(to_scene(scene), at=() if along else at)
     rollout = lineariser.rollout(backend, tell)
     tell("simulating and linearising")
     loop = lineariser.loop

@@ -90,7 +90,8 @@ class ParametricLinearisation:
                 on a path.
         """
         tell = progress or (lambda _: None)
-        lineariser = Lineariser.of(scene, vary=[path for paths in variables for path in paths])
+        at = list(at)
+        lineariser = Lineariser.of(scene, vary=[path for paths in variables for path in paths], at=at)
         loop = lineariser.loop
         places = tuple(tuple(loop.index(path) for path in paths) for paths in variables)
         operating_points = tuple(instants(lineariser.rollout(backend, tell), loop, at))

@@ -5,6 +5,7 @@ No section of a scenario is imported, so that a missing file and wrong YAML are 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,6 +44,21 @@ def read_document(path: Path) -> Document:
             f"a scenario is a mapping of keys to values, found {type(document).__name__}", source=path
         )
     return document
+
+
+NO_PLAN = "no such section: it defines the planning problem (docs/how_to/plan_and_follow.md)"
+"""Message for a scenario without a ``plan`` section."""
+
+
+def check_plan_section(path: Path, changes: Iterable[tuple[str, Any]] = ()) -> None:
+    """Check that a scenario file has a ``plan`` section, or that a change may bring one.
+
+    Raises:
+        ScenarioError: If there is none, or as :func:`read_document`.
+    """
+    may_come = any(pattern.partition(".")[0] in ("plan", "*") for pattern, _ in changes)
+    if not may_come and read_document(path).get("plan") is None:
+        raise ScenarioError(NO_PLAN, source=path, where="plan")
 
 
 def parse_yaml(text: str, *, source: Path | str | None = None) -> Any:

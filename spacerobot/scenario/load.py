@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from pydantic import ValidationError
 from spacerobot.elements.core.registry import kinds
 from spacerobot.errors import ScenarioError
 from spacerobot.quantities import planned
-from spacerobot.scenario.paths import Document
+from spacerobot.scenario.paths import Document, assign
 from spacerobot.scenario.scenario import Scenario
 from spacerobot.scenario.validation_errors import explain
 from spacerobot.scenario.yaml_text import Dumper
@@ -37,6 +38,49 @@ def validate(document: Document, *, source: Path | str | None = None) -> Scenari
 def to_document(scenario: Scenario) -> Document:
     """Plain form of a scenario, defaults included, as YAML and dotted paths see it."""
     return scenario.model_dump(mode="json")
+
+
+def apply_change(
+    document: Document, pattern: str, value: Any, source: Path | str | None
+) -> tuple[Document, bool]:
+    """Document with one change, and whether it is valid; some changes are valid only together.
+
+    Defaults of a section that the change creates are filled in for later changes.
+
+    Raises:
+        ScenarioError: If the change names no value.
+    """
+    try:
+        changed = assign(document, pattern, value)
+    except ScenarioError as fault:
+        raise ScenarioError(fault.message, source=source, where=f"--set {fault.where}") from None
+    try:
+        return to_document(validate(changed)), True
+    except ScenarioError:
+        return changed, False
+
+
+def check_changes(
+    scenario: Scenario, changes: Iterable[tuple[str, Any]], *, source: Path | str | None = None
+) -> None:
+    """Check of changes whose paths do not depend on URDFs, before these are read.
+
+    Raises:
+        ScenarioError: If a change names no section, or the changed scenario is not valid.
+    """
+    document, is_valid = to_document(scenario), True
+    for pattern, value in changes:
+        if ".links." in pattern:  # the URDF's numbers are checked with it
+            return
+        try:
+            document, is_valid = apply_change(document, pattern, value, source)
+        except ScenarioError:
+            section = pattern.partition(".")[0]
+            if section in document or "*" in section:  # a URDF may bring the value
+                return
+            raise
+    if not is_valid:
+        validate(document, source=source)
 
 
 def to_yaml(scenario: Scenario) -> str:

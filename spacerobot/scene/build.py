@@ -12,8 +12,7 @@ import pinocchio as pin
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.files import StrPath
 from spacerobot.scenario import Robot, Scenario
-from spacerobot.scenario.load import to_document, validate
-from spacerobot.scenario.paths import Document, assign
+from spacerobot.scenario.load import apply_change, to_document, validate
 from spacerobot.scene.assumptions import list_assumptions, list_warnings
 from spacerobot.scene.checks import (
     check_alignment,
@@ -141,7 +140,7 @@ def resolve(
     document, is_valid = to_document(scenario), True
     for pattern, value in pairs:
         if _names_files(pattern, value):
-            changed, is_valid = _change(document, pattern, value, source)
+            changed, is_valid = apply_change(document, pattern, value, source)
             document = forget_files(changed, document)
     if not is_valid:
         validate(document, source=source)
@@ -152,11 +151,11 @@ def resolve(
     document = fill(document, descriptions, source=source)
     others = [(pattern, value) for pattern, value in pairs if not _names_files(pattern, value)]
     for pattern, value in others:
-        document, is_valid = _change(document, pattern, value, source)
+        document, is_valid = apply_change(document, pattern, value, source)
         # the inertia of links that a change sets is not scaled by their mass
         link, separator, tail = pattern.rpartition(".inertia")
         if separator and ".links." in link and (not tail or tail[1:] == "*" or tail[1:].isdecimal()):
-            document, is_valid = _change(document, f"{link}.inertia_at_mass", None, source)
+            document, is_valid = apply_change(document, f"{link}.inertia_at_mass", None, source)
     if others:
         if not is_valid:
             validate(document, source=source)
@@ -175,18 +174,3 @@ def _names_files(pattern: str, value: Any) -> bool:
     is_body = isinstance(value, Mapping) and (segments == ["target"] or segments[:-1] == ["robots"])
     added = "mounts" in segments[2:3] or "flexible" in segments[1:3]
     return is_body or added or segments[-1] in ("urdf", "file")
-
-
-def _change(document: Document, pattern: str, value: Any, source: Path | None) -> tuple[Document, bool]:
-    """Document with one change, and whether it is valid; some changes are valid only together.
-
-    Defaults of a section that the change creates are filled in for later changes.
-    """
-    try:
-        changed = assign(document, pattern, value)
-    except ScenarioError as fault:
-        raise ScenarioError(fault.message, source=source, where=f"--set {fault.where}") from None
-    try:
-        return to_document(validate(changed)), True
-    except ScenarioError:
-        return changed, False

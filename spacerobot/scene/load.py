@@ -40,13 +40,15 @@ def load_scene(
     source = find_scenario(os.fspath(name))
     named = re.sub(r"[^\w-]", "_", source.stem, flags=re.ASCII).lstrip("0123456789-")[:64]
     document = {"name": named or "scenario"} | read_document(source)
-    from spacerobot.scenario.load import validate
+    from spacerobot.scenario.load import check_changes, validate
 
     scenario = validate(document, source=source)
+    pairs = tuple(changes.items() if isinstance(changes, Mapping) else changes)
+    check_changes(scenario, pairs, source=source)
     from spacerobot.scene.build import build_scene
 
-    scene = build_scene(scenario, changes, source=source, expand_xacro=expand_xacro)
-    return replace(scene, changes=tuple(changes.items() if isinstance(changes, Mapping) else changes))
+    scene = build_scene(scenario, pairs, source=source, expand_xacro=expand_xacro)
+    return replace(scene, changes=pairs)
 
 
 def to_scene(scene: Scene | StrPath) -> Scene:

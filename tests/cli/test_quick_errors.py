@@ -41,6 +41,7 @@ def attempt(*arguments, folder):
         (("identify", "missing"), "missing: no such folder"),
         (("passive-safety", "missing"), "missing: no such folder"),
         (("report", "missing"), "missing: no such folder"),
+        (("plan", "paper"), "plan: no such section"),
         (("compare", "papper"), "did you mean paper?"),
         (("export",), "as in `spacerobot export out/paper paper.csv`"),
         (("export", "papper", "paper.csv"), "did you mean paper?"),
@@ -52,6 +53,20 @@ def test_an_error_that_needs_no_model_is_reported_without_loading_one(arguments,
     (tmp_path / "broken.yaml").write_text("robots: [")
     (code, *loaded), error = attempt(*arguments, folder=tmp_path)
     assert (code, loaded) == ("2", [])
+    assert message in error
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("foo.bar=1", "--set foo.bar: no 'foo'; allowed:"),
+        ("simulation.duration=high", "simulation.duration: found 'high', allowed: a number"),
+    ],
+)
+def test_a_change_that_no_urdf_can_bring_is_reported_without_pinocchio(change, message, tmp_path):
+    (code, *loaded), error = attempt("run", "paper", "--set", change, folder=tmp_path)
+    assert code == "2"
+    assert "pinocchio" not in loaded
     assert message in error
 
 

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError, SpaceRobotError
-from spacerobot.linear import linearise
+from spacerobot.linear import linearise, margins
 from spacerobot.linear.instants import instants
 from spacerobot.linear.linearisation import Lineariser
 from spacerobot.linear.periodic import common_period
@@ -153,6 +153,17 @@ def test_an_event_gives_two_instants_and_switches_decide():
 def test_instants_that_do_not_exist(at, told):
     with pytest.raises(ScenarioError, match=told):
         linearise(arm_scene(), at, backend="interpreted")
+
+
+@pytest.mark.parametrize("analyse", [linearise, margins])
+def test_instants_that_do_not_exist_are_reported_before_anything_is_compiled(analyse, monkeypatch):
+    def refuse(*_, **__):
+        raise AssertionError("the simulation was prepared")
+
+    monkeypatch.setattr("spacerobot.linear.linearisation.prepare_simulation", refuse)
+    monkeypatch.setattr("spacerobot.linear.linearisation.build_perturbed_loop", refuse)
+    with pytest.raises(ScenarioError, match="no event 'thrown'"):
+        analyse(arm_scene(), ["thrown"])
 
 
 def test_outputs_that_do_not_exist():

@@ -24,6 +24,7 @@ from optim.planning.formulation.stage import PlanningProblem, Stage
 from spacerobot.elements.goals.goal import Goal
 from spacerobot.elements.grasps.grasp import Grasp
 from spacerobot.errors import ScenarioError
+from spacerobot.scenario.document import NO_PLAN
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scene import Scene, build_scene
 from spacerobot.scene.configure import close_velocity
@@ -38,9 +39,7 @@ def plan_section(scene: Scene) -> PlanSection:
         ScenarioError: If there is none.
     """
     if scene.scenario.plan is None:
-        raise scene.error(
-            "no such section: it defines the planning problem (docs/how_to/plan_and_follow.md)", "plan"
-        )
+        raise scene.error(NO_PLAN, "plan")
     return scene.scenario.plan
 
 
