@@ -154,7 +154,7 @@ def flown(draw: Draw, wrench: Callable[[float], Array], knots: Array) -> tuple[A
     )
     times, states = [0.0], [x]
     for begin, end in itertools.pairwise(knots):
-        inside = np.linspace(begin, end, max(2, int(np.ceil((end - begin) / 0.25)) + 1))
+        inside = np.linspace(begin, end, max(2, int(np.ceil((end - begin) / 0.05)) + 1))
         solved = solve_ivp(rates, (begin, end), x, "DOP853", inside, rtol=1e-9, atol=1e-10)
         x = solved.y[:, -1]
         times += inside[1:].tolist()

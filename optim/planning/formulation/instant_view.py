@@ -31,7 +31,7 @@ from spacerobot.scene import Scene
 from spacerobot.scene.contacts import find_pairs
 from spacerobot.scene.scene import SceneBody, SceneShape
 from spacerobot.section import matching
-from spacerobot.shapes import Implicit, Shape, held_gap
+from spacerobot.shapes import Implicit, MovingShape, Shape, approach_speed, held_gap
 
 T = TypeVar("T")
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
@@ -231,11 +231,14 @@ class InstantView:
             name: PlannedWheels(one.momenta, one.speeds, one.motors) for name, one in driven_bases.items()
         }
 
-    def gaps(self, between: tuple[str, str], wrap: Wrap | None) -> Iterator[tuple[str, ca.SX, Implicit]]:
-        """Distances of pairs of shapes."""
-        for first, second in find_pairs(self.stage.scene, between, wrap, self.where):
-            gap = held_gap(self._shape(first), self._shape(second))
-            yield f"{first.label} to {second.label}", *gap
+    def gaps(
+        self, between: tuple[str, str], wrap: Wrap | None
+    ) -> Iterator[tuple[str, ca.SX, Implicit, ca.SX]]:
+        """Distances of pairs of shapes, and how fast they change at most."""
+        for pair in find_pairs(self.stage.scene, between, wrap, self.where):
+            first, second = (self._moving_shape(shape) for shape in pair)
+            gap, about = held_gap(first.shape, second.shape)
+            yield f"{pair[0].label} to {pair[1].label}", gap, about, approach_speed([first, second])
 
     def _named(self, there: Mapping[str, T], words: str, name: str, key: str) -> T:
         if name not in there:
@@ -253,15 +256,18 @@ class InstantView:
     def _frame(self, frame: int) -> MovingFrame:
         return MovingFrame(*self.stage.placement(frame), *self.stage.velocity(frame))
 
-    def _shape(self, shape: SceneShape) -> Shape:
-        """A shape where its link is."""
+    def _moving_shape(self, shape: SceneShape) -> MovingShape:
+        """A shape that moves with its link."""
         rotation, origin = self.stage.placement(shape.frame)
-        return Shape(
+        velocity, spin = self.stage.velocity(shape.frame)
+        arm = ca.mtimes(rotation, sparse(shape.placement[:3, 3]))
+        placed = Shape(
             type(shape.config),
             ca.mtimes(rotation, exact_directions(shape.placement[:3, :3])),
-            origin + ca.mtimes(rotation, sparse(shape.placement[:3, 3])),
+            origin + arm,
             shape.config.measures(),
         )
+        return MovingShape(placed, velocity + cross(spin, arm), spin)
 
 
 def find_robot(scene: Scene, name: str, where: str) -> SceneBody:

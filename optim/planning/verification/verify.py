@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 
 from optim.planning.formulation.link_pairs import Collision, LinkPair, collisions
@@ -18,6 +19,7 @@ from optim.planning.transcription.phase_chain import PhaseChain
 from optim.planning.verification.replay import replay_motion, tip_errors
 from optim.planning.verification.second_order_conditions import descent_direction
 from spacerobot.arrays import Array
+from spacerobot.elements.goals.plan_instant import BoundedRow
 
 RESIDUAL = 1e-6
 """Maximum residual of the first-order conditions."""
@@ -27,6 +29,8 @@ RELATIVE = 1e-3
 """Allowed violation between the points, relative to the limit's magnitude."""
 ABSOLUTE = 1e-4
 """Allowed violation where a limit is zero [m, rad]."""
+UNSEEN = 1e-3
+"""Depth [m] to which a distance may be passed between two instants unseen."""
 
 
 ROUNDING = 1e-8
@@ -217,7 +221,11 @@ class LimitExcess:
 
 
 def between_points(motion: Motion) -> Iterator[LimitExcess]:
-    """Sample the excess over each limit on a grid ten times finer than the intervals."""
+    """Sample the excess over each limit on a grid ten times finer than the intervals.
+
+    Distances of shapes have corners where another face comes nearest, so that they may be passed between two
+    instants of that grid; for them it is refined until their rates rule that out.
+    """
     problem, mesh = motion.problem, motion.mesh
     places = np.arange(FINER) / FINER
     z = np.vstack([motion.at(mesh, places), motion.z[-1:]])
@@ -234,9 +242,51 @@ def between_points(motion: Motion) -> Iterator[LimitExcess]:
         values = row_values(problem.path, problem.stage.z, z.T)
         for row, row_samples in zip(problem.path, values, strict=True):
             held = row.held(shares, first_constrained(motion.lobatto, mesh, row.final_fraction))
+            at, samples = shares[held], row_samples[held]
+            if row.fastest is not None:
+                at, samples = _bounded_between(motion, row, row.fastest, at, samples)
             allowed = ABSOLUTE if row.size is None else RELATIVE * row.size
-            over = row.scale * np.maximum(row.lower - row_samples[held], row_samples[held] - row.upper)
-            yield LimitExcess(row.name, row.unit, allowed, time[held], over)
+            over = row.scale * np.maximum(row.lower - samples, samples - row.upper)
+            yield LimitExcess(row.name, row.unit, allowed, at * motion.duration_s, over)
+
+
+def _bounded_between(
+    motion: Motion, row: BoundedRow, fastest: ca.SX, shares: Array, values: Array
+) -> tuple[Array, Array]:
+    """Instants, added where a lower limit may be passed between two, and a row's values there.
+
+    A value that is a and b at two instants a time h apart, and changes by at most s in a unit of time, is at
+    least (a + b - s h) / 2 between them. A step is halved while that is below the limit by more than
+    :data:`UNSEEN` and by more than half again of the excess that has been found. The rate between two
+    instants is taken to exceed the greater one at them by no more than they differ.
+
+    Args:
+        motion, row: The motion, and a row of it.
+        fastest: Upper bound (1x1) of the row's rate [1/s].
+        shares: Parts of the duration at which the row has been evaluated (n,).
+        values: Its values there (n,).
+    """
+    z = motion.problem.stage.z
+    bound = ca.Function("bound", [z], [ca.densify(fastest)])
+
+    def rates_at(parts: Array) -> Array:
+        return np.array(bound(motion.along(parts).T).full()).ravel()
+
+    rates = rates_at(shares)
+    unseen = UNSEEN / row.scale
+    while len(shares) > 1:
+        ends = np.vstack([rates[:-1], rates[1:]])
+        change = (ends.max(axis=0) + np.ptp(ends, axis=0)) * np.diff(shares) * motion.duration_s / 2
+        least = (values[:-1] + values[1:]) / 2 - change
+        excess = float(row.lower - values.min())
+        steps = np.flatnonzero(least < row.lower - max(unseen, 1.5 * excess))
+        if not steps.size:
+            break
+        middles = (shares[steps] + shares[steps + 1]) / 2
+        found = row_values([row], z, motion.along(middles).T)[0]
+        shares, values = np.insert(shares, steps + 1, middles), np.insert(values, steps + 1, found)
+        rates = np.insert(rates, steps + 1, rates_at(middles))
+    return shares, values
 
 
 def course_collisions(phased_motion: PhasedMotion, pairs: Sequence[LinkPair]) -> list[Collision]:

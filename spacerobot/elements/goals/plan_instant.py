@@ -35,6 +35,8 @@ class BoundedRow:
         form: Form of the value: the quantity itself, its square over the squared limit, or an angle's cosine.
         size: Magnitude of the limit, in that unit, to which violations between the points are relative.
         about: Implicit quantity that an iteration solves for, held constant in the derivatives of ``value``.
+        fastest: Upper bound (1x1) of the rate of ``value`` [1/s]; None where it is not known. With it the
+            verification bounds the value between the instants at which it looks.
     """
 
     name: str
@@ -47,6 +49,7 @@ class BoundedRow:
     size: float | None = None
     first: bool = False
     about: Implicit | None = None
+    fastest: ca.SX | None = None
     form: Literal["itself", "square", "cosine"] = "itself"
 
     def held(self, share: Array, begins: float) -> npt.NDArray[np.bool_]:
@@ -305,7 +308,9 @@ class PlanInstant(Protocol):
     def wheels(self) -> Mapping[str, PlannedWheels]:
         """Reaction wheels that alone turn a base, by robot; there must be some."""
 
-    def gaps(self, between: tuple[str, str], wrap: Wrap | None) -> Iterator[tuple[str, ca.SX, Implicit]]:
+    def gaps(
+        self, between: tuple[str, str], wrap: Wrap | None
+    ) -> Iterator[tuple[str, ca.SX, Implicit, ca.SX]]:
         """Distances between pairs of shapes.
 
         Args:
@@ -313,5 +318,6 @@ class PlanInstant(Protocol):
             wrap: Shape that replaces meshes and cylinders, if any.
 
         Returns:
-            Iterator: Label, distance (1x1) [m], and underlying implicit quantity of each pair.
+            Iterator: Label, distance (1x1) [m], underlying implicit quantity, and upper bound of the
+                distance's rate (1x1) [m/s] of each pair.
         """

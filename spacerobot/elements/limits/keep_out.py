@@ -42,7 +42,7 @@ class KeepOut(PlanLimit):
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
         """The distance of each pair."""
-        for k, (label, gap, about) in enumerate(instant.gaps(self.between, self.wrap)):
+        for k, (label, gap, about, fastest) in enumerate(instant.gaps(self.between, self.wrap)):
             if self.only is not None and k not in self.only:
                 continue
-            yield BoundedRow(label, "m", gap, lower=self.distance, about=about)
+            yield BoundedRow(label, "m", gap, lower=self.distance, about=about, fastest=fastest)

@@ -4,6 +4,7 @@ import itertools
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 import pytest
 import yaml
 from scipy.integrate import quad_vec
@@ -11,10 +12,15 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from benchmarks.soft_capture import Draw, draws, flown, violations, wrench_of
+from optim.planning.formulation.formulate import formulate_phases
 from optim.planning.formulation.rows import functions_of, implicit_values
 from optim.planning.search.make_plan import arrival_requests, make_plan
 from optim.planning.search.plan_solver import PlanSolver, with_margins
 from optim.planning.transcription.initial_guess import initial_guess, is_guided
+from optim.planning.transcription.lobatto import Lobatto
+from optim.planning.transcription.mesh import Mesh
+from optim.planning.transcription.motion import Motion
+from optim.planning.verification.verify import FINER, between_points
 from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.shapes import Shape, held_gap
@@ -171,6 +177,33 @@ def test_few_steps_find_the_direction_between_hulls_that_all_steps_find():
     np.testing.assert_allclose(found, np.array(about.function(np.array(columns).T).full()), atol=1e-8)
     most = sum(count for name, count in calls if name == about.function.name())
     assert 0 < most < 6  # of the overlapping ones alone
+
+
+@pytest.mark.parametrize(("aside", "depth"), [(0.0, 1.0), (6.3, None)])
+def test_hulls_that_cross_between_two_checked_instants_are_seen(aside, depth):
+    (phase,) = formulate_phases(load_scene("soft-capture"))
+    stage, lobatto = phase.problem.stage, Lobatto.of_order(phase.plan.order)
+    model, duration, speed = stage.scene.model, 1000.0, 3.0
+    q, v = pin.neutral(model), np.zeros(model.nv)
+    chaser = model.joints[model.getJointId("chaser/root")]
+    v[chaser.idx_v] = speed
+    times = lobatto.times(Mesh.of(12), duration)
+    z = np.zeros((len(times), stage.z.numel()))
+    z[:, : model.nq], z[:, model.nq : model.nq + model.nv] = q, v
+    z[:, chaser.idx_q] = speed * (times - 0.504 * duration)
+    z[:, chaser.idx_q + 1] = aside
+    motion = Motion(phase.problem, lobatto, Mesh.of(12), duration, z)
+    hulls = next(one for one in between_points(motion) if one.name.startswith("hulls"))
+    steps = hulls.time_s / duration * 12 * FINER
+    grid = np.abs(steps - np.round(steps)) < 1e-9
+    assert np.count_nonzero(grid) == 12 * FINER + 1
+    assert hulls.excess[grid].max() < -5  # far apart at the instants of the grid
+    assert hulls.time_s.size < 500
+    if depth is not None:
+        assert hulls.excess.max() > depth
+        assert hulls.worst_s == pytest.approx(0.504 * duration, abs=2)
+    else:
+        assert hulls.excess.max() < 0
 
 
 def test_margins_tighten_rows_in_their_units_and_drives(solver):
