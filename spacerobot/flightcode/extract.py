@@ -27,7 +27,13 @@ from spacerobot.closedloop.onboard_ports import OnboardLoopBuilder
 from spacerobot.elements import Event, State
 from spacerobot.elements.core.clock import EARLY, ONCE
 from spacerobot.flightcode.c_text import FUNCTIONS, MEMBERS, PROGRAMS, identifier
-from spacerobot.flightcode.field_names import PLANT_STATES, SampleNames, column_names, true_motion
+from spacerobot.flightcode.field_names import (
+    EVENT_TEXTS,
+    PLANT_STATES,
+    SampleNames,
+    column_names,
+    true_motion,
+)
 from spacerobot.flightcode.flyable import controllers, plans
 from spacerobot.flightcode.onboard import Field, OnboardSoftware, Role, Task, common_tick
 from spacerobot.scenario import Robot
@@ -366,7 +372,7 @@ class _Extraction:
         for event in self.own_events:
             values, name = self._values(event), identifier(event.name, names)
             names.add(name)
-            text = _TEXTS.get(event.kind, event.kind)
+            text = EVENT_TEXTS.get(event.kind, event.kind)
             if event.clock and any(key.endswith(".count") for key in event.updates):
                 period, offset = self.instants(event)
                 period = 0.0 if period >= ONCE else period
@@ -692,14 +698,3 @@ def _reason(symbols: Sequence[str]) -> str:
     words = {"q": "positions (q)", "v": "velocities (v)"}
     names = ", ".join(words.get(stem, stem) for stem in stems)
     return f"it reads {names}, which change between the instants of software"
-
-
-_TEXTS = {
-    "measured": "sample of a residual of momenta",
-    "control": "decision on pulses",
-    "sampled": "law of a controller",
-    "acts": "a command that was delayed takes effect",
-    "estimated": "update of an estimator",
-    "reference": "a reference reaches its next piece",
-    "detected": "test of a detection",
-}

@@ -25,6 +25,17 @@ PLANT_STATES = {
 }
 """Units and descriptions of states of the plant, by the last word of their names."""
 
+EVENT_TEXTS = {
+    "measured": "sample of a residual of momenta",
+    "control": "decision on pulses",
+    "sampled": "law of a controller",
+    "acts": "a command that was delayed takes effect",
+    "estimated": "update of an estimator",
+    "reference": "a reference reaches its next piece",
+    "detected": "test of a detection",
+}
+"""Descriptions of the software's events by kind."""
+
 
 @dataclass(frozen=True)
 class SampleNames:
