@@ -362,7 +362,7 @@ def _ready(
 ) -> Rollout:
     """Compiled or interpreted rollout, its step chosen if the scenario gives none."""
     simulation = scene.scenario.simulation
-    tell("compiling the closed loop, or finding it compiled")
+    tell("preparing the simulation")  # compiled, found compiled or interpreted
     try:
         return build_rollout(
             loop,

@@ -210,7 +210,9 @@ def verify_capture(scene: Scene, progress: Progress | None = None) -> Verificati
             continue  # the capture happens where the tip comes within it
         word, unit, factor = SHOWN[name]
         value, limit = float(values[name][0]) * factor, float(getattr(config, name)) * factor
-        told.append(f"{word} {value:.2g} of {limit:.3g} {unit}")
+        least = 1e-3 * limit  # digits of a value far below its limit decide nothing
+        shown = f"{value:.2g}" if value > least else f"below {least:.1g}"
+        told.append(f"{word} {shown} of {limit:.3g} {unit}")
         if value > (1 - SHARE) * limit:
             problems.append(f"{word} at the capture: {value:.3g} {unit} of {limit:.3g} {unit}, too close")
     if not end["name"].endswith(".settled"):
@@ -265,20 +267,29 @@ def _unstable(loop: ClosedLoop, at: Mapping[float, Instant]) -> Iterator[str]:
     for lasts_s, instant in at.items():
         found = _fast_poles(loop, instant, lasts_s)
         if found.size and not found[0].real <= 0:
-            yield f"unstable at {instant.label}: a pole at {found[0].real:.2g} 1/s"
+            yield f"unstable {_when(instant)}: a pole at {found[0].real:.2g} 1/s"
+
+
+def _when(instant: Instant) -> str:
+    """An instant in words."""
+    if instant.is_start:
+        return "at the start"
+    if instant.label.endswith("captured, after"):
+        return "just after the capture"
+    return f"at {instant.time_s:.3g} s"
 
 
 def _slowest(loop: ClosedLoop, at: Mapping[float, Instant]) -> str:
     """Poles in a sentence."""
     found = np.concatenate([_fast_poles(loop, instant, lasts_s) for lasts_s, instant in at.items()])
-    where = "; ".join(instant.label for instant in at.values())
+    where = ", ".join(_when(instant) for instant in at.values())
     # samples are held in the Jacobian: what is fed back through them has no pole there
     if any(rule.clock for rule in loop.events):
         where += " between samples (`spacerobot margins` includes what is fed back through samples)"
     if not found.size:
-        return f"linearised at {where}: no pole is faster than the motion."
+        return f"linearised {where}: no pole is faster than the motion."
     damping = -found.real / np.abs(found)
     return (
-        f"linearised at {where}: fastest pole {np.abs(found).max():.3g} 1/s, "
-        f"least damping ratio {damping.min():.2g}."
+        f"linearised {where}: fastest pole {np.abs(found).max():.3g} 1/s, "
+        f"least damping ratio {damping.min():.2g} (stable above 0, no oscillation at 1)."
     )

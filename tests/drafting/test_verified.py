@@ -33,7 +33,7 @@ def test_a_drafted_docking_captures_and_stops_at_the_first_run(tmp_path):
     assert re.fullmatch(
         r"#   joints use at most this share of the URDF's limits: torque [\d.]+ % \(joint_\d\), .*", limits
     )
-    assert re.match(r"#   linearised at 0 s; approach.captured, after; [\d.]+ s: fastest pole ", poles)
+    assert re.match(r"#   linearised at the start, just after the capture, at [\d.]+ s: fastest pole ", poles)
 
 
 def test_a_draft_is_slowed_down_until_it_works(tmp_path, monkeypatch):

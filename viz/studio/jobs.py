@@ -54,7 +54,7 @@ class Jobs:
             self._job.stop.set()
 
     def _run(self, job: Job) -> None:
-        job.tell(always=True, progress=0.0, message="building and compiling")
+        job.tell(always=True, progress=0.0, message="building the closed loop")
         try:
             found = self.plants.find(job.request.values)
             if found is None:

@@ -175,7 +175,7 @@ def test_a_campaign_draws_its_samples(opened):
     page.wait_for(f"{WORDS}.startsWith('done')", 60)
     assert "16 of 16 samples" in page.evaluate(WORDS)
     said = page.evaluate("said")
-    assert "building and compiling" in said  # before the first sample there is nothing to count
+    assert "building the closed loop" in said  # before the first sample there is nothing to count
     assert not [words for words in said if "undefined" in words]
     assert "over 16 samples" in page.evaluate(
         "document.querySelector('#jobs .plot').getAttribute('aria-label')"

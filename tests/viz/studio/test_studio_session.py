@@ -292,7 +292,7 @@ def test_who_hears_of_a_jobs_end_may_begin_another_at_once():
     end = time.monotonic() + 10
     while len(heard) < 6 and time.monotonic() < end:
         time.sleep(0.001)
-    assert heard == ["building and compiling", "", "division by zero"] * 2
+    assert heard == ["building the closed loop", "", "division by zero"] * 2
 
 
 def test_a_slider_has_room_on_both_sides_of_its_number():

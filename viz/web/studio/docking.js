@@ -16,7 +16,7 @@ export class Docking {
     root.addEventListener("toggle", () => this.open(root.open));
     root.addEventListener("input", ({ target }) => { if (target.type !== "file") this.change(target.name); });
     for (const kind of FILES) root.querySelector(`[data-file=${kind}]`).addEventListener("change", (event) => this.upload(kind, event.target));
-    root.querySelector(".open").addEventListener("click", () => { this.say("compiling"); this.ask({ type: "open", ...this.chosen }); });
+    root.querySelector(".open").addEventListener("click", () => { this.say("building the closed loop"); this.ask({ type: "open", ...this.chosen }); });
   }
 
   open(wanted) {
