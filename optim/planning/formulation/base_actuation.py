@@ -1,7 +1,7 @@
 """Actuation of floating bases: wrench limits of the section, else those of the scenario's actuators.
 
-`base_wrench` and `reaction_wheels` give a box of wrenches; of thrusters it is the largest box inside all that
-they can give, with the sides in the ratio of what each axis gets alone.
+`base_wrench` and `reaction_wheels` define a box of wrenches. For thrusters it is the largest box inside all
+wrenches that they can produce, with sides in the ratio of the largest wrenches along single axes.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ def base_wrench_limits(limits: Mapping[str, PlanLimit], body: SceneBody, planar:
     """Limits of a floating base."""
     wrench_limits = section_base_limits(limits)
     most, sources = np.zeros(6), dict[str, None]()
-    # Greatest force and torque by axis, each with the actuators that they are of. Actuators act one after the
-    # other, so that limits are joined from the last one on. Wheels count where nothing else gives a part.
+    # Largest force and torque by axis, each with the actuators that set it. Several actuators work in series,
+    # so limits are combined from the last actuator on. Wheels count where no other actuator sets a part.
     actuator_limits: dict[WrenchPart, tuple[Array, str]] = {}
     driven_by = body.config.driven_by() if isinstance(body.config, Robot) else ()
     acting = [(where.rpartition(".")[2], one) for where, one in driven_by]
@@ -69,7 +69,10 @@ def base_wrench_limits(limits: Mapping[str, PlanLimit], body: SceneBody, planar:
 
 
 def section_base_limits(limits: Mapping[str, PlanLimit]) -> dict[WrenchPart, float]:
-    """Lowest of the section's limits of the force [N] and the torque [N m] on bases, where it gives any."""
+    """Section's lowest limits of the force [N] and the torque [N m] on bases.
+
+    A part without a limit is absent.
+    """
     lowest = dict[WrenchPart, float]()
     for limit in limits.values():
         for part, value in limit.base_limits().items():
@@ -78,7 +81,7 @@ def section_base_limits(limits: Mapping[str, PlanLimit]) -> dict[WrenchPart, flo
 
 
 def limiting_actuators(scene: Scene, plans: Iterable[PlanSection]) -> dict[str, str]:
-    """Actuators whose limits hold for each robot's base because the section gives none, by robot."""
+    """Actuators that limit each robot's base because the section sets no limit, by robot."""
     bodies = [body for body in scene.robots if body.root_joint]
     sources = {
         body.name: dict.fromkeys(base_wrench_limits(plan.limits, body, scene.planar).source for plan in plans)

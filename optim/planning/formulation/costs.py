@@ -1,4 +1,4 @@
-"""Terms of the cost: the kinds of the `costs` section at one instant, and what is reported of them."""
+"""Cost terms at one instant, from the kinds of the `costs` section, and their labels in reports."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from spacerobot.scenario.plan_cost import PlanCost
 def cost_terms(
     stage: Stage, plan: PlanSection, forces: Mapping[str, ca.SX]
 ) -> tuple[dict[str, ca.SX], dict[str, ca.SX]]:
-    """Integrands, and what the last instant costs, by name, without their weights.
+    """Integrands and terminal costs by name, without their weights.
 
-    Those without a weight are left out, and those about nothing that there is at this instant.
+    Terms without a weight are left out, and so are terms about something that is absent at this instant.
 
     Args:
-        stage, plan: An instant with the parts of the forces, and the section.
+        stage, plan: Instant, with symbols of the parts of forces, and the plan section.
         forces: Forces whose magnitudes are integrands, by name, as :func:`magnitudes` finds them.
     """
     terms, ends = dict[str, ca.SX](), dict[str, ca.SX]()
@@ -38,10 +38,10 @@ def cost_terms(
 
 
 def magnitudes(stage: Stage, plan: PlanSection) -> dict[str, ca.SX]:
-    """Forces (n x 1) [N] whose magnitudes are integrands of weighted terms, by name, where there are any.
+    """Forces (n x 1) [N] whose magnitudes are integrands of weighted terms, by name.
 
-    They are linear in what drives the robots. The search splits each into two parts, f = f+ - f- with
-    f+ >= 0 and f- >= 0, whose sum is the magnitude where it is least.
+    They are linear in the drives. The solver splits each into two parts, f = f+ - f- with f+ >= 0 and f- >=
+    0. At a minimum of f+ + f- one part is zero, so the sum is the magnitude |f|, without its kink at zero.
     """
     forces_by_name = dict[str, ca.SX]()
     for name, cost in plan.costs.items():
@@ -53,21 +53,21 @@ def magnitudes(stage: Stage, plan: PlanSection) -> dict[str, ca.SX]:
 
 
 def split_parts(stage: Stage, forces: Mapping[str, ca.SX]) -> list[tuple[ca.SX, ca.SX]]:
-    """Positive and negative parts (n x 1 each) of the forces of each term, in turn."""
+    """Positive and negative parts (n x 1 each) of each term's forces, in the order of ``forces``."""
     sizes = [one.numel() for one in forces.values() for _ in range(2)]
     parts = ca.vertsplit(stage.s, np.cumsum([0, *sizes]).tolist()) if sizes else []
     return list(zip(parts[::2], parts[1::2], strict=True))
 
 
 def split_rows(stage: Stage, forces: Mapping[str, ca.SX]) -> Iterator[BoundedRow]:
-    """Equations of forces and their parts: f = f+ - f-."""
+    """Equality constraints f = f+ - f- between forces and their parts."""
     for (name, each), (positive, negative) in zip(forces.items(), split_parts(stage, forces), strict=True):
         for k, off in enumerate(ca.vertsplit(each - (positive - negative))):
             yield zero(f"{name}: parts of force {k + 1}", "N", off)
 
 
 def headings(costs: Mapping[str, PlanCost]) -> dict[str, str]:
-    """Label of the quantity of each term, by name."""
+    """Label of the quantity of each cost term, by name."""
     return {
         name: cost.weighs.label if name == cost.kind else f"{name}: {cost.weighs.label}"
         for name, cost in costs.items()

@@ -44,7 +44,7 @@ def plan_section(scene: Scene) -> PlanSection:
 
 
 def scene_with_plan_model(scene: Scene) -> Scene:
-    """The scene that plans are made with: the plant, with what `plan.model` says otherwise.
+    """Scene of the planning model: the plant with the changes of `plan.model`.
 
     Raises:
         ScenarioError: If a change names an unknown path, or changes the moving joints or the initial state.
@@ -90,7 +90,7 @@ class PhaseProblem:
 
 
 def formulate(scene: Scene) -> PlanningProblem:
-    """Planning problem of a scene, of the first phase where there are several.
+    """Planning problem of a scene; of its first phase if there are several.
 
     Raises:
         ScenarioError: If the section names something that the scene lacks.
@@ -99,7 +99,7 @@ def formulate(scene: Scene) -> PlanningProblem:
 
 
 def formulate_phases(scene: Scene) -> tuple[PhaseProblem, ...]:
-    """Planning problems of the phases in turn.
+    """Planning problems of all phases, in order of time.
 
     Raises:
         ScenarioError: If the section names something that the scene lacks.
@@ -163,13 +163,13 @@ def formulate_phases(scene: Scene) -> tuple[PhaseProblem, ...]:
 
 
 def check_weights(section: PlanSection, phases: Sequence[PhaseProblem]) -> None:
-    """Refuse a weight on what there is in no phase.
+    """Refuse a weight of a term that exists in no phase.
 
     Args:
         section, phases: The plan section, and the problems of its phases.
 
     Raises:
-        ScenarioError: Naming the term.
+        ScenarioError: If there is such a weight; the message names the term.
     """
     term_names = {name for phase in phases for name in (*phase.problem.terms, *phase.problem.ends)}
     for phase in phases:
@@ -185,7 +185,7 @@ def check_weights(section: PlanSection, phases: Sequence[PhaseProblem]) -> None:
 
 @contextlib.contextmanager
 def located_in_phase(section: PlanSection, name: str) -> Iterator[None]:
-    """Faults of a phase's section told with its place, where the phase says what is at fault.
+    """Context that adds the phase's place in the document to errors of the phase's section.
 
     Raises:
         ScenarioError: The error itself, located in the phase where it belongs to one.
@@ -203,7 +203,7 @@ def located_in_phase(section: PlanSection, name: str) -> Iterator[None]:
 
 
 def closed_grasps_by_phase(scene: Scene, section: PlanSection) -> Iterator[tuple[SceneGrasp, ...]]:
-    """Grasps that hold in each phase of a plan: those that phases before it captured and did not release.
+    """Grasps that hold in each phase of a plan: those captured and not released in earlier phases.
 
     Raises:
         ScenarioError: If a phase ends with a grasp captured whose tip no goal brings to its mating frame, or
@@ -219,7 +219,8 @@ def closed_grasps_by_phase(scene: Scene, section: PlanSection) -> Iterator[tuple
         if name == [*section.by_phase][-1]:
             return  # what closes behind the plan, closes as the scenario says
         for grasp in (open_[label] for label in captured):
-            # refuse a capture that no goal leads to, or a spring that would be strained by it
+            # refuse a capture without a goal that brings the tip there, and a spring that the capture would
+            # strain
             config, where = grasp.config, f"plan.phases.{name}.goals"
             mating = mated(config, plan.goals)
             if not mating:

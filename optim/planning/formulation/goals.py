@@ -1,9 +1,9 @@
-"""Goals as rows that vanish at the last instant, and arms that are settled there.
+"""Goals as constraints at the last instant, and arms that are at rest there relative to their tips.
 
-Joints of a settled arm move no more than their tips' motion takes. Of all joint rates r that give the tips
-their twists J r, relative to the base, the smallest ones are J^T (J J^T)^-1 J r. As many rows of their
-difference to r as the arm has joints to spare are zero; the others follow. Nor do joints accelerate, so that
-the torques end near zero.
+A settled arm has no motion in its null space. Among all joint rates r that give the tips the twists J r
+relative to the base, J^T (J J^T)^-1 J r has the smallest norm. The difference between r and these rates is
+constrained to zero, in as many rows as the arm has redundant joints; the other rows follow from these. Joint
+accelerations are zero too, so that torques end near zero.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from spacerobot.elements.goals.goal import Goal
 from spacerobot.elements.goals.plan_instant import BoundedRow, zero
 
 DEPENDENT = 1e-6
-"""Part of a velocity outside the span of those that rest below which it rests with them."""
+"""Part of a unit velocity outside the span of constrained ones, below which it is dependent on them."""
 
 
 def goal_rows(stage: Stage, goals: Mapping[str, Goal]) -> Iterator[BoundedRow]:
@@ -62,16 +62,16 @@ def goal_rows(stage: Stage, goals: Mapping[str, Goal]) -> Iterator[BoundedRow]:
 
 
 def _own_rows(stage: Stage, view: InstantView, goal: Goal) -> Iterator[BoundedRow]:
-    """Rows of a goal, of the joints that it requires to rest, and of the bodies joined with its own.
+    """Constraints of a goal, of joints that it requires to rest, and of bodies joined with its own.
 
-    Rigid grasps keep A(q) v = 0, so that equations on the velocity may follow from others: a base is at rest
-    where its joints and the object that it holds by a weld are, and so is an object where the joints of a
-    robot on a fixed base are. Those are left out, by their slopes at the configuration of the scene.
+    Rigid grasps keep A(q) v = 0, so velocity constraints may be dependent. A base is at rest if its joints
+    and the welded object are; an object is at rest if the joints of the fixed-base robot that holds it are.
+    Dependent constraints are left out; dependence is tested with A at the scene's configuration.
     """
     model, most = stage.scene.model, goal.rate_within
     bodies = {body.name: body for body in stage.scene.bodies}
     resting = {one.body: one for one in goal.resting(view)}
-    # a body that is unknown has no joints here; the goal's own rows name it in an error
+    # an unknown body has no joints here; the goal's constraints report the error
     joints = [joint for body in resting if body in bodies for joint in bodies[body].driven_joints]
     rates = [
         BoundedRow(f"rate of {model.names[j]}", "rad/s or m/s", stage.v[model.idx_vs[j]], -most, most)
@@ -84,7 +84,7 @@ def _own_rows(stage: Stage, view: InstantView, goal: Goal) -> Iterator[BoundedRo
     basis = orth(ca.Function("held", [stage.q], [held])(stage.scene.q).full().T)
 
     def is_independent(column: int) -> bool:
-        """Whether a velocity is free where grasps hold and others rest; from then on it rests too."""
+        """Whether a velocity is independent of A and of earlier constrained ones; if so, it joins them."""
         nonlocal basis
         rest = np.eye(model.nv)[column] - basis @ basis[column]
         size = float(np.linalg.norm(rest))

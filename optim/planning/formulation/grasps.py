@@ -1,8 +1,8 @@
 """Grasps that hold in a phase of a plan: rigid ones by an unknown wrench, others by springs and dampers.
 
-The wrench acts on the tip at its origin, and opposite on the target's point there. That of a rigid grasp does
-no work on motions that the grasp allows, so its generalized forces are A' w with A the slopes of the relative
-velocity A v, which is zero.
+The wrench acts on the tip at its origin; the opposite wrench acts on the target at the same point. The wrench
+of a rigid grasp does no work in motions that the grasp allows. With the relative velocity A(q) v = 0 its
+generalized forces are therefore A' w.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ AXES = "xyz"
 def closed_grasps(scene: Scene) -> tuple[SceneGrasp, ...]:
     """Grasps that hold at the start.
 
-    Raises:
+    ScenarioError: If a grasp is neither rigid nor made of springs and dampers.
         ScenarioError: If one of them is neither rigid nor springs and dampers.
     """
     initial_grasps = begun(scene.grasps)
@@ -42,14 +42,14 @@ def closed_grasps(scene: Scene) -> tuple[SceneGrasp, ...]:
 
 
 def wrench_axes(scene: Scene, grasp: SceneGrasp) -> list[str]:
-    """Names of the entries of a grasp's wrench: ``fx``, ... and where it turns ``tz``, ..., world axes."""
+    """Names of a grasp's wrench components in world axes: forces ``fx``, ... and torques ``tz``, ..."""
     forces = [f"f{AXES[i]}" for i in scene.translation_axes]
     turns = scene.rotation_axes if grasp.config.holds_orientation else ()
     return forces + [f"t{AXES[i]}" for i in turns]
 
 
 def tip_slip(scene: Scene, kinematics: Kinematics, grasps: Sequence[SceneGrasp]) -> ca.SX:
-    """Velocity of each tip relative to the target's point there (n x 1), as :func:`wrench_axes` orders it."""
+    """Velocity of each tip relative to the target's coincident point (n x 1); see :func:`wrench_axes`."""
     model, velocities = scene.model, ca.SX(0, 1)
     for grasp in grasps:
         (speed, spin), (moving, turning) = (
@@ -63,18 +63,18 @@ def tip_slip(scene: Scene, kinematics: Kinematics, grasps: Sequence[SceneGrasp])
 
 
 def spring_wrench(scene: Scene, kinematics: Kinematics, grasp: SceneGrasp) -> tuple[ca.SX, ca.SX]:
-    """Force and torque of springs and dampers on a tip, world axes."""
+    """Force [N] and torque [N m] of springs and dampers on a tip, world axes (3x1 each)."""
     config, turns = grasp.config, grasp.config.holds_orientation
     along, about = list(scene.translation_axes), list(scene.rotation_axes)
     rate = tip_slip(scene, kinematics, [grasp])
     gap, twist, velocity, spin = (ca.SX(3, 1) for _ in range(4))
     gap[along], velocity[along] = _gap(scene, kinematics, grasp)[along], rate[: len(along)]
     if turns:
-        # rotation vector from where the springs are at rest, world axes
+        # rotation vector from the rest orientation of the springs, world axes
         held, mate = (
             frame_placement(scene.model, kinematics, frame)[0] for frame in (grasp.tip.frame, grasp.frame)
         )
-        # orientation of a tip in the mating frame where rotational springs are at rest (3x3)
+        # orientation of a tip in the mating frame at which rotational springs are unstrained (3x3)
         capture = grasp.config.capture
         if grasp.config.begins == "open":
             rest = np.asarray(

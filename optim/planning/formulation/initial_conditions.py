@@ -1,4 +1,4 @@
-"""Initial conditions of a motion: the scenario's, or bounds on free postures and placements."""
+"""Initial conditions of a motion: the scenario's state, or bounds on free postures and placements."""
 
 from __future__ import annotations
 
@@ -13,21 +13,22 @@ from spacerobot.elements.goals.plan_instant import BoundedRow
 from spacerobot.scenario.plan import PlanSection
 
 Sides = tuple[Array, Array]
-"""Least and greatest configuration and velocity at the start (nq + nv,)."""
+"""Lower and upper bounds of configuration and velocity at the start (nq + nv,)."""
 
 
 def initial_conditions(
     stage: Stage, plan: PlanSection, fixed: Array, limits: Sides
 ) -> tuple[Sides | None, list[BoundedRow]]:
-    """Limits of the start, none where nothing is free, and what must hold there beside.
+    """Bounds of the initial state, None if nothing is free, and further constraints at the start.
 
     Args:
         stage, plan: Instant of the motion, and the plan section.
         fixed: Initial state of the scenario (nq + nv,).
-        limits: Limits of an instant (nz,), with the ranges of joints.
+        limits: Lower and upper limits of an instant (nz,), with the ranges of joints.
 
     Raises:
-        ScenarioError: If the section frees something that the scene lacks, or a quantity that fixes others.
+        ScenarioError: If the section frees something that the scene lacks, or a quantity on which others
+            depend.
     """
     if not plan.start:
         return None, []
@@ -38,7 +39,7 @@ def initial_conditions(
         where = f"plan.start.{name}"
         body = find_robot(stage.scene, name, where)
         for _, joint, freedom in joints_named(stage.scene, body, room.joints, f"{where}.joints"):
-            # refuse an angle of a prismatic joint, and an offset of another one
+            # refuse an angle for a prismatic joint, and an offset for a revolute one
             urdf = urdf_joint(stage.scene, body, joint)
             key = "offset" if urdf.kind == "prismatic" else "angle_deg"
             if getattr(freedom, key) is None:
@@ -74,7 +75,7 @@ def initial_conditions(
                 rows.append(
                     _turned(stage, joint_model.idx_q + 2, turn, sides, f"start of {body.name}'s base")
                 )
-    # refuse a free placement where something counts from it, and free starts of what is held
+    # refuse a free placement where another quantity is relative to it, and a free start of a held body
     if stage.grips:
         raise stage.scene.error(
             f"grasp {stage.grips[0].name!r} begins closed, so the start is given by it", "plan.start"
@@ -94,7 +95,7 @@ def initial_conditions(
 
 
 def _turned(stage: Stage, place: int, reach: float, sides: Sides, name: str) -> BoundedRow:
-    """Cosine and sine of an angle that is free to both sides: limits of each, and that they are a pair."""
+    """Bounds of cosine and sine of an angle that is free by ``reach``; returns the row cos^2 + sin^2 = 1."""
     angle = float(np.arctan2(sides[0][place + 1], sides[0][place]))
     angles = angle + np.linspace(-reach, reach, 721)
     for k, values in enumerate((np.cos(angles), np.sin(angles))):

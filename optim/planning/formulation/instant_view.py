@@ -53,7 +53,7 @@ class InstantView:
     goals: Mapping[str, Goal] = field(default_factory=dict)
 
     def signal(self, name: str) -> dict[str, ca.SX]:
-        """Columns of a signal by label."""
+        """Columns of a signal, by label."""
         if name not in SIGNALS:
             raise self.fault(
                 f"no signal {name!r} at an instant of a plan; {near_names(name, SIGNALS)}", "kind"
@@ -62,21 +62,21 @@ class InstantView:
 
     @property
     def axes(self) -> Sequence[int]:
-        """Along which things move."""
+        """Indices of the axes of translation: x and y in a plane, x, y and z in space."""
         return self.stage.scene.translation_axes
 
     @property
     def turns(self) -> Sequence[int]:
-        """About which things turn."""
+        """Indices of the axes of rotation: z in a plane, x, y and z in space."""
         return self.stage.scene.rotation_axes
 
     def tip(self, label: str, key: str = "tip") -> MovingFrame:
-        """A tip, by robot/tip."""
+        """Frame of a tip, by robot/tip."""
         tips = {tip.label: tip for tip in self.stage.scene.tips}
         return self._frame(self._named(tips, f"tip {label!r}", label, key).frame)
 
     def mating(self, link: str, key: str = "frame") -> MovingFrame:
-        """A link of the target."""
+        """Frame of a link of the target."""
         scene = self.stage.scene
         if scene.target is None:
             raise self.fault("there is no target", key)
@@ -85,7 +85,7 @@ class InstantView:
         return self._frame(int(scene.model.getFrameId(label, pin.FrameType.BODY)))
 
     def root(self, body: str, key: str) -> tuple[ca.SX, ca.SX]:
-        """Velocity and spin of a floating root link, its own axes."""
+        """Linear and angular velocity of a floating root link, its own axes (3x1 each) [m/s, rad/s]."""
         model, bodies = self.stage.scene.model, {one.name: one for one in self.stage.scene.bodies}
         joint = self._named(bodies, f"body {body!r}", body, key).root_joint
         if not joint:
@@ -95,7 +95,7 @@ class InstantView:
         return self.stage.v[first:middle], self.stage.v[middle : first + size]
 
     def joined(self, body: str, key: str) -> Sequence[str]:
-        """The body, and those that closed grasps join it with."""
+        """Names of the body and of the bodies that closed grasps join with it."""
         scene = self.stage.scene
         self._named({one.name: one for one in scene.bodies}, f"body {body!r}", body, key)
         holding = [grasp.tip.body.name for grasp in (*self.stage.grips, *self.stage.springs)]
@@ -103,7 +103,7 @@ class InstantView:
         return [*dict.fromkeys((body, *group))] if body in group else [body]
 
     def base(self, robot: str, key: str) -> MovingFrame:
-        """The floating root link of a robot."""
+        """Frame of a robot's floating root link."""
         body = find_robot(self.stage.scene, robot, f"{self.where}.{key}")
         if not body.root_joint:
             raise self.fault(
@@ -114,25 +114,25 @@ class InstantView:
         return self._frame(body.root_frame)
 
     def joints(self, robot: str, given: Mapping[str, T], key: str) -> Iterator[tuple[JointCoordinate, T]]:
-        """Joints of a robot that patterns name, and what is given for each."""
+        """Joints of a robot that match patterns, each with the value of its pattern."""
         scene = self.stage.scene
         body = find_robot(scene, robot, f"{self.where}.robot")
         for name, joint, each in joints_named(scene, body, given, f"{self.where}.{key}"):
             yield self._joint(name, joint), each
 
     def turned(self, wanted: ca.SX, found: ca.SX) -> ca.SX:
-        """Rotation vector from one orientation to another."""
+        """Rotation vector (3x1) [rad] from one orientation to another."""
         relative = ca.mtimes(wanted.T, found)
         if self.stage.scene.planar:
             return ca.atan2(relative[1, 0], relative[0, 0])
         return rotation_log(relative)
 
     def fault(self, message: str, key: str) -> ScenarioError:
-        """Error that names the place of a key of the section."""
+        """Error located at a key of the section."""
         return self.stage.scene.error(message, f"{self.where}.{key}")
 
     def link(self, label: str, key: str = "link") -> MovingFrame:
-        """A link of a robot, by robot/link."""
+        """Frame of a robot's link, by robot/link."""
         scene, (robot, _, link) = self.stage.scene, label.partition("/")
         body = find_robot(scene, robot, f"{self.where}.{key}")
         self._named({one.name: one for one in body.description.links}, f"link {link!r}", link, key)
@@ -168,12 +168,11 @@ class InstantView:
         return planned_bases
 
     def base_reactions(self) -> dict[str, tuple[ca.SX, ca.SX]]:
-        """Wrenches that the robots' arms put on their bases, by robot: force [N], and torque about the root
-        link's origin [N m], world axes, as far as the scene has them; on a fixed base with the opposite sign.
+        """Wrenches of the robots' arms on their bases, by robot, in world axes.
 
-        On a floating base that is the rate of the momentum of the root link, and of wheels on it, less
-        gravity and what drives the base; under a fixed one the same of the arm. Grasps act where their tips
-        are.
+        Force [N], and torque [N m] about the root link's origin; on a fixed base with the opposite sign. On a
+        floating base it is the rate of momentum of the root link and its wheels, minus gravity and the base's
+        actuation; on a fixed base the same balance is taken for the arm. Grasp forces act at their tips.
         """
         stage, scene, model = self.stage, self.stage.scene, self.stage.scene.model
         if scene.scenario.environment:
@@ -182,12 +181,12 @@ class InstantView:
         inertias, reactions = Inertias.from_model(model), {}
         state, rate = ca.vertcat(stage.q, stage.v), ca.vertcat(stage.rate, stage.a)
         for body in scene.robots:
-            # panels of the base are part of it, flexible booms of the arm
+            # flexible panels of the base belong to the base, flexible booms to the arm
             arm_joints = set(body.driven_joints)
             panels = [j for j in body.passive if arm_joints.isdisjoint(model.supports[j])]
             floating = (body.root_joint, *body.owned, *panels)
             joints = floating if body.root_joint else body.joints
-            # what the bodies' motion takes in addition to gravity and grasps, about the root link's origin
+            # rate of momentum minus gravity and grasp forces, about the root link's origin
             momenta = ca.vertcat(*momentum(model, moving, inertias, joints))
             momentum_rate = ca.jtimes(momenta, state, rate)
             force, torque = momentum_rate[:3], momentum_rate[3:]
@@ -215,11 +214,11 @@ class InstantView:
         return reactions
 
     def grips(self) -> dict[str, tuple[ca.SX, ca.SX]]:
-        """Force and torque on its tip of each grasp that holds, by grasp."""
+        """Force [N] and torque [N m] of each closed grasp on its tip, by grasp."""
         return {grip.name: self.stage.wrench(grip) for grip in (*self.stage.grips, *self.stage.springs)}
 
     def wheels(self) -> dict[str, PlannedWheels]:
-        """Reaction wheels that alone turn a base, by robot."""
+        """Reaction wheels of each base that only wheels drive, by robot."""
         driven_bases = wheel_driven_bases(self.stage)
         if not driven_bases:
             raise self.stage.scene.error(
@@ -234,7 +233,7 @@ class InstantView:
     def gaps(
         self, between: tuple[str, str], wrap: Wrap | None
     ) -> Iterator[tuple[str, ca.SX, Implicit, ca.SX]]:
-        """Distances of pairs of shapes, and how fast they change at most."""
+        """Distances [m] of pairs of shapes, with name, inner iteration and maximum rate of change [m/s]."""
         for pair in find_pairs(self.stage.scene, between, wrap, self.where):
             first, second = (self._moving_shape(shape) for shape in pair)
             gap, about = held_gap(first.shape, second.shape)
@@ -271,10 +270,10 @@ class InstantView:
 
 
 def find_robot(scene: Scene, name: str, where: str) -> SceneBody:
-    """Robot by its name.
+    """Robot of a given name.
 
     Raises:
-        ScenarioError: If there is none; the near names are listed.
+        ScenarioError: If there is none; the message lists similar names.
     """
     robots = {body.name: body for body in scene.robots}
     if name not in robots:
@@ -285,10 +284,10 @@ def find_robot(scene: Scene, name: str, where: str) -> SceneBody:
 def joints_named(
     scene: Scene, body: SceneBody, given: Mapping[str, T], where: str
 ) -> Iterator[tuple[str, int, T]]:
-    """Name and number of each joint of a body that a pattern names, and what is given for it.
+    """Name, number and pattern value of each joint of a body that a pattern matches.
 
     Raises:
-        ScenarioError: If a pattern names none.
+        ScenarioError: If a pattern matches no joint.
     """
     ids = {body.joint_name(scene.model, j): j for j in body.driven_joints}
     for pattern, each in given.items():
@@ -300,12 +299,15 @@ def joints_named(
 
 
 def _by_joint(stage: Stage, values: Sequence[ca.SX]) -> dict[str, ca.SX]:
-    """Values of driven coordinates, those of the joints alone, by robot/joint."""
+    """Values of the driven joints, without those of bases, by robot/joint."""
     return dict(zip(stage.driven.names[: len(stage.driven.joints)], values, strict=False))
 
 
 def _vectors(wrenches: Mapping[str, tuple[ca.SX, ca.SX]], part: int, axes: Sequence[int]) -> dict[str, ca.SX]:
-    """Forces (0) or torques (1) of wrenches as vectors (3x1), without those that have no entry."""
+    """Forces (part 0) or torques (part 1) of wrenches as vectors (3x1).
+
+    Wrenches without the part are left out.
+    """
     vectors = {label: ca.SX(3, 1) for label, wrench in wrenches.items() if wrench[part].numel()}
     for label, vector in vectors.items():
         vector[list(axes)] = wrenches[label][part]
@@ -313,7 +315,7 @@ def _vectors(wrenches: Mapping[str, tuple[ca.SX, ca.SX]], part: int, axes: Seque
 
 
 def _arrivals(view: InstantView) -> dict[str, ca.SX]:
-    """Velocity and spin of tips relative to the mating frames that goals lead them to, by goal."""
+    """Linear and angular velocity of tips relative to the mating frames of their goals, by goal."""
     velocities = dict[str, ca.SX]()
     for name, goal in view.goals.items():
         arrival = goal.arrival(InstantView(view.stage, f"plan.goals.{name}"))
@@ -323,7 +325,7 @@ def _arrivals(view: InstantView) -> dict[str, ca.SX]:
 
 
 def _vibration_energy(view: InstantView) -> dict[str, ca.SX]:
-    """Elastic energy of flexible links, and kinetic energy of their joints' motion alone [J]."""
+    """Elastic energy of flexible links plus kinetic energy of their elastic motion alone [J]."""
     stage, model = view.stage, view.stage.scene.model
     rates, elastic = ca.SX(model.nv, 1), ca.SX(0)
     springs = spring_forces(stage.scene, stage.q)
@@ -358,4 +360,4 @@ SIGNALS: Mapping[str, Callable[[InstantView], dict[str, ca.SX]]] = {
     "vibration_energy": _vibration_energy,
     "arrival": _arrivals,
 }
-"""Signals of an instant by name, of which registered quantities are expressions."""
+"""Functions for the signals of an instant, by name; registered quantities are expressions of signals."""

@@ -1,14 +1,14 @@
-"""Pairs of links that a plan keeps apart by itself: of one robot, of two, and of a robot and the target.
+"""Pairs of links for which a plan avoids collisions: of one robot, of two, and of a robot and the target.
 
-All links with collision shapes are paired, without those that collide on purpose or cannot come near:
+All links with collision shapes are paired, except pairs that touch on purpose or cannot collide:
 
 * links that one joint joins, and links that do not move relative to each other;
-* a tip's link and the mating frame's link that it comes to or holds: approach cones and keep-out zones are
-  for these;
-* links whose shapes overlap where the motion begins, and pairs that a contact of the scenario names;
-* links of bodies that stay too far apart in the longest duration. Nothing acts on a floating body whose base
-  is not driven and which no grasp joins to another one, so its centre of mass goes straight on, and no point
-  of a link is farther from it than the lengths of the joints between allow.
+* a tip's link and the link of the mating frame that it approaches or holds: approach cones and keep-out zones
+  apply to these;
+* links whose shapes overlap at the start, and pairs that a contact of the scenario names;
+* links of bodies that stay too far apart in the longest duration. If a floating body has no driven base and
+  no closed grasp, its centre of mass moves uniformly. No point of a link is farther from the centre of mass
+  than the lengths between the joints allow.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ class Collision:
 
     Attributes:
         first, second: body/link.
-        depth_m: Greatest depth [m].
-        time_s: Instant of the greatest depth [s].
+        depth_m: Maximum depth [m].
+        time_s: Instant of the maximum depth [s].
         only: Pairs of their shapes that overlap, by index as in a keep-out zone.
     """
 
@@ -70,12 +70,12 @@ class Collision:
     only: tuple[int, ...]
 
     def words(self) -> str:
-        """The collision in a few words."""
+        """Description of the collision for messages."""
         return f"{self.first} and {self.second} overlap by {self.depth_m:.3g} m at {self.time_s:.3g} s"
 
 
 def link_pairs(scene: Scene) -> list[LinkPair]:
-    """Pairs of links that the plan of a scene keeps apart; none with `collision_avoidance: false`.
+    """Pairs of links for which a scene's plan avoids collisions; none with `collision_avoidance: false`.
 
     Args:
         scene: Scene with a ``plan`` section.
@@ -91,7 +91,7 @@ def link_pairs(scene: Scene) -> list[LinkPair]:
             link_solids = tuple(solid for solid in body_solids if solid.link == link.name)
             if link.collisions and len(link_solids) == len(link.collisions):  # all of its meshes can be read
                 by_link[body.name][f"{body.name}/{link.name}"] = link_solids
-    # joints whose links may collide: of tips and the mating frames that they come to, and of contacts
+    # joints whose links may touch: those of tips and of their mating frames, and those of contacts
     tips = {tip.label: tip.joint for tip in scene.tips}
     touching = {frozenset((grasp.tip.joint, grasp.joint)) for grasp in scene.grasps}
     touching |= {frozenset(shape.joint for shape in pair) for one in scene.contacts for pair in one.pairs}
@@ -104,8 +104,9 @@ def link_pairs(scene: Scene) -> list[LinkPair]:
                     touching.add(frozenset((tips[tip], int(model.frames[frame].parentJoint))))
     data = model.createData()
     pin.centerOfMass(model, data, scene.q, scene.v)
-    # Centre of mass of each body at the start (3,) [m] and its velocity (3,) [m/s], and the greatest distance
-    # of each joint's origin from it [m], infinite where it is driven; the world's origin for a fixed base.
+    # Centre of mass of each body at the start (3,) [m], its velocity (3,) [m/s], and the maximum distance of
+    # each joint's origin from it [m]. The distance is infinite for driven bodies; a fixed base is measured
+    # from the world's origin.
     centres, reaches = dict[str, tuple[Array, Array]](), dict[str, dict[int, float]]()
     for body in scene.bodies:
         if not body.root_joint:
@@ -165,7 +166,7 @@ def link_pairs(scene: Scene) -> list[LinkPair]:
 def collisions(pairs: Sequence[LinkPair], model: Any, q: Array, time: Array) -> list[Collision]:
     """Pairs that overlap by more than :data:`ALLOWED` along a motion, the deepest first.
 
-    Bounding spheres leave few instants for exact distances.
+    Bounding spheres exclude most instants before exact distances are computed.
 
     Args:
         pairs, model: The pairs, and the ``pinocchio.Model`` of their scene.
@@ -202,10 +203,10 @@ def collisions(pairs: Sequence[LinkPair], model: Any, q: Array, time: Array) -> 
 
 
 def keep_apart(scene: Scene, entered: Sequence[Collision]) -> Scene:
-    """The scene whose plan has a keep-out zone for the shapes that overlap of each of some pairs of links.
+    """Scene whose plan has a keep-out zone for the overlapping shapes of each given pair of links.
 
     Raises:
-        ScenarioError: If a pair's shapes have no distance that is positive where the motion begins.
+        ScenarioError: If a pair's shapes overlap at the start, so that they have no positive distance.
     """
     plan = plan_section(scene)
     zones, data = dict(plan.keep_out), scene.model.createData()

@@ -22,7 +22,7 @@ from spacerobot.scene import Scene
 from spacerobot.scene.scene import SceneBody
 
 PREFIX = "collision_avoidance"
-"""Prefix of the names of keep-out zones that a search adds for colliding links."""
+"""Prefix of the names of keep-out zones that are added for colliding links."""
 Limits = Mapping[str, PlanLimit]
 """A plan's ``limits``, by name."""
 
@@ -31,7 +31,7 @@ def driven_coordinates(scene: Scene, section_limits: Limits) -> DrivenCoordinate
     """Joints that are planned, and bases that actuators drive.
 
     Raises:
-        ScenarioError: If a limit that is required is missing in a URDF, or a joint mimics another one.
+        ScenarioError: If a URDF lacks a required limit, or a joint mimics another one.
     """
     if scene.ties:
         raise scene.error(
@@ -65,7 +65,7 @@ def driven_coordinates(scene: Scene, section_limits: Limits) -> DrivenCoordinate
 
 
 def instant_limits(stage: Stage, limits: Limits) -> tuple[Array, Array]:
-    """Least and greatest z (nz,)."""
+    """Lower and upper limits of an instant z (nz,)."""
     scene, model = stage.scene, stage.scene.model
     upper = np.full(stage.z.numel(), np.inf)
     lower = -upper
@@ -85,7 +85,7 @@ def instant_limits(stage: Stage, limits: Limits) -> tuple[Array, Array]:
 
 
 def path_rows(stage: Stage, plan: PlanSection) -> list[BoundedRow]:
-    """Path constraints in addition to the limits of z, without those that a search added."""
+    """Path constraints in addition to the limits of z, without keep-out zones of colliding links."""
     # acceleration constraints of closed rigid grasps
     names = [f"{grip.name}.{axis}" for grip in stage.grips for axis in wrench_axes(stage.scene, grip)]
     rows = [
@@ -100,10 +100,10 @@ def path_rows(stage: Stage, plan: PlanSection) -> list[BoundedRow]:
 
 
 def avoidance_rows(stage: Stage, plan: PlanSection, excluded: Collection[str] = ()) -> list[BoundedRow]:
-    """Rows of the keep-out zones that a search added; they are the last ones of a path.
+    """Constraints of the keep-out zones of colliding links; a path's last rows.
 
     Args:
-        stage, plan: An instant, and the section.
+        stage, plan: An instant, and the plan section.
         excluded: Names of zones that are left out.
     """
     return [
@@ -117,20 +117,20 @@ def avoidance_rows(stage: Stage, plan: PlanSection, excluded: Collection[str] = 
 def limit_rows(
     stage: Stage, plan: PlanSection, section: str, name: str, limit: PlanLimit
 ) -> list[BoundedRow]:
-    """Rows of one limit, under its name where that is not its kind's."""
+    """Constraints of one limit, named after the limit if its name differs from its kind's."""
     prefix = "" if name == limit.kind else f"{name}: "
     bounded_rows = limit.rows(InstantView(stage, f"plan.{section}.{name}", plan.goals))
     return [dataclasses.replace(row, name=f"{prefix}{row.name}") for row in bounded_rows]
 
 
 def urdf_joint(scene: Scene, body: SceneBody, joint: int) -> UrdfJoint:
-    """A joint as its URDF has it."""
+    """Joint's entry in its body's URDF."""
     name = body.joint_name(scene.model, joint)
     return next(candidate for candidate in body.description.joints if candidate.name == name)
 
 
 def planned_joint(scene: Scene, body: SceneBody, joint: int) -> PlannedJoint:
-    """A joint as limits see it."""
+    """Joint as plan limits use it: names, type, URDF limits."""
     urdf = urdf_joint(scene, body, joint)
     has = {
         "position": urdf.kind == "continuous" or bool(np.isfinite([urdf.lower, urdf.upper]).all()),
@@ -142,5 +142,5 @@ def planned_joint(scene: Scene, body: SceneBody, joint: int) -> PlannedJoint:
 
 
 def _least(limits: Limits, joint: PlannedJoint, key: JointQuantity) -> float:
-    """The lowest of all limits of a joint's rate or torque; infinite where there is none."""
+    """Lowest of all limits of a joint's rate or torque; infinite if there is none."""
     return min((limit.joint_limits(joint).get(key, np.inf) for limit in limits.values()), default=np.inf)

@@ -1,12 +1,12 @@
-"""Reaction wheels in a plan: their momentum is what the bodies that they turn have lost.
+"""Reaction wheels in a plan: their momentum follows from conservation of angular momentum.
 
-Nothing else acts on them, so that with the wheels' axes A, root link's axes,
+Only wheels exchange angular momentum with the bodies. With the wheels' axes A in the root link's axes,
 
     A h(t) = R(t)' (L(0) + R(0) A h(0) - L(q, v)),    h(t) = h(0) + A^+ A (h(t) - h(0)),
 
-L being the angular momentum of a robot, and of the object that it catches or holds, about their common centre
-of mass. The momenta h need no unknowns. A planned torque T on the base takes ``-A^+ (T + w x A h)`` of the
-motors, w being the base's spin. Friction of wheels is left to the feedback.
+L is the angular momentum of a robot and of the object that it captures or holds, about their common centre of
+mass. The momenta h therefore need no unknowns. A planned torque T on the base requires motor torques ``-A^+
+(T + w x A h)`` with the base's angular velocity w. The feedback compensates for friction of the wheels.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from spacerobot.scene.scene import SceneBody
 
 
 def only_wheels(body: SceneBody) -> MomentumStorage | None:
-    """The one set of wheels of a robot on whose base nothing else acts."""
+    """Wheel set of a robot whose base has no other actuator; None otherwise."""
     if not isinstance(body.config, Robot):
         return None
     actuators = [part for _, part in body.config.driven_by() if part.base_wrench]
@@ -43,13 +43,13 @@ def only_wheels(body: SceneBody) -> MomentumStorage | None:
 
 @dataclass(frozen=True, eq=False)
 class WheelDrivenBase:
-    """A robot that its wheels turn, at one instant.
+    """A robot whose base only wheels drive, at one instant.
 
     Attributes:
-        wheels: The set.
-        momenta: Angular momentum of each about its axis (n x 1) [N m s].
+        wheels: The wheel set.
+        momenta: Angular momentum of each wheel about its axis (n x 1) [N m s].
         speeds: Speed of each wheel relative to the base (n x 1) [rad/s].
-        commanded: Torque that the base is to ask for, gyroscopic torque of the wheels included (3x1) [N m].
+        commanded: Torque commanded on the base, including the wheels' gyroscopic torque (3x1) [N m].
     """
 
     wheels: MomentumStorage
@@ -64,7 +64,7 @@ class WheelDrivenBase:
 
 
 def wheel_driven_bases(stage: Stage) -> dict[str, WheelDrivenBase]:
-    """Robots whose bases wheels alone drive, by name."""
+    """Robots whose bases only wheels drive, by name."""
     scene, driven_bases = stage.scene, {}
     for body in scene.robots:
         wheels, driven = only_wheels(body), stage.driven.of_base(body.name)
@@ -96,7 +96,7 @@ def wheel_rows(stage: Stage, plan: PlanSection) -> Iterator[BoundedRow]:
     """Limits of the wheels' torques and speeds.
 
     Raises:
-        ScenarioError: If momentum counts from a start that is free.
+        ScenarioError: If momentum is relative to a start that is free.
     """
     for name, turned in wheel_driven_bases(stage).items():
         if name in plan.start:
@@ -105,7 +105,8 @@ def wheel_rows(stage: Stage, plan: PlanSection) -> Iterator[BoundedRow]:
                 "out, or let nothing drive the base by `limits.base_torque: 0`",
                 f"plan.start.{name}",
             )
-        # refuse an object that several robots hold, for whose wheels take what of it nobody knows
+        # refuse an object that several robots hold: the split of its momentum among their wheels is
+        # undetermined
         holding = {grasp.tip.body.name for grasp in stage.scene.grasps}
         if name in holding and len(holding) > 1:
             other = min(holding - {name})
@@ -140,7 +141,7 @@ def commanded_base_wrench(stage: Stage) -> ca.SX:
 
 
 def _angular(scene: Scene, body: SceneBody, kinematics: Kinematics) -> ca.SX:
-    """Angular momentum of a robot and what it may hold about their centre of mass (3x1) [N m s]."""
+    """Angular momentum of a robot with its held object about their centre of mass (3x1) [N m s]."""
     catches = any(grasp.tip.body.name == body.name for grasp in scene.grasps) and scene.target is not None
     joints = [*body.subtree, *(scene.target.subtree if catches and scene.target else ())]
     model, inertias = scene.model, Inertias.from_model(scene.model)

@@ -1,4 +1,4 @@
-"""Values of rows whose expressions depend on what an iteration finds."""
+"""Values of constraints whose expressions contain results of inner iterations."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from spacerobot.elements.goals.plan_instant import BoundedRow
 from spacerobot.shapes import Implicit
 
 STEPS, APART_AFTER, SLOPE = 30, 8, 1e-10
-"""Maximum number of steps from the direction of the centres, the number after which shapes count as
-overlapping if none has shown them apart, and the slope at which a maximum is found [m]."""
+"""Maximum number of Newton steps from the direction of the centres, the number after which shapes count as
+overlapping if no step has shown them apart, and the slope at which a maximum is converged [m]."""
 
 Call = Callable[..., Array]
 """Evaluates a function, by name, for columns (n, N)."""
 
 
 def implicit_in(rows: Sequence[BoundedRow]) -> list[Implicit]:
-    """Quantities that iterations find for some rows."""
+    """Inner iterations on which the constraints depend."""
     return [row.about for row in rows if row.about is not None and row.about.function is not None]
 
 
 def symbols_of(implicits: Sequence[Implicit]) -> ca.SX:
-    """Symbols of what iterations find (n x 1)."""
+    """Symbols of the results of inner iterations (n x 1)."""
     return ca.vertcat(ca.SX(0, 1), *(one.symbol for one in implicits))
 
 
 def implicit_values(implicit: Sequence[Implicit], inputs: Array, call: Call) -> Array:
-    """Values that iterations find (n, N), all columns of one function at once.
+    """Results of inner iterations (n, N), for all columns by one call of each function.
 
     Args:
-        implicit: Unknowns of iterations.
-        inputs: Values of their ``given``, one below the other (m, N).
-        call: Evaluates one of their functions, by its name, for columns.
+        implicit: Inner iterations.
+        inputs: Values of their arguments ``given``, stacked (m, N).
+        call: Evaluates one of their functions, by name, for columns.
     """
     count = inputs.shape[1]
     parts = np.split(inputs, np.cumsum([one.given.numel() for one in implicit])[:-1]) if implicit else []
@@ -51,13 +51,13 @@ def implicit_values(implicit: Sequence[Implicit], inputs: Array, call: Call) -> 
 
 
 def functions_of(implicits: Sequence[Implicit]) -> dict[str, ca.Function]:
-    """Functions that find what iterations find, by name."""
+    """Functions that evaluate the inner iterations, by name."""
     functions = (function for one in implicits for function in (one.function, one.ascent))
     return {function.name(): function for function in functions if function is not None}
 
 
 def _found(implicit: Implicit, given: Array, call: Call) -> Array:
-    """What an iteration finds for columns (n, N): by few steps where shapes are apart, else by all of it."""
+    """Results of one inner iteration for columns (n, N); few Newton steps for shapes that are apart."""
     assert implicit.function is not None
     if implicit.ascent is None:
         return call(implicit.function.name(), given)
@@ -82,7 +82,7 @@ def _found(implicit: Implicit, given: Array, call: Call) -> Array:
 
 
 def row_values(rows: Sequence[BoundedRow], at: ca.SX, columns: Array) -> Array:
-    """Values of rows (rows, N) where a symbol (n x 1) has the values of columns (n, N)."""
+    """Values of constraints (rows, N) at values of a symbol (n x 1), one for each column (n, N)."""
     implicit, size = implicit_in(rows), columns.shape[1]
     symbols = symbols_of(implicit)
     inputs = ca.Function("given", [at], [ca.vertcat(ca.SX(0, 1), *(one.given for one in implicit))])

@@ -1,14 +1,14 @@
-"""One instant of a motion as expressions: what it is made of, how it moves, what must hold, what it costs.
+"""One instant of a motion as expressions: unknowns, equations of motion, constraints, costs.
 
-An instant is z = (q, v, a, u, w, s): Pinocchio's configuration and velocity of the whole scene, acceleration,
-what drives it, the wrenches of rigid grasps that hold, and the parts of forces whose magnitudes are a cost.
-Accelerations are unknowns, so that the mechanics enter by inverse dynamics, whose derivatives are much
-shorter than those of forward dynamics:
+An instant is z = (q, v, a, u, w, s): Pinocchio's configuration and velocity of the whole scene,
+accelerations, generalized forces of the drives, wrenches of closed rigid grasps, and the parts of forces
+whose magnitudes are a cost. Accelerations are unknowns, so that inverse dynamics enters the constraints; its
+derivatives are much shorter than those of forward dynamics:
 
     M(q) a + h(q, v) + R v = B u + E(q, v) + A(q)' w,    d/dt (A v) = 0,
 
-with the generalized forces E of environments.
-Rows in which B is zero are a floating base on which nothing acts, and the free target.
+with the generalized forces E of environments. Rows in which B is zero belong to a base without actuation and
+to the free target.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ from spacerobot.scene.scene import SceneGrasp
 
 @dataclass(frozen=True, eq=False)
 class DrivenCoordinates:
-    """Driven coordinates of a scene: velocities on which generalized forces act.
+    """Driven coordinates of a scene: velocity components on which generalized forces of drives act.
 
     Attributes:
         names: Labels of joints (robot/joint) and of axes of driven bases, one for each entry of u.
-        columns: Index of each one's velocity in v.
-        limits: Greatest magnitude of each [N m or N]; infinite where there is none.
-        joints: Ids in the model of the joints among them, which come first.
+        columns: Index in v of each driven coordinate.
+        limits: Maximum magnitude of each force [N m or N]; infinite where there is none.
+        joints: Ids in the model of the driven joints, which precede the axes of bases.
     """
 
     names: tuple[str, ...]
@@ -64,18 +64,18 @@ class DrivenCoordinates:
         return len(self.names) > len(self.joints)
 
     def of_base(self, robot: str) -> list[str]:
-        """Axes of a robot's base that are driven: ``fx``, ..., ``tz``, its own."""
+        """Driven axes of a robot's base, in its own frame: ``fx``, ..., ``tz``."""
         named = (name.rpartition(".") for name in self.names[len(self.joints) :])
         return [axis for base, _, axis in named if base == f"{robot}/base"]
 
     def strength(self, robot: str, part: str) -> float:
-        """Bound of the force, ``f``, or torque, ``t``, on a robot's base [N, N m]; zero where none acts."""
+        """Bound of the force, ``f``, or torque, ``t``, on a robot's base [N, N m]; zero without actuation."""
         components = [f"{robot}/base.{axis}" for axis in self.of_base(robot) if axis.startswith(part)]
         return float(np.linalg.norm([self.limits[self.names.index(name)] for name in components]))
 
 
 def spring_forces(scene: Scene, q: ca.SX) -> ca.SX:
-    """Generalized forces (nv x 1) that the springs of flexible links take.
+    """Generalized forces (nv x 1) that bend the springs of flexible links to a configuration.
 
     Args:
         scene: The scene.
@@ -93,14 +93,14 @@ class Stage:
     """A scene at one instant.
 
     Attributes:
-        scene, driven: The scene, and what drives it.
-        grips: Rigid grasps that hold.
-        springs: Grasps that hold by springs and dampers.
+        scene, driven: The scene, and its driven coordinates.
+        grips: Closed rigid grasps.
+        springs: Closed grasps made of springs and dampers.
         q, v, a, u, w: Symbols (nq, nv, nv, nu, nw).
         kinematics: Kinematics at (q, v).
         s: Symbols of positive and negative parts of forces whose magnitudes are a cost (ns).
-        inertia: Symbols of the target's inertial parameters (10), Pinocchio's order, where a plan made in
-            flight is handed an estimate of them; none otherwise.
+        inertia: Symbols of the target's inertial parameters (10) in Pinocchio's order, if model predictive
+            control replans with an estimate of them; none otherwise.
     """
 
     scene: Scene
@@ -121,15 +121,15 @@ class Stage:
         """Symbols of a scene.
 
         Args:
-            scene, driven: The scene, and what drives it.
-            closed: Grasps that hold; those that begin closed if not given.
+            scene, driven: The scene, and its driven coordinates.
+            closed: Grasps that hold; those closed at the start if None.
         """
         model, closed = scene.model, closed_grasps(scene) if closed is None else closed
         grips, springs = (tuple(g for g in closed if is_rigid(g) is rigid) for rigid in (True, False))
         q, v, a = (ca.SX.sym(n, size) for n, size in (("q", model.nq), ("v", model.nv), ("a", model.nv)))
         u = ca.SX.sym("u", len(driven.columns))
         w = ca.SX.sym("w", sum(len(wrench_axes(scene, grip)) for grip in grips))
-        # whether plans are made in flight, and a filter estimates the mass properties of what a tip holds
+        # whether a controller replans in flight and a filter estimates the mass properties of the held object
         robots = scene.scenario.robots.values()
         flown = any(one.replanning is not None for robot in robots for one in robot.controllers.values())
         held = any(HELD_INERTIA in one.makes for robot in robots for one in robot.estimators.values())
@@ -139,24 +139,24 @@ class Stage:
 
     @property
     def z(self) -> ca.SX:
-        """The instant (nz x 1)."""
+        """Vector of the instant's unknowns (nz x 1)."""
         return ca.vertcat(self.q, self.v, self.a, self.u, self.w, self.s)
 
     @property
     def drive_places(self) -> list[int]:
-        """Places in z of the drives and of the parts of forces."""
+        """Indices in z of the drives and of the parts of forces."""
         first = self.q.numel() + self.v.numel() + self.a.numel()
         parts = self.z.numel() - self.s.numel()
         return [*range(first, first + self.u.numel()), *range(parts, self.z.numel())]
 
     @functools.cached_property
     def rate(self) -> ca.SX:
-        """Q' (nq x 1)."""
+        """Rate q' of the configuration (nq x 1)."""
         return configuration_derivative(self.scene.model, self.q, self.v)
 
     @functools.cached_property
     def rate_function(self) -> ca.Function:
-        """Function of an instant z that gives q'."""
+        """Function of an instant z that returns q'."""
         return ca.Function("rate", [self.z], [ca.densify(self.rate)])
 
     @functools.cached_property
@@ -194,12 +194,15 @@ class Stage:
 
     @property
     def parting(self) -> ca.SX:
-        """Relative acceleration of what the grasps hold together (nw x 1) [m/s^2, rad/s^2]."""
+        """Relative acceleration of tip and target at rigid grasps (nw x 1) [m/s^2, rad/s^2].
+
+        Zero in a motion.
+        """
         state, rate = ca.vertcat(self.q, self.v), ca.vertcat(self.rate, self.a)
         return ca.jtimes(tip_slip(self.scene, self.kinematics, self.grips), state, rate)
 
     def wrench(self, grip: SceneGrasp) -> tuple[ca.SX, ca.SX]:
-        """Force and torque of a grasp on its tip, world axes."""
+        """Force [N] and torque [N m] of a grasp on its tip, world axes (3x1 each)."""
         if grip in self.springs:
             return spring_wrench(self.scene, self.kinematics, grip)
         first = sum(len(wrench_axes(self.scene, other)) for other in self.grips[: self.grips.index(grip)])
@@ -207,7 +210,7 @@ class Stage:
         return self.w[first : first + linear], self.w[first + linear : first + size]
 
     def placement(self, frame: int) -> tuple[ca.SX, ca.SX]:
-        """Rotation (3x3) and origin (3x1) [m] of a frame."""
+        """Rotation matrix (3x3) and origin (3x1) [m] of a frame in the world."""
         return frame_placement(self.scene.model, self.kinematics, frame)
 
     def velocity(self, frame: int) -> tuple[ca.SX, ca.SX]:
@@ -216,12 +219,12 @@ class Stage:
 
 
 def state_after_impact(stage: Stage, state: Array, *, locked: bool = False) -> Array:
-    """State (nq + nv,) behind the plastic impact that joins what a phase's rigid grasps hold.
+    """State (nq + nv,) after the plastic impact at which a phase's rigid grasps close.
 
     Args:
         stage: An instant of the phase.
         state: State before the impact (nq + nv,).
-        locked: Whether the joints stop too.
+        locked: Whether the joints stop relative to their bodies too.
     """
     model = stage.scene.model
     q, v = np.split(state, [model.nq])
@@ -241,25 +244,25 @@ def state_after_impact(stage: Stage, state: Array, *, locked: bool = False) -> A
 
 @dataclass(frozen=True, eq=False)
 class PlanningProblem:
-    """A planning problem over a scene, before it is cut into intervals.
+    """A planning problem over a scene, before its transcription on a mesh.
 
     Attributes:
         stage: Symbols and expressions of one instant.
-        path: Rows bounded at all instants, besides the limits of z.
-        goal: Rows bounded at the last instant.
+        path: Constraints at all instants, in addition to the limits of z.
+        goal: Constraints at the last instant.
         terms: Integrands of the cost (1x1 each), by name.
-        ends: Costs of the last instant (1x1 each), by name.
-        weights: Weights of the terms, of the costs of the last instant, and of ``time``, the duration.
+        ends: Terminal costs (1x1 each), by name.
+        weights: Weights of the integrands, of the terminal costs, and of ``time``, the duration.
         lower, upper: Limits of z (nz,).
-        duration: Least, greatest and first guess of the duration [s].
-        fixed: Initial q and v (nq + nv,), or the first guess of them where the start is free.
-        tolerance: Greatest replay error of a tip [m].
-        begin: Least and greatest q and v at the start, where that is free (nq + nv,) each.
+        duration: Minimum, maximum and first guess of the duration [s].
+        fixed: Initial q and v (nq + nv,), or their first guess if the start is free.
+        tolerance: Maximum replay error of a tip [m].
+        begin: Lower and upper bounds of q and v at the start, if that is free (nq + nv,) each.
         magnitudes: Forces (n x 1) [N] whose magnitudes are integrands, by name.
-        open_loop: Whether the tolerance holds for the replay without feedback too.
-        linear_drives: Whether drives are linear in time in each interval, so that their limits hold by those
-            at its ends.
-        inertia: Numbers of the stage's ``inertia``.
+        open_loop: Whether the tolerance applies to the replay without feedback too.
+        linear_drives: Whether drives are linear in time in each interval, so that their limits hold
+            throughout if they hold at both ends.
+        inertia: Values of the stage's ``inertia`` (10,).
     """
 
     stage: Stage
@@ -280,22 +283,22 @@ class PlanningProblem:
     inertia: Array = field(default_factory=lambda: np.empty(0))
 
     def arguments(self, z: Array) -> Array:
-        """Arguments of the functions of instants: instants (n, nz) as columns, the inertia below."""
+        """Arguments of the functions of instants: instants (n, nz) as columns, above the inertia."""
         if not self.inertia.size:
             return z.T
         return np.vstack([z.T, np.tile(self.inertia[:, None], len(z))])
 
     @property
     def start(self) -> tuple[Array, Array]:
-        """Least and greatest q and v at the start (nq + nv,) each."""
+        """Lower and upper bounds of q and v at the start (nq + nv,) each."""
         return (self.fixed, self.fixed) if self.begin is None else self.begin
 
     @property
     def cost(self) -> ca.SX:
-        """Integrand of the cost (1x1) [1/s]."""
+        """Weighted integrand of the cost (1x1) [1/s]."""
         return sum((self.weights[name] * term for name, term in self.terms.items()), ca.SX(0))
 
     @property
     def time_weight(self) -> float:
-        """Cost of the duration [1/s]."""
+        """Weight of the duration [1/s]."""
         return self.weights["time"]
