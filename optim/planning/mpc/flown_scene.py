@@ -1,4 +1,4 @@
-"""A scene with places for the plans of model predictive control, and the settings of its controllers."""
+"""Scene of model predictive control, whose controllers hold plan points as parameters, and its settings."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from spacerobot.scenario.plan import PlanSection
 from spacerobot.scene import Scene, build_scene
 
 TABLES, BASE_TABLES = ("position", "rate", "effort"), ("wrench", "rate")
-"""Values of a plan at its points, of joints and of a base."""
+"""Names of the values at the plan's points, of joints and of a base."""
 
 
 def mpc_controllers(scene: Scene) -> dict[str, tuple[str, Replanning]]:
@@ -47,12 +47,12 @@ class FlownScene:
     """A scene under model predictive control.
 
     Attributes:
-        scene: Scene whose controllers hold the points of one period, numbers that plans replace.
-        settings: Settings that all mpc controllers share.
-        joints, axes: Names of each robot's joints, and of the axes of its base that plans drive, in the order
-            of these points, by robot.
-        duration_s: Duration of the simulation [s]: that of the plan where there are no phases.
-        phase: Phase in which plans are made, if another one comes before it.
+        scene: Scene whose controllers hold the plan points of one period as parameters.
+        settings: Settings common to all mpc controllers.
+        joints, axes: Names of each robot's joints and of the driven axes of its base, by robot, in the order
+            of the plan points.
+        duration_s: Duration of the simulation [s]: that of the plan if the scenario has no phases.
+        phase: Phase in which plans are made, if it is not the first one; None otherwise.
     """
 
     scene: Scene
@@ -68,7 +68,7 @@ class FlownScene:
 
         Args:
             scene: Scene with a ``plan`` section, and a controller of kind ``mpc`` for each robot.
-            vary: Numbers by dotted path that are changed; sensors among them are read though they are ideal.
+            vary: Values that are changed, by dotted path; a varied ideal sensor is simulated as a real one.
 
         Raises:
             ScenarioError: If the scene has no such controllers, or the plan does not fit them.
@@ -120,7 +120,7 @@ class FlownScene:
         return cls(built, settings, joints, axes, duration, phase)
 
     def places(self, paths: Sequence[str]) -> NDArray[np.int64]:
-        """Places among the parameters of a closed loop, by their paths, of what :meth:`numbers` gives."""
+        """Indices of the values of :meth:`numbers` among the parameters of a closed loop with these paths."""
         place, indices = {path: i for i, path in enumerate(paths)}, []
         for robot, (key, replanning) in mpc_controllers(self.scene).items():
             path = f"robots.{robot}.controllers.{key}"
@@ -131,7 +131,7 @@ class FlownScene:
         return np.array(indices, dtype=np.int64)
 
     def resting(self, state: Array) -> Array:
-        """Return the same numbers for robots that rest where they are.
+        """Return the same values for robots that rest in their present posture.
 
         Args:
             state: Configuration and velocity (nq + nv, or more).
@@ -145,9 +145,9 @@ class FlownScene:
         return np.concatenate(values)
 
     def replans_at(self, begin: float) -> bool:
-        """Whether a plan is to begin at a time [s]: the last one before the end is kept until there.
+        """Whether a new plan begins at a time [s].
 
-        None where the shortest time to look ahead is longer than the first plan.
+        With ``min_horizon`` None, the last plan before the end is kept until the end.
         """
         plan = plan_section(self.scene)
         full_duration = first_plan(self.scene).duration.upper
@@ -158,11 +158,11 @@ class FlownScene:
     def numbers(
         self, horizon: Horizon, now: float, begin: float = 0.0, locked: Mapping[str, float] | None = None
     ) -> Array:
-        """Begin and points of a plan in the period that begins now, of all robots in turn.
+        """Begin and points of a plan in the period that begins at ``now``, for all robots.
 
         Args:
-            horizon, now: The plans, and the time since the first one began [s].
-            begin: Time at which the first one began [s].
+            horizon, now: Plans, and time since the first plan began [s].
+            begin: Simulation time at which the first plan began [s].
             locked: Positions of joints that plans do not move [rad or m], by ``robot/joint``.
         """
         values: list[Array] = []
@@ -180,14 +180,14 @@ class FlownScene:
 
 
 def mpc_settings(scene: Scene) -> Replanning:
-    """Settings that all mpc controllers share: period, delay, and when the last plan is made.
+    """Settings common to all mpc controllers: period, delay, and the rule for the last plan.
 
     Args:
         scene: Scene with a controller of kind ``mpc`` for each robot.
 
     Raises:
-        ScenarioError: If robots differ in them, one has none, they do not rest after the first phase, or the
-            plan's duration is not so many periods.
+        ScenarioError: If robots' settings differ, a robot has no such controller, one stays active after the
+            first phase, or the plan's duration is not a multiple of the period.
     """
     controllers, plan = mpc_controllers(scene), first_plan(scene)
     for body in scene.robots:
@@ -221,10 +221,10 @@ def mpc_settings(scene: Scene) -> Replanning:
 
 
 def mpc_phase(scene: Scene) -> str | None:
-    """Name of the phase in which plans are made; None without phases.
+    """Name of the phase in which plans are made; None if the scenario has no phases.
 
     Raises:
-        ScenarioError: If there are several or none, or it comes again.
+        ScenarioError: If there are several such phases or none, or the phase is entered again.
     """
     phases, mpc_phases = scene.scenario.phases, dict[str, None]()
     for name, (robot, (key, _)) in itertools.product(phases, mpc_controllers(scene).items()):

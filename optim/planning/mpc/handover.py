@@ -1,4 +1,4 @@
-"""Beginning of model predictive control: the grasps held and joints locked when its phase begins."""
+"""Start of model predictive control: grasps that hold and joints that are locked when its phase begins."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ Places = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Handover:
-    """The scene that plans are made of, and where it begins.
+    """Scene for which plans are made, and its place in the simulated scene.
 
     Attributes:
-        whole, scene: The simulated scene, and the planned one: without phases, held grasps closed, locked
-            joints fixed.
-        begin_s: Time of the simulation at which plans begin [s].
-        q, v: Places of the planned configuration and velocity in the simulated ones.
+        whole, scene: The simulated scene, and the planned one without phases, with held grasps closed and
+            locked joints fixed.
+        begin_s: Simulation time at which plans begin [s].
+        q, v: Indices of the planned configuration and velocity in the simulated ones.
         locked: Positions of locked joints [rad or m], by ``robot/joint``.
     """
 
@@ -46,20 +46,20 @@ class Handover:
 
     @classmethod
     def at_start(cls, scene: Scene) -> Handover:
-        """Hand over at the start of the simulation."""
+        """Handover at the start of the simulation."""
         return cls(scene, scene, 0.0, np.arange(scene.model.nq), np.arange(scene.model.nv), {})
 
     @classmethod
     def at(cls, scene: Scene, loop: ClosedLoop, start: Array) -> Handover:
-        """Hand over at a later instant.
+        """Handover at a later instant.
 
         Args:
             scene, loop: The simulated scene, and its closed loop.
             start: Time, state and switches at that instant (1 + nx + ns,).
 
         Raises:
-            ScenarioError: If a grasp that is closed then is not rigid, or the scene cannot be built with what
-                is locked.
+            ScenarioError: If a closed grasp is not rigid, or the scene cannot be built with the locked
+                joints.
         """
         model, switched = scene.model, dict(zip(loop.switch_names, start[1 + loop.nx :] > 0.5, strict=True))
         state = start[1 : 1 + model.nq + model.nv]
@@ -105,24 +105,24 @@ class Handover:
 
     @property
     def held(self) -> tuple[SceneGrasp, ...]:
-        """Grasps of the simulated scene that hold the target rigidly where plans begin."""
+        """Grasps that hold the target rigidly at the handover, in the simulated scene."""
         names = {grasp.name for grasp in begun(self.scene.grasps) if is_rigid(grasp)}
         return tuple(g for g in self.whole.grasps if g.name in names and g.config.fixes_orientation)
 
     def planned(self, state: Array) -> Array:
-        """State of the planned scene (n, nq + nv), of the simulated one's (n, ...)."""
+        """State of the planned scene (n, nq + nv) from that of the simulated one (n, ...)."""
         nq = self.whole.model.nq
         return np.hstack([state[:, self.q], state[:, nq + self.v]])
 
     def inertia(self, readings: Readings, state: Array) -> Array | None:
         """Estimate of the target's inertial parameters in its root joint's axes (10,).
 
-        None where no filter estimates them, the tip holds nothing, or no body can have them: a plan then
-        keeps what it knew.
+        None if no filter estimates them, the tip holds no object, or the estimate is physically impossible;
+        the next plan then uses the previous estimate.
 
         Args:
             readings: Sensor readings; estimates are in axes of the tip.
-            state: Configuration and velocity as they seem to be (nq + nv,).
+            state: Estimated configuration and velocity (nq + nv,).
         """
         for grasp in self.held:
             label = grasp.tip.label

@@ -1,4 +1,4 @@
-"""State of a scene as the robots' sensors measure it."""
+"""State of a scene as the robots' sensors and filters estimate it."""
 
 from __future__ import annotations
 
@@ -17,24 +17,23 @@ from spacerobot.scene import Scene
 from spacerobot.scene.scene import SceneBody, SceneGrasp, SceneTip
 
 HELD = "held_"
-"""Beginning of the names of readings that are estimates of what a tip holds."""
+"""Prefix of the names of readings that are estimates of a held object."""
 Readings = Mapping[tuple[str, str], Array]
-"""Values by signal and what it is of: ``rpr1/joint_1``, ``rpr1`` or ``rpr1/tip``; none of an ideal sensor."""
+"""Values by signal and source (``rpr1/joint_1``, ``rpr1``, ``rpr1/tip``); absent for ideal sensors."""
 
 
 def sensors_of(scene: Scene) -> dict[str, Sensors]:
-    """Sensors of each robot, as they are in the first phase where there are phases."""
+    """Sensors of each robot, those of the first phase if there are phases."""
     scenario = scene.scenario
     first = scenario.during(next(iter(scenario.phases))) if scenario.phases else scenario
     return {name: robot.sensors or Sensors() for name, robot in first.robots.items()}
 
 
 def readings_of(variables: Iterable[OutputVariable], outputs: Mapping[str, Array]) -> Readings:
-    """Readings among the outputs of a closed loop at one instant.
+    """Sensor readings among the outputs of a closed loop at one instant.
 
     Args:
-        variables: Outputs of the closed loop, whose controllers of kind ``mpc`` name the signals that they
-            read.
+        variables: Outputs of the closed loop, whose ``mpc`` controllers name the signals that they read.
         outputs: Values by the output's name, each (n,).
     """
     readings: dict[tuple[str, str], Array] = {}
@@ -54,17 +53,17 @@ def measured_state(
     first: Array,
     held: Sequence[SceneGrasp] = (),
 ) -> Array:
-    """State of a scene as the robots' sensors and filters show it.
+    """State of a scene as the robots' sensors and filters estimate it.
 
-    Joints and floating bases are read by their robots' sensors. Of the target, the mating frames of the goals
-    are seen from where the tips seem to be; where several see it, it is taken to be in the middle. A target
-    that is held moves with the tip that holds it.
+    Joints and floating bases are read by their robots' sensors. Tip sensors measure the mating frames of the
+    goals relative to the estimated tips; several estimates of the target are averaged. A held target moves
+    with its tip.
 
     Args:
-        scene, plan: The scene, and its section.
+        scene, plan: The scene, and its plan section.
         readings: Sensor readings; the true value stands in for a signal that is missing.
-        state: Begins with the true configuration and velocity (nq + nv, or more).
-        first: Configuration at the start (nq,), from whose attitudes the measured ones are counted.
+        state: Vector that begins with the true configuration and velocity (nq + nv, or more).
+        first: Configuration at the start (nq,), the reference of the measured attitudes.
         held: Grasps that hold the target rigidly.
 
     Returns:
@@ -122,7 +121,7 @@ def measured_state(
 
 
 def _place(scene: Scene, body: SceneBody, q: Array, v: Array, pose: tuple[Array, ...]) -> None:
-    """Set position and rotation of a body's root, and velocity and spin in its own axes, in place."""
+    """Set position and attitude of a body's root, and its velocity and spin in root axes, in place."""
     position, rotation, velocity, spin = pose
     joint, axes = scene.model.joints[body.root_joint], list(scene.translation_axes)
     turned = rotation[:2, 0] if scene.planar else pin.Quaternion(rotation).coeffs()
@@ -132,7 +131,7 @@ def _place(scene: Scene, body: SceneBody, q: Array, v: Array, pose: tuple[Array,
 
 
 def moved(model: Any, q: Array, v: Array) -> Any:
-    """Pinocchio's data of a configuration and velocity."""
+    """Pinocchio data with kinematics at a configuration and velocity."""
     data = model.createData()
     pin.forwardKinematics(model, data, q, v)
     pin.updateFramePlacements(model, data)
@@ -144,8 +143,8 @@ def _seen(
 ) -> Array:
     """Estimate the target root's motion from one tip's measurement of a mating frame (4, 3).
 
-    Shift [m] and turn [rad] in world axes, velocity [m/s] and spin [rad/s] in the root axes. ``kinematics``:
-    Pinocchio data at the start, of the true state, and of the state that the robots estimate.
+    Rows are shift [m] and turn [rad] in world axes, velocity [m/s] and spin [rad/s] in root axes.
+    ``kinematics`` holds Pinocchio data at the start, at the true state, and at the robots' estimated state.
     """
     model, (tip, frame), along, about = scene.model, who, scene.translation_axes, scene.rotation_axes
     start, truth, estimate = kinematics
@@ -158,7 +157,7 @@ def _seen(
     def read(signal: str, value: Array, axes: tuple[int, ...]) -> Array:
         return _along(readings.get((signal, tip.label)), value, axes)
 
-    # what is seen from a tip is turned and shifted with the tip's own error
+    # a relative measurement is displaced by the error of the tip's own estimated placement
     error = estimate.oMf[tip.frame].rotation @ here.rotation.T
     turn = read("target_orientation", pin.log3(there.rotation @ first.T), about)
     error = error @ pin.exp3(turn) @ first @ there.rotation.T
@@ -172,5 +171,5 @@ def _seen(
 
 
 def _along(reading: Array | None, value: Array, axes: tuple[int, ...]) -> Array:
-    """Reading of a vector (3,) along some axes, its true value along the others."""
+    """Vector (3,) with the sensor reading along some axes and the true value along the others."""
     return value if reading is None else np.where(np.isin(np.arange(3), axes), reading, value)

@@ -1,8 +1,8 @@
-"""Plans of many simulations, one horizon for each, solved here or by processes of this machine.
+"""Planners for many simulations, with one horizon each, in this process or in several local processes.
 
-Python's lock lets one thread solve at a time, so that solving in parallel takes processes. Each simulation
-belongs to one of them for good, and what is solved for it depends on nothing else: the plans are the same
-whatever their number.
+CasADi's solver holds Python's global lock, so that parallel solves need processes. Each simulation stays with
+one process, and its solves depend on no other simulation. The plans are therefore the same for any number of
+processes.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from spacerobot.interrupts import leave
 from spacerobot.scene import Scene
 
 OFTEN = 1000
-"""Number of motions assumed when deciding whether compiling pays, because time presses in flight."""
+"""Number of planned motions assumed in the rule for compiling: in flight each solve should be fast."""
 Notify = Callable[[str], None]
 
 
@@ -41,7 +41,7 @@ class Planners:
         scene: Scene whose motion is planned.
         backend: ``auto``, ``compiled`` or ``interpreted``.
         notify: Callback that receives a short message at each step.
-        begun: Places of plans and where they begin, if not at the start of the simulation.
+        begun: Handover to the planned scene; at the start of the simulation if None.
     """
 
     def __init__(
@@ -57,15 +57,15 @@ class Planners:
         self._horizons: dict[int, Horizon] = {}
 
     def first(self, numbers: Sequence[int], measured: Array, inertia: Sequence[Array | None]) -> list[str]:
-        """Plan simulations from their start, each from a first guess.
+        """Make the first plan of each simulation, from an initial guess.
 
         Args:
             numbers: Numbers of the simulations.
-            measured: Configuration and velocity of each at its start (n, nq + nv), as they seem to be.
-            inertia: Estimated inertial parameters of the target (10,) of each, None for those of the model.
+            measured: Estimated configuration and velocity of each at its start (n, nq + nv).
+            inertia: Estimated inertial parameters of the target (10,) of each; None for those of the model.
 
         Returns:
-            list: Why there is no plan, in words; empty where there is one.
+            list: Reason why a simulation has no plan; an empty text if it has one.
         """
         failures = []
         for number, state, target_inertia in zip(numbers, measured, inertia, strict=True):
@@ -81,25 +81,24 @@ class Planners:
     def replan(
         self, numbers: Sequence[int], begin: float, measured: Array, inertia: Sequence[Array | None]
     ) -> None:
-        """Plan simulations again, each from its last plan.
+        """Replan each simulation, warm-started by its present plan.
 
         Args:
             numbers: Numbers of the simulations.
             begin: Time at which the plans begin [s].
-            measured: Configuration and velocity of each then (n, nq + nv), as they seem to be.
-            inertia: Estimated inertial parameters of the target (10,) of each, None for what was known
-                before.
+            measured: Estimated configuration and velocity of each at that time (n, nq + nv).
+            inertia: Estimated inertial parameters of the target (10,) of each; None for the previous ones.
         """
         for number, state, target_inertia in zip(numbers, measured, inertia, strict=True):
             self._horizons[number].replan(begin, state, self._flown.settings.iterations, target_inertia)
 
     def points(self, numbers: Sequence[int], now: float) -> list[Array]:
-        """Points of each plan in the period that begins now [s], as in :meth:`FlownScene.numbers`."""
+        """Points of each plan in the period that begins at ``now`` [s]; see :meth:`FlownScene.numbers`."""
         begin, locked = self._handover.begin_s, self._handover.locked
         return [self._flown.numbers(self._horizons[number], now, begin, locked) for number in numbers]
 
     def end(self, numbers: Sequence[int]) -> list[dict[str, Any]]:
-        """Statistics of each simulation's plans, which are then forgotten."""
+        """Return the statistics of each simulation's plans, and delete its horizon."""
         return [self._horizons.pop(n).statistics if n in self._horizons else {} for n in numbers]
 
 
@@ -148,7 +147,7 @@ class ParallelPlanners:
     def _spread(
         self, what: str, numbers: Sequence[int], arguments: Callable[[list[int]], tuple[Any, ...]]
     ) -> list[Any]:
-        """Call one method in all processes, each for its simulations; results are in the order of these."""
+        """Call a method in all processes, each with its simulations; results in the order of ``numbers``."""
         shares: dict[int, list[int]] = {}
         for row, number in enumerate(numbers):
             shares.setdefault(number % len(self._processes), []).append(row)
@@ -177,11 +176,11 @@ class ParallelPlanners:
 
 
 def serve() -> None:
-    """Solve the requests of the standard input until it ends; answers go to the standard output.
+    """Solve requests from standard input until it ends, and write the answers to standard output.
 
-    A thread reads the requests, so that this process also ends while it solves: the system closes the pipe
-    when the process at its other end is killed. The solver calls Python at each iteration, where the thread
-    has its turn.
+    A thread reads the requests. If the parent process is killed, the system closes the pipe, and the thread
+    ends this process even during a solve: the solver calls Python at each iteration, which lets the thread
+    run.
     """
     signal.signal(
         signal.SIGINT, signal.SIG_IGN
@@ -211,7 +210,7 @@ def serve() -> None:
 
 
 def _read(pipe: BinaryIO, requests: queue.SimpleQueue[Any]) -> None:
-    """Read requests; end this process, and compilers that it runs, where they end or are cut off."""
+    """Read requests; end this process and its compilers when the pipe ends or a request is truncated."""
     try:
         while True:
             requests.put(pickle.load(pipe))  # noqa: S301 (of the process that began this one)

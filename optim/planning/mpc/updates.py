@@ -1,7 +1,7 @@
-"""Model predictive control as a scheme of updates: plans are made between the pieces of a simulation.
+"""Model predictive control as an update scheme: plans are made between the pieces of a simulation.
 
 At t_k = k T each simulation is measured. Its plan begins after the delay d in the state that the controllers'
-own model predicts there, and is tracked from t_k + d on.
+own model predicts at t_k + d, and is tracked from then on.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from spacerobot.symbolic.noise import DRAW, NOISELESS
 from spacerobot.updates.plant import SHORT, Inputs, Rows, SinglePlant, UpdatedPlant
 
 AFTER = 1e-6
-"""Time from the beginning of the phase with plans to that of the first plan [s]."""
+"""Time from the start of the planned phase to the start of the first plan [s]."""
 
 TRUE = {"offset": 0.0, "scale": 1.0}
-"""Numbers of a sensor without errors; the draw of zeros takes its noise and bias away."""
+"""Values of an ideal sensor; a draw of zeros removes its noise and bias."""
 
 STATISTICS = {
     "plans": "1",
@@ -41,16 +41,16 @@ STATISTICS = {
     "median_solve_s": "s",
     "longest_solve_s": "s",
 }
-"""Statistics of the plans of a simulation, and their units."""
+"""Statistics of the plans of a simulation, each with its unit."""
 
 
 class Computer:
-    """Source of what plans begin with: measurements, and the controllers' own model.
+    """Onboard computation of each plan's initial state, from measurements and the controllers' model.
 
     Args:
-        scene, flown: The scene, and the one with places for plans.
+        scene, flown: The scene, and the one whose controllers hold plan points.
         plant: The simulations.
-        handover: State in which plans begin; the start of the simulations if None.
+        handover: Handover to the planned scene; the start of the simulations if None.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class Computer:
         if plan_scene is not scene:
             before, after = (dict(numbers(to_document(one.scenario))) for one in (scene, plan_scene))
             overrides = {path: value for path, value in after.items() if value != before.get(path)}
-        # parameters of the controllers' own model (np,): those of `plan.model`, and sensors without errors
+        # parameters of the controllers' own model (np,): those of `plan.model`, with ideal sensors
         self.model = np.array(loop.parameter_values, dtype=float)
         for place, path in enumerate(loop.parameter_paths):
             self.model[place] = overrides.get(path, self.model[place])
@@ -70,7 +70,7 @@ class Computer:
                 self.model[place] = TRUE.get(path.rpartition(".")[2], self.model[place])
             if path == DRAW:
                 self.model[place] = NOISELESS
-        # places of the plans' points among the parameters, and of biases among time, state and switches
+        # indices of the plan points among the parameters, and of biases in (time, state, switches)
         self.places = flown.places(loop.parameter_paths)
         biases = [1 + i for i, name in enumerate(loop.state_names) if ".bias[" in name]
         self.biases = np.array(biases, dtype=np.int64)
@@ -95,7 +95,7 @@ class Computer:
         return np.array(states)
 
     def inertia(self, readings: Sequence[Readings], measured: Array) -> list[Array | None]:
-        """Inertial parameters of the target as some simulations estimate them; None where they do not."""
+        """Estimated inertial parameters of the target in some simulations; None without an estimate."""
         return [
             self.handover.inertia(reading, state) for reading, state in zip(readings, measured, strict=True)
         ]
@@ -120,7 +120,7 @@ class MpcScheme:
     """Scheme of the controllers of kind ``mpc``; see :class:`spacerobot.updates.scheme.UpdateScheme`.
 
     Args:
-        original, flown: The scene, and the one with places for plans.
+        original, flown: The scene, and the one whose controllers hold plan points.
     """
 
     measures: ClassVar[Mapping[str, str]] = {f"mpc_{name}": unit for name, unit in STATISTICS.items()}
@@ -147,7 +147,7 @@ class MpcScheme:
         return f"plans every {self.period_s:g} s"
 
     def check_batch(self) -> None:
-        """Refuse plans that are made in another phase than the first one."""
+        """Refuse a batch whose plans are made in a later phase than the first one."""
         if self.flown.phase:
             raise self.original.error(
                 f"plans are made in {self.flown.phase!r}, allowed in batches and campaigns: in the first "
@@ -158,7 +158,7 @@ class MpcScheme:
     def planners(
         self, workers: int, backend: str, notify: Callable[[str], None]
     ) -> ParallelPlanners | Planners:
-        """Planners in so many processes, kept for the next batch."""
+        """Planners in at most ``workers`` processes, kept for the next batch."""
         if self._planners is None or workers != self._workers:
             self._workers = workers
             self._planners = (
@@ -202,7 +202,8 @@ class MpcUpdates:
         self.next = np.zeros(count)
         self.faults: list[SpaceRobotError | None] = [None] * count
         self.statistics: list[MpcStatistics | None] = [None] * count
-        # number of the present period of each simulation, -1 before the first plan; whether its delay runs
+        # index of the present period of each simulation, -1 before the first plan; and whether its delay is
+        # running
         self._period, self._is_delayed = np.full(count, -1), np.zeros(count, bool)
         self._planners, self._backend = planners, "auto"
         self._computer = Computer(scheme.original, scheme.flown, plant)
@@ -212,9 +213,9 @@ class MpcUpdates:
     def after_phase(
         cls, scheme: MpcScheme, plant: UpdatedPlant, backend: str, notify: Callable[[str], None]
     ) -> MpcUpdates:
-        """Start with plans that begin in another phase than the first one.
+        """Updates of a simulation whose plans begin in a later phase than the first one.
 
-        Until then the controllers' plan is to rest in the posture in which that phase begins.
+        Until then the controllers' plan is to rest in the posture at which that phase begins.
 
         Args:
             scheme, plant: The scheme, and a single simulation.
@@ -244,7 +245,7 @@ class MpcUpdates:
         return updates
 
     def _begin(self, rows: Rows) -> None:
-        """Make the first plans."""
+        """Make the first plans of some simulations."""
         scheme, plant = self.scheme, self.plant
         if self._planners is None:
             assert isinstance(plant, SinglePlant), "batches are refused"
@@ -293,7 +294,7 @@ class MpcUpdates:
             self._period[chosen], self._is_delayed[chosen] = k + 1, False
 
     def _plan(self, rows: Rows, now: float) -> bool:
-        """Plan again at the beginning of a period, if that is due; whether the plans begin after a delay."""
+        """Replan at the beginning of a period, if due; returns whether the plans begin after a delay."""
         plant, flown, computer = self.plant, self.scheme.flown, self._computer
         delay, begin = flown.settings.delay, computer.handover.begin_s
         self.notify(
@@ -314,7 +315,7 @@ class MpcUpdates:
         return bool(delay)
 
     def _show(self, rows: Rows, now: float) -> None:
-        """Hand the points of the present plans to the controllers."""
+        """Write the points of the present plans to the controllers' parameters."""
         if len(rows):
             assert self._planners is not None, "made with the first plans"
             places = self._computer.places
@@ -332,7 +333,7 @@ class MpcUpdates:
         return {"mpc": self.statistics[0]} if self.statistics[0] else {}
 
     def measures(self) -> Mapping[str, Array]:
-        """Statistics of the plans; no number where there was none."""
+        """Statistics of the plans; NaN for a simulation without plans."""
         rows: list[Mapping[str, Any]] = [one or {} for one in self.statistics]
         return {
             f"mpc_{name}": np.array([[float(np.sum(row.get(name, np.nan)))] for row in rows])
@@ -341,7 +342,7 @@ class MpcUpdates:
 
 
 def statistics(settings: Replanning, planner_statistics: Mapping[str, Any]) -> MpcStatistics:
-    """Plans of a simulation, and the time that they took, for its summary.
+    """Statistics and computing times of a simulation's plans, for its summary.
 
     Args:
         settings: Settings of the controllers.

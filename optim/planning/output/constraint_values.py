@@ -1,4 +1,4 @@
-"""Constraints along a trajectory: limits of joints, values over time and multipliers."""
+"""Constraints along a trajectory: limits of joints, values over time, multipliers."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def constraint_variables(
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Variables and coordinates of a dataset: limits of joints, constraints over time and their limits.
 
-    Where a plan has several phases, a constraint carries its phase's name, and has no numbers in others.
+    In a plan with several phases a constraint's name includes its phase; its values are NaN in other phases.
     """
     stage = phased_motion.motions[0].problem.stage
     model, driven = stage.scene.model, stage.driven
@@ -46,7 +46,7 @@ def constraint_variables(
         for name, indices in places.items()
     }
     coordinates: dict[str, Any] = {"side": SIDES}
-    # axes of bases that are driven in any phase, and the greatest force or torque of each [N, N m].
+    # Axes of bases that are driven in any phase, and the largest force or torque of each [N, N m].
     drives: dict[str, float] = {}
     for driven in (motion.problem.stage.driven for motion in phased_motion.motions):
         for name, limit in zip(driven.names, driven.limits, strict=True):
@@ -59,7 +59,7 @@ def constraint_variables(
             {"long_name": "limits of what drives bases"},
         )
     several = len(set(names)) > 1
-    # by name, each constraint's values over all points; its unit, its limits, and when it begins to hold [s]
+    # For each constraint, by name: values at all points, unit, limits, and time from which it holds [s].
     values, notes = dict[str, Array](), dict[str, tuple[str, Array, float]]()
     points = [len(motion.time) for motion in phased_motion.motions]
     for k, (phase, motion) in enumerate(zip(names, phased_motion.motions, strict=True)):
@@ -86,7 +86,7 @@ def constraint_variables(
 
 
 def _limits(phased_motion: PhasedMotion, places: list[int]) -> Array:
-    """Least and greatest of entries of an instant in any phase (n, 2); open where there is no entry."""
+    """Lower and upper limits of an instant's entries over all phases (n, 2); infinite for missing entries."""
     problems = [motion.problem for motion in phased_motion.motions]
     lower = np.array([np.append(problem.lower, -np.inf)[places] for problem in problems])
     upper = np.array([np.append(problem.upper, np.inf)[places] for problem in problems])
@@ -94,7 +94,7 @@ def _limits(phased_motion: PhasedMotion, places: list[int]) -> Array:
 
 
 def _told(row: BoundedRow, values: Array) -> tuple[Array, Array]:
-    """Values and limits (2,) in the row's unit; a square becomes a size again, a cosine an angle."""
+    """Values and limits (2,) in the reported unit: the root of a square, the angle of a cosine."""
     if row.form == "square":
         limit = 2 * row.scale
         return limit * np.sqrt(np.maximum(values, 0.0)), np.array([-np.inf, limit])
@@ -104,16 +104,16 @@ def _told(row: BoundedRow, values: Array) -> tuple[Array, Array]:
 
 
 def with_flown(plan: xr.Dataset, scene: Scene, flown: xr.Dataset) -> xr.Dataset:
-    """A plan's dataset with the values that its constraints had when it was flown.
+    """Plan's dataset with the values of its constraints along the simulated motion.
 
     Args:
         plan: Dataset of ``plan.nc``.
         scene: Scene with its plan section.
-        flown: A result's data, of the same bodies.
+        flown: Data of a simulation result with the same bodies.
 
     Returns:
-        xarray.Dataset: With ``constraint_flown`` (flown_time, constraint_name); no numbers where a constraint
-            is of what drives the motion, or of another phase.
+        xarray.Dataset: Dataset with ``constraint_flown`` (flown_time, constraint_name); NaN for constraints
+            on the drive, and outside a constraint's phase.
     """
     phases = formulate_phases(scene)
     names, times = [str(name) for name in plan.constraint_name.values], flown.time.values
@@ -137,9 +137,9 @@ def with_flown(plan: xr.Dataset, scene: Scene, flown: xr.Dataset) -> xr.Dataset:
 def multiplier_norms(planned: PlanSolution) -> Array:
     """Norms of the multipliers at all points of a plan's phases, one after the other (points,).
 
-    Those of the equations of motion and of all limits at a point, as densities over time, so that they do not
-    depend on the mesh: what the cost, in its own units, would save for a unit of each and a second. Those of
-    the collocation and of the goals are left out.
+    The norm includes the equations of motion and all limits at a point, not collocation and goals.
+    Multipliers are converted to densities over time, which do not depend on the mesh: the cost saved per unit
+    of relaxation of a constraint and per second.
 
     Args:
         planned: The plan.

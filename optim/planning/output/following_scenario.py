@@ -1,9 +1,9 @@
-"""The scenario that follows a plan.
+"""Scenario in which the robots track a plan.
 
-Joints track the plan in the first phase, or in the first phases where the plan has several; grasps that such
-a phase captures close when it ends. Where the last of them has not ended with the plan it goes on as one of
-its own: the scenario's controllers take over, and tips that were to be mated stay with their mating frames.
-All that follows is as in the scenario.
+Joints track the plan in the scenario's first phase, or in the first phases if the plan has several. Grasps
+that such a phase captures close at its end. If the last of these phases is longer than the plan, its rest
+becomes a phase of its own: there the scenario's controllers take over, and mated tips hold their mating
+frames. Later phases are unchanged.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from spacerobot.scenario.phases import Phase, successors
 
 PLAN = "plan.nc"
 ALONE = "approach"
-"""Phase of a scenario that has none, and open grasps."""
+"""Name of the tracked phase in a scenario without phases whose grasps are open."""
 
 
 def plan_phase(scenario: Scenario) -> str:
-    """Phase in which a plan of one phase is flown, the first one; none without phases and open grasps."""
+    """Phase in which a plan of one phase is tracked: the first; empty without phases or open grasps."""
     opens = any(grasp.begins == "open" for grasp in scenario.grasps.values())
     return next(iter(scenario.phases), ALONE if opens else "")
 
 
 def following_scenario(planned: PlanSolution) -> Scenario:
-    """The scenario with joints that track a plan, and what comes behind it."""
+    """Scenario in which joints track a plan, followed by the scenario's other phases."""
     scenario = planned.scene.scenario
     document = to_document(scenario)
     document["plan"] = None
     named = {side for contact in scenario.contacts.values() for side in contact.between}
     document["pads"] = {name: pad for name, pad in document["pads"].items() if name in named}
-    # Put robots, in place, where the plan begins, as far as it was free to find that.
+    # Move robots, in place, to the plan's start if the plan was free to choose it.
     scene, q = planned.scene, planned.motion.q[0]
     for name, room in plan_section(scene).start.items():
         body, robot = scene.body(name), document["robots"][name]
@@ -76,7 +76,7 @@ def following_scenario(planned: PlanSolution) -> Scenario:
 
 
 def handover_warnings(planned: PlanSolution) -> list[str]:
-    """Warn of each goal after which the scenario's controllers take over moving joints."""
+    """Warnings, one for each goal after which the scenario's controllers take over moving joints."""
     scenario = planned.scene.scenario
     if not plan_phase(scenario):
         return []
@@ -91,7 +91,7 @@ def handover_warnings(planned: PlanSolution) -> list[str]:
 
 
 def _in_phases(planned: PlanSolution, document: Document) -> Document:
-    """The plan in the first phases, what is left of the last one behind it, and the phases that follow."""
+    """Document with the plan in the first phases, the rest of the last one, and the later phases."""
     scenario = planned.scene.scenario
     flown = planned.names if any(planned.names) else (plan_phase(scenario),)
     scenario_phases = scenario.phases or {flown[0]: Phase()}
@@ -104,7 +104,7 @@ def _in_phases(planned: PlanSolution, document: Document) -> Document:
         if caught and all(mated(scenario.grasps[name], goals) for name in caught):
             closing = flown
     for k, name in enumerate(closing):
-        # a planned phase ends after its duration, with what it captures closed then
+        # a planned phase ends after its duration; the grasps that it captures close then
         phase, duration = phases[name], phased_motion.motions[k].duration_s
         captured = (phase["until"] or {}).get("captured") or []
         until = {"captured": captured} if captured else {"time": duration}
@@ -122,7 +122,7 @@ def _in_phases(planned: PlanSolution, document: Document) -> Document:
         )
     document["simulation"]["duration"] = max(phased_motion.duration_s, scenario.simulation.duration)
     if rest is not None:
-        # after the plan tips stay where it brought them
+        # after the plan, tips hold the pose that it reached
         during = scenario.during(last) if scenario.phases else scenario
         for goal in next(reversed(plan_section(planned.scene).by_phase.values())).goals.values():
             if goal.tip_label is not None:
@@ -141,7 +141,7 @@ def _in_phases(planned: PlanSolution, document: Document) -> Document:
     ]
     phases |= {last: end} | ({} if rest is None else {left: rest})
     phases = {name: phases[name] for name in order}
-    # Give each robot what follows each phase of the plan, and rests in all others, in place.
+    # Activate, in place, each robot's tracking controllers in their phase only.
     taken = {name for robot in planned.scene.scenario.robots.values() for name in robot.controllers}
     before = {name: dict(robot) for name, robot in document["robots"].items()}
     for k, now in enumerate(flown):
@@ -173,7 +173,7 @@ def _in_phases(planned: PlanSolution, document: Document) -> Document:
 
 
 def _parted(own: Document, duration: float, left: str) -> tuple[Document, Document | None]:
-    """A phase that names its successors, for as long as the plan lasts, and what is left of it, if any."""
+    """Split a phase into the part tracked by the plan and the remaining part, if there is one."""
     timed = (own["until"] or {}).get("time")
     end = min(time for time in (timed, own["timeout"], np.inf) if time is not None)
     first = own | {"until": None if timed else own["until"], "timeout": duration}
@@ -192,7 +192,7 @@ def _parted(own: Document, duration: float, left: str) -> tuple[Document, Docume
 
 
 def _resting(robot: Document) -> Document:
-    """Changes of a robot while its joints track the plan: its own controllers rest."""
+    """Changes that deactivate a robot's own controllers while its joints track the plan."""
     changes: Document = {"tips": {}, "controllers": dict.fromkeys(robot["controllers"])}
     for name, tip in robot["tips"].items():
         rest: Document = {key: None for key in CONTROLLERS if tip[key] is not None}
@@ -212,7 +212,7 @@ def _has_controllers(robot: Document) -> bool:
 
 
 def _unused(name: str, taken: set[str]) -> str:
-    """A name that is not taken."""
+    """Name that is not in ``taken``."""
     return next(
         candidate
         for candidate in itertools.accumulate(itertools.repeat("_"), initial=name)
@@ -221,7 +221,7 @@ def _unused(name: str, taken: set[str]) -> str:
 
 
 def _tracking(planned: PlanSolution, robot: str, k: int, key: str) -> Document:
-    """Controllers of a robot that follow a phase of the plan, by name."""
+    """Controllers of a robot that track a phase of the plan, by name."""
     scene, motion = planned.scene, planned.phased_motion.motions[k]
     driven = motion.problem.stage.driven
     file, controllers = {"file": PLAN} | ({"phase": planned.names[k]} if planned.names[k] else {}), {}
@@ -233,7 +233,7 @@ def _tracking(planned: PlanSolution, robot: str, k: int, key: str) -> Document:
 
 
 def _actuated(planned: PlanSolution, robot: str, actuators: Document) -> Document:
-    """A robot's actuators, and an ideal one where they do not deliver what the plan asks of the base."""
+    """Robot's actuators, with an ideal one added if they do not deliver the plan's base wrench."""
     scenario = planned.scene.scenario
     axes = [a for motion in planned.phased_motion.motions for a in motion.problem.stage.driven.of_base(robot)]
     driven_parts = [part for _, one in scenario.robots[robot].driven_by() for part in one.base_wrench]

@@ -21,7 +21,7 @@ FRONT = "front.json"
 
 
 def to_data(front: ParetoFront) -> dict[str, Any]:
-    """A front, plain."""
+    """Data of a Pareto front for JSON."""
     costs = front.costs
     return {
         "scenario": front.scene.scenario.name,
@@ -43,7 +43,7 @@ def to_data(front: ParetoFront) -> dict[str, Any]:
 
 
 def front_table(data: Mapping[str, Any]) -> Table:
-    """Table of a front: values and cost of each point, and the reason for a refused one.
+    """Table of a front: values and cost of each point, and the reason for a missing plan.
 
     Args:
         data: Data of :func:`to_data`.
@@ -65,7 +65,7 @@ def front_table(data: Mapping[str, Any]) -> Table:
 
 
 def write(front: ParetoFront, folder: StrPath) -> dict[str, Any]:
-    """Write a front, and each plan into a folder of its own; gives what stands in ``front.json``.
+    """Write a front, and each plan into a subfolder; returns the content of ``front.json``.
 
     Raises:
         ResultError: If the folder cannot be written.

@@ -5,13 +5,13 @@
 - ``joint_position``, ``joint_rate``, ``torque`` of every ``robot/joint``, angles unwound;
 - ``tip_position``, ``tip_velocity``, ``tip_rotation`` (rotation vector), ``tip_spin`` of every ``robot/tip``,
   world axes;
-- ``base_wrench``, ``base_rate``, ``base_wrench_limit`` of drives such as ``robot/base.fx``: requested forces,
+- ``base_wrench``, ``base_rate``, ``base_wrench_limit`` of drives such as ``robot/base.fx``: forces and
   torques, velocities, lower and upper limits, in the axes of the root link;
 - ``grip_wrench`` of grasps on tips such as ``grasp.fx``, world axes;
-- ``multiplier_norm``, multipliers as densities over time, which tracking does not need; ``phase``, optional.
+- ``multiplier_norm``, optional: multipliers as densities over time, unused by tracking; ``phase``, optional.
 
 With s points per interval (attribute ``points`` of ``time``, both ends included, default 2) positions are the
-polynomial of degree 2 s - 1 through values and rates, torques one of degree s - 1.
+polynomial of degree 2 s - 1 through values and rates; torques are one of degree s - 1.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ DIMENSIONS: dict[str, tuple[str, ...]] = {
 
 
 def dataset(planned: PlanSolution) -> xr.Dataset:
-    """A plan as labelled arrays, one row for each point of its mesh; two where phases meet."""
+    """Plan as labelled arrays, with one row for each mesh point and two where phases meet."""
     phased_motion, scene = planned.phased_motion, planned.scene
     model, driven = scene.model, planned.motion.problem.stage.driven
     stages = [motion.problem.stage for motion in phased_motion.motions]
@@ -131,7 +131,7 @@ def dataset(planned: PlanSolution) -> xr.Dataset:
 
 
 def _over_time(scene: Scene, motion: Motion, drives: Mapping[str, int], grips: list[str]) -> dict[str, Any]:
-    """Variables over the points of one phase, with axes of bases and grasps that others drive or hold."""
+    """Variables over the points of one phase, with zeros for axes and grasps of other phases."""
     stage = motion.problem.stage
     driven, count = stage.driven, len(stage.driven.joints)
     columns = list(driven.columns[:count])
@@ -190,7 +190,7 @@ def _over_time(scene: Scene, motion: Motion, drives: Mapping[str, int], grips: l
 
 
 def _spread(names: Sequence[str], columns: Sequence[str], values: Array) -> Array:
-    """Columns of one's own names among all names; zeros elsewhere."""
+    """Columns of a phase's names placed among all names; zeros elsewhere."""
     spread = np.zeros((len(values), len(names)))
     spread[:, [names.index(name) for name in columns]] = values
     return spread
@@ -244,22 +244,22 @@ def summary(planned: PlanSolution) -> dict[str, Any]:
 
 
 def plan_warnings(planned: PlanSolution) -> list[str]:
-    """Warn of a saddle point, and of goals after which controllers take over moving joints."""
+    """Warnings of a saddle point, and of goals after which controllers take over moving joints."""
     saddle = "the plan is a saddle point: nearby motions cost less; raise `plan.starts`"
     return [*([saddle] if planned.verification.saddle else []), *handover_warnings(planned)]
 
 
 def write(planned: PlanSolution, folder: StrPath, sensitivities: Mapping[str, float] | None = None) -> None:
-    """Write a plan; one that is there already is replaced.
+    """Write a plan; replace an existing one.
 
     Args:
         planned: The plan.
         folder: Folder of the plan.
-        sensitivities: Derivatives of its optimal cost by numbers of its scenario, by dotted path; kept in its
+        sensitivities: Derivatives of the optimal cost by scenario values, by dotted path; stored in the
             summary as ``cost_sensitivities``.
 
     Raises:
-        ResultError: If the folder cannot be written; what was there before is then still there.
+        ResultError: If the folder cannot be written; its previous content is kept.
     """
     folder = Path(folder)
     try:
@@ -301,7 +301,7 @@ def read(folder: StrPath) -> tuple[xr.Dataset, dict[str, Any]]:
 
 
 def _summary_fault(summary: Any) -> str | None:
-    """First item of a summary that is missing or malformed, in words; None if it is complete."""
+    """Name of a summary's first missing or malformed item, with the defect; None if it is complete."""
     number, items = (int, float), (list, dict)
     expected: dict[str, Any] = {
         "scenario": str,
@@ -335,7 +335,7 @@ def _summary_fault(summary: Any) -> str | None:
 
 
 def _data_fault(data: xr.Dataset) -> str | None:
-    """First variable of a plan that is missing or malformed, in words; None if it is complete."""
+    """Name of a plan's first missing or malformed variable, with the defect; None if it is complete."""
     for name, dims in DIMENSIONS.items():
         if name not in data.variables:
             return f"no variable {name!r}"
@@ -352,18 +352,18 @@ def _data_fault(data: xr.Dataset) -> str | None:
 
 
 def is_plan(folder: Path) -> bool:
-    """Whether a folder is a plan's."""
+    """Whether a folder contains a plan."""
     return (folder / SUMMARY).is_file()
 
 
 def _unit(scene: Scene, joints: tuple[int, ...], either: str) -> str:
-    """Unit of joints that all turn, or all slide; ``either`` where some do the one and some the other."""
+    """Common unit of joints; ``either`` if some are revolute and others prismatic."""
     slides = {"P" in scene.model.joints[joint].shortname().removeprefix("JointModel") for joint in joints}
     return either if len(slides) != 1 else either.split(" or ")[slides.pop()]
 
 
 def _entries(model: Any, size: str) -> list[str]:
-    """A name for each coordinate of configuration or velocity."""
+    """Name of each coordinate of a configuration or velocity."""
     entries = []
     for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
         count = getattr(joint, size)

@@ -1,4 +1,4 @@
-"""Tables of a plan, from the data of ``plan.json``: terminal, pages and notebooks show the same ones."""
+"""Tables of a plan, from the data of ``plan.json``, for terminal, pages and notebooks."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Summary = Mapping[str, Any]
 
 
 def plan_tables(summary: Summary) -> list[Table]:
-    """Overview, cost sensitivities if there are any, and the runs of the solver."""
+    """Tables of a plan: overview, cost sensitivities if there are any, runs of the solver."""
     slopes = sensitivity_table(summary)
     return [overview(summary), *([] if slopes is None else [slopes]), solver_table(summary)]
 
@@ -58,12 +58,12 @@ def overview(summary: Summary) -> Table:
 
 
 def mesh_text(summary: Summary) -> str:
-    """Size of the mesh in words."""
+    """Description of the mesh size."""
     return f"{summary['intervals']} intervals of order {summary['order']}, {summary['unknowns']} unknowns"
 
 
 def cost_table(summary: Summary) -> Table:
-    """Terms of the cost and their shares."""
+    """Table of the cost terms and their shares."""
     cost = summary["cost"]
     rows = [
         [name.replace("_", " "), f"{value:.4g}", f"{100 * value / cost:.3g} %" if cost else ""]
@@ -73,7 +73,7 @@ def cost_table(summary: Summary) -> Table:
 
 
 def sensitivity_table(summary: Summary) -> Table | None:
-    """Sensitivities of the optimal cost; None if they were not computed."""
+    """Table of the optimal cost's sensitivities; None if they were not computed."""
     slopes = summary.get("cost_sensitivities")
     if not slopes:
         return None
@@ -82,7 +82,7 @@ def sensitivity_table(summary: Summary) -> Table | None:
 
 
 def replay_table(summary: Summary) -> Table | None:
-    """Replay errors by tip; None without tips."""
+    """Table of replay errors by tip; None without tips."""
     verification = summary["verification"]
     rows = [
         [tip, f"{1e3 * error:.2g}", f"{1e3 * verification['followed_error_m'][tip]:.2g}"]
@@ -93,7 +93,7 @@ def replay_table(summary: Summary) -> Table | None:
 
 
 def violation_table(summary: Summary) -> Table | None:
-    """Violations between the points of the mesh; None if there are none."""
+    """Table of limit violations between mesh points; None if there are none."""
     rows = [
         [one["name"], f"{one['amount']:.2g} {one['unit']}", f"{one['allowed']:.2g} {one['unit']}"]
         for one in summary["verification"]["violations"]
@@ -103,7 +103,7 @@ def violation_table(summary: Summary) -> Table | None:
 
 
 def solver_table(summary: Summary) -> Table:
-    """Runs of the solver."""
+    """Table of the solver's runs."""
     rows = [
         [
             f"{run['start'] + 1}",

@@ -20,7 +20,7 @@ DESIGN = "design.json"
 
 
 def to_data(study: DesignStudy) -> dict[str, Any]:
-    """A study, plain; no number where no plan was found."""
+    """Data of a design study for JSON; null where no plan was found."""
     variables = study.variables
     held = at_bound(variables.names, variables.unit(study.found.values))
     variable_data = {
@@ -89,7 +89,7 @@ def study_tables(data: Mapping[str, Any]) -> list[Table]:
 
 
 def write(study: DesignStudy, folder: StrPath) -> dict[str, Any]:
-    """Write a study, and the plan of the design that it found; gives what stands in ``design.json``.
+    """Write a study and the plan of its best design; returns the content of ``design.json``.
 
     Raises:
         ResultError: If the folder cannot be written.
