@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 
 from optim.planning.formulation.base_actuation import base_wrench_limits
@@ -161,6 +162,57 @@ def link_pairs(scene: Scene) -> list[LinkPair]:
             ):
                 pairs.append(LinkPair(first, second, (solids_of_first, solids_of_second)))
     return pairs
+
+
+def unseen_steps(
+    pairs: Sequence[LinkPair], model: Any, q: Array, v: Array, time: Array, depth: float
+) -> npt.NDArray[np.intp]:
+    """Steps between instants of a motion in which a pair may overlap by more than a depth (k,), by index.
+
+    A distance that is a and b at two instants a time h apart, and changes by at most s in a unit of time, is
+    at least (a + b - s h) / 2 between them; s is the speed of one bounding sphere's centre relative to the
+    other link, and the relative spin times that sphere's radius. Bounding spheres leave few instants for
+    exact distances. Shapes that overlap at an instant are known. Meshes, whose distances are not computed,
+    are left out.
+
+    Args:
+        pairs, model: The pairs, and the ``pinocchio.Model`` of their scene.
+        q, v, time: Configurations (n, nq), velocities (n, nv), and their times (n,) [s].
+        depth: Depth [m] up to which an overlap may remain unseen.
+    """
+    data, joints = model.createData(), range(model.njoints)
+    places, linear, angular = list[list[Any]](), list[list[Array]](), list[list[Array]]()
+    for configuration, velocity in zip(q, v, strict=True):
+        pin.forwardKinematics(model, data, configuration, velocity)
+        places.append([place.copy() for place in data.oMi])
+        twists = [pin.getVelocity(model, data, k, pin.LOCAL_WORLD_ALIGNED) for k in joints]
+        linear.append([twist.linear.copy() for twist in twists])
+        angular.append([twist.angular.copy() for twist in twists])
+    speeds, spins, found = np.array(linear), np.array(angular), np.zeros(len(time) - 1, dtype=bool)
+    rotations = np.array([[place.rotation for place in row] for row in places])
+    origins = np.array([[place.translation for place in row] for row in places])
+    for pair in pairs:
+        for a, b in itertools.product(*pair.shapes):
+            centres = [origins[:, s.joint] + rotations[:, s.joint] @ s.centre for s in (a, b)]
+            gap = np.linalg.norm(centres[1] - centres[0], axis=1) - a.radius - b.radius
+            small = a if a.radius < b.radius else b
+            at = centres[0 if small is a else 1]
+            moving = [
+                speeds[:, s.joint] + np.cross(spins[:, s.joint], at - origins[:, s.joint]) for s in (a, b)
+            ]
+            rate = np.linalg.norm(moving[1] - moving[0], axis=1)
+            rate += small.radius * np.linalg.norm(spins[:, b.joint] - spins[:, a.joint], axis=1)
+            ends = np.vstack([rate[:-1], rate[1:]])
+            change = (ends.max(axis=0) + np.ptp(ends, axis=0)) * np.diff(time) / 2
+            steps = np.flatnonzero((gap[:-1] + gap[1:]) / 2 - change < -depth)
+            if not steps.size or not (a.primitive and b.primitive):
+                continue
+            near = np.unique([steps, steps + 1])
+            for k in near:
+                gap[k] = -overlap_depth(a, b, places[k][a.joint], places[k][b.joint])
+            if gap[near].min() >= -ALLOWED:
+                found[steps] |= (gap[steps] + gap[steps + 1]) / 2 - change[steps] < -depth
+    return np.flatnonzero(found)
 
 
 def collisions(pairs: Sequence[LinkPair], model: Any, q: Array, time: Array) -> list[Collision]:

@@ -151,7 +151,9 @@ class _SolverRuns:
         while self.kept is not None and self.kept[0] is not self.cleared:
             (solution, meshes), solver = self.kept, self.solver
             current = SolveResult((), solution, meshes, self.cost, None, "", solver.apart)
-            entered = course_collisions(solver.phased_motion(self.request, current), solver.pairs)
+            entered = course_collisions(
+                solver.phased_motion(self.request, current), solver.pairs, between=True
+            )
             self.solver = solver.keeping_apart(entered)
             if self.solver is solver:
                 self.cleared = solution

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from optim.planning.formulation.link_pairs import Collision, LinkPair, collisions
+from optim.planning.formulation.link_pairs import Collision, LinkPair, collisions, unseen_steps
 from optim.planning.formulation.rows import row_values
 from optim.planning.formulation.stage import PlanningProblem, state_after_impact
 from optim.planning.solver.ipopt import Solution
@@ -289,12 +289,16 @@ def _bounded_between(
     return shares, values
 
 
-def course_collisions(phased_motion: PhasedMotion, pairs: Sequence[LinkPair]) -> list[Collision]:
+def course_collisions(
+    phased_motion: PhasedMotion, pairs: Sequence[LinkPair], *, between: bool = False
+) -> list[Collision]:
     """Pairs of links that overlap along a course, looked at where its limits are, the deepest first.
 
     Args:
         phased_motion: The motion.
         pairs: Pairs of links to check.
+        between: Whether instants are added where two of them leave an overlap deeper than :data:`UNSEEN`
+            between them possible.
     """
     if not pairs:
         return []
@@ -303,6 +307,12 @@ def course_collisions(phased_motion: PhasedMotion, pairs: Sequence[LinkPair]) ->
     for begin, motion in zip(phased_motion.begins, phased_motion.motions, strict=True):
         shares = np.append((motion.mesh.starts[:, None] + motion.mesh.widths[:, None] * places).ravel(), 1.0)
         model = motion.problem.stage.scene.model
+        while between:
+            at, v, *_ = motion.parts(motion.along(shares))
+            steps = unseen_steps(pairs, model, normalised(model, at), v, shares * motion.duration_s, UNSEEN)
+            if not steps.size:
+                break
+            shares = np.insert(shares, steps + 1, (shares[steps] + shares[steps + 1]) / 2)
         q.append(normalised(model, motion.parts(motion.along(shares))[0]))
         time.append(begin + shares * motion.duration_s)
     return collisions(pairs, model, np.vstack(q), np.concatenate(time))

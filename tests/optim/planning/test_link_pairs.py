@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from optim.planning.formulation.link_pairs import Collision, collisions, link_pairs
+from optim.planning.formulation.link_pairs import Collision, collisions, link_pairs, unseen_steps
 from optim.planning.mpc.horizon import Horizon
 from optim.planning.output.plan_folder import summary
 from optim.planning.search.make_plan import make_plan
@@ -95,6 +95,29 @@ def test_the_depth_of_an_overlap_is_the_deepest_of_the_motion(reach):
     found = collisions(pairs, scene.model, path, np.arange(11.0))
     assert ("one/link_2", "target/body") in {(one.first, one.second) for one in found}
     assert [one.depth_m for one in found] == sorted((one.depth_m for one in found), reverse=True)
+
+
+def test_links_that_pass_each_other_between_two_instants_are_seen(reach):
+    """The last link swings past the target in a step: apart before it and behind it."""
+    scene = reach(*CROSSED)
+    model, pairs = scene.model, link_pairs(scene)
+    joint = model.joints[model.getJointId("one/joint_1")]
+    duration, turn = 10.0, 2 * np.pi
+    time = np.linspace(0, duration, 7)
+    path, rates = np.tile(scene.q, (7, 1)), np.zeros((7, model.nv))
+    path[:, joint.idx_q] += turn * time / duration
+    rates[:, joint.idx_v] = turn / duration
+    coarse = {one.second for one in collisions(pairs, model, path, time)}
+    steps = unseen_steps(pairs, model, path, rates, time, 1e-3)
+    fine = np.tile(scene.q, (601, 1))
+    fine[:, joint.idx_q] += np.linspace(0, turn, 601)
+    passed = collisions(pairs, model, fine, np.linspace(0, duration, 601))
+    assert "target/body" not in coarse
+    entered = [one for one in passed if one.second == "target/body"]
+    assert entered
+    assert {int(one.time_s / duration * 6) for one in entered} <= set(steps.tolist())
+    still = unseen_steps(pairs, model, path[:2], 0 * rates[:2], time[:2], 1e-3)
+    assert still.size == 0
 
 
 def test_check_reports_them(reach, capsys):
