@@ -21,7 +21,7 @@ from tests.oracles.gantry import (
     gantry_scene,
     masses_in_line,
 )
-from tests.oracles.small_scenes import PLANAR, random_x, small_scene
+from tests.oracles.small_scenes import PLANAR, SPATIAL, random_x, small_scene
 
 INERTIA, DAMPING, STIFFNESS = 2.0, 5.0, 40.0
 VIRTUAL = {"inertia": [INERTIA, 3, 1], "damping": [DAMPING, 1, 1], "stiffness": [STIFFNESS, 60, 1]}
@@ -117,12 +117,22 @@ def test_the_port_of_a_tip_is_passive_whatever_it_holds(masses, grasp, law, kind
     assert np.diff(energy).max() <= 1e-7 * energy[0]
 
 
-@pytest.mark.parametrize("name", ["one arm", "two arms"])
+TURNING = {"inertia": [0.5, 0.4, 0.3], "damping": [6, 9, 4], "stiffness": [3, 5, 8]}
+
+
+@pytest.mark.parametrize("name", ["one arm", "two arms", *(f"turning {kind}" for kind in KINDS)])
 def test_directions_and_tips_do_not_disturb_each_other(name):
     """Accelerations of tips: each law gets its own, although the same joints and base move all of them."""
     offset = {"robots.chaser.sensors": {"tip_force": {"offset": 0.4}, "tip_torque": {"offset": 0.1}}}
     alone = {"phases": {}, "grasps": {}, "contacts": {}}
-    scene = coupled_scene() if name == "one arm" else sr.load_scene("touch", alone | offset)
+    if name == "two arms":
+        scene = sr.load_scene("touch", alone | offset)
+    elif name == "one arm":
+        scene = coupled_scene()
+    else:  # about three axes, where the rotation vector's rate is not the angular velocity
+        turns = {"orientation_soft": {"kind": name.split()[1]} | TURNING}
+        tip = {"pid": None, "amnesia": None, "controllers": turns}
+        scene = small_scene(SPATIAL, {f"robots.one.tips.tip.{key}": part for key, part in tip.items()})
     loop, oracle, second = build_closed_loop(scene), independent.Engine(scene), PinocchioLoop(scene)
     _, c = loop.setup(loop.parameter_values)
     size = scene.model.nq + scene.model.nv

@@ -9,7 +9,7 @@ import pytest
 import spacerobot as sr
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ScenarioError
-from tests.oracles.gantry import TOOL_MASS, gantry_scene
+from tests.oracles.gantry import TARGET_MASS, TOOL_MASS, gantry_scene
 from tests.oracles.small_scenes import SPATIAL, small_scene
 
 PERIOD = 0.005
@@ -44,12 +44,14 @@ def test_the_force_on_a_tip_is_the_rate_of_the_momentum_that_it_holds(grasp):
     np.testing.assert_allclose(force[1:, 0], expected, atol=1e-3 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("gravity", [0.0, 0.3])
 @pytest.mark.parametrize("compensated", [False, True])
-def test_a_tool_beyond_the_flange_adds_its_inertia_unless_it_is_compensated(compensated):
+def test_a_tool_beyond_the_flange_adds_inertia_and_weight_unless_it_is_compensated(compensated, gravity):
     section = SENSOR | {"joint": "flange", "compensated": compensated}
-    force, data = samples({FORCE: section, "simulation.duration": 1})
-    tool = TOOL_MASS * rates(data.tip_velocity.values[:, 0, 0])
-    expected = -rates(data.body_momentum_linear.sel(body="target").values[:, 0])
+    changes = {FORCE: section, "simulation.duration": 1, "gravity": [gravity, 0, 0]}
+    force, data = samples(changes)
+    tool = TOOL_MASS * (rates(data.tip_velocity.values[:, 0, 0]) - gravity)
+    expected = TARGET_MASS * gravity - rates(data.body_momentum_linear.sel(body="target").values[:, 0])
     expected = expected - (not compensated) * tool
     assert np.abs(tool).max() > 0.02
     np.testing.assert_allclose(force[1:, 0], expected, atol=1e-3 * np.abs(expected).max())
