@@ -1,11 +1,11 @@
-"""Repeated planning over a horizon: the rest of the first plan's duration, then a constant time ahead.
+"""Repeated planning over a horizon: the remaining duration of the first plan, then a constant horizon.
 
-Intervals keep their length, as far as the times of the plans allow, so that what is left of one plan lies on
-the mesh of the next: unknowns and multipliers are carried over as they are, and a few iterations are enough.
-Behind the end of the first plan each one keeps the goal for a short while from where it begins.
+Intervals keep their length as far as the start times of the plans allow. The rest of one plan then lies on
+the mesh of the next, so that its unknowns and multipliers are a warm start and a few iterations suffice.
+After the end of the first plan each plan holds the goal for a short horizon from its own start.
 
-Of a plan with several phases the first one shrinks so, and the others follow it whole in every solve: what is
-flown of the first one suits them. It is not planned again behind its end.
+In a plan with several phases only the first phase shrinks; every solve includes the following phases in full,
+so that the state at the end of the first phase suits them. There is no replanning after its end.
 """
 
 from __future__ import annotations
@@ -37,28 +37,27 @@ from spacerobot.arrays import Array
 from spacerobot.errors import NoPlanError
 
 FEWEST = 4
-"""Minimum number of intervals of a plan, where the first one has as many."""
+"""Minimum number of intervals of a replanned motion (or the first plan's number, if that is smaller)."""
 ROUNDING = 1e-9
 """Tolerance of the number of intervals, and of times relative to a period."""
 GOOD = 1e-4
-"""Maximum violation [m, rad, N or N m] of a plan that is flown before the solver is content."""
+"""Maximum violation [m, rad, N or N m] at which an unconverged plan is used."""
 ROOM = 1e-6
-"""Margin by which a limit that the measured state violates is widened [m, rad, N or N m]."""
+"""Margin added to a limit that the measured state violates [m, rad, N or N m]."""
 
 
 @dataclass
 class Horizon:
-    """The present plan, and the solver's record of all plans.
+    """The present plan, and the record of all solves.
 
     Attributes:
-        solver: The problem.
-        motion, solution, program: The plan, its solution, and what that solves.
+        solver: Solver of the planning problem.
+        motion, solution, program: The present plan, its solution, and the program that it solves.
         first_duration_s: Duration of the first plan [s].
         begin_s: Time at which the present plan began [s].
-        min_horizon: Shortest time that a plan looks ahead [s].
+        min_horizon: Minimum planning horizon [s].
         iterations, seconds: Number of iterations, and time [s], of each solve.
-        missed, unfinished: Number of solves without a plan, and of plans that were flown before the solver
-            converged.
+        missed, unfinished: Number of solves without a plan, and of plans used before the solver converged.
     """
 
     solver: PlanSolver
@@ -77,17 +76,16 @@ class Horizon:
     def of(
         cls, solver: PlanSolver, measured: Array, min_horizon: float, inertia: Array | None = None
     ) -> Horizon:
-        """Make the first plan, from a first guess.
+        """Make the first plan, from an initial guess.
 
         Args:
-            solver: The problem.
-            measured: Configuration and velocity at its beginning (nq + nv,), as they seem to be.
-            min_horizon: Shortest time that a plan looks ahead [s].
-            inertia: Inertial parameters of the target as they are estimated (10,); those of the model if
-                None.
+            solver: Solver of the planning problem.
+            measured: Estimated configuration and velocity at the start (nq + nv,).
+            min_horizon: Minimum planning horizon [s].
+            inertia: Estimated inertial parameters of the target (10,); those of the model if None.
 
         Raises:
-            NoPlanError: If none is found.
+            NoPlanError: If no plan is found.
         """
         problem = with_inertia(dataclasses.replace(solver.problem, fixed=measured), inertia)
         phase_solver = solver.with_first(problem=problem)
@@ -109,15 +107,15 @@ class Horizon:
         )
 
     def replan(self, begin: float, measured: Array, iterations: int, inertia: Array | None = None) -> None:
-        """Replan from a time on, from the last plan; where that fails, from a first guess.
+        """Replan from a given time: warm-started by the present plan, then from an initial guess.
 
-        Where none is found the last one stays.
+        If both solves fail, the present plan is kept.
 
         Args:
             begin: Time at which the plan begins [s].
-            measured: Configuration and velocity then (nq + nv,), as they seem to be.
+            measured: Estimated configuration and velocity at that time (nq + nv,).
             iterations: Maximum number of iterations.
-            inertia: Inertial parameters of the target as they are estimated (10,); as before if None.
+            inertia: Estimated inertial parameters of the target (10,); the previous ones if None.
         """
         clock, scale = time.perf_counter(), self.solution.scale
         measured = continued(self.solver.scene.model, measured, self.at(np.array([begin]))[0][0])
@@ -130,7 +128,7 @@ class Horizon:
         )
         program = self._program(solver, problem, intervals)
         later = self.program.parts(self.solution.w)[1:]
-        # Part of the present plan that is over where the next one begins, if both end together.
+        # share of the present plan that has passed when the next one begins, if both end together
         gone = (
             (begin - self.begin_s) / self.motion.duration_s
             if begin < self.first_duration_s * (1 - ROUNDING)
@@ -146,7 +144,7 @@ class Horizon:
             ),
             bound_multipliers=np.concatenate([part.bound_multipliers for part in parts]),
         )
-        # unknowns of what is left of the present plan, and on as everything moves at its end
+        # unknowns of the remaining plan, extended by a uniform motion after its end
         first, model = program.programs[0], problem.stage.scene.model
         end = self.begin_s + self.motion.duration_s
         times = begin + first.lobatto.times(first.mesh, duration)
@@ -175,7 +173,7 @@ class Horizon:
                 self.solution, self.program, self.begin_s = candidate, program, begin
                 self.unfinished += not candidate.converged
                 break
-            # links collide: once more from here, with the keep-out zones that this plan needs
+            # links collide: solve once more from here, with the keep-out zones that this plan needs
             problem, before, solver = self._problem(wider, begin, measured), program, wider
             program = self._program(solver, problem, intervals)
             warm = transfer_constrained(candidate, before, program)
@@ -188,16 +186,16 @@ class Horizon:
         self.seconds.append(time.perf_counter() - clock)
 
     def _program(self, solver: PlanSolver, problem: PlanningProblem, intervals: int) -> PhaseChain:
-        """Program of what is left of the first phase, and of those that follow."""
+        """Program of the remaining first phase and of the phases that follow."""
         meshes = Mesh.of(intervals), *(old.mesh for old in self.program.programs[1:])
         request = solver.request(duration=problem.duration, weights=problem.weights)
         return solver.with_first(problem=problem).program(request, meshes)
 
     def _problem(self, solver: PlanSolver, begin: float, measured: Array) -> PlanningProblem:
-        """The problem from a time on.
+        """Planning problem from a given time on.
 
-        What holds for a last part of the whole holds from the same time on, and no more behind the end. A
-        limit that is violated already is not to be violated more.
+        A constraint on the last part of the plan keeps its absolute start time, and no later than the end. A
+        limit that is already violated is widened to the present violation.
         """
         problem, left = solver.problem, self.first_duration_s - begin
         behind = left < ROUNDING * self.first_duration_s
@@ -220,14 +218,14 @@ class Horizon:
 
     @property
     def statistics(self) -> dict[str, Any]:
-        """Numbers of plans, of those missed and unfinished, iterations and times [s] of each solve."""
+        """Numbers of plans, missed and unfinished ones; iterations and time [s] of each solve."""
         keys = ("missed", "unfinished", "iterations", "seconds")
         return {"plans": len(self.seconds)} | {key: getattr(self, key) for key in keys}
 
     def at(self, times: Array) -> list[Array]:
         """Configuration, velocity, acceleration, drive and wrenches of the present plan at times (n,) [s].
 
-        Behind its end they are those at its end.
+        After the end of the plan these are the values at its end.
         """
         return self.motion.parts(self._instants(times))
 

@@ -1,4 +1,4 @@
-"""Choices among candidates, such as mating frames: each is planned, and the best plan is kept."""
+"""Choices of a plan, such as mating frames: each candidate is planned, and the cheapest plan is returned."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class Candidate:
 
     Attributes:
         chosen: Value of each choice, by name.
-        cost: Cost of its plan; None where there is none.
-        failure: Why there is none.
+        cost: Cost of its plan; None without a plan.
+        failure: Reason for the lack of a plan.
     """
 
     chosen: dict[str, Value]
@@ -33,19 +33,21 @@ class Candidate:
 def best_candidate(
     scene: Scene, plan: Callable[[Scene, str], tuple[float, T]]
 ) -> tuple[T, tuple[Candidate, ...]]:
-    """The plan with the lowest cost of all candidates, and the outcome of each.
+    """Cheapest plan among all candidates, and the outcome of each.
 
     Args:
         scene: The scene.
-        plan: Gives the cost of a scene's plan, and the plan; it is told in words which candidate it is of.
+        plan: Function that plans for a scene and returns cost and plan; its second argument is the
+            candidate's name.
 
     Raises:
-        ScenarioError: If there are no choices and no plan, or a choice names a path that is not there, or a
-            value that it does not take; NoPlanError where none of them leads to a plan.
+        ScenarioError: If there are neither choices nor a plan, or a choice has an unknown path or an invalid
+            value.
+        NoPlanError: If no candidate leads to a plan.
     """
     best: tuple[float, T] | None = None
     candidates, choices = list[Candidate](), plan_section(scene).choices
-    # combinations of choices, each with its scene; the scene itself where its plan has no choices
+    # combinations of choices, each with its scene; the scene itself if its plan has no choices
     scenes: list[tuple[dict[str, Value], Scene]] = [] if choices else [({}, scene)]
     for values in itertools.product(*(choice.among for choice in choices.values())) if choices else ():
         changes = [

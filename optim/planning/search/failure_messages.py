@@ -1,4 +1,4 @@
-"""Messages of a search without a plan: infeasible, budget exhausted, a bad start, and remedies."""
+"""Messages of a search without a plan: infeasible, budget exhausted, bad initial guess; with remedies."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from spacerobot.arrays import Array
 from spacerobot.scenario.plan import PlanSection
 
 VIOLATED = 1e-6
-"""Smallest violation that messages report."""
+"""Smallest violation that messages report [unit of the constraint]."""
 NAMED = 4
 """Maximum number of constraints and limits named in a message."""
 SHARE = 0.05
-"""Share of the strongest limit's multiplier from which another limit is named."""
+"""Multiplier relative to the strongest limit's from which another limit is named."""
 
 
 def limit_message(program: PhaseChain, solution: Solution, plan: PlanSection) -> str:
-    """Message where a search was stopped by a limit of its own, or by numbers; none where it ended itself.
+    """Message of a search that reached a limit on time or iterations, or failed numerically; else empty.
 
     Args:
         program, solution: Program, and the solver's last iterate.
-        plan: The section, whose limits are named.
+        plan: Plan section; the message names its limits.
     """
     left = f"where it stopped, violated most: {largest_violations(program, solution.w)}"
     if solution.status == TIME_LIMIT:
@@ -49,7 +49,7 @@ def limit_message(program: PhaseChain, solution: Solution, plan: PlanSection) ->
 
 
 def bad_guess_message(program: PhaseChain, first: Array) -> str | None:
-    """Message where a first guess cannot be evaluated, naming what; None where it can.
+    """Message that names functions that cannot be evaluated at an initial guess; None if all can.
 
     Args:
         program, first: Program, and its initial unknowns.
@@ -70,12 +70,12 @@ def bad_guess_message(program: PhaseChain, first: Array) -> str | None:
 def infeasibility_message(
     program: PhaseChain, elastic: ElasticProgram, solution: Solution, status: str
 ) -> str:
-    """Message where no motion was found that meets all constraints, from the elastic program's solution.
+    """Message of a search without a feasible motion, from the elastic program's solution.
 
     Args:
         program: Program that has no solution.
         elastic, solution: Elastic form of the program, and its solution.
-        status: IPOPT's word for where the program itself ended.
+        status: IPOPT's status at the end of the program itself.
     """
     w, (low, high) = solution.w[: program.size], program.bounds()
     hints = "relax them, or try further first guesses (`starts: 5`)"
@@ -85,8 +85,8 @@ def infeasibility_message(
             "least violation; "
             f"violated most where the search ended: {largest_violations(program, w)}; {hints}"
         )
-    # Multipliers of the limits of the program's unknowns (size,), with those of durations that are given: the
-    # solver leaves these out; they make the slope of the Lagrangian vanish.
+    # Multipliers of the bounds of the program's unknowns (size,). The solver omits those of fixed durations;
+    # they follow from a stationary Lagrangian.
     pressed = solution.bound_multipliers[: elastic.program.size].copy()
     pattern = elastic.jacobian_pattern.copy()
     pattern.data = elastic.jacobian(solution.w)
@@ -94,7 +94,7 @@ def infeasibility_message(
     for end in np.cumsum([one.size for one in program.programs]) - 1:
         if low[end] == high[end]:
             pressed[end] = -slope[end]
-    # limits of unknowns that hold most, by name
+    # bounds with the largest multipliers, by name
     pulls, times, first = dict[str, float](), dict[str, float](), 0
     for one in program.programs:
         block = slice(first, first + one.size)
@@ -120,7 +120,7 @@ def infeasibility_message(
 
 
 def largest_violations(program: PhaseChain, w: Array) -> str:
-    """Constraints that are violated most, by name with their violations.
+    """Names and amounts of the largest constraint violations, for a message.
 
     Args:
         program, w: Program, and its unknowns.
@@ -143,7 +143,7 @@ def largest_violations(program: PhaseChain, w: Array) -> str:
 def soft_rows(program: PhaseChain) -> npt.NDArray[np.int64]:
     """Constraints that an elastic program may violate: goals, and limits along the path.
 
-    Equations of motion and collocation stay, and so does what grasps hold.
+    Equations of motion, collocation and grasp constraints stay hard.
     """
     blocks, first = list[npt.NDArray[np.int64]](), 0
     for one in program.programs:
@@ -161,11 +161,11 @@ def soft_rows(program: PhaseChain) -> npt.NDArray[np.int64]:
 
 
 def _rows(program: PhaseChain) -> Iterator[tuple[str, npt.NDArray[np.int64]]]:
-    """Names of all constraints, and which rows they are."""
+    """Name and row indices of each constraint."""
     first = 0
     for one in program.programs:
         yield "continuity", first + np.arange(one.defects)
-        # rows of the constraints that hold at points
+        # rows of the constraints at mesh points
         at = (first + one.defects) + np.arange(one.points * one.per_point).reshape(one.points, one.per_point)
         yield "equations of motion", at[:, : one.nv].ravel()
         for k, row in enumerate(one.problem.path):

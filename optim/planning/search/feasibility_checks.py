@@ -1,4 +1,4 @@
-"""Checks before a solver runs: a start that violates its own limits, a goal that no arm reaches."""
+"""Checks before a solver runs: a start that violates its own limits, a goal beyond an arm's reach."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from spacerobot.scene.reference_checks import com_from_base, reach
 from spacerobot.scene.scene import SceneBody, SceneTip
 
 SLACK = 1e-9
-"""Violation of a start that counts as rounding."""
+"""Violation at the start that is attributed to rounding."""
 MISSED = 1e-6
-"""Miss of an unchangeable goal from which it is refused."""
+"""Distance from an unchangeable goal above which it is refused."""
 INSTANTS = 100
 """Number of instants of a free duration at which a moving goal is evaluated."""
 
 
 def check_start(problem: PlanningProblem) -> None:
-    """Refuse a start that is given and violates its own limits.
+    """Refuse a prescribed start that violates its own limits.
 
     Raises:
-        ScenarioError: Naming the limit.
+        ScenarioError: If it violates a limit; the message names the limit.
     """
     if problem.begin is not None:
         return
@@ -68,10 +68,10 @@ def check_start(problem: PlanningProblem) -> None:
 
 
 def check_momentum(problem: PlanningProblem, plan: PlanSection) -> None:
-    """Refuse goals of rest for bodies whose momentum nothing absorbs, and two such goals for one body.
+    """Refuse goals of rest for bodies whose momentum no actuator absorbs, and two such goals for one body.
 
     Raises:
-        ScenarioError: If such a goal is given; the message states the momentum.
+        ScenarioError: If there is such a goal; the message states the momentum.
     """
     scene, resting = problem.stage.scene, dict[str, str]()
     for name, goal in plan.goals.items():
@@ -79,7 +79,7 @@ def check_momentum(problem: PlanningProblem, plan: PlanSection) -> None:
             continue
         where = f"plan.goals.{name}"
         body = next(body for body in scene.bodies if body.name == goal.stops)
-        # a body, and those that welds join with it
+        # a body, and the bodies that welds join with it
         target = scene.target
         holding = {
             grip.tip.body.name: grip.tip.body for grip in problem.stage.grips if grip.config.fixes_orientation
@@ -103,11 +103,11 @@ def check_momentum(problem: PlanningProblem, plan: PlanSection) -> None:
             raise scene.error(f"{body.name} {message}", where)
         if any(not one.root_joint for one in group):
             continue  # the world takes it
-        # bounds of the force [N], and of the torque about their centre of mass [N m], on the bases of bodies
+        # bounds of the force [N], and of the torque about the centre of mass [N m], on the bases of bodies
         driven = problem.stage.driven
         bases = [body for body in group if body is not scene.target]
         force, torque = (sum(driven.strength(body.name, part) for body in bases) for part in "ft")
-        # forces on a base turn what lies beside it: bounded for a robot alone
+        # a base force also has a moment about the centre of mass; it is bounded for a single robot only
         lever = com_from_base(scene, bases[0]) if len(group) == 1 else np.inf
         able_of = force, torque + (lever * force if force else 0.0)
         momenta = zip(_momenta(scene, group), able_of, strict=True)
@@ -127,13 +127,14 @@ def check_momentum(problem: PlanningProblem, plan: PlanSection) -> None:
 
 
 def check_joined(problem: PlanningProblem, plan: PlanSection) -> None:
-    """Refuse that a robot ends at rest relative to the target with momenta that it cannot come to have.
+    """Refuse a goal of rest relative to the target if the robot's conserved momenta do not allow it.
 
-    What floats freely keeps its momenta. With its joints at rest and its tip moving as the mating frame it
-    would move as one with the target: momentum m v and, about its centre of mass, I w with some inertia I.
+    A free-floating body keeps its momenta. A robot with joints at rest and its tip moving with the mating
+    frame moves as one body with the target: its momenta are m v and, about its centre of mass, I w for some
+    inertia I.
 
     Raises:
-        ScenarioError: If such a goal is given; the message states the velocity or spin that nothing changes.
+        ScenarioError: If there is such a goal; the message states the conserved velocity or the spin.
     """
     scene, tips = problem.stage.scene, {tip.label: tip for tip in problem.stage.scene.tips}
     model, data = scene.model, scene.model.createData()
@@ -148,7 +149,7 @@ def check_joined(problem: PlanningProblem, plan: PlanSection) -> None:
         linear, angular = _momenta(scene, [tip.body])
         mass = sum(float(model.inertias[joint].mass) for joint in tip.body.subtree)
         velocity, near = linear / mass, _greatest_distance(problem, tip)
-        # velocity and spin of the mating frame, world axes, when the plan may end (n, 3) each [m/s, rad/s]
+        # velocity and spin of the mating frame, world axes, at possible final times (n, 3) each [m/s, rad/s]
         frame, mate = model.getFrameId(f"target/{goal.mating[1]}", pin.FrameType.BODY), []
         for q, v in zip(*_free_motion(problem), strict=True):
             pin.forwardKinematics(model, data, q, v)
@@ -172,7 +173,7 @@ def check_joined(problem: PlanningProblem, plan: PlanSection) -> None:
 
 
 def _free_motion(problem: PlanningProblem) -> tuple[Array, Array]:
-    """Configurations (n, nq) and velocities (n, nv), when a plan may end, of what nothing drives."""
+    """Configurations (n, nq) and velocities (n, nv) of free drift at the possible final times."""
     least, greatest, _ = problem.duration
     q, v = drift(problem, Lobatto.of_order(2), INSTANTS, greatest)
     first = int(INSTANTS * least / greatest)
@@ -180,7 +181,7 @@ def _free_motion(problem: PlanningProblem) -> tuple[Array, Array]:
 
 
 def _momenta(scene: Scene, bodies: Iterable[SceneBody]) -> tuple[Array, Array]:
-    """Linear and angular momentum at the start, the latter about the common centre of mass (3,) each."""
+    """Linear momentum, and angular momentum about the common centre of mass, at the start (3,) each."""
     model, data = scene.model, scene.model.createData()
     pin.forwardKinematics(model, data, np.array(scene.q), np.array(scene.v))
     linear, angular, moment, mass = np.zeros(3), np.zeros(3), np.zeros(3), 0.0
@@ -193,12 +194,12 @@ def _momenta(scene: Scene, bodies: Iterable[SceneBody]) -> tuple[Array, Array]:
 
 
 def check_changeable(problem: PlanningProblem) -> None:
-    """Refuse a goal about what nothing can change: it moves on as it does, and misses the goal.
+    """Refuse goals on coordinates that cannot be influenced and do not meet the goal by themselves.
 
-    Nothing changes what is neither driven nor held together with what is.
+    A coordinate is beyond influence if it is neither driven nor joined to a driven body.
 
     Raises:
-        ScenarioError: If a goal is missed; the message states the least distance.
+        ScenarioError: If a goal is missed; the message states the smallest distance.
     """
     stage, scene = problem.stage, problem.stage.scene
     if problem.begin is not None or stage.grips or stage.springs or not problem.goal:
@@ -236,8 +237,8 @@ def check_changeable(problem: PlanningProblem) -> None:
 def check_reach(problem: PlanningProblem, plan: PlanSection, tips: dict[str, SceneTip]) -> None:
     """Refuse a goal farther from a robot's centre of mass than its tip can ever be.
 
-    The centre of mass of a floating robot that nothing drives moves uniformly, and its base is never far from
-    it, so that the bound needs no solver.
+    The centre of mass of a free-floating robot moves uniformly, and the distance between base and centre of
+    mass is bounded. The check therefore needs no solver.
 
     Raises:
         ScenarioError: If a goal cannot be reached; the message states both distances.
@@ -272,7 +273,7 @@ def check_reach(problem: PlanningProblem, plan: PlanSection, tips: dict[str, Sce
 
 
 def _greatest_distance(problem: PlanningProblem, tip: SceneTip) -> float:
-    """Bound of the distance of a tip from what does not move of its robot [m]."""
+    """Upper bound of a tip's distance from the robot's centre of mass or fixed root [m]."""
     scene = problem.stage.scene
     length = reach(scene, tip.body, tip.frame)
     if not tip.body.root_joint:

@@ -1,4 +1,4 @@
-"""A plan from formulation to verification: solved from several starts, refined, verified."""
+"""Planning from formulation to verification: searches from several starts, refinement, verification."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from spacerobot.scene import Scene
 
 Progress = Callable[[str], None]
 PLAN = "plan"
-"""Name of the task that ends with the plan."""
+"""Name of the task whose result is the plan."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,17 +33,16 @@ class PlanSolution:
     """A planned trajectory with its cost, the solver's runs and its verification.
 
     Attributes:
-        scene, phased_motion: The scene and its motion, in one phase or several.
-        names: Names of the scenario's phases; one empty name where the plan names no phases.
-        cost, terms: Cost, and its parts by name.
-        runs: Every run of the solver, in turn.
+        scene, phased_motion: The scene, and its motion in one or several phases.
+        names: Names of the scenario's phases; one empty name if the plan names no phases.
+        cost, terms: Cost, and its terms by name.
+        runs: All runs of the solver, in order.
         solution: Last iterate of the solver, with its multipliers.
         verification: Verification of the motion.
-        backend: ``compiled`` or ``interpreted``: what evaluated the problem's functions.
-        candidates: Candidates among which the plan chose, where it had a choice; its scene has what was
-            chosen.
-        pairs, kept_apart: Number of pairs of links checked for collisions, and the names of those for which
-            the plan was made again with a keep-out zone, which its scene has.
+        backend: Evaluation of the problem's functions: ``compiled`` or ``interpreted``.
+        candidates: Outcomes of all candidates if the plan had a choice; its scene has the chosen values.
+        pairs, kept_apart: Number of pairs of links checked for collisions, and the names of those with a
+            keep-out zone, which was added to the scene after a collision.
     """
 
     scene: Scene
@@ -84,22 +83,21 @@ def make_plan(
     Args:
         scene: The scene.
         backend: ``auto``, ``compiled`` or ``interpreted``.
-        progress: Called with a few words whenever something that may take a while begins.
-        folder: Folder in which finished searches are stored, so that a killed plan resumes; not stored if
-            None.
+        progress: Called with a short message before each step that may take long.
+        folder: Folder of finished searches, from which an interrupted plan resumes; None stores nothing.
         dask: Address of a cluster, as for :func:`optim.workers.cluster.connect`, whose workers search from
-            several starts at once; this process alone if None. No number but times depends on it.
-        warm_start: A plan's folder, or its ``plan.nc``, whose motion is the first guess of the first start,
-            with its multipliers where they fit; see :func:`optim.planning.search.warm_start.stored_motion`.
+            several starts in parallel; this process alone if None. Only computing times depend on it.
+        warm_start: Folder of a plan, or its ``plan.nc``. Its motion is the first start's initial guess, with
+            its multipliers if they fit; see :func:`optim.planning.search.warm_start.stored_motion`.
 
     Raises:
-        ScenarioError: If the section is contradictory, or ``warm_start`` is no plan of such a scene.
-        NoPlanError: If no motion was found, with the reason, or the motion fails the verification.
+        ScenarioError: If the section is contradictory, or ``warm_start`` is not a plan of such a scene.
+        NoPlanError: If no motion is found, or it fails the verification; with the reason.
     """
     folder = None if folder is None else Path(folder)
 
     def of(each: Scene, words: str) -> tuple[float, PlanSolution]:
-        """Plan of one candidate, and its cost."""
+        """Cost and plan of one candidate."""
         notify = progress or (lambda _: None)
         solver = PlanSolver.of(each, backend, (lambda text: notify(f"{words}: {text}")) if words else notify)
         near = None if warm_start is None else stored_motion(solver, Path(warm_start))
@@ -118,11 +116,11 @@ def make_plan(
 
 
 def arrival_requests(solver: PlanSolver, request: SolveRequest) -> dict[str, SolveRequest]:
-    """Requests that are tried in turn, by the names of their tasks: one for each fixed duration.
+    """Requests by the names of their tasks, one for each fixed duration, in the order of trial.
 
     Args:
         solver: The problem.
-        request: Request with the range of the duration; the only one where that is free or fixed.
+        request: Request with the range of the duration; it is the only request if that is free or fixed.
     """
     span = solver.plan.duration
     if span is None or not span.arrivals or span.lower == span.upper:
@@ -138,9 +136,9 @@ def arrival_requests(solver: PlanSolver, request: SolveRequest) -> dict[str, Sol
 
 
 def plan_tasks(solver: PlanSolver, request: SolveRequest, name: str = PLAN) -> dict[str, SolveTask]:
-    """Searches from every start on the first mesh, and the one, so named, that refines the best of them.
+    """Tasks that search from every start on the first mesh; the task ``name`` refines the best result.
 
-    A motion that is asked to be begun with is the first start's.
+    If the request has a motion to start from, the first start uses it.
     """
     starts = tuple(f"{name}, start {k + 1}" for k in range(solver.plan.starts))
     tasks = {
@@ -153,7 +151,7 @@ def plan_tasks(solver: PlanSolver, request: SolveRequest, name: str = PLAN) -> d
     }
 
     def best(found: Mapping[str, SolveResult]) -> SolveRequest:
-        """Refine the start that ended best."""
+        """Request that refines the best of the starts' results."""
         k = min(range(len(starts)), key=lambda k: found[starts[k]].cost)
         return dataclasses.replace(request, start=k, near=found[starts[k]], is_solved=True)
 
@@ -161,7 +159,7 @@ def plan_tasks(solver: PlanSolver, request: SolveRequest, name: str = PLAN) -> d
 
 
 def failure_message(result: SolveResult, starts: int = 1) -> str | None:
-    """Reason why there is no plan; None if there is one."""
+    """Reason for the lack of a plan; None if there is one."""
     names = ", ".join(dict.fromkeys(f"{one.first} and {one.second}" for one in result.apart))
     avoidance = f"; `collision_avoidance` keeps apart {names}" if names else ""
     if result.solution is None:
@@ -177,7 +175,7 @@ def failure_message(result: SolveResult, starts: int = 1) -> str | None:
 def plan_result(
     solver: PlanSolver, request: SolveRequest, found: Mapping[str, SolveResult], name: str = PLAN
 ) -> PlanSolution:
-    """The plan that a task found."""
+    """Plan from the result of a task."""
     result = found[name]
     assert result.verification is not None
     assert result.solution is not None
@@ -204,8 +202,9 @@ def plan_result(
 
 
 def integrals(motion: Motion) -> dict[str, float]:
-    """Integrals over the motion of the terms of the cost, what its end costs, and the duration, without their
-    weights; those of magnitudes by the polynomials between the points.
+    """Cost terms of a motion without weights: integrals, terminal costs, and the duration.
+
+    Magnitudes of forces are integrated exactly from the polynomials between the points.
     """
     problem = motion.problem
     totals: dict[str, float] = {}

@@ -1,4 +1,4 @@
-"""A planning problem ready to be solved; requests to its solver and their results, as plain data."""
+"""Solver of a planning problem; its requests and results as plain data."""
 
 from __future__ import annotations
 
@@ -46,15 +46,15 @@ ProgressCallback = Callable[[str], None]
 ITERATIONS = 50
 """Typical number of iterations of one solve with its mesh refinement."""
 COMPILED = 30_000
-"""Number of instants from which compiling a problem's functions takes less time than interpreting them."""
+"""Number of evaluated instants above which compiling the problem's functions saves time."""
 
 
 def with_margins(problem: PlanningProblem, margins: Mapping[str, float]) -> PlanningProblem:
-    """A problem whose limits are tighter.
+    """Problem with tighter limits.
 
     Args:
         problem: The problem.
-        margins: Room left to a limit, by its name, in its unit.
+        margins: Margin by which a limit is tightened, by its name, in its unit.
     """
     if not margins:
         return problem
@@ -78,12 +78,11 @@ class SolverRun:
     """Record of one run of the solver.
 
     Attributes:
-        start, intervals: Number of the first guess, and of the intervals.
-        cost, status, converged: Final cost, the solver's status message, and whether it converged to a
-            solution.
-        iterations, evaluations_s, seconds: Number of iterations, time in the problem's functions [s] and in
-            total [s].
-        costs, violations: Cost, and greatest violation of a constraint, at each iteration.
+        start, intervals: Number of the initial guess, and number of intervals.
+        cost, status, converged: Final cost, the solver's status message, and whether it converged.
+        iterations, evaluations_s, seconds: Number of iterations, time in the problem's functions [s] and
+            total time [s].
+        costs, violations: Cost and maximum constraint violation at each iteration.
     """
 
     start: int
@@ -103,12 +102,12 @@ class SolveResult:
     """Result of a solve request.
 
     Attributes:
-        runs: Every run of the solver, in turn.
-        solution, meshes, cost: The best solution, the mesh of each phase and its cost; None where there is
-            none.
-        verification: Verification of the solution, where the mesh was refined.
-        cause: Reason for the lack of a solution; empty where there is one.
-        apart: Pairs of links that collided where nothing kept them apart, each with a keep-out zone since.
+        runs: All runs of the solver, in order.
+        solution, meshes, cost: The best solution, the mesh of each phase, and its cost; None without a
+            solution.
+        verification: Verification of the solution, if the mesh was refined.
+        cause: Reason for the lack of a solution; empty if there is one.
+        apart: Pairs of links that collided in an earlier iterate and have had a keep-out zone since then.
     """
 
     runs: tuple[SolverRun, ...]
@@ -125,13 +124,13 @@ class SolveRequest:
     """Request to a plan solver.
 
     Attributes:
-        duration: Least, greatest and first guess of the duration [s].
-        weights: Weights of the terms of the cost, and of ``time``.
-        start: Number of the first guess, used where there is no motion to begin with.
-        near: Result of the same solver whose motion is the first guess.
+        duration: Minimum, maximum and first guess of the duration [s].
+        weights: Weights of the cost terms, and of ``time``.
+        start: Number of the initial guess, used if there is no motion to start from.
+        near: Result of the same solver whose motion is the initial guess.
         is_solved: Whether ``near`` solves this request already, so that only refinement remains.
         refine: Whether the mesh is refined until the verification passes.
-        explain: Whether the least violation is looked for where there is no solution.
+        explain: Whether the smallest violation is searched for if there is no solution.
     """
 
     duration: tuple[float, float, float]
@@ -144,7 +143,7 @@ class SolveRequest:
 
     @property
     def key(self) -> str:
-        """Hash of it."""
+        """Hash of the request."""
         plain = [self.duration, dict(self.weights), self.start, self.is_solved, self.refine]
         plain += [] if self.explain else [self.explain]
         digest = hashlib.sha256(json.dumps(plain, sort_keys=True).encode())
@@ -158,9 +157,9 @@ class SolverPhase:
     """A phase of a plan, ready to be solved.
 
     Attributes:
-        name, plan, problem, instants: Name (empty where the plan names no phases), plan section, problem and
+        name, plan, problem, instants: Name (empty if the plan names no phases), plan section, problem and
             functions of the phase.
-        link: Link from the phase before; None for the first one.
+        link: Linkage with the previous phase; None for the first one.
     """
 
     name: str
@@ -172,14 +171,14 @@ class SolverPhase:
 
 @dataclass(frozen=True, eq=False)
 class PlanSolver:
-    """A planning problem ready to be solved, for any limits of its duration and any weights.
+    """A planning problem ready to be solved, for any range of its duration and any weights.
 
     Attributes:
-        scene, phases, lobatto, backend: The scene, the phases of its plan, the collocation, and what
-            evaluates them.
+        scene, phases, lobatto, backend: The scene, the phases of its plan, the collocation, and the backend
+            that evaluates them.
         notify: Callback that receives a short message at each step.
-        pairs, apart: Pairs of links that a plan keeps apart, and those of them that have a keep-out zone
-            because they collided in its search.
+        pairs, apart: Pairs of links for which the plan avoids collisions, and those that have a keep-out zone
+            because they collided during the search.
     """
 
     scene: Scene
@@ -206,8 +205,8 @@ class PlanSolver:
 
         Args:
             scene: Scene with a ``plan`` section.
-            backend: ``auto``, ``compiled`` or ``interpreted``; ``auto`` compiles where so much is solved that
-                it pays.
+            backend: ``auto``, ``compiled`` or ``interpreted``; ``auto`` compiles if the expected number of
+                evaluations exceeds :data:`COMPILED`.
             notify: Callback that receives a short message at each step.
             motions: Number of motions to plan, each from all starts.
 
@@ -277,15 +276,15 @@ class PlanSolver:
         return dataclasses.replace(self, phases=(first, *self.phases[1:]))
 
     def keeping_apart(self, apart: Sequence[Collision]) -> PlanSolver:
-        """Return a solver with a keep-out zone for each of some pairs of links, in this order.
+        """Solver with a keep-out zone for each of some pairs of links, in this order.
 
-        Only their rows are differentiated. What is known of a pair of shapes already is left out.
+        Only the new rows are differentiated. Pairs of shapes with an existing zone are skipped.
 
         Args:
-            apart: The pairs, with the shapes that collided.
+            apart: Pairs of links, with the shapes that collided.
 
         Raises:
-            ScenarioError: If shapes have no distance that is positive where the motion begins.
+            ScenarioError: If shapes overlap at the start, so that they have no positive distance.
         """
         shapes = {(one.first, one.second, k) for one in self.apart for k in one.only}
         new = [
@@ -316,7 +315,7 @@ class PlanSolver:
 
     @property
     def recipe(self) -> BuildRecipe:
-        """Recipe that builds it in another process."""
+        """Recipe that builds this solver in another process."""
         return BuildRecipe(SceneRecipe.of(self.scene), PlanSolver.of, {"backend": self.backend})
 
     @cached_property
@@ -336,15 +335,15 @@ class PlanSolver:
         return dataclasses.replace(request, **changes)  # type: ignore[arg-type]
 
     def problem_of(self, request: SolveRequest) -> PlanningProblem:
-        """The problem, of the first phase, with the duration and weights that are asked for."""
+        """Problem of the first phase, with the duration and weights of a request."""
         return dataclasses.replace(self.problem, duration=request.duration, weights=request.weights)
 
     def problems_of(self, request: SolveRequest) -> list[PlanningProblem]:
-        """The problems of all phases."""
+        """Problems of all phases, with the duration and weights of a request."""
         return [self.problem_of(request), *(one.problem for one in self.phases[1:])]
 
     def meshes(self, intervals: int) -> tuple[Mesh, ...]:
-        """Equal intervals of each phase, where the first one has so many."""
+        """Meshes of equal intervals for all phases, with ``intervals`` in the first one."""
         shares = (one.plan.intervals / self.plan.intervals for one in self.phases)
         return tuple(Mesh.of(max(1, round(share * intervals))) for share in shares)
 
@@ -355,7 +354,7 @@ class PlanSolver:
 
         Args:
             request, meshes: Request, and the meshes.
-            margins: Room that the program leaves to limits, by their names, in their units.
+            margins: Margins by which limits are tightened, by their names, in their units.
         """
         problems = [with_margins(problem, margins or {}) for problem in self.problems_of(request)]
         if len(self.phases) == 1 and (len(meshes) > 1 or problems[0].magnitudes):
@@ -378,11 +377,11 @@ class PlanSolver:
         return Linkage.into(self.problem.stage, False)
 
     def motion(self, request: SolveRequest, result: SolveResult) -> Motion:
-        """The motion of a solution, in the first phase."""
+        """Motion of a solution in the first phase."""
         return self.phased_motion(request, result).motions[0]
 
     def phased_motion(self, request: SolveRequest, result: SolveResult) -> PhasedMotion:
-        """The motions of a solution, in all phases."""
+        """Motions of a solution in all phases."""
         assert result.solution is not None
         program = self.keeping_apart(result.apart).program(request, result.meshes)
         parts = program.parts(result.solution.w)

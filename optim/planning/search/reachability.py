@@ -1,15 +1,14 @@
 """Reachability of the goals, checked by inverse kinematics before a solver runs.
 
-A free-floating robot moves its base by moving its arm, but not its centre of mass: on which nothing acts that
-goes on uniformly. So a posture in which a motion may end has joints within their ranges and bases anywhere,
-such that
+A free-floating robot moves its base by moving its arm, but its centre of mass moves uniformly. A posture in
+which a motion may end therefore has joints within their ranges and arbitrary base placements, such that
 
     r(q) = 0 (poses and postures of the goals),    c(q) = c(t) (centres of mass of floating robots),
     l <= p(q) <= u (path constraints that depend on the configuration alone).
 
-The attitude of a base is left free: it follows from the way that is taken. What no posture meets no motion
-does. Levenberg's and Marquardt's method minimises the sum of squares from several postures; where the
-duration is free, the instant t within its limits is an unknown too.
+The attitude of a base is free, because it depends on the path of the joints. A goal that no posture meets is
+reached by no motion. The Levenberg-Marquardt method minimises the sum of squares from several postures; if
+the duration is free, the instant t within its limits is an unknown too.
 """
 
 from __future__ import annotations
@@ -28,27 +27,27 @@ from spacerobot.arrays import Array
 from spacerobot.elements.goals.plan_instant import BoundedRow
 
 POSTURES = 20
-"""Number of postures from which inverse kinematics begins."""
+"""Number of postures from which inverse kinematics starts."""
 INSTANTS = 50
-"""Number of instants between which the free motion of the target is interpolated."""
+"""Number of intervals on which the free motion of the target is interpolated."""
 STEPS = 60
 """Maximum number of steps of one search for a posture."""
 MET, MISSED = 1e-6, 1e-4
-"""Residual of a goal that counts as met, and the smallest for which it is refused [m, rad]."""
+"""Residual below which a goal is met, and above which it is refused [m, rad]."""
 FIRM = 30.0
-"""Weight of the centre-of-mass rows, which goals yield to."""
+"""Weight of the centre-of-mass rows relative to the goals', so that an unreachable goal is what is missed."""
 NAMED = 3
-"""Maximum number of goals whose misses the message names."""
+"""Maximum number of missed goals that the message names."""
 
 
 def check_posture(problem: PlanningProblem) -> None:
     """Refuse goals that no posture of the robots reaches.
 
     Args:
-        problem: Problem of the first phase; nothing is refused where its start is free or grasps hold.
+        problem: Problem of the first phase; the check is skipped if its start is free or grasps hold.
 
     Raises:
-        ScenarioError: If a goal is out of reach; the message states the least distance.
+        ScenarioError: If a goal is out of reach; the message states the smallest distance.
     """
     if problem.begin is not None or problem.stage.grips or problem.stage.springs:
         return
@@ -81,7 +80,7 @@ def check_posture(problem: PlanningProblem) -> None:
 class _Postures:
     """Inverse kinematics of all robots for goals that depend on the configuration alone.
 
-    A posture is a configuration of the scene and the part of the longest duration at which it is taken.
+    A posture is a configuration and its time, as a share of the longest duration.
     """
 
     def __init__(self, problem: PlanningProblem, goals: Sequence[BoundedRow], moving: ca.SX) -> None:
@@ -94,11 +93,11 @@ class _Postures:
             if row.about is None and not row.first and not ca.depends_on(row.value, moving)
         ]
         self.rows = (*goals, *path)
-        # values of a configuration, and their derivatives by all velocities
+        # values at a configuration, and their derivatives by all velocities
         value = ca.densify(ca.vertcat(*(row.value for row in self.rows)))
         slopes = ca.mtimes(ca.jacobian(value, stage.q), ca.jacobian(stage.rate, stage.v))
         self.values = ca.Function("posture", [stage.q], [value, ca.densify(slopes)], {"cse": True})
-        # velocities along which the posture is searched, and roots of what keeps its centre of mass
+        # velocities along which the posture is searched, and roots of bodies with a conserved centre of mass
         self.columns, self.floating = list(stage.driven.columns[: len(stage.driven.joints)]), list[int]()
         for body in stage.scene.robots:
             if body.root_joint:
@@ -106,11 +105,11 @@ class _Postures:
                 self.columns += range(first, first + int(model.nvs[body.root_joint]))
                 if not stage.driven.strength(body.name, "f"):
                     self.floating.append(body.root_joint)
-        # configurations (INSTANTS + 1, nq) and velocities in the longest duration where nothing is driven
+        # configurations (INSTANTS + 1, nq) and velocities of free drift over the longest duration
         self.drift = drift(problem, Lobatto.of_order(2), INSTANTS, problem.duration[1])
 
     def starts(self) -> Iterator[tuple[Array, float]]:
-        """Postures to begin with: the scenario's, then drawn ones, at instants between the limits."""
+        """Initial postures: the scenario's, then random ones, at instants between the duration's limits."""
         model, (least, greatest, guessed) = self.problem.stage.scene.model, self.problem.duration
         rng, (lower, upper) = np.random.default_rng(0), self._sides
         for k in range(POSTURES):
@@ -127,7 +126,7 @@ class _Postures:
             yield self._clipped(pin.integrate(model, q, step)), part
 
     def run(self, posture: tuple[Array, float]) -> tuple[float, tuple[Array, float]]:
-        """Least norm of what is violated, from a posture on, and the posture that has it."""
+        """Smallest violation norm in a search from a posture, and the posture that has it."""
         model, (least, greatest, _) = self.problem.stage.scene.model, self.problem.duration
         (q, part), (lower, upper), damping = posture, self._sides, 1e-2
         drifting, shifts = np.ones(model.nv, dtype=bool), base_shifts(self.problem)
@@ -136,7 +135,7 @@ class _Postures:
         for _ in range(STEPS):
             if np.linalg.norm(off) < MET / 10 or damping > 1e8:
                 break
-            # a joint at the end of its range moves inwards alone, and so does the instant
+            # a joint at the end of its range only moves inwards; the same holds for the instant
             pull = -slopes.T @ off
             bound = np.zeros(model.nv, dtype=np.int64)  # 1 at an upper limit, -1 at a lower one, else 0
             for joint in self.problem.stage.driven.joints:
@@ -174,7 +173,7 @@ class _Postures:
         }
 
     def _residual(self, q: Array, part: float) -> tuple[Array, Array]:
-        """Residual, zero where limits are satisfied, and its derivatives by the columns and the part."""
+        """Residual, zero where limits are satisfied, and its derivatives by columns and time share."""
         lower, upper = (np.array([getattr(row, key) for row in self.rows]) for key in ("lower", "upper"))
         scale = np.array([row.scale for row in self.rows])
         value, slopes = (np.array(x) for x in self.values(q))
@@ -198,12 +197,12 @@ class _Postures:
         )
 
     def _instant(self, part: float) -> tuple[int, float]:
-        """Interval of the free motion in which a part of the longest duration lies, and where in it."""
+        """Interval of the free motion at a share of the longest duration, and the place in it."""
         k = min(int(part * INSTANTS), INSTANTS - 1)
         return k, part * INSTANTS - k
 
     def _at(self, q: Array, part: float, drifting: npt.NDArray[np.bool_]) -> Array:
-        """Configuration with these velocities' entries where they drift to in a part of the duration."""
+        """Configuration with ``drifting`` coordinates replaced by their free drift at a time share."""
         model, (k, place), qs = self.problem.stage.scene.model, self._instant(part), self.drift[0]
         free, q = pin.interpolate(model, qs[k], qs[k + 1], place), q.copy()
         for joint in list(model.joints)[1:]:

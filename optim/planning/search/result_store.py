@@ -1,7 +1,7 @@
-"""Results of searches stored in files, so that an interrupted plan or front resumes.
+"""Solve results stored in files, so that an interrupted plan or front resumes.
 
-Each attempt is one file, written whole or not at all, named by all that it depends on: the scene, what was
-asked, and the motion that it began with. Nothing has to be in order, and what no longer fits is never found.
+Each result is one file, written atomically. Its name is a hash of the scene, the request and the initial
+motion. Results may therefore be stored in any order, and outdated ones are never read.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ ARRAYS = ("w", "multipliers", "bound_multipliers")
 
 @dataclasses.dataclass(frozen=True)
 class ResultStore:
-    """A folder of solve results; nothing is stored if it is None.
+    """Folder of solve results; nothing is stored if the folder is None.
 
     Attributes:
         folder: Folder of the stored results.
@@ -41,7 +41,7 @@ class ResultStore:
     fingerprint: str = ""
 
     def find(self, request: SolveRequest) -> SolveResult | None:
-        """Stored result of a request; None if there is none, or its file is damaged."""
+        """Stored result of a request; None if there is none, or if its file is damaged."""
         if self.folder is None:
             return None
         try:

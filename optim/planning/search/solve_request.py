@@ -31,7 +31,7 @@ from optim.planning.verification.verify import VerificationResult, course_collis
 BARRIER = 1e-4
 """Barrier parameter relative to the cost, for a start from another problem's solution."""
 NEAR_BARRIER = 1e-5
-"""Barrier parameter in segments between jumps, which begin without multipliers."""
+"""Barrier parameter in segments between jumps, which start without multipliers."""
 
 Meshes = tuple[Mesh, ...]
 """Mesh of each phase."""
@@ -42,15 +42,15 @@ AIMLESS = (
     "a motion that meets all constraints was found, but no best one; try further first guesses "
     "(`starts: 5`), other `intervals`, or a weight on `joint_acceleration`"
 )
-"""Message where the search from a feasible motion ends without a solution."""
+"""Message of a search from a feasible motion that ends without a solution."""
 FEASIBLE = 1e-7
-"""Violation of the elastic program's solution that counts as none."""
+"""Violation of the elastic program's solution below which it is feasible."""
 MOST_SEGMENTS = 40
 """Number of segments between jumps from which only the mesh is refined."""
 GAIN = 1e-3
 """Minimum relative gain in cost for another refinement at the jumps of forces."""
 DRAWN = 2
-"""Maximum number of drawn guesses for leaving a saddle point."""
+"""Maximum number of random guesses for leaving a saddle point."""
 
 ROUNDS, ROOM = 4, 1.5
 """Maximum number of searches on the same mesh with more room to limits that are passed between its points,
@@ -61,16 +61,16 @@ MANY, COARSER = 16, 4
 less and links that collide are found."""
 STALL = "Stalled"
 STALLED_AT, STALLED = 20, 0.25
-"""A search whose violation is above this share of its guess's after so many iterations is given up
-for one on a coarser mesh; searches that converge soon have reduced it further by then."""
+"""Number of iterations after which a search on a fine mesh is abandoned for a coarser one if its violation
+exceeds this share of its guess's; converging searches have reduced it further by then."""
 
 
 def solve_request(solver: PlanSolver, request: SolveRequest) -> SolveResult:
-    """Search for a motion.
+    """Solve a request: search, refine and verify a motion.
 
     Args:
         solver: The problem.
-        request: Request that is answered.
+        request: Request with duration, weights and initial guess.
     """
     near = request.near
     run = _SolverRuns(solver if near is None else solver.keeping_apart(near.apart), request)
@@ -86,10 +86,10 @@ def solve_request(solver: PlanSolver, request: SolveRequest) -> SolveResult:
 
 
 NOTHING = 1e-12
-"""Cost that counts as none."""
+"""Cost below which it counts as zero."""
 WORSE = 1e-5
-"""Relative difference in cost from which one mesh's plan is worse than another's; discretisation errors of
-plans that pass the verification are smaller."""
+"""Relative difference in cost above which one mesh's plan is worse than another's; discretisation errors of
+verified plans are smaller."""
 
 
 @dataclass(frozen=True)
@@ -97,8 +97,8 @@ class VerifiedPlan:
     """Solution that passed the verification.
 
     Attributes:
-        solver: The problem, with the keep-out zones that it was solved with.
-        kept, cost: The solution with the mesh of each phase, and its cost.
+        solver: The problem, with the keep-out zones used in the solve.
+        kept, cost: Solution with the mesh of each phase, and its cost.
         verification: Its verification.
     """
 
@@ -109,12 +109,12 @@ class VerifiedPlan:
 
 
 def _size(cost: float) -> float:
-    """Scale of residuals: the cost, or one where the cost vanishes."""
+    """Scale of residuals: the cost, or one if the cost vanishes."""
     return cost if cost > NOTHING else 1.0
 
 
 class _SolverRuns:
-    """Runs of the solver, one after the other."""
+    """Runs of the solver for one request, in order, with the best solution so far."""
 
     def __init__(self, solver: PlanSolver, request: SolveRequest) -> None:
         self.solver, self.request = solver, request
@@ -130,11 +130,11 @@ class _SolverRuns:
 
     @property
     def problem(self) -> PlanningProblem:
-        """The problem of the first phase, as it is asked."""
+        """Problem of the first phase, with the request's duration and weights."""
         return self.solver.problem_of(self.request)
 
     def solve(self, near: SolveResult | None) -> None:
-        """Solve from a motion nearby if there is one, else or where that fails from a first guess."""
+        """Solve from a nearby motion if there is one; if that fails, from an initial guess."""
         if near is not None and near.solution is not None and len(near.meshes) == len(self.solver.phases):
             self.warm(near)
         if self.kept is None:
@@ -143,10 +143,11 @@ class _SolverRuns:
             self.relaxed()
 
     def clear(self, *, only_warm: bool = False) -> None:
-        """Solve again with keep-out zones for links that collide along what is kept, until none do.
+        """Add keep-out zones for links that collide along the present solution; solve until none collide.
 
-        Most pairs never come near, so that a pair has a constraint only where a motion violates it. What was
-        found before is begun with, its multipliers too. With ``only_warm`` nothing else is tried.
+        Most pairs of links never come near each other, so a pair gets a constraint only after a collision.
+        Each solve is warm-started by the previous solution and its multipliers. With ``only_warm`` no cold
+        start is tried.
         """
         while self.kept is not None and self.kept[0] is not self.cleared:
             (solution, meshes), solver = self.kept, self.solver
@@ -172,7 +173,7 @@ class _SolverRuns:
                 self.solve(near)
 
     def cold(self) -> None:
-        """Solve from a first guess, on the first mesh, and before on a coarser one where that is fine."""
+        """Solve from an initial guess on the first mesh; if that mesh is fine, on a coarser one first."""
         many = self.solver.plan.intervals
         meshes = self.solver.meshes(many)
         if is_guided(self.problem):  # by an approach, which a coarse mesh of a tumbling target would lose
@@ -191,8 +192,9 @@ class _SolverRuns:
             if self.kept is None or not self._finer(meshes):
                 self.kept, self.cost = None, np.inf
                 self._guessed(meshes)
-        # From a symmetric guess, as a turn about its eigenaxis, IPOPT's steps are symmetric too and may end
-        # at a saddle point: search from drawn guesses then, and keep what costs less.
+        # A symmetric guess, such as a rotation about the eigenaxis, makes IPOPT's steps symmetric too, so
+        # that it may end at a saddle point. In that case search from random guesses, and take the cheaper
+        # result.
         for k in range(1, DRAWN + 1):
             if self.kept is None:
                 return
@@ -221,7 +223,7 @@ class _SolverRuns:
         self._solve(phased_motion, near.meshes, solution)
 
     def refined(self) -> VerificationResult | None:
-        """Verification of what is kept after refinement: the best plan that passes, where one does."""
+        """Refine, and return the verification of the cheapest plan that passes; the last one if none does."""
         verification, best = self._refine(), self.best
         if best is None:
             return verification
@@ -232,9 +234,9 @@ class _SolverRuns:
         return verification
 
     def _refine(self) -> VerificationResult | None:
-        """Verification of the motion, its mesh refined until it passes or the finest mesh is reached."""
-        # A motion can be cut where nothing holds for a part of its duration, and its start is given. Where
-        # magnitudes are a cost, drives are linear and meshes are sharpened instead.
+        """Refine the mesh until the motion passes or the finest mesh is reached; returns the verification."""
+        # A motion can be segmented if no constraint is limited to a part of its duration and its start is
+        # fixed. If magnitudes are a cost, drives are linear and meshes are refined at their changes instead.
         problem = self.problem
         jumps = self.solver.names == ("",) and problem.begin is None and not problem.magnitudes
         jumps = jumps and all(row.final_fraction == 1.0 for row in problem.path)
@@ -301,9 +303,10 @@ class _SolverRuns:
         return False
 
     def relaxed(self) -> None:
-        """Solve the elastic program where the search ended by itself without a solution.
+        """Solve the elastic program if the search ended on its own without a solution.
 
-        A feasible point is the next first guess; otherwise the multipliers state which limits prevent one.
+        A feasible point is the next initial guess; otherwise the multipliers identify the limiting
+        constraints.
         """
         if self.ended is None:
             return
@@ -326,14 +329,14 @@ class _SolverRuns:
             self.cause = infeasibility_message(program, elastic, relaxation, solution.status)
 
     def _late(self, words: str) -> bool:
-        """Tell what is being done; whether the time is over, so that no further iteration begins."""
+        """Report a step; returns whether the time limit has passed, so that no further solve starts."""
         self.solver.notify(words)
         return time.thread_time() > self.deadline
 
     def _guessed(self, meshes: Meshes, start: int | None = None, *, give_up: bool = False) -> bool:
-        """Solve from a first guess on a mesh, that of the search's start if none is named.
+        """Solve from an initial guess on the given meshes.
 
-        With ``give_up`` the solver is stopped where it stalls.
+        With ``give_up`` the solver is stopped if it stalls; see :data:`STALLED`.
         """
         start = self.request.start if start is None else start
         rng = np.random.default_rng([self.solver.plan.seed, start]) if start else None
@@ -349,7 +352,7 @@ class _SolverRuns:
         return self._solve(PhasedMotion(tuple(motions), impulses), meshes, give_up=give_up)
 
     def _finer(self, wanted: Meshes) -> bool:
-        """Solve on a finer mesh from what is kept."""
+        """Solve on a finer mesh from the present solution."""
         assert self.kept is not None
         solver, (solution, meshes) = self.solver, self.kept
         coarse, fine = (solver.program(self.request, each) for each in (meshes, wanted))
@@ -362,9 +365,9 @@ class _SolverRuns:
         return self._solve(finer, wanted, transfer(solution, coarse, fine))
 
     def _segmented(self, pieces: PhasedMotion) -> bool:
-        """Solve in segments, near the kept motion.
+        """Solve in segments between drive jumps, near the present solution.
 
-        Its multipliers do not fit new segments or new linear drives. With a large barrier parameter the
+        Its multipliers fit neither new segments nor new linear drives. With a large barrier parameter the
         search leaves the neighbourhood, and often ends at a worse optimum after many more iterations.
         """
         assert self.kept is not None
@@ -389,7 +392,7 @@ class _SolverRuns:
         words = f"solving: {many}{intervals} intervals{self.why}"
 
         def on_iteration(iteration: int, cost: float, violation: float) -> bool:
-            """Record an iteration, and report it."""
+            """Record an iteration, and report it; returns whether to stop."""
             costs.append(cost)
             violations.append(violation)
             late = self._late(f"{words}, iteration {iteration}, cost {cost:.4g}, violation {violation:.1e}")

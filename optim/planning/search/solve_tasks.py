@@ -1,7 +1,7 @@
-"""Solve tasks that build on each other, run here or by Dask's workers, and stored as they end.
+"""Solve tasks that depend on each other, run here or by Dask's workers, and stored when finished.
 
-Which attempt begins with which is laid down before anything is done. So what is found depends neither on how
-many work, nor on who is ready first, nor on how often it was interrupted.
+The dependencies are fixed before the first task runs. The results therefore depend neither on the number of
+workers, nor on the order in which they finish, nor on interruptions.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ class SolveTask:
     """One solve that may depend on others.
 
     Attributes:
-        request: Function from the results so far to the request.
-        after: Names of the tasks that it builds on; they stand before it.
+        request: Function from the previous results to the request.
+        after: Names of the tasks on whose results it depends; they precede it.
     """
 
     request: Callable[[Mapping[str, SolveResult]], SolveRequest]
@@ -39,16 +39,16 @@ def run_tasks(
     Args:
         solver: The problem.
         tasks: Tasks by name, each after those that it depends on.
-        folder: Folder in which finished attempts are stored; not stored if None.
+        folder: Folder in which finished results are stored; not stored if None.
         dask: Address of a cluster as for :func:`optim.workers.cluster.connect`; this process if None.
 
     Raises:
-        SpaceRobotError: If the cluster cannot be reached, or loses an attempt on one worker after the other.
+        SpaceRobotError: If the cluster cannot be reached, or if several workers fail in turn on one task.
     """
     left, results, store = dict(tasks), ResultsByTask(), ResultStore(folder, solver.recipe.key)
 
     def ready() -> Iterator[tuple[str, SolveRequest]]:
-        """Tasks whose turn has come, with what is asked; what is kept already is taken from there."""
+        """Tasks whose dependencies are complete, with their requests; stored results are loaded first."""
         for name, task in list(left.items()):
             if not results.keys() >= set(task.after):
                 continue
@@ -69,12 +69,12 @@ def run_tasks(
     if not requests:
         return results
     with connect(dask) as client:
-        # give every task to a worker as soon as those that it builds on are done
+        # submit every task as soon as its dependencies are complete
         flight = distributed_module().as_completed([], loop=client.loop, with_results=False)
         pending: dict[str, tuple[str, SolveRequest]] = {}
 
         def send(requests: Iterable[tuple[str, SolveRequest]]) -> None:
-            """Hand tasks to the workers."""
+            """Submit tasks to the workers."""
             for name, request in requests:
                 future = submit(client, solve_request, solver.recipe, request)
                 pending[future.key] = (name, request)

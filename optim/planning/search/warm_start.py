@@ -1,4 +1,4 @@
-"""Warm starts: the motion of a stored plan as the first guess of another search."""
+"""Warm starts: the motion of a stored plan as the initial guess of another search."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ MULTIPLIERS = ("multiplier", "bound_multiplier")
 
 
 def stored_motion(solver: PlanSolver, path: Path) -> SolveResult:
-    """Trajectory of a stored plan as a result to begin with.
+    """Trajectory of a stored plan as an initial result.
 
-    Configuration, velocity, acceleration and the wrenches of grasps are the file's; what drives the motion
-    follows from the equations of motion of this scene, which may have other masses. The mesh is the file's
-    where its order is that of the section and it has from `intervals` to `max_intervals` intervals; else the
-    motion is interpolated on the section's first mesh. Multipliers are taken where constraints and mesh are
-    as many as in the file.
+    Configuration, velocity, acceleration and grasp wrenches are read from the file. The drive is computed
+    from the equations of motion of this scene, which may have other masses. The file's mesh is used if its
+    order is the section's and it has between `intervals` and `max_intervals` intervals; otherwise the motion
+    is interpolated on the section's first mesh. Multipliers are used if the numbers of constraints and of
+    mesh points agree.
 
     Args:
         solver: The problem.
         path: A plan's folder, or its ``plan.nc``.
 
     Returns:
-        SolveResult: Without multipliers where none fit.
+        SolveResult: Result with the trajectory; without multipliers if they do not fit.
 
     Raises:
-        ScenarioError: If the file is no plan, or one of another scene: naming what differs.
+        ScenarioError: If the file is not a plan of this scene; the message names the difference.
     """
     file = path / FILE if path.is_dir() else path
     plan = open_plan(file, ("q", "v", "acceleration", "configuration", "velocity"))
@@ -62,7 +62,7 @@ def stored_motion(solver: PlanSolver, path: Path) -> SolveResult:
     motions = []
     for problem, (first, last) in zip(problems, (rows[name] for name in names), strict=True):
         phase_plan = plan.isel(time=slice(first, last + 1))
-        # forces may jump at knots, states do not
+        # forces may jump at knots, states are continuous
         rises = np.append(np.diff(phase_plan.time.values) > 0, True)
         phase_plan = phase_plan.isel(time=rises)
         stage, times, points = problem.stage, phase_plan.time.values, int(phase_plan.attrs.get("points", 0))
@@ -83,7 +83,7 @@ def stored_motion(solver: PlanSolver, path: Path) -> SolveResult:
         drive, parts = (np.zeros((len(times), one.numel())) for one in (stage.u, stage.s))
         z = np.hstack([q, v, a, drive, w, parts])
         drives = stage.q.numel() + stage.v.numel() + stage.a.numel()
-        # the drive is what the equations of motion leave without it
+        # the drive balances the equations of motion
         arguments = ca.vertcat(stage.z, stage.inertia)
         left = ca.Function("left", [arguments], [ca.densify(stage.balance[list(stage.driven.columns)])])
         z[:, drives : drives + stage.u.numel()] = np.array(left(problem.arguments(z)).full()).T
@@ -114,7 +114,7 @@ def stored_motion(solver: PlanSolver, path: Path) -> SolveResult:
 
 
 def _same(file: Path, what: str, there: Iterable[str], here: Iterable[str]) -> None:
-    """Refuse names that differ."""
+    """Refuse names that differ between a file and the scene."""
     alone = [
         f"{', '.join(sorted(set(names) - set(other))[:3])} only {where}"
         for names, other, where in ((there, here, "in the file"), (here, there, "in this scene"))

@@ -1,1 +1,1 @@
-"""IPOPT, and what a program must be for it; unknowns that equations determine alone leave it before."""
+"""IPOPT, the interface of programs for it, and a presolve that eliminates determined unknowns."""

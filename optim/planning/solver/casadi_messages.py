@@ -1,4 +1,4 @@
-"""CasADi's messages: its warnings reach Python's standard error from the thread that computes."""
+"""CasADi's messages: its warnings are written to Python's standard error by the computing thread."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from collections.abc import Iterator
 from typing import Any
 
 INTERRUPT = "KeyboardInterrupt"
-"""Part of CasADi's warning after Ctrl-C, which it raises as an exception of its own."""
+"""Part of CasADi's warning after Ctrl-C; CasADi then raises an exception of another type."""
 
 
 class CasadiMessages:
-    """Standard error that collects what one thread writes, and writes what others do.
+    """Standard error that collects what one thread writes and passes on what other threads write.
 
     Args:
         stream: Standard error.
@@ -26,7 +26,7 @@ class CasadiMessages:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        """Collect what this thread writes; write what another does, as a spinner's."""
+        """Collect this thread's text; write other threads' text, such as a spinner's."""
         if threading.get_ident() != self._thread:
             return int(self._stream.write(text))
         self.text += text
@@ -34,15 +34,15 @@ class CasadiMessages:
 
     @property
     def interrupted(self) -> bool:
-        """Whether Ctrl-C came while CasADi computed."""
+        """Whether Ctrl-C was pressed while CasADi computed."""
         return INTERRUPT in self.text
 
 
 @contextlib.contextmanager
 def without_interrupts() -> Iterator[None]:
-    """Leave out the warning that CasADi prints after Ctrl-C; other messages follow at the end.
+    """Context that hides CasADi's warning after Ctrl-C; other messages are written when it ends.
 
-    Only the main thread is interrupted: elsewhere nothing is left out.
+    Only the main thread receives Ctrl-C; in other threads no message is hidden.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -1,11 +1,11 @@
-"""The elastic form of a program: its goals and path constraints may be violated, at a cost.
+"""Elastic form of a program: its goals and path constraints may be violated, at a cost.
 
     min  e f(w)/f0 + sum(p + n)    s.t.  c(w) = 0,  l <= g(w) - p + n <= u,  p, n >= 0,  limits of w
 
-with the soft constraints g and all others c. It is always feasible where c is. Where the program itself is
-feasible and e small enough, p = n = 0 and w solves it (the l1 penalty is exact); where it is not, p + n is
-the least violation, and the multipliers of the limits that are left name those that keep it from being less:
-raising such a limit by d lowers the violation by d times its multiplier.
+g are the soft constraints, c all others, f0 the size of the cost. The elastic program is feasible whenever c
+is. If the program itself is feasible and e is small enough, p = n = 0 and w solves it, because the l1 penalty
+is exact. Otherwise p + n is the smallest violation. The multipliers of the active hard limits then show which
+of them prevent a smaller one: raising such a limit by d lowers the violation by d times its multiplier.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from optim.planning.solver.nonlinear_program import NonlinearProgram
 from spacerobot.arrays import Array
 
 COST = 1e-4
-"""Weight e of the cost: far below the multipliers' inverse, and enough to make the minimum unique."""
+"""Weight e of the cost: far below the inverse of the multipliers, and large enough for a unique minimum."""
 
 
 class ElasticProgram:
-    """An elastic program; :class:`NonlinearProgram` itself.
+    """An elastic program, which is a :class:`NonlinearProgram` too.
 
     Args:
         program: Program with hard constraints only.
         soft: Mask of the constraints that may be violated (m,).
-        scale: Size of its cost.
+        scale: Size f0 of the cost.
 
     Attributes:
-        size, rows: Unknowns of the program, then p (m,) and n (m,); its constraints.
+        size, rows: Number of unknowns: those of the program, then p (m,) and n (m,); and of constraints.
     """
 
     def __init__(self, program: NonlinearProgram, soft: npt.NDArray[np.int64], scale: float) -> None:
@@ -55,17 +55,17 @@ class ElasticProgram:
         return float(np.max(w[self.program.size :], initial=0.0))
 
     def bounds(self) -> tuple[Array, Array]:
-        """Least and greatest unknowns."""
+        """Lower and upper bounds of the unknowns."""
         low, high = self.program.bounds()
         slack = np.zeros(2 * len(self.soft))
         return np.append(low, slack), np.append(high, slack + np.inf)
 
     def limits(self) -> tuple[Array, Array]:
-        """Least and greatest values of the constraints."""
+        """Lower and upper limits of the constraints."""
         return self.program.limits()
 
     def objective(self, w: Array) -> float:
-        """Violation, and a little of the cost."""
+        """Violation plus the weighted cost."""
         size = self.program.size
         return self._weight * self.program.objective(w[:size]) + float(w[size:].sum())
 
@@ -92,7 +92,7 @@ class ElasticProgram:
 
 
 def _beside(*parts: sparse.csc_matrix) -> sparse.csc_matrix:
-    """Matrices side by side, entries in their order."""
+    """Matrices concatenated by columns, with the order of their entries kept."""
     ends = np.cumsum([0, *(part.nnz for part in parts)])
     starts = [part.indptr[:-1] + end for part, end in zip(parts, ends, strict=False)]
     data, rows = (np.concatenate([getattr(part, key) for part in parts]) for key in ("data", "indices"))

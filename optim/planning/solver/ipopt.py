@@ -1,4 +1,4 @@
-"""A program solved by IPOPT, with exact first and second derivatives."""
+"""Solution of a program by IPOPT, with exact first and second derivatives."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ LEAST_BARRIER = 1e-8
 """Minimum barrier parameter of a warm start, relative to the cost."""
 
 FROM_A_GUESS = {"mu_init": 1e-2, "constr_mult_init_max": 0.0}
-"""Options without multipliers to begin with: those of least squares lead astray more often than zeros do."""
+"""Options without initial multipliers: least-squares estimates mislead the search more often than zeros."""
 
 FROM_A_MOTION = {"constr_mult_init_max": 1e3}
-"""Options near a solution whose multipliers are not known: those of least squares are near its own there."""
+"""Options near a solution with unknown multipliers: there the least-squares estimates are close to them."""
 
 THROWN = "NonIpopt_Exception_Thrown"
-"""IPOPT's status after an exception; our functions' faults never reach it, which leaves Ctrl-C."""
+"""IPOPT's status after an exception; errors of the program's functions are caught, so it means Ctrl-C."""
 
 TIME_LIMIT = "Time_Limit"
 """Status of a search that its iteration callback stopped."""
 
 OnIteration = Callable[[int, float, float], bool]
-"""Called at each iteration with its number, the cost and the greatest violation; whether to stop there."""
+"""Called at each iteration with its number, the cost and the maximum violation; returns whether to stop."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,13 +48,13 @@ class Solution:
 
     Attributes:
         w: Unknowns.
-        multipliers, bound_multipliers: Multipliers of the constraints, and of the limits of unknowns;
+        multipliers, bound_multipliers: Multipliers of the constraints, and of the bounds of the unknowns;
             positive at an upper limit.
         status: Status message of IPOPT.
         converged: Whether IPOPT converged to a solution.
         iterations, evaluations_s, seconds: Number of iterations, time in the problem's functions [s] and in
             total [s].
-        scale, barrier: Size of the cost that was taken, and the barrier parameter at the end in units of it.
+        scale, barrier: Size of the cost used for scaling, and the final barrier parameter in units of it.
     """
 
     w: Array
@@ -82,18 +82,18 @@ def solve(
 
     Args:
         program: Program to be solved.
-        first: Unknowns to begin with.
-        warm: Solution of a similar program of the same shape, for a warm start: its multipliers, barrier
-            parameter and scale. If that fails, the search restarts cold. Without multipliers (of length zero)
-            it starts with those of least squares.
-        scale: Size of the cost: residuals are taken relative to it. That of ``warm``, or one, if not given.
+        first: Initial unknowns.
+        warm: Solution of a program of the same shape for a warm start with its multipliers, barrier parameter
+            and scale. If that fails, the search restarts cold. With multipliers of length zero it starts from
+            their least-squares estimates.
+        scale: Size of the cost, to which residuals are relative; that of ``warm``, or one, if None.
         iterations: Maximum number of iterations of each of the two searches.
         on_iteration: Called at each iteration.
 
     Raises:
         KeyboardInterrupt: If the user interrupts with Ctrl-C.
     """
-    # where constraints follow from others, their multipliers are kept small at every iteration
+    # if constraints may be dependent, their multipliers are kept small at every iteration
     always = {"perturb_always_cd": "yes"} if getattr(program, "is_redundant", False) else {}
     if scale is None:
         scale = 1.0 if warm is None else warm.scale
@@ -161,7 +161,7 @@ def _solve(
 def ipopt_options(
     iterations: int, scale: float, barrier: float | None = None, *, known: bool = True
 ) -> dict[str, Any]:
-    """IPOPT's options; with a barrier parameter where the search begins near a solution."""
+    """IPOPT's options, with an initial barrier parameter if the search starts near a solution."""
     options: dict[str, Any] = {
         "print_level": 0,
         "sb": "yes",
@@ -194,7 +194,7 @@ def ipopt_options(
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """Have CasADi's own BLAS use one thread, so that no sum depends on how many there are."""
+    """Context in which CasADi's own BLAS uses one thread, so that sums do not depend on the thread count."""
     with contextlib.ExitStack() as stack:
         for blas in loaded_blas():
             stack.callback(blas.openblas_set_num_threads, int(blas.openblas_get_num_threads()))
@@ -203,7 +203,7 @@ def one_thread() -> Iterator[None]:
 
 
 def loaded_blas() -> Iterator[ctypes.CDLL]:
-    """CasADi's own BLAS: of several copies in its folder, the one that the solver is linked to."""
+    """CasADi's own BLAS: among several copies in its folder, the one to which the solver is linked."""
     if not hasattr(os, "RTLD_NOLOAD"):
         return
     for file in sorted(Path(ca.__file__).parent.glob("libcasadi-tp-openblas*")):
@@ -212,7 +212,7 @@ def loaded_blas() -> Iterator[ctypes.CDLL]:
 
 
 class _CasadiFunctions:
-    """A program as the functions that CasADi's interface to IPOPT asks for."""
+    """A program as the functions that CasADi's interface to IPOPT requires."""
 
     def __init__(self, program: NonlinearProgram) -> None:
         self.interrupted, self.late, self.seconds = False, False, 0.0
@@ -254,9 +254,9 @@ class _CasadiFunctions:
 
 
 class _ProgramCallback(ca.Callback):
-    """Python functions of arrays as a CasADi function; Ctrl-C and faults end the solver and are kept.
+    """Python functions of arrays as a CasADi function; Ctrl-C and errors stop the solver and are stored.
 
-    An output has its entries' places and the function that gives them; it is called where it is wanted.
+    Each output is given by a sparsity and the function of its entries, which is called only if requested.
     """
 
     def __init__(
@@ -296,11 +296,11 @@ class _ProgramCallback(ca.Callback):
         return list(self._outputs.values())[i][0]
 
     def has_eval_buffer(self) -> bool:
-        """True: :meth:`eval_buffer` is called."""
+        """True, so that CasADi calls :meth:`eval_buffer`."""
         return True
 
     def eval_buffer(self, inputs: Sequence[Any], outputs: Sequence[Any]) -> int:
-        """Evaluate, from and into CasADi's own memory."""
+        """Evaluate with CasADi's own memory as input and output."""
         begin = time.perf_counter()
         try:
             arrays = [
@@ -320,7 +320,7 @@ class _ProgramCallback(ca.Callback):
 
 
 class _IterationCallback(_ProgramCallback):
-    """Reports each iteration, and stops the solver when it is interrupted or late."""
+    """Callback that reports each iteration, and stops the solver on interruption or at the time limit."""
 
     def __init__(
         self, program: NonlinearProgram, bridge: _CasadiFunctions, on_iteration: OnIteration | None
@@ -333,7 +333,7 @@ class _IterationCallback(_ProgramCallback):
         self._on_iteration, self._count, self._limits = on_iteration, -1, program.limits()
 
     def has_eval_buffer(self) -> bool:
-        """True: :meth:`eval_buffer` is called."""
+        """True, so that CasADi calls :meth:`eval_buffer`."""
         return False
 
     def eval(self, given: Sequence[ca.DM]) -> list[Any]:

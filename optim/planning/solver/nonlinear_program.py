@@ -24,10 +24,10 @@ class NonlinearProgram(Protocol):
         """Sparsity of the upper triangle of the Lagrangian's second derivatives (size, size)."""
 
     def bounds(self) -> tuple[Array, Array]:
-        """Least and greatest unknowns."""
+        """Lower and upper bounds of the unknowns (size,) each."""
 
     def limits(self) -> tuple[Array, Array]:
-        """Least and greatest values of the constraints."""
+        """Lower and upper limits of the constraints (rows,) each."""
 
     def objective(self, w: Array) -> float:
         """Cost."""
@@ -39,7 +39,7 @@ class NonlinearProgram(Protocol):
         """Values of all constraints (rows,)."""
 
     def jacobian(self, w: Array) -> Array:
-        """Entries of the constraints' first derivatives."""
+        """Nonzero entries of the Jacobian of the constraints."""
 
     def hessian(self, w: Array, factor: float, multipliers: Array) -> Array:
-        """Entries of the upper triangle of the Lagrangian's second derivatives."""
+        """Nonzero entries of the Lagrangian's Hessian, upper triangle."""

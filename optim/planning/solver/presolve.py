@@ -1,7 +1,7 @@
-"""A program without the unknowns that its equations determine alone.
+"""Presolve: elimination of unknowns that the equations determine by themselves.
 
-Those of a free target on which nothing acts are such, where the duration is given. They are solved for
-beforehand and leave the program together with their equations; those equations' multipliers follow from the
+An example is the motion of a free target when the duration is fixed. Such unknowns are solved for beforehand
+and leave the program together with their equations. The multipliers of these equations follow from the
 solution.
 """
 
@@ -23,13 +23,13 @@ Mask = npt.NDArray[np.bool_]
 STEPS = 12
 """Maximum number of steps of Newton's method."""
 EXACT = 1e-11
-"""Maximum residual, and greatest violation of a limit, that count as none."""
+"""Maximum residual of an equation, and maximum violation of a limit, that count as zero."""
 SINGULAR = 1e-12
 """Minimum pivot, relative to the largest, of equations that determine their unknowns."""
 
 
 class PresolvedProgram:
-    """A program without its determined unknowns; :class:`NonlinearProgram` itself.
+    """A program without its determined unknowns, which is a :class:`NonlinearProgram` too.
 
     Args:
         program: Program with all unknowns.
@@ -56,12 +56,12 @@ class PresolvedProgram:
         self._bends, self.hessian_pattern = _part(program.hessian_pattern, free, free)
 
     def bounds(self) -> tuple[Array, Array]:
-        """Least and greatest unknowns (size,) each."""
+        """Lower and upper bounds of the unknowns (size,) each."""
         low, high = self.program.bounds()
         return low[self.free], high[self.free]
 
     def limits(self) -> tuple[Array, Array]:
-        """Least and greatest values of the constraints (rows,) each."""
+        """Lower and upper limits of the constraints (rows,) each."""
         least, greatest = self.program.limits()
         return least[self.held], greatest[self.held]
 
@@ -74,11 +74,11 @@ class PresolvedProgram:
         return self.program.gradient(self.unknowns(w))[self.free]
 
     def constraints(self, w: Array) -> Array:
-        """Constraints that are left (rows,)."""
+        """Values of the remaining constraints (rows,)."""
         return self.program.constraints(self.unknowns(w))[self.held]
 
     def jacobian(self, w: Array) -> Array:
-        """Nonzero entries of the Jacobian of the constraints that remain."""
+        """Nonzero entries of the Jacobian of the remaining constraints."""
         return self.program.jacobian(self.unknowns(w))[self._slopes]
 
     def hessian(self, w: Array, factor: float, multipliers: Array) -> Array:
@@ -87,13 +87,13 @@ class PresolvedProgram:
         return self.program.hessian(self.unknowns(w), factor, every)[self._bends]
 
     def unknowns(self, w: Array) -> Array:
-        """Values of all unknowns of the program."""
+        """Values of all unknowns of the program, from the remaining ones."""
         out = self._w.copy()
         out[self.free] = w
         return out
 
     def multipliers(self, w: Array, reduced: Array) -> Array:
-        """Multipliers of all constraints: the Lagrangian is stationary by what is known, too."""
+        """Multipliers of all constraints; the Lagrangian is stationary in the eliminated unknowns too."""
         program, every = self.program, _spread(reduced, self.held, self.program.rows)
         if len(self._known):
             x = self.unknowns(w)
@@ -102,11 +102,11 @@ class PresolvedProgram:
         return every
 
     def spread(self, values: Array) -> Array:
-        """Values of the remaining unknowns, spread among zeros for all of the program's."""
+        """Vector of all unknowns with the remaining ones' values, and zeros elsewhere."""
         return _spread(values, self.free, self.program.size)
 
     def _found(self, right_side: Array) -> bool:
-        """Newton's method for what is known; whether it was found."""
+        """Solve for the determined unknowns by Newton's method; returns whether it converged."""
         for _ in range(STEPS if len(self._known) else 0):
             off = (self.program.constraints(self._w) - right_side)[self._equations]
             if not np.isfinite(off).all():
@@ -115,8 +115,8 @@ class PresolvedProgram:
                 factors = splu(self._square(self._w))
             except RuntimeError:  # singular
                 return False
-            # Where derivatives stand may tell that equations determine what they do not: that a body which
-            # nothing turns is at rest at the end determines no duration.
+            # The sparsity alone may suggest that equations determine an unknown that they do not: the rest at
+            # the end of a body without actuation does not determine a duration.
             pivots = np.abs(factors.U.diagonal())
             if pivots.min() < SINGULAR * pivots.max():
                 return False
@@ -126,30 +126,30 @@ class PresolvedProgram:
         return False
 
     def _square(self, w: Array) -> sparse.csc_matrix:
-        """First derivatives of the equations that determine what is known, by it."""
+        """Jacobian of the eliminated equations by the determined unknowns."""
         slopes = _matrix(self.program.jacobian_pattern, self.program.jacobian(w))
         return slopes[:, self._known][self._equations].tocsc()
 
 
 def determined(pattern: sparse.csc_matrix, equal: Mask, free: Mask) -> tuple[Places, Places]:
-    """The largest set of equations that determines as many unknowns, from where their derivatives stand.
+    """Largest structurally square set of equations and the unknowns that they determine.
 
-    It is the square part of Dulmage and Mendelsohn's decomposition: in a matching of equations and unknowns,
-    what neither an unknown without equation nor an equation without unknown leads to. What depends on
-    unknowns with too many equations is left out, too.
+    It is the square part of the Dulmage-Mendelsohn decomposition. In a maximum matching, an alternating path
+    to the square part starts neither at an unmatched unknown nor at an unmatched equation. Equations that
+    depend on unknowns of the overdetermined part are left out too.
 
     Args:
         pattern: Sparsity of the constraints' first derivatives (constraints, unknowns).
         equal, free: Masks of the constraints that are equations, and of the unknowns that are not fixed.
 
     Returns:
-        tuple: Constraints, and the unknown that each is matched with.
+        tuple: Equations, and the unknown that each is matched with.
     """
     rows, columns = np.flatnonzero(equal), np.flatnonzero(free)
     part = _matrix(pattern, np.ones(pattern.nnz))[:, columns][rows].tocsc()
     where = ca.Sparsity(len(rows), len(columns), part.indptr.tolist(), part.indices.tolist())
-    # CasADi decomposes the transpose: equations and unknowns stand in the order of the part with too many
-    # equations, the square one, and the one with too many unknowns.
+    # CasADi decomposes the transpose: equations and unknowns are sorted into the overdetermined part, the
+    # square one, and the underdetermined one.
     _, by_row, by_column, _, _, row_ends, column_ends = where.btf()
     squares = np.array(by_row[row_ends[2] : row_ends[3]], dtype=np.int64)
     square_unknowns = np.array(by_column[column_ends[1] : column_ends[2]], dtype=np.int64)
@@ -164,7 +164,7 @@ def determined(pattern: sparse.csc_matrix, equal: Mask, free: Mask) -> tuple[Pla
 
 
 def _part(pattern: sparse.csc_matrix, rows: Mask, columns: Mask) -> tuple[Places, sparse.csc_matrix]:
-    """Some rows and columns of a pattern, and which of its entries they are."""
+    """Submatrix of a pattern, and the indices of its entries in the whole pattern."""
     count = np.arange(1, pattern.nnz + 1)  # no zero, which might be dropped
     part = _matrix(pattern, count)[:, columns][rows].tocsc()
     part.sort_indices()

@@ -1,1 +1,1 @@
-"""Many plans: Pareto fronts of two terms of the cost, cost sensitivities, design optimisation."""
+"""Studies of many plans: Pareto fronts of two cost terms, cost sensitivities, design optimisation."""

@@ -1,8 +1,9 @@
 """Cost sensitivities: derivatives of a plan's optimal cost by the design, without replanning.
 
-Where the Lagrangian of cost, constraints and limits is stationary, the derivative of the least cost
-by any number of the scenario is that of the Lagrangian at the same unknowns and multipliers (the envelope
-theorem). That one is taken by central differences: numbers of a scenario enter it by building the scene.
+At a solution the Lagrangian of cost, constraints and limits is stationary. By the envelope theorem, the
+derivative of the optimal cost by a value of the scenario is therefore the partial derivative of the
+Lagrangian at fixed unknowns and multipliers. It is computed by central differences, for which the scene is
+rebuilt, because scenario values enter when it is built.
 """
 
 from __future__ import annotations
@@ -32,21 +33,21 @@ STEP = 1e-4
 """Step of the differences, relative to the number or to :data:`SMALL`, whichever is larger."""
 SMALL = 1e-3
 SIDES = ((1, 8.0), (2, -1.0))
-"""Steps to both sides and their weights: differences of fourth order."""
+"""Distances of the two-sided differences in steps, and their weights: a fourth-order formula."""
 
 
 def cost_sensitivities(planned: PlanSolution, paths: Sequence[str]) -> dict[str, float]:
-    """Derivative of a plan's optimal cost by numbers of its scenario, in the scenario's own units.
+    """Derivatives of a plan's optimal cost by values of its scenario, in the scenario's own units.
 
     Args:
         planned: The plan.
         paths: Dotted paths, such as ``robots.arm.links.link_2.mass`` or ``plan.limits.torque``.
 
     Returns:
-        dict: Derivative by path, to first order; where a limit becomes active or is no longer so, it jumps.
+        dict: Derivative by path. It jumps at values where a limit becomes active or inactive.
 
     Raises:
-        ScenarioError: If there is no such number.
+        ScenarioError: If a path leads to no number.
     """
     document, numbers = to_document(planned.scene.scenario), dict[str, float]()
     for path in paths:
@@ -62,11 +63,11 @@ def cost_sensitivities(planned: PlanSolution, paths: Sequence[str]) -> dict[str,
 
 @dataclass(frozen=True, eq=False)
 class OptimalPoint:
-    """A solution of a planning problem, and what evaluates it.
+    """A solution of a planning problem with its scene and program.
 
     Attributes:
-        scene, program, solution: The scene, its program on the meshes of the solution, and where the solver
-            ended.
+        scene, program, solution: The scene, its program on the meshes of the solution, and the solver's last
+            iterate.
     """
 
     scene: Scene
@@ -74,14 +75,14 @@ class OptimalPoint:
     solution: Solution
 
     def slope(self, numbers: Mapping[str, float], rates: Mapping[str, float] | None = None) -> float:
-        """Derivative of the optimal cost by numbers of the scenario that change together.
+        """Derivative of the optimal cost by a parameter that changes several scenario values.
 
         Args:
-            numbers: Their values by dotted path.
-            rates: Change of each number per unit of the parameter; one if not given.
+            numbers: Scenario values by dotted path.
+            rates: Change of each value per unit of the parameter; one if not given.
 
         Raises:
-            ScenarioError: If the scene cannot be built at values nearby.
+            ScenarioError: If the scene cannot be built at neighbouring values.
         """
         step = STEP * max(SMALL, *(abs(value) for value in numbers.values()))
         derivative = 0.0
@@ -100,8 +101,9 @@ class OptimalPoint:
 
     @cached_property
     def _bounds(self) -> Array:
-        """Multipliers of the unknowns' limits; of what is fixed, which the solver leaves out, what makes the
-        slope vanish.
+        """Multipliers of the unknowns' bounds.
+
+        The solver omits those of fixed unknowns; they are set so that the Lagrangian's gradient vanishes.
         """
         program = self.program
         low, high = program.bounds()
@@ -111,9 +113,9 @@ class OptimalPoint:
         return np.where(low == high, -slope, self.solution.bound_multipliers)
 
     def _lagrangian(self, changes: Mapping[str, float]) -> float:
-        """Lagrangian relative to the cost, at the same unknowns and multipliers, for other numbers."""
+        """Lagrangian relative to the cost for changed scenario values, at fixed unknowns and multipliers."""
         scene, solution = build_scene(self.scene.scenario, changes, source=self.scene.source), self.solution
-        # the program with these numbers, on the same meshes, to be evaluated only
+        # program for the changed values on the same meshes; it is only evaluated
         phases, before, links = formulate_phases(scene), self.program.programs, self.program.links
         problems, segments = [phase.problem for phase in phases], before[0].problem.linear_drives
         if segments:
@@ -135,7 +137,7 @@ class OptimalPoint:
 
 
 def _pressed(multipliers: Array, values: Array, sides: tuple[Array, Array]) -> float:
-    """Multipliers times how far values are beyond the limits that they belong to."""
+    """Sum of multipliers times the excess of values over the limits that the multipliers belong to."""
     limit = np.where(multipliers > 0, sides[1], sides[0])
     held = np.isfinite(limit)
     return float(multipliers[held] @ (values - limit)[held])

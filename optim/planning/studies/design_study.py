@@ -1,7 +1,8 @@
-"""A design study: the numbers of a scenario that minimise a plan's optimal cost, and its change with each.
+"""Design study: scenario values that minimise a plan's optimal cost, and the cost's variation with each.
 
-The least cost of a design is found by planning for it, from the plan of the design before, on one mesh; its
-slopes are those of the Lagrangian there. A quasi-Newton method with bounds (L-BFGS-B) follows them.
+Each design is planned on one mesh, warm-started by the previous design's plan. The gradient of the optimal
+cost is that of the Lagrangian (see `cost_sensitivities`). L-BFGS-B, a quasi-Newton method with bounds,
+minimises the optimal cost.
 """
 
 from __future__ import annotations
@@ -33,9 +34,9 @@ from spacerobot.files import StrPath
 from spacerobot.scene import Scene, build_scene
 
 DESIGNS = 50
-"""Maximum number of designs that the search tries."""
+"""Maximum number of designs in the search."""
 PRECISE = 1e-7
-"""Minimum relative gain in cost of a step, and slope per range of a variable that counts as zero."""
+"""Minimum relative gain in cost of a step, and derivative per range of a variable that counts as zero."""
 ENDS = {0: "no slope leads farther", 1: f"{DESIGNS} designs were tried"}
 """Meaning of L-BFGS-B's status codes."""
 FIRST = 0.1
@@ -46,13 +47,12 @@ LOST = 10.0
 
 @dataclass(frozen=True, eq=False)
 class DesignTrial:
-    """A design that was planned for.
+    """A design and the result of planning for it.
 
     Attributes:
         values: Values of the variables (k,), in the scenario's units.
-        cost, slopes: Least cost, and its derivatives by the variables (k,); not finite where no plan was
-            found.
-        failure: Reason for the lack of a plan; empty where there is one.
+        cost, slopes: Optimal cost, and its derivatives by the variables (k,); not finite without a plan.
+        failure: Reason for the lack of a plan; empty if there is one.
         iterations: Number of the solver's iterations.
     """
 
@@ -68,13 +68,14 @@ class DesignStudy:
     """Result of a design study.
 
     Attributes:
-        scene: The scenario's own.
+        scene: The original scene.
         variables: Free variables of the study.
-        trials: Designs of the search, in turn; the first is the scenario's own.
-        found: The best of them.
-        sweeps: Designs that differ from that by one variable, by its name, in the order of its values.
-        ended: Why the search ended, in words.
-        plan: The plan of the design that was found, refined and judged.
+        trials: Designs of the search, in order; the first is the original design.
+        found: The best design.
+        sweeps: Designs that differ from the best one in a single variable, by its name, in order of its
+            value.
+        ended: Reason why the search ended.
+        plan: Plan of the best design, refined and verified.
     """
 
     scene: Scene
@@ -99,13 +100,13 @@ def make_study(
 
     Args:
         scene: A scene whose ``plan`` section names ``design`` variables.
-        points: Designs of each sweep, from bound to bound.
+        points: Number of designs of each sweep, from bound to bound.
         backend, progress, folder, dask: As for :func:`optim.planning.search.make_plan.make_plan`; the cluster
             plans the first design.
 
     Raises:
         ScenarioError: If the section names no variables, or unknown numbers.
-        NoPlanError: If the scenario's own design, or the one that was found, has no plan that holds.
+        NoPlanError: If the original design or the best one has no plan that passes verification.
     """
     folder = None if folder is None else Path(folder)
     variables = design_variables(scene)
@@ -122,7 +123,7 @@ def design_variables(scene: Scene) -> Variables:
     """Variables of a scene's design study.
 
     Raises:
-        ScenarioError: If there are no variables, they name unknown numbers, or the plan has several phases.
+        ScenarioError: If there are no variables, they name unknown values, or the plan has several phases.
     """
     plan = plan_section(scene)
     named = plan.design
@@ -138,7 +139,7 @@ def design_variables(scene: Scene) -> Variables:
 
 
 class _DesignSearch:
-    """Designs that are planned for one after the other, on the mesh of the first one's plan."""
+    """Sequence of planned designs, all on the mesh of the first design's plan."""
 
     def __init__(
         self, variables: Variables, first_plan: PlanSolution, folder: Path | None, notify: Progress
@@ -157,12 +158,12 @@ class _DesignSearch:
         self.best = self._planned_for(variables.start, first_result, first_result)
 
     def descend(self) -> str:
-        """Search for the best design; why that ended, in words."""
+        """Search for the best design; returns the reason why the search ended."""
         variables, size = self.variables, self.best[0].cost or 1.0
         begin = variables.unit(variables.start) / FIRST  # the method's own first step is one long
 
         def least(x: Array) -> tuple[float, Array]:
-            """Least cost and its slopes, in costs of the first design."""
+            """Optimal cost and its gradient, in units of the first design's cost."""
             u = x * FIRST
             design = self._planned_for(variables.values(u), self.best[2]) if self.trials else self.best
             trial, solver, _ = design
@@ -179,7 +180,7 @@ class _DesignSearch:
         return ENDS.get(int(minimum.status), "nothing better was found along the slopes")
 
     def sweep(self, k: int, points: int) -> tuple[DesignTrial, ...]:
-        """Designs that differ from the best one by a variable, each begun with its neighbour's plan."""
+        """Designs that differ from the best one in variable ``k``, each warm-started by its neighbour."""
         best_values = self.best[0].values
         grid = np.tile(self.variables.unit(best_values), (points, 1))
         grid[:, k] = np.linspace(0.0, 1.0, points)
@@ -196,7 +197,7 @@ class _DesignSearch:
         """The plan of the best design, refined and verified.
 
         Raises:
-            NoPlanError: If it does not hold.
+            NoPlanError: If it fails the verification.
         """
         _, solver, planned = self.best
         assert solver is not None  # the first design is planned for already
@@ -210,7 +211,7 @@ class _DesignSearch:
     def _planned_for(
         self, values: Array, near: SolveResult, result: SolveResult | None = None
     ) -> tuple[DesignTrial, PlanSolver | None, SolveResult]:
-        """A design, its solver and its plan, begun with one nearby or given; without one, that nearby."""
+        """Design, solver and result, warm-started by ``near``, which is returned if there is no plan."""
         variables, base = self.variables, self.begun.scene
         settings = ", ".join(f"{name} {value:.5g}" for name, value in variables.as_mapping(values).items())
         self.notify(f"planning for {settings}")

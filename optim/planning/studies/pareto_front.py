@@ -1,9 +1,9 @@
-"""The Pareto front of two terms of a plan's cost.
+"""Pareto front of two terms of a plan's cost.
 
-Where one of them is the time, durations are given, evenly between the limits of the section, and the rest of
-the cost becomes small: the constraint method. Elsewhere the weights of the two are swept against each other.
-Each point begins with the motion of one that lies near; which one is laid down, halving the way between two
-that are done, so that the points do not depend on who works on them.
+If one term is the time, the duration is fixed at values spaced evenly between the section's limits and the
+other term is minimised (the constraint method). Otherwise the ratio of the two weights is varied. Each point
+is warm-started by a neighbour. A bisection order fixes that neighbour in advance, so that the points do not
+depend on the number of workers.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from spacerobot.scenario.plan_cost import PlanCost
 from spacerobot.scene import Scene
 
 DECADES = 3.0
-"""Range of the ratio of the two weights [decades], both sides together."""
+"""Range of the ratio of the two weights [decades], in total."""
 ROUNDING = 1e-6
 """Relative improvement below which two values count as equal."""
 Status = Literal["efficient", "dominated", "refused"]
@@ -47,10 +47,11 @@ class FrontPoint:
     Attributes:
         name: Name of the point's task and folder.
         changes: Changes of the scenario's plan section for this point, by dotted path.
-        values: Duration [s] and what is told of every term, in SI units, by name: root mean squares over the
-            duration, of propellant the whole, of the end's the root; empty where refused.
-        status: ``dominated`` where another point is as good in both and better in one.
-        failure: Why it is refused.
+        values: Duration [s] and the reported value of each term in SI units, by name: the integral for
+            propellant, root mean squares over the duration for other integrands, roots for terminal costs;
+            empty if refused.
+        status: ``dominated`` if another point is no worse in both terms and better in one.
+        failure: Reason for the refusal; empty if there is a plan.
         Reason for the refusal; empty where there is a plan.: The plan, where there is one.
     """
 
@@ -64,11 +65,11 @@ class FrontPoint:
 
 @dataclass(frozen=True, eq=False)
 class ParetoFront:
-    """Points from one end to the other.
+    """A Pareto front.
 
     Attributes:
         scene: Scene whose plan is varied.
-        names: The two terms.
+        names: Names of the two terms.
         points: Points from one end of the front to the other.
     """
 
@@ -78,7 +79,7 @@ class ParetoFront:
 
     @property
     def costs(self) -> dict[str, PlanCost]:
-        """The two terms, by name; the duration is one though it may have no weight."""
+        """The two terms, by name; the duration is included even without a weight."""
         section_costs = plan_section(self.scene).costs
         return {
             name: section_costs[name] if name in section_costs else PlanCost(kind=name, weight=0.0)
@@ -116,7 +117,7 @@ def make_front(
         backend, progress, folder, dask: As for :func:`optim.planning.search.make_plan.make_plan`.
 
     Raises:
-        ScenarioError: If the terms have no weights, or the duration that is to be swept is given.
+        ScenarioError: If the terms have no weights, or the duration to be swept is fixed.
     """
     folder = None if folder is None else Path(folder)
     solver = PlanSolver.of(scene, backend, progress or (lambda _: None), motions=front_request.count)
@@ -134,7 +135,7 @@ def make_front(
 
 
 def bisection_order(count: int) -> list[tuple[int, int | None]]:
-    """Numbers from 0 on, from the middle, each with a number before it that is near; none for the first."""
+    """Indices of points in bisection order, each with a neighbour that precedes it; None for the first."""
     order: list[tuple[int, int | None]] = []
     gaps = [(-1, count)]
     while gaps:
@@ -221,11 +222,11 @@ def _point(
 
 
 def _compared(points: Sequence[FrontPoint], names: tuple[str, str]) -> list[FrontPoint]:
-    """The points, those that another one beats marked."""
+    """Points with those marked that another point dominates."""
     at = {p.name: np.array([p.values[name] for name in names]) for p in points if p.plan is not None}
 
     def beaten(name: str) -> bool:
-        """Whether another point is nowhere worse and somewhere better."""
+        """Whether another point is no worse in both terms and better in one."""
         term_values = at.get(name)
         return term_values is not None and any(
             (term_values >= other).all() and (term_values > (1 + ROUNDING) * other).any()

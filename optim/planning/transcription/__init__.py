@@ -1,1 +1,1 @@
-"""Transcription of a motion into a program: collocation, chained phases, first guesses, meshes."""
+"""Transcription of a motion into a program: collocation, chained phases, initial guesses, meshes."""

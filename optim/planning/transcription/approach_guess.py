@@ -1,13 +1,13 @@
-"""First guesses of bases that fly to a moving target: when to arrive, and along which path.
+"""Initial guesses of bases that fly to a moving target: arrival time and path.
 
-The goal places the base relative to the target, at the place u of the target's own frame. The guess
+The goal places the base relative to the target, at the point u of the target's own frame. The guess
 
     p(s) = c + r(s) d(s),   r(s) = r_0 + b(s) (r_1 - r_0),   b(s) = s^3 (10 - 15 s + 6 s^2)
 
-leads around the target's origin c from the direction d_0 at the start to that of u, which turns with the
-target; c drifts. The directions between are those of a great circle, with its share b(s). The attitude turns
-with the direction d(s) by the shortest way, so that an instrument that sees the target at both ends sees it
-all the way. The arrival is chosen among those at which u comes round to the side of the start.
+leads around the target's origin c, which drifts, from the direction d_0 at the start to that of u, which
+rotates with the target. Directions in between lie on a great circle, at its fraction b(s). The attitude
+rotates with the direction d(s) along the shortest rotation, so that an instrument that sees the target at
+both ends sees it throughout. Candidate arrivals are times at which u faces the side of the start.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from spacerobot.arrays import Array
 from spacerobot.scene.scene import SceneBody
 
 SAMPLES = 240
-"""Instants at which the target's drift is sampled for arrivals, and the path for its attitude."""
+"""Number of instants at which the target's drift is sampled for arrivals, and the path for its attitude."""
 FOLLOWED, FOLLOWED_TURN = 0.25, 0.5
-"""Part of the duration, and turn of the goal's place [rad], at the end, for which the path follows the
-target."""
+"""Final share of the duration during which the path follows the rotating target, and the maximum rotation of
+the goal's point in that time [rad]."""
 RANGE = 1.25
-"""Ratio of the ends of the ranges of the duration from each of which one arrival is chosen."""
+"""Ratio of the ends of each range of durations; one arrival is chosen from each range."""
 SPARE = 1.3
-"""Shortest duration, over that of full thrust from rest to rest."""
+"""Shortest duration, relative to a rest-to-rest motion at full thrust."""
 
 
 def approached(problem: PlanningProblem, body: SceneBody) -> bool:
-    """Whether the goal places a robot's base, which force and torque drive, relative to the moving target.
+    """Whether the goal places a base, driven by force and torque, relative to the moving target.
 
     Args:
         problem: The problem.
@@ -63,8 +63,8 @@ class TargetApproach:
         start: Placement of the base at the start.
         mated: Placement of the base in the target's frame at the end.
         target: Placement of the target at a time [s].
-        limits: Least and greatest duration [s].
-        acceleration: Greatest acceleration of the base [m/s^2].
+        limits: Minimum and maximum duration [s].
+        acceleration: Maximum acceleration of the base [m/s^2].
     """
 
     start: pin.SE3
@@ -75,10 +75,10 @@ class TargetApproach:
 
     @functools.cached_property
     def durations(self) -> Array:
-        """Durations [s] (n,), the shortest first.
+        """Durations [s] (n,) in ascending order.
 
-        From the shortest that thrust allows on, of each range whose ends have the ratio :data:`RANGE` the one
-        at which the mated place is nearest to the side of the start.
+        The range from the shortest duration that thrust allows is divided into parts of ratio :data:`RANGE`.
+        Each part contributes the duration at which the goal's point is nearest to the side of the start.
         """
         times = np.linspace(*self.limits, SAMPLES)
         first = self.start.translation - self.target(0.0).translation
@@ -98,7 +98,10 @@ class TargetApproach:
         return np.array(choices or [times[-1]])
 
     def path(self, duration: float) -> Callable[[float], pin.SE3]:
-        """Placement of the base at parts of a duration [s]; beyond its ends the motion goes on steadily."""
+        """Placement of the base as a function of the share of the duration.
+
+        Beyond 0 and 1 at constant velocity.
+        """
         first = self.start.translation - self.target(0.0).translation
         near, far = np.linalg.norm(self.mated.translation), np.linalg.norm(first)
         late = FOLLOWED * duration
@@ -108,7 +111,8 @@ class TargetApproach:
 
         def direction(s: float) -> Array:
             """Unit vector (3,) from the target's origin to the base."""
-            # the target's turn counts near the end only: far away it would be flown around at any rate
+            # the target's rotation matters near the end only; far away the base would have to fly around the
+            # target
             time = duration - late * np.tanh((1 - s) * duration / late)
             last = self.target(time).rotation @ self.mated.translation
             turn = pin.Quaternion.FromTwoVectors(first / far, last / near).toRotationMatrix()
@@ -124,7 +128,7 @@ class TargetApproach:
         attitudes = [r @ pin.exp3((1 - blend(s)) * off) for s, r in zip(share, turned, strict=True)]
 
         def placement(s: float) -> pin.SE3:
-            """Placement of the base at a part of the duration."""
+            """Placement of the base at a share of the duration."""
             if not 0 <= s <= 1:
                 here, inside = placement(round(s)), placement(2 * round(s) - s)
                 return here * inside.actInv(here)
@@ -139,5 +143,5 @@ class TargetApproach:
 
 
 def blend(s: float) -> float:
-    """Part of the way at a part of the duration: at rest at both ends, without acceleration there."""
+    """Blend b(s) from 0 to 1, with zero velocity and acceleration at both ends."""
     return float(s**3 * (10 - 15 * s + 6 * s**2))

@@ -1,11 +1,12 @@
-"""The sparse nonlinear program of a planning problem on a mesh.
+"""Sparse nonlinear program of a planning problem on a mesh.
 
-Unknowns are the instants at all points and the duration T; for interval n, a part h_n of the duration, with
-its points j = 0 .. s - 1
+Unknowns are the instants at all points and the duration T. Interval n has the share h_n of the duration and
+the points j = 0 .. s - 1. Its collocation defects
 
     x_nj = x_n0 + T h_n sum_k A_jk x'_nk,    x = (q, v),  x' = (q'(z), a),
 
-and at every point the equations of motion and the path's rows, at the last one the goal's.
+vanish. The other constraints are the equations of motion and the path constraints at every point, and the
+goals at the last one.
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ from spacerobot.arrays import Array
 
 @dataclass(frozen=True, eq=False)
 class SparseSums:
-    """Entries given in any order, several for one place, summed up into a compressed sparse matrix.
+    """Sums of sparse entries in any order, with several for one place, as a compressed sparse matrix.
 
     Attributes:
         matrix: Sparsity of the sum; its entries have no meaning.
-        place: Entry of the matrix for each one given.
+        place: Index in the matrix's data of each input entry.
     """
 
     matrix: sparse.csc_matrix
@@ -50,7 +51,7 @@ class SparseSums:
         return cls(matrix, place)
 
     def entries(self, values: Array) -> Array:
-        """Numbers of the matrix's entries."""
+        """Data of the matrix from input entries."""
         return np.asarray(np.bincount(self.place, weights=values, minlength=self.matrix.nnz), dtype=float)
 
 
@@ -60,7 +61,7 @@ class CollocationProgram:
     Args:
         problem: The problem.
         instants: Functions of the problem.
-        lobatto, mesh: The collocation, and the mesh, or how many equal intervals it has.
+        lobatto, mesh: The collocation, and the mesh or its number of equal intervals.
     """
 
     def __init__(
@@ -86,7 +87,7 @@ class CollocationProgram:
         self.per_point = self.nv + len(problem.path)
         self.rows = self.defects + self.points * self.per_point + len(problem.goal)
         self._seen: tuple[bytes, dict[str, Array]] = (b"", {})
-        # places of the derivatives' entries, in the order in which `jacobian` and `hessian` give them
+        # indices of the derivatives' entries, in the order in which `jacobian` and `hessian` return them
         rows, columns = instants.jacobian
         n, i, k = np.meshgrid(
             np.arange(self.intervals), np.arange(self.inner), np.arange(self.nx), indexing="ij"
@@ -125,7 +126,7 @@ class CollocationProgram:
         return w[:-1].reshape(self.points, self.nz), float(w[-1])
 
     def bounds(self) -> tuple[Array, Array]:
-        """Least and greatest unknowns: the start is fixed, as far as it is given, and so is the duration."""
+        """Lower and upper bounds of the unknowns; they include a fixed start and a fixed duration."""
         problem = self.problem
         lower, upper = (np.tile(side, (self.points, 1)) for side in (problem.lower, problem.upper))
         lower[0, : self.nx], upper[0, : self.nx] = problem.start
@@ -137,7 +138,7 @@ class CollocationProgram:
         return np.append(lower, least), np.append(upper, greatest)
 
     def limits(self) -> tuple[Array, Array]:
-        """Least and greatest values of the constraints."""
+        """Lower and upper limits of the constraints."""
         sides = []
         share = self.lobatto.times(self.mesh, 1.0)
         for key in ("lower", "upper"):
@@ -184,12 +185,15 @@ class CollocationProgram:
         return np.concatenate([defects.ravel(), path_values.ravel(), goal])
 
     def jacobian(self, w: Array) -> Array:
-        """Entries of the constraints' first derivatives, as :attr:`jacobian_pattern` has them."""
+        """Nonzero entries of the Jacobian of the constraints, in the order of :attr:`jacobian_pattern`."""
         (z, duration), entries = self.split(w), self._at(w, "jacobian")
         step = duration * self._parts[..., None]
         rows, _ = self.instants.jacobian
         a = self.lobatto.integral[1:]
         shape = (self.intervals, self.inner, self.nx)
+        # A defect is x_nj - x_n0 - T h_n sum_k A_jk x'_nk. Its derivatives are 1 and -1 by x_nj and x_n0,
+        # -T h_n A_jk dq'/dz by an instant z_nk, -T h_n A_jk by its acceleration, and
+        # -h_n sum_k A_jk x'_nk by the duration T.
         moving = entries[:, rows < self.nq][self._of]  # (N, s, entries)
         by_rate = -step * np.einsum("jk,nke->njke", a, moving)
         by_acceleration = np.broadcast_to(-step * a[:, :, None], (*shape[:2], self.inner + 1, self.nv))
@@ -201,11 +205,15 @@ class CollocationProgram:
         return self._jacobian.entries(np.concatenate([part.ravel() for part in parts]))
 
     def hessian(self, w: Array, factor: float, multipliers: Array) -> Array:
-        """Entries of the upper triangle of the second derivatives of factor times cost plus multipliers times
-        constraints, as :attr:`hessian_pattern` has them.
+        """Nonzero entries of the Hessian of factor times cost plus multipliers times constraints.
+
+        Only the upper triangle, in the order of :attr:`hessian_pattern`.
         """
         z, duration = self.split(w)
-        # weights of F's rows at each point; those of rates and cost per unit of duration
+        # The defects add -T sum_n h_n sum_jk A_jk lambda_nj' x'_nk to the Lagrangian. So the rates at a point
+        # have the weight T `pulled`, with -h_n sum_j A_jk lambda_nj summed over the intervals that share it.
+        # `weights` holds the weights of F's rows at each point; those of rates and costs per unit of T, so
+        # that they are also the second derivatives by T and z, times the first derivatives of F.
         first = self.rows - len(self.problem.goal)
         of_defects = multipliers[: self.defects].reshape(self.intervals, self.inner, self.nx)
         by_defects = -self._parts * np.einsum("jk,njx->nkx", self.lobatto.integral[1:], of_defects)
@@ -235,11 +243,11 @@ class CollocationProgram:
         return self._hessian.entries(np.concatenate([hessian.ravel(), last, crossed]))
 
     def _running(self, values: Array) -> float:
-        """The integral over a duration of one of the terms, each with its weight [1/s]."""
+        """Integral of the weighted cost terms over the duration, divided by the duration [1/s]."""
         return float(self.weights @ (values[:, self.ncost :] @ self.term_weights))
 
     def _rates(self, z: Array, values: Array) -> Array:
-        """X' at each point (points, nx)."""
+        """Rates x' at each point (points, nx)."""
         return np.hstack([values[:, : self.nq], z[:, self.nx : self.nx + self.nv]])
 
     def _last(self, name: str, w: Array) -> Array:
@@ -257,7 +265,7 @@ class CollocationProgram:
         return cache[name]
 
     def _by_point(self, defect: Array, rows: Array, columns: Array) -> tuple[Array, Array]:
-        """Defects (N, s - 1, nx) of some rows by some entries of the instants at each of their points."""
+        """Rows and columns of the derivatives of defects by entries of their interval's instants."""
         row = defect[:, :, None, :][..., rows]  # (N, s - 1, 1, entries)
         column = self._of[:, None, :, None] * self.nz + columns
         shape = (self.intervals, self.inner, self.inner + 1, len(rows))
@@ -265,6 +273,6 @@ class CollocationProgram:
 
 
 def first_constrained(lobatto: Lobatto, mesh: Mesh, last: float) -> float:
-    """First point, as part of the duration, at which what holds for a last part of it must hold."""
+    """First mesh point, as share of the duration, of a constraint on the last part ``last`` of it."""
     share = lobatto.times(mesh, 1.0)
     return float(share[share >= 1 - last - 1e-12][0])
