@@ -81,7 +81,9 @@ def main(samples: int = 16) -> None:
         "target.base.position.0": x,
         "target.base.position.1": y,
     }
-    print(f"{samples} draws; {rejected} others, within {1e3 * CLEARANCE:g} mm of a hand at first, are rejected")
+    print(
+        f"{samples} draws; {rejected} others, within {1e3 * CLEARANCE:g} mm of a hand at first, are rejected"
+    )
     peaks, times, taken = {}, {}, {}
     for name, changes in HANDS.items():
         begun = time.process_time()

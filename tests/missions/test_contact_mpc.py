@@ -5,7 +5,7 @@ from pathlib import Path
 import spacerobot as sr
 
 PLUGIN = Path(__file__).parents[2] / "examples" / "touch" / "contact_mpc.py"
-PERIOD_S = 0.4
+PERIOD_S = 0.2
 
 
 def cost(depth):
@@ -14,7 +14,7 @@ def cost(depth):
         "kind": "contact_mpc",
         "period": PERIOD_S,
         "horizon": PERIOD_S,
-        "candidates": 4,
+        "candidates": 3,
         "depth": depth,
     }
     changes = {
