@@ -293,7 +293,7 @@ class _SolverRuns:
         (solution, meshes), kept, cost, margins = self.kept, self.kept, self.cost, dict(self.margins)
         for one in verification.exceeded:
             self.margins[one.name] = self.margins.get(one.name, 0.0) + ROOM * one.amount
-        self.why = f" (more room, for {verification.failures()[-1]})"
+        self.why = f" (larger margins, for {verification.failures()[-1]})"
         near = SolveResult((), solution, meshes, self.cost, None, "")
         phased_motion = self.solver.phased_motion(self.request, near)
         warm = dataclasses.replace(solution, barrier=max(solution.barrier, BARRIER))
