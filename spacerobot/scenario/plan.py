@@ -38,8 +38,8 @@ class TimeRange(Section):
         description="number of fixed durations that are tried in turn instead of a free one, until a plan "
         "is verified: where a base flies to the tumbling target, those at which its goal there comes round "
         "to the side of the start, the shortest first, otherwise equally spaced ones; 0 for a free duration. "
-        "The first verified plan is kept: limits passed between the mesh's points get a larger margin, and no "
-        "mesh is refined to lower the cost",
+        "The first verified plan is kept: limits passed between the mesh's points get a larger margin, and "
+        "no mesh is refined to lower the cost",
     )
 
     @model_validator(mode="before")
