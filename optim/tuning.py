@@ -201,7 +201,7 @@ def _refined(
 ) -> tuple[TuningProblem, MethodOutcome]:
     """Descend again from the best point with half the step, until derivatives are accurate there.
 
-    What was found with a longer step is not compared with it: its objective is not that of the same motion.
+    Results with different steps are not compared, because their objectives belong to different motions.
     """
     for _ in range(HALVINGS):
         best = outcome.best

@@ -1,7 +1,7 @@
 """Many machines: chunks of a campaign on Dask's workers.
 
-A chunk is a recipe and the draws of its samples. The process that asked is the only one that writes. So a
-worker that dies loses its chunk, which another one then does, and nothing else.
+A chunk is a recipe and the draws of its samples. Only the calling process writes files. If a worker dies,
+another one repeats its chunk, and nothing else is lost.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ AHEAD = 2  # chunks in flight for each thread of a worker: one runs, one waits
 
 @dataclass(frozen=True)
 class DaskExecutor:
-    """Dask's workers.
+    """Executor on Dask's workers.
 
     Attributes:
         address: Address for :func:`optim.workers.cluster.connect`.
@@ -35,7 +35,7 @@ class DaskExecutor:
     def work(
         self, evaluator: CampaignEvaluator, draws: Array, chunks: ChunkQueue
     ) -> Iterator[tuple[int, SampleTable]]:
-        """Every chunk as it comes; see :class:`optim.campaign.Executor`.
+        """Tables of the chunks in order of completion; see :class:`optim.campaign.Executor`.
 
         Raises:
             SpaceRobotError: If Dask is not installed, cannot be reached, or a chunk fails on one worker after

@@ -1,4 +1,4 @@
-"""Run a campaign: chunks sized to seconds, kept as they come, taken up again where it was left."""
+"""Run of a campaign in chunks of a target duration; each is stored when done, so that a run resumes."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class ChunkQueue:
         self._most = most
 
     def take(self, size: int) -> Interval | None:
-        """Next piece, at most so many samples, nor more than fit into memory; None if nothing is left."""
+        """Next chunk of at most ``size`` samples that fits into memory; None if none is left."""
         if not self._left:
             return None
         begin, end = self._left.pop()
@@ -91,12 +91,12 @@ class Executor(Protocol):
 
 @dataclass(frozen=True)
 class LocalExecutor:
-    """The process itself.
+    """Executor in this process.
 
     Attributes:
         threads: Number of threads; one for each usable core if None.
         chunk_s: Target duration of a chunk [s].
-        size: Samples of a chunk, if it shall not be sized to seconds.
+        size: Number of samples of a chunk, if it is not chosen by its duration.
     """
 
     threads: int | None = None
@@ -124,18 +124,18 @@ class LocalExecutor:
 
 
 def first_size(evaluator: CampaignEvaluator) -> int:
-    """Samples of a first chunk, whose time is not known yet."""
+    """Number of samples in the first chunk, whose duration is unknown."""
     return MPC_SAMPLES if evaluator.has_updates else max(1, FIRST // len(evaluator.members))
 
 
 def most_samples(evaluator: CampaignEvaluator) -> int | None:
-    """Samples whose series fit into a chunk; None where no series is kept."""
+    """Maximum number of samples whose series fit into a chunk; None if no series is recorded."""
     each = evaluator.bytes_per_sample
     return max(1, CHUNK_BYTES // each) if each else None
 
 
 def sized(samples: int, seconds: float, chunk_s: float) -> int:
-    """Samples that shall take some seconds, learnt from a chunk; in whole grains where they are many."""
+    """Number of samples that take about ``chunk_s``, from a chunk's duration; whole grains if large."""
     wish = samples * chunk_s / max(seconds, 1e-6)
     wish = min(wish, 8 * samples)
     return max(1, int(wish)) if wish < GRAIN else GRAIN * int(wish // GRAIN)

@@ -91,7 +91,10 @@ class ProblemComparison:
         return min((run.objective for run in runs), default=float("nan"))
 
     def trials(self, method: str) -> list[MethodRun]:
-        """Independent runs of a method; one that starts from another's best is charged all runs of it."""
+        """Independent runs of a method.
+
+        A method that starts from another's best includes the cost of its runs.
+        """
         outcome = self.outcomes[method]
         before = EvaluationCost()
         if TUNING_METHODS.find(method).starts_from is not None:
@@ -132,7 +135,7 @@ def compare_on_problem(
         session: Journals, workers and callbacks.
 
     Returns:
-        Problem: After Ctrl-C, what was found until then.
+        Problem: Comparison; after Ctrl-C, the results until then.
     """
     problem, nominal = entry.problem, entry.nominal
     effort = replace(effort, repeats=effort.runs)  # as many independent runs of every method
@@ -182,7 +185,7 @@ def compare_on_problem(
 
 
 def assess(judge: DesignEvaluator, design: dict[str, float]) -> Assessment:
-    """Judge a design, given by dotted paths."""
+    """Evaluate a design, given by dotted paths, on the nominal plant and on others."""
     return Assessment(design, judge.nominal(design), judge.varied(design))
 
 

@@ -39,7 +39,7 @@ class MethodRun:
     spent: float
 
     def hit(self, target: float) -> float:
-        """Cost until the target was met; infinite if it was not."""
+        """Cost at which the run met the target; infinite if it did not."""
         met = np.flatnonzero(self.objectives <= target)
         return float(self.costs[met[0]]) if len(met) else float("inf")
 
@@ -69,7 +69,7 @@ class RunningTime:
 
 
 def trial_of(run: SearchRun, cost_unit: CostUnit, before: EvaluationCost | None = None) -> MethodRun:
-    """A run as a trial.
+    """A run's history as costs in rollouts.
 
     Args:
         run: The run.

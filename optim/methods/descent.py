@@ -1,10 +1,10 @@
-"""One local search: a trust-region method that asks for values and derivatives, and leaves them to others.
+"""Local search by a trust-region method, as a generator of evaluation requests.
 
-It is a generator: it yields what it wants to know and is sent the answer, so that many advance in lockstep
-and what they ask for shares lanes. Where the objective is made of rows (a maximum, a sum of squares), the
-derivatives of all rows come once from differences, in one group of lanes; every further rollout corrects them
-along its step (Broyden). They are taken anew where steps no longer lead down. A smooth objective has exact
-gradients at every point, and a curvature by BFGS.
+The generator yields the points that it needs and is sent their values, so that many searches advance in
+lockstep and share vectorised rollouts. For objectives made of rows (a maximum, a sum of squares), the
+derivatives of all rows are first computed by differences in one batch; Broyden's update corrects them after
+each rollout. They are recomputed when steps no longer reduce the merit. For a smooth objective exact
+gradients are evaluated at every point, and BFGS approximates the curvature.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ FLAT = (
     "all derivatives of the objective are zero here, as where pulses are rounded to a `resolution` (set it "
     "to 0) or an event does not happen; evolutionary methods need none"
 )
-"""How a descent ends where what is tuned changes nothing."""
+"""Final status of a descent if the variables have no effect on the objective."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +61,11 @@ class DescentSettings:
     """Settings of a descent.
 
     Attributes:
-        form: Of the objective.
-        exact: Whether exact derivatives cost less than differences: every point is then linearised.
-        radius: Of its first step, in the unit cube.
-        steps: At most.
-        tolerance: Predicted fall of the objective, relative to its value, at which it ends.
+        form: Form of the objective.
+        exact: Whether exact derivatives cost less than differences; every point is then linearised.
+        radius: Radius of the first step, in the unit cube.
+        steps: Maximum number of steps.
+        tolerance: Predicted decrease of the objective, relative to its value, at which the descent ends.
     """
 
     form: Form
@@ -81,7 +81,7 @@ Asking = Generator[EvaluationRequest, Any, Any]
 def descend(
     start: EvaluatedPoint, manner: DescentSettings
 ) -> Generator[EvaluationRequest, Any, DescentResult]:
-    """Search from a point whose values are known.
+    """Descend from a point with known values.
 
     Args:
         start: The point.
@@ -122,7 +122,7 @@ class _State:
         return max(abs(self.at.objective), share * self._largest, np.finfo(float).tiny)
 
     def renew(self) -> Asking:
-        """Take the derivatives at the point anew; whether there are any."""
+        """Recompute the derivatives at the point; returns whether there are any."""
         if self._manner.exact:
             (linearisation,) = yield EvaluationRequest("linearise", self.at.u[None])
             slopes = _exact(linearisation, self._manner.form)
@@ -152,12 +152,12 @@ class _State:
         self._fresh, self._failed = True, 0
 
     def advance(self) -> Asking:
-        """Try one step; how the descent ended, if it did."""
+        """Try one step; returns the final status if the descent ends."""
         assert self.model is not None
         model, tolerance = self.model, self._manner.tolerance
         d, fall = model.step(self._radius)
         if fall < tolerance:
-            # renew the derivatives, look further away, or end
+            # recompute the derivatives, enlarge the region, or end
             if not self._fresh:
                 self.model = None
                 return None
@@ -214,7 +214,7 @@ class _State:
         return None
 
     def _bend(self, d: Array, y: Array) -> None:
-        """BFGS, damped by Powell so that the curvature stays positive."""
+        """Update B by BFGS, with Powell's damping so that it stays positive definite."""
         if not self._curved:
             if d @ y <= 0:
                 return
@@ -230,7 +230,7 @@ class _State:
 
 
 def _exact(at: Linearisation, form: Form) -> Array:
-    """Derivative of y, from a linearisation."""
+    """Derivative of y (1 + m + n, k) from a linearisation."""
     beside = at.smooth_gradient if form == "minimax" else at.gradient
     if form == "squares":
         beside = beside - 2 * at.rows @ at.rows_jacobian

@@ -1,9 +1,9 @@
 """Evolutionary methods through pymoo (GA, differential evolution, PSO, CMA-ES), random and Sobol search.
 
-Each tries the problem's own start first, as the NLP does, so that all methods know the same.
-A population that has converged, or no longer improves, is begun anew from another seed until the budget is
-spent. CMA-ES restarts by itself: with a population doubled each time, beside small ones (BIPOP), each ended
-by its own tolerances.
+Each method evaluates the problem's own start first, as the NLP does, so that all have the same information. A
+population that has converged or stagnates is restarted with another seed until the budget is spent. CMA-ES
+restarts by itself with the BIPOP rule: populations that double at each restart alternate with small ones, and
+each run ends by CMA-ES's own tolerances.
 """
 
 from __future__ import annotations
@@ -43,16 +43,16 @@ class EvolutionaryMethod(TuningMethod):
     has_own_budget: ClassVar[bool] = False
 
     def algorithm(self, protocol: EvolutionSettings, first: Array) -> Any:
-        """Pymoo's algorithm.
+        """Algorithm of pymoo with its settings.
 
         Args:
             protocol: Population, budget and probabilities.
-            first: First points (n, k) of the unit cube, or of CMA-ES its first mean (k,).
+            first: First points (n, k) of the unit cube; for CMA-ES its first mean (k,).
         """
         raise NotImplementedError
 
     def run(self, search: Search, protocol: EvolutionSettings) -> int:
-        """Spend the budget; how often the population was begun again."""
+        """Run until the budget is spent; returns the number of restarts of the population."""
         from pymoo.core.evaluator import Evaluator
         from pymoo.core.problem import Problem
         from pymoo.core.termination import NoTermination
@@ -108,7 +108,7 @@ class EvolutionaryMethod(TuningMethod):
 
 
 class PointSearch(EvolutionaryMethod):
-    """A method that draws points without looking at what was found."""
+    """A method that samples points independently of previous results."""
 
     def points(self, sequence: Any, rng: np.random.Generator, count: int) -> Array:
         """Next points (count, k) of the unit cube.
@@ -116,12 +116,12 @@ class PointSearch(EvolutionaryMethod):
         Args:
             sequence: A scrambled Sobol sequence of SciPy.
             rng: Random numbers.
-            count: How many points.
+            count: Number of points.
         """
         raise NotImplementedError
 
     def run(self, search: Search, protocol: EvolutionSettings) -> int:
-        """Points one after the other; the start first."""
+        """Evaluate points in sequence, the start first."""
         from scipy.stats import qmc
 
         k, rng = len(search.problem.names), np.random.default_rng(search.seed)
@@ -142,8 +142,7 @@ def evolve(search: Search, protocol: EvolutionSettings) -> SearchRun:
         protocol: Population, budget and probabilities.
 
     Returns:
-        Run: Status ``budget spent`` or ``interrupted``; the message says how often the population was begun
-            anew.
+        Run: Status ``budget spent`` or ``interrupted``; the message states the number of restarts.
 
     Raises:
         SpaceRobotError: If there is no such method.
@@ -160,7 +159,7 @@ def evolve(search: Search, protocol: EvolutionSettings) -> SearchRun:
 
 
 class _Stagnation:
-    """Says when a population has converged or no longer improves."""
+    """Test of whether a population has converged or stagnates."""
 
     def __init__(self) -> None:
         self._objective, self._violation, self._idle = np.inf, np.inf, 0
@@ -180,7 +179,7 @@ class _Stagnation:
 
 
 class _Fitness:
-    """Turns values into what pymoo ranks: a diverged rollout is infeasible, never a number."""
+    """Conversion of values for pymoo's ranking; a diverged rollout is infeasible instead of NaN."""
 
     def __init__(self, *, penalised: bool) -> None:
         self._penalised = penalised
@@ -202,7 +201,7 @@ class _Fitness:
 
 
 def _anneal(algorithm: Any, protocol: EvolutionSettings, share: float) -> None:
-    """Let the GA's crossover probability fall linearly with the budget spent."""
+    """Decrease the GA's crossover probability linearly with the spent budget."""
     mating = getattr(algorithm, "mating", None)
     if mating is not None and hasattr(mating, "annealed"):
         first, last = protocol.crossover

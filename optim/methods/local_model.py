@@ -1,4 +1,4 @@
-"""Models that a descent steps by: what is known at a point, its first derivatives, and the step they suggest.
+"""Local models of a descent: values and first derivatives at a point, and the step that minimises the model.
 
 A point's values are one vector y = (beside, g, r): what the objective holds beside the rows, the constraints,
 and the rows. They are smooth in u, although the objective, made of them by a maximum, is not. The model of a

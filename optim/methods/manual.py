@@ -59,7 +59,7 @@ def manual(search: Search, problem: TuningProblem) -> SearchRun:
 
 
 class _Trials:
-    """Tries gains one after the other and writes each trial down."""
+    """Trials of gains in sequence, each recorded."""
 
     def __init__(self, search: Search, problem: TuningProblem) -> None:
         self._search, self._problem = search, problem
@@ -72,12 +72,14 @@ class _Trials:
         ]
 
     def zero(self, name: str) -> float:
-        """Zero, or what stands for it."""
+        """Value that represents zero for a variable: its lower bound if its scale is logarithmic."""
         i = self._problem.names.index(name)
         return float(self._problem.variables.lower[i]) if self._problem.variables.log[i] else 0.0
 
     def raise_gain(self, step: str, name: str, gains: dict[str, float]) -> bool:
-        """Raise a gain while the error falls; the best stays in ``gains``. Whether the loop oscillated there.
+        """Raise a gain while the error falls, and store the best one in ``gains``.
+
+        Returns whether it oscillated.
 
         A loop that diverges before it ever followed its reference has not converged yet: the gain is raised
         on.
@@ -97,7 +99,7 @@ class _Trials:
         return oscillated
 
     def calm(self, step: str, name: str, gains: dict[str, float]) -> None:
-        """Raise a gain as long as the loop oscillates less for it, or its error falls."""
+        """Raise a gain while oscillations or the error decrease."""
         error, swings = self._try(step, gains)
         value = FIRST
         for _ in range(TRIALS):

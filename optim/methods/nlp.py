@@ -1,4 +1,4 @@
-"""Nonlinear programming from one start or several: descents in lockstep, their rollouts in lanes."""
+"""Nonlinear programming from one or several starts: descents in lockstep with vectorised rollouts."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ class _MultiStart:
         self._offered += self.screened(u)
 
     def chosen(self, count: int) -> list[EvaluatedPoint]:
-        """The best of those offered that lie apart; they are taken from the offer."""
+        """The best offered points that are apart from each other; they are removed from the offer."""
         ranked = sorted(self._offered, key=lambda p: (not p.known, max(p.excess, FEASIBLE), p.objective))
         points: list[EvaluatedPoint] = []
         for apart in (APART, 0.0):
@@ -119,13 +119,13 @@ class _MultiStart:
         return points
 
     def together(self, starts: Sequence[EvaluatedPoint]) -> None:
-        """Descend from points, what is asked at the same time evaluated at the same time."""
+        """Run descents in lockstep, with simultaneous requests evaluated in one batch."""
         running = {i: descend(start, self._manner) for i, start in enumerate(starts)}
         requests: dict[int, EvaluationRequest] = {}
         for i in list(running):
             self._answer(i, running, requests, None, starts[i])
         while requests and not self.spent:
-            # answers to all that is asked, one batch for each kind
+            # answers to all requests, one batch for each kind
             answers_by_start: dict[int, list[EvaluatedPoint] | list[Linearisation]] = {}
             for kind in ("sample", "linearise"):
                 who = [i for i, ask in requests.items() if ask.kind == kind]
@@ -154,7 +154,7 @@ class _MultiStart:
         answer: object,
         start: EvaluatedPoint,
     ) -> None:
-        """Send a descent its answer, and note what it asks next or how it ended."""
+        """Send an answer to a descent, and store its next request or its result."""
         try:
             requests[i] = running[i].send(answer)
         except StopIteration as stopped:
@@ -173,7 +173,7 @@ class _MultiStart:
             )
 
     def finish(self) -> SearchRun:
-        """The run, its first-order conditions judged at the best point by exact derivatives."""
+        """Result of the run, with first-order conditions at the best point from exact derivatives."""
         search, log = self._search, tuple(self.log)
         ended = [e for e in self.ended if e.point.known]
         best = min(

@@ -40,7 +40,7 @@ class NlpSettings(SearchSettings):
     """Settings of nonlinear programming.
 
     Attributes:
-        iterations: At most, from one start.
+        iterations: Maximum number of iterations from one start.
         tolerance: Predicted fall of the objective, relative to its value, at which a descent ends.
         screen: Points of a Sobol sequence that are tried for each start.
         budget: Rollouts (gradients counted as four, slopes as three) after which the search ends; no limit if
@@ -75,7 +75,7 @@ class Effort:
 
 
 def effort_of(tuning: Tuning, **changes: int | None) -> Effort:
-    """Effort that a tuning section asks for.
+    """Effort of a tuning section.
 
     Args:
         tuning: The section.

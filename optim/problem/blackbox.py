@@ -45,7 +45,7 @@ class ResultProblem(OptimisationProblem):
 
     @property
     def linear_cost(self) -> EvaluationCost:
-        """Nothing, since there is no gradient."""
+        """No cost, because there is no gradient."""
         return EvaluationCost()
 
     @property
@@ -67,7 +67,7 @@ class ResultProblem(OptimisationProblem):
         return Evaluation(scores, constraints)
 
     def linearise_all(self, u: Array) -> list[Linearisation]:
-        """There is no gradient.
+        """Refuse derivatives, because there is no gradient.
 
         Raises:
             SpaceRobotError: Always.

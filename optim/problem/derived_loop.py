@@ -48,7 +48,7 @@ class DerivedLoop:
 
     @classmethod
     def of(cls, loop: ClosedLoopFunctions, **changes: Any) -> DerivedLoop:
-        """The loop itself but for the changes, by attribute."""
+        """Copy of a loop with changed attributes."""
         same = {one.name: getattr(loop, one.name) for one in fields(cls) if one.name not in changes}
         return cls(**same, **changes)
 

@@ -83,7 +83,7 @@ class MarginTerms:
 
     @property
     def fingerprint(self) -> str:
-        """Text that differs wherever the margins do."""
+        """Text that identifies the margins; it differs for different margins."""
         return repr((self.rows, None if self.simulation is None else self.simulation.grid))
 
     def values(self, values: Array, *, slopes: bool = False) -> list[MarginValue]:

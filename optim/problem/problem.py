@@ -156,7 +156,7 @@ class OptimisationProblem(Protocol):
 
     @property
     def fingerprint(self) -> str:
-        """Text that differs for any other problem, so that work is never resumed on the wrong one."""
+        """Text that identifies the problem, so that a journal of another problem is not resumed."""
 
     def evaluate(self, u: Array) -> Evaluation:
         """Values at points u (N, k)."""

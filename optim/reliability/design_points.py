@@ -1,25 +1,27 @@
 """Most probable failures: the points of a limit state's surface that lie nearest to the origin.
 
-The iteration of Hasofer, Lind, Rackwitz and Fiessler with the step length of Zhang and Der Kiureghian
-(Lecture Notes in Engineering 61, 1995): from z towards the nearest point of the linearised surface,
+The algorithm is the HLRF iteration of Hasofer, Lind, Rackwitz and Fiessler with the step length of Zhang and
+Der Kiureghian (Lecture Notes in Engineering 61, 1995). From z it steps towards the point of the linearised
+surface g + g' . (y - z) = 0 nearest to the origin,
 
     d = ((g' . z - g) / |g'|^2) g' - z,
 
-as far as the merit |z|^2 / 2 + c |g| falls. All starts move at once, so that their rollouts fill the lanes.
+and shortens the step until the merit |z|^2 / 2 + c |g| decreases. All starts advance together, so that their
+rollouts are vectorised.
 
 A limit state may have several design points, of which each start finds one. Starts are drawn independently
 until :data:`QUIET` of them in succession find nothing new. The mirror image of each design point is a start
 too, since many systems fail alike in opposite directions.
 
-How sure it is that none is missing follows from the drawn starts that converge. Let p be the probability that
-one of them converges to a design point that is not yet found. The probability that m in succession do not
-although p > e is at most (1 - e)^m. With D design points there are D + 1 occasions for such a run, so that
-with confidence 1 - a
+The confidence that no design point is missing follows from the random starts that converge. Let p be the
+probability that a start converges to an undiscovered design point. If p > e, the probability that m starts in
+succession find none is at most (1 - e)^m. With D design points there are D + 1 occasions for such a sequence,
+so that with confidence 1 - a
 
     p <= 1 - (a / (D + 1))^(1 / m).
 
-This limits what the search would still find, not the probability of failure in regions that no start reaches.
-Such regions are left to the samples of the estimators (:mod:`optim.reliability.kinds.importance`).
+This bounds what further search would find, not the probability of failure in regions that no start reaches.
+Only the samples of the estimators cover such regions (:mod:`optim.reliability.kinds.importance`).
 """
 
 from __future__ import annotations

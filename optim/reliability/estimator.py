@@ -17,8 +17,8 @@ from spacerobot.registry import ESTIMATORS, Registry, required
 class SamplingEffort:
     """Required accuracy of an estimate, and its budget.
 
-    Attributes:
-        variation: Coefficient of variation (standard deviation over value) at which it ends.
+    variation: Coefficient of variation (standard deviation over value) at which sampling ends.
+        budget: Maximum number of rollouts.
         budget: Rollouts at most.
         seed: Seed of everything random.
     """
@@ -38,8 +38,8 @@ class ProbabilityEstimate:
     """An estimate of a probability.
 
     Attributes:
-        probability, variation: The estimate and its coefficient of variation, infinite where no failure was
-            found.
+        probability, variation: The estimate and its coefficient of variation; infinite if no failure was
+            sampled.
         largest: Share of the estimate that the sample with the largest weight contributes.
         points: Design points found from samples, in addition to those of the search.
     """
@@ -57,7 +57,7 @@ class ProbabilityEstimator:
 
     Attributes:
         name, title, place: Name in options and files, title for people, and position in lists.
-        needs_design_points: Whether it starts from the most probable failures, which takes gradients.
+        needs_design_points: Whether it starts from design points, whose search needs gradients.
     """
 
     registry: ClassVar[Registry] = ESTIMATORS
@@ -80,7 +80,7 @@ class ProbabilityEstimator:
         raise NotImplementedError
 
     def missing_share(self, points: Sequence[DesignPoint]) -> float:  # noqa: ARG002
-        """Share of the probability, to first order, of the regions of failure that it does not sample."""
+        """First-order share of the failure probability in regions that the estimator does not sample."""
         return 0.0
 
 

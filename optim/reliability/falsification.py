@@ -1,4 +1,4 @@
-"""Falsification: the worst outcome that uncertain parameters allow, searched for by exact gradients.
+"""Falsification: search for the worst outcome over uncertain parameters, by exact gradients.
 
 The search is that of tuning: descents from several starts side by side, here of the negative quantity over
 the box of the parameters, as there by differences where fewer than four parameters make these cheaper. It is
@@ -31,7 +31,7 @@ from spacerobot.tables import Table
 
 STARTS = 16
 SCORE = 3.0
-"""Ends of the box of a parameter without bounds: so many standard deviations to either side."""
+"""Half-width of the box of a parameter without bounds, in standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class WorstCaseProblem(OptimisationProblem):
 
     @property
     def linear_cost(self) -> EvaluationCost:
-        """A gradient."""
+        """Cost of one gradient."""
         return EvaluationCost(gradients=1)
 
     @property
@@ -109,7 +109,7 @@ class WorstCase:
 
 @dataclass(frozen=True)
 class Falsification(JsonResult):
-    """Worst outcome that was found.
+    """Worst outcome of a falsification search.
 
     Attributes:
         quantity, unit, limit: Name, unit and limit of the quantity.

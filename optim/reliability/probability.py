@@ -20,7 +20,7 @@ from spacerobot.tables import Content, Table
 LEAST = 1000  # rollouts of the estimator
 NORMAL = 1.96  # quantile of the 95 % interval
 UNSURE = 0.15
-"""Probability that another start finds a new design point, above which a warning says so."""
+"""Probability that another start finds a new design point, above which a warning is given."""
 MOST_FAILURES = 3
 """Number of most probable failures that are presented."""
 HEAVY = 0.2
@@ -29,14 +29,13 @@ HEAVY = 0.2
 
 @dataclass(frozen=True)
 class MostProbableFailure:
-    """A point of the limit that is nearer to the medians than its neighbours.
+    """A design point: the point of a limit surface locally nearest to the medians.
 
     Attributes:
         beta: Reliability index: distance from the medians in standard deviations, negative where the medians
             fail.
         parameters: Values of the uncertain parameters by name.
-        importance: Squared cosines of the direction by name: the share of the squared distance that each
-            parameter takes.
+        importance: Squared direction cosines by name: the share of the squared distance along each parameter.
     """
 
     beta: float

@@ -35,12 +35,13 @@ INFINITE = 1e3
 
 @dataclass(frozen=True)
 class WorstMargin:
-    """Least margin at an instant.
+    """Minimum stability margin at an instant.
 
     Attributes:
-        label, time_s: The instant.
-        nominal, nominal_loop: Least margin of the scenario's own numbers, and its break point.
-        value, loop: Least margin that was found; negative where the closed loop is unstable.
+        label, time_s: Label and time [s] of the instant.
+        nominal, nominal_loop: Minimum margin at the scenario's own values, and its break point.
+        value, loop: Minimum margin over the parameters, and its break point; negative if the loop is
+            unstable.
         parameters: Values of the variables at the minimum, by name.
         simulated: The loop's margin there at the state of a simulation with these parameters; NaN if it does
             not reach the instant. The search keeps the nominal simulation's state.

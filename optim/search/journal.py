@@ -1,8 +1,8 @@
-"""Journals: every evaluation a search made, so that a killed search runs on to the same answer.
+"""Journals: all evaluations of a search, so that an interrupted search resumes with the same result.
 
-A search is a deterministic function of its settings and of the values it is told. Its journal holds those
-values in the order they were asked for. Started again, the search asks for the same points, is told the same
-values without a rollout, and so reaches the state it was killed in, whatever library keeps that state.
+A search is a deterministic function of its settings and of the values that it receives. Its journal holds
+these values in order of request. A restarted search requests the same points, receives the stored values
+without a rollout, and so reaches its previous state, without access to the state of the method's library.
 
 A record is written whole or is ignored: each carries its length and checksum.
 """
@@ -29,8 +29,8 @@ class Journal:
     """Evaluations of one search, kept in a file; or kept nowhere if there is no path.
 
     Args:
-        path: The file; made if it is not there. One that was written for another fingerprint is begun anew.
-        fingerprint: What the values depend on: problem, method and settings.
+        path: The file; created if missing, and overwritten if it has another fingerprint.
+        fingerprint: Hash of everything on which the values depend: problem, method and settings.
 
     Raises:
         ResultError: If the file cannot be written.
@@ -61,7 +61,7 @@ class Journal:
         return len(self._records)
 
     def replay(self, kind: str, point: Array) -> Mapping[str, Array] | None:
-        """Next record if it was made at this point; if not, it and all after it are dropped."""
+        """Next record if it is for this point; otherwise that record and all later ones are dropped."""
         if self._next >= len(self._records):
             return None
         record = self._records[self._next]
@@ -92,7 +92,7 @@ class Journal:
             self._file = None
 
     def _cut(self) -> None:
-        """Leave nothing in the file behind the last whole record."""
+        """Truncate the file after its last complete record."""
         if self._file is not None:
             end = self._ends[-1] if self._ends else self._begin
             self._file.truncate(end)

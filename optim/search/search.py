@@ -38,13 +38,13 @@ class SearchRun:
     """Outcome of one search.
 
     Attributes:
-        method, index, seed: Which search.
+        method, index, seed: Method, number and seed of the search.
         u: The best point found, in the unit cube (k,).
-        objective: There; NaN if every point diverged.
+        objective: Objective there; NaN if every point diverged.
         violation: Largest violation of a constraint there, relative to its limit; infinite if every point
             diverged.
-        cost, seconds: Spent.
-        status, message: How it ended, in a word and as the method says it.
+        cost, seconds: Total cost and time [s].
+        status, message: Status, and the method's message at the end.
         history: Best so far after each point that improved it, and after each generation or iteration.
         kkt: Residual of the first-order conditions at the best point (NLP only); see
             :mod:`optim.methods.kkt`.
@@ -211,13 +211,13 @@ class Search:
         return evaluation
 
     def _keep(self, kind: str, u: Array, arrays: Mapping[str, Array]) -> None:
-        """Append to the journal; of what is too large only that it was asked for."""
+        """Append to the journal; of arrays that are too large only the request."""
         small = sum(value.nbytes for value in arrays.values()) <= KEPT_BYTES
         self._seconds, self._since = self.seconds, time.perf_counter()
         self._journal.append(kind, u, {**(arrays if small else {}), "seconds": np.array(self._seconds)})
 
     def tell(self, share: float) -> None:
-        """Say how much of the budget is spent, and report it.
+        """Report the share of the budget that is spent.
 
         Args:
             share: Between 0 and 1.
@@ -264,7 +264,7 @@ class Search:
         )
 
     def _note(self, u: Array, evaluation: Evaluation, each: EvaluationCost) -> None:
-        """Record points u (N, k), one after the other: the history tells at which of them it improved."""
+        """Record points u (N, k) in order, with a history entry for each improvement."""
         violation, before = evaluation.violation, self.cost
         for i in range(len(u)):
             value, excess = float(evaluation.objective[i]), float(violation[i])

@@ -67,7 +67,7 @@ def connect(address: str) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def _spared() -> Iterator[None]:
-    """Processes begun here ignore Ctrl-C, which a terminal sends to all: this one ends them."""
+    """Context in which new processes ignore Ctrl-C; a terminal sends it to all, and this one ends them."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -80,7 +80,7 @@ def _spared() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep what Dask logs of lost workers off the screen: what matters is raised, in one line."""
+    """Context that hides Dask's log of lost workers; errors are raised in one line instead."""
     names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]
     before = {name: logging.getLogger(name).level for name in names}
     for name in names:

@@ -1,4 +1,4 @@
-"""Searches that wait for others' work side by side, while only one of them computes at a time.
+"""Concurrent searches, of which only one computes while the others wait for rollouts.
 
 A search spends its time waiting for rollouts. What it does between them (a library's own steps) need not be
 thread-safe: another search runs only while one waits. NumPy's global random state, which CMA-ES
@@ -77,7 +77,7 @@ class TurnLock:
         return ended
 
     def _take_turns(self, search: Callable[[], Ended]) -> Ended | None:
-        """One search, from when the baton first comes to it; none if everything stopped before."""
+        """Run a search when it first gets the lock; None if all searches were stopped before."""
         with self._baton:
             self._mine.turn = True
             try:
@@ -90,6 +90,6 @@ class TurnLock:
 
 
 def _wait(futures: Sequence[Future[Ended | None]]) -> None:
-    """Wait for all in ticks, between which Ctrl-C comes through; ``Thread.join`` takes it for the end."""
+    """Wait for futures with timeouts, so that Ctrl-C is handled; it would be lost in ``Thread.join``."""
     while wait(futures, timeout=TICK_S).not_done:
         pass

@@ -70,11 +70,11 @@ class DaskWorkers:
         return joined([arrays for arrays, _ in pieces])
 
     def together(self, searches: Sequence[Callable[[], Ended]]) -> list[Ended]:
-        """Side by side: one computes here while the others wait for workers."""
+        """Run searches concurrently: one computes here while the others wait for workers."""
         return self._turns.together(searches)
 
     def _gather(self, futures: Sequence[Any]) -> list[tuple[Arrays, float]]:
-        """Results of futures, in order; those that are no longer needed are cancelled."""
+        """Results of futures, in order; futures that are no longer needed are cancelled."""
         try:
             while not self._turns.stopped:
                 # without a client given, `wait` asks the newest one of this process, which may be another one

@@ -1,4 +1,4 @@
-"""The approach of tips that are to catch something: the corridor they come in by, and how fast."""
+"""Approach of tips to a capture: corridor, speeds and misalignment over the distance to go."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class Approach(NamedTuple):
     Attributes:
         to_go, lateral: Distance to the mating frame along the axis of the capture and across it (n,) [m].
         closing, sliding: Speed along the axis, towards the mating frame, and across it (n,) [m/s].
-        misaligned, turning: Angle from where the tip is mated (n,) [rad], NaN where the result does not tell
-            it, and relative spin (n,) [rad/s].
-        captured: Whether the last of them is the capture.
+        misaligned, turning: Angle from the mated orientation (n,) [rad], NaN if the result lacks it; relative
+            angular velocity (n,) [rad/s].
+        captured: Whether the last row is the capture.
     """
 
     to_go: Array
@@ -45,11 +45,10 @@ class Approach(NamedTuple):
 def approach_of(result: Result, scene: Scene, grasp: SceneGrasp, capture: Capture) -> Approach:
     """Approach of a grasp that begins open.
 
-    All is seen from the mating frame, turned into its axes as configurations say: the gap is ``grasp_gap``,
-    its rate the velocity of the tip relative to the target's point at the tip, from configurations and
-    velocities. The axis is ``capture.axis``, signed so that the distance to go is positive at first. The last
-    row is at the capture's own time: the velocity as the event tells it, before the impact, and the gap that
-    it and the row before lead to.
+    All quantities are in the axes of the mating frame. The gap is ``grasp_gap``; its rate is the velocity of
+    the tip relative to the target's coincident point, from configurations and velocities. The axis is
+    ``capture.axis``, with the sign that makes the initial distance to go positive. The last row is at the
+    capture: the velocity before the impact is the event's, and the gap is extrapolated from the previous row.
     """
     data, time = result.data, result.data.time.values
     captured = (
@@ -108,9 +107,9 @@ def _mating_axes(scene: Scene, grasp: SceneGrasp, q: Iterable[Array]) -> Array:
 def approach(result: Result) -> Drawing:
     """Lateral error, speeds and, where limited, angle and spin over the distance to go, of each open grasp.
 
-    From the start to the capture, a dot, or to the end where there is none; at the right once more, near the
-    mating frame. Shaded is the capture envelope: a ball about the mating frame, and in it speeds up to their
-    limits.
+    The curves run from the start to the capture (a dot) or to the end; the right column shows the
+    neighbourhood of the mating frame. The capture envelope is shaded: a ball about the mating frame, and in
+    it speeds up to their limits.
     """
     scene = result.scene()
     grasps = [(g, g.config.capture) for g in scene.grasps if g.config.begins == "open" and g.config.capture]
@@ -128,7 +127,7 @@ def approach(result: Result) -> Drawing:
         factors = _FACTORS[unit]
         limits = [limit * factors[0] for c in captures if (limit := getattr(c, key)) is not None]
         for panel in row:
-            # the capture envelopes of those that limit this quantity
+            # the capture envelopes that limit this quantity
             for capture in captures:
                 if (limit := getattr(capture, key)) is not None:
                     half, high = (capture.distance or 1e3) * 1e3, limit * factors[0]

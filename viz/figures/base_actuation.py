@@ -1,4 +1,4 @@
-"""Bases that act: attitude errors and what their actuators do; motion relative to an orbit."""
+"""Base actuation: attitude errors and actuator outputs; motion relative to an orbit."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from viz.figures.style import Drawing, legend_over, line, panels, shown_axes, st
 )
 @styled
 def base_control(result: Result) -> Drawing:
-    """Attitude error of each base that is held, and its thrusters or wheels: a row each."""
+    """Attitude error and actuators (thrusters or wheels) of each controlled base, one row for each base."""
     bodies = acting_bases(result)
     figure, axes = panels(len(bodies), 2, sharex=True)
     for row, body in zip(axes, bodies, strict=True):
@@ -64,7 +64,7 @@ def base_control(result: Result) -> Drawing:
 
 
 def acting_bases(result: Result) -> list[str]:
-    """Bodies whose attitude a controller holds, or that have thrusters."""
+    """Bodies with attitude control or thrusters."""
     bodies = map(str, result.data.body.values)
     return [body for body in bodies if _is_held(result, body) or _labels(result, "thruster", body)]
 
@@ -104,7 +104,7 @@ def relative_orbit(result: Result) -> Drawing:
 def draw_plumes(
     panel: Axes, result: Result, motion: BodyMotion, frame: int, view: View, longest: float
 ) -> None:
-    """Plumes of the thrusters that fire in a frame, against their forces; the longest is ``longest`` m."""
+    """Plumes of the firing thrusters in a frame, opposite to their forces; the longest has ``longest`` m."""
     if "thruster" not in result.data.dims:
         return
     force, row = result.data.thruster_force.values, int(motion.rows[frame])

@@ -45,7 +45,7 @@ def translation_mm(result: Result, body: str) -> tuple[list[str], Array]:
 
 
 def _place(result: Result, body: str) -> int:
-    """Place of a body among a result's."""
+    """Index of a body in a result."""
     return [str(name) for name in result.array("body")].index(body)
 
 
@@ -58,7 +58,7 @@ def _place(result: Result, body: str) -> int:
 )
 @styled
 def object_motion(*results: Result) -> Drawing:
-    """Rotation and translation of the object since the start (Fig. 6); dashes tell results apart."""
+    """Rotation and translation of the object since the start (Fig. 6), with a dash style for each result."""
     figure, axes = panels(1, 2, height_in=2.5)
     _overlay(axes[0], results, "target")
     names = {result.scenario.body_label("target") for result in results}

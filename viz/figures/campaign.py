@@ -1,4 +1,4 @@
-"""Campaigns: how numbers spread over the samples. The input is plain data."""
+"""Campaign figures: distributions of metrics over the samples. The input is plain data."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ BAD, BEYOND = "#B00020", "#FBE9EA"
 
 @dataclass(frozen=True)
 class SampleSpread:
-    """A number of many samples.
+    """A metric over many samples.
 
     Attributes:
         samples: By name of the design: values (n,); NaN or infinite where a rollout diverged or has no such
             value, as the time of a missed capture, which counts as worse than any value.
-        quantity, unit: What the values are.
-        limit: A value to stay below, if there is one.
+        quantity, unit: Name and unit of the metric.
+        limit: Upper limit of the metric; None without one.
         missing: Reason for missing values, in a word or two.
     """
 
@@ -56,7 +56,7 @@ def robustness(
 
 @styled
 def distributions(spreads: Sequence[SampleSpread]) -> Drawing:
-    """The same for several quantities, each in its panel.
+    """Distributions of several metrics, one panel for each.
 
     Args:
         spreads: One for each panel, all of the same designs.
@@ -129,7 +129,7 @@ def _draw(panel: Axes, spread: SampleSpread, *, numbers: bool) -> None:
 
 
 def _apart(marks: Mapping[float, float]) -> dict[float, str]:
-    """Values as texts, with as many digits as it takes to tell them apart."""
+    """Values as texts with the fewest digits that keep them distinct."""
     texts: dict[float, str] = {}
     for digits in range(3, 16):
         texts = {level: f"{value:.{digits}g}" for level, value in marks.items()}

@@ -1,4 +1,4 @@
-"""Figures of a comparison of tuning methods, from what stands in ``comparison.json``."""
+"""Figures of a comparison of tuning methods, from the data of ``comparison.json``."""
 
 from __future__ import annotations
 

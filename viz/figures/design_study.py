@@ -1,4 +1,4 @@
-"""A design study: least cost over each of its variables, with the slopes of the Lagrangian as tangents."""
+"""Design study: optimal cost over each variable, with the derivatives of the Lagrangian as tangents."""
 
 from __future__ import annotations
 
@@ -16,10 +16,12 @@ TANGENT = 0.35
 
 @styled
 def study(data: Mapping[str, Any]) -> Drawing:
-    """Least cost over each variable, the others as found; a tangent at each design, refused ones at the edge.
+    """Optimal cost over each variable, the others at their optimum.
+
+    With tangents, and refused designs at the edge.
 
     Args:
-        data: What stands in ``design.json``.
+        data: Data of ``design.json``.
     """
     names = list(data["variables"])
     figure, axes = panels(1, len(names), height_in=2.8)

@@ -33,9 +33,9 @@ def docking(result: Result, *, frames: int = 6) -> Drawing:
 def strip(result: Result, rows: Rows, words: Sequence[str] = ()) -> Drawing:
     """The scene at rows of a result's data, in reading order, each with its time and what it is.
 
-    Args:
-        result: What is drawn.
-        rows: Of its data, ascending.
+    result: Result to be drawn.
+        rows: Indices of its data, ascending.
+        words: Caption of each frame; no captions if empty.
         words: What happens at each; nothing is written where there are none.
     """
     scene = result.scene()
@@ -138,7 +138,7 @@ def draw_forces(
 
 
 def seen_points(result: Result, motion: BodyMotion) -> Array:
-    """Points (k, 3) that a picture of the whole motion must hold, m."""
+    """Points (k, 3) [m] that a picture of the whole motion must contain."""
     low, high = bounds(motion)
     references = np.clip(result.data.tip_reference.values[motion.rows].reshape(-1, 3), low, high)
     return np.concatenate([extremes(motion, low, high), references])

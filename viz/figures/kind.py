@@ -20,13 +20,13 @@ class FigureKind:
     """A kind of figure.
 
     Attributes:
-        name: Of its files.
-        title: What it shows, for people.
-        draw: Draws it from one result, or from several if it compares.
+        name: Name of its files.
+        title: Title of the figure.
+        draw: Function that draws it from one result, or from several if it compares.
         compares: Whether it takes several results.
-        applies: Whether a result has what it shows.
-        printed: Figure of the paper that shows the same of the paper's robots, if any.
-        place: Its place among all figures.
+        applies: Function that returns whether a result has the data.
+        printed: Corresponding figure of the paper for the paper's robots, if there is one.
+        place: Position among all figures.
     """
 
     name: str

@@ -22,7 +22,7 @@ _NONE_J = 1e-12  # below, a work is rounding: grips without dampers, or rigid on
 @figure("The ledger: momentum and energy", place=15)
 @styled
 def ledger(result: Result) -> Drawing:
-    """Momentum of each body and of all, energy, and how much of either goes astray."""
+    """Momentum of each body and of all, energy, and the errors of both balances."""
     figure, axes = panels(2, 2, height_in=2.4, sharex=True)
     _momentum(axes[0, 0], result, "linear")
     _momentum(axes[0, 1], result, "angular")
@@ -33,7 +33,7 @@ def ledger(result: Result) -> Drawing:
     panel.plot(data.time.values, stored_change(result), color="black", linewidth=2, label="stored")
     panel.set(title="energy since the start", ylabel="energy [J]")
     legend_over(panel, columns=2)
-    # drift of the momenta and open energy, each relative to the largest of its kind
+    # drift of the momenta and residual of the energy, each relative to the largest of its kind
     panel, conserved = axes[1, 1], result.summary["ledger"]["momentum"]["conserved"]
     drifts = {kind: relative_drift(result, kind) for kind in (("linear", "angular") if conserved else ())}
     stored = data.energy_kinetic + data.energy_spring + data.energy_potential
@@ -41,7 +41,7 @@ def ledger(result: Result) -> Drawing:
     largest = max(float(np.abs(size).max()) for size in sizes)
     drifts["energy"] = np.abs(energy_astray(result)) / (largest or 1.0)
     for k, (name, values) in enumerate(drifts.items()):
-        # rounding apart, nothing is open at the start: zeros do not show on a logarithmic axis
+        # the residual is zero at the start except for rounding; zeros cannot be drawn on a logarithmic axis
         panel.plot(data.time.values, np.where(values > 0, values, np.nan), **line(k), label=name)
     if not any(np.any(values > 0) for values in drifts.values()):
         panel.text(0.5, 0.5, "nothing: exactly zero", transform=panel.transAxes, ha="center")
@@ -60,7 +60,7 @@ def ledger(result: Result) -> Drawing:
 def _momentum(panel: Axes, result: Result, kind: str) -> None:
     data = result.data
     bodies, total = data[f"body_momentum_{kind}"], data[f"momentum_{kind}"]
-    # The axis in which most happens.
+    # the axis with the largest change
     axis = int(np.abs(bodies.values).max(axis=(0, 1)).argmax())
     for k, body in enumerate(data.body.values):
         values = bodies.sel(body=body).values[:, axis]

@@ -14,7 +14,7 @@ def front(data: Mapping[str, Any]) -> Drawing:
     """One term over the other: plans on the front as a line, dominated ones hollow, refused ones at the edge.
 
     Args:
-        data: What stands in ``front.json``.
+        data: Data of ``front.json``.
     """
     figure, axes = panels(1, 1, height_in=2.8)
     panel, names = axes[0, 0], data["terms"]
@@ -22,7 +22,7 @@ def front(data: Mapping[str, Any]) -> Drawing:
     points = data["points"]
 
     def places(status: str) -> list[list[float]]:
-        """Both terms of the points of a status."""
+        """Values of both terms for the points of a status."""
         rows = [p["values"] for p in points if p["status"] == status]
         return [[row[name] * scale for row in rows] for name, (scale, _) in zip(names, scales, strict=True)]
 

@@ -18,7 +18,7 @@ _MARKS = {"captured": "#4F8F77", "released": "#8C96A0", "slipped": "#B05A4A"}
 
 
 def phases_of(result: Result) -> list[tuple[str, float, float]]:
-    """Name, begin and end [s] of each phase in turn; none where the scenario has none."""
+    """Name, start and end [s] of each phase in order; empty if the scenario has none."""
     phase_starts = [(name, 0.0) for name in list(result.scenario.phases)[:1]]
     phase_starts += [
         (e["who"], e["time_s"]) for e in result.summary.get("events", ()) if e["kind"] == "phase"

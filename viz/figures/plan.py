@@ -1,4 +1,4 @@
-"""Figures of a plan: what it asks of the joints, what holds it back, how it was found, what was flown."""
+"""Figures of a plan: joint and base motion, constraints, convergence of the solver, simulated motion."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from viz.figures.style import (
 )
 
 ACTIVE = 1e-4
-"""Distance from a limit below which it counts as active, as a part of the limits' size."""
+"""Distance from a limit below which it is active, as a share of the limit's magnitude."""
 ROOM = 0.6
-"""Limits are drawn no farther from the curves than this part of the curves' own range."""
+"""Maximum distance of drawn limits from the curves, as a share of the curves' range."""
 HELD: dict[str, Any] = {"marker": "s", "markersize": 3, "linestyle": "", "color": "#B00020", "zorder": 4}
-"""Look of the points at which a limit is active."""
+"""Marker of the points at which a limit is active."""
 FLOWN: dict[str, Any] = {"color": "black", "linewidth": 1.0, "linestyle": (0, (1, 2))}
-"""Look of what was flown."""
+"""Line style of the simulated motion."""
 
 
 @styled
@@ -126,11 +126,11 @@ def plan_bases(plan: xr.Dataset, flown: Result | None = None) -> Drawing:
 def base_motion(data: xr.Dataset, robot: str) -> tuple[Array, Array]:
     """Displacement (n, 2 or 3) [m] and rotation vector (n, 1 or 3) [rad] of a floating base since the start.
 
-    World axes; unwound, so that a turn goes on beyond 180 deg.
+    World axes; rotations are unwound, so that they continue beyond 180 deg.
 
     Args:
         data: A plan, or a result's data: configurations ``q`` by label.
-        robot: Whose base.
+        robot: Name of the robot.
     """
     labels = [str(label).removeprefix("q.") for label in data.configuration.values]
     q = data.q.values[:, [label.startswith(f"{robot}/root[") for label in labels]]
@@ -217,7 +217,7 @@ def plan_figures(
 
 
 def _phases(plan: xr.Dataset) -> list[tuple[str, float, float]]:
-    """Name, begin and end [s] of each phase of a plan that has several; none of one that has one."""
+    """Name, start and end [s] of each phase of a plan with several phases; empty for one phase."""
     if "phase" not in plan:
         return []
     names, time = plan.phase.values.astype(str), plan.time.values
@@ -234,9 +234,9 @@ def _held(panel: Axes, time: Array, values: Array, limits: Array) -> None:
 
 
 def _near_limits(panel: Axes, limits: Array, names: Sequence[str]) -> None:
-    """Limits (k, 2) that are not far from what is drawn, with the names of those that they belong to.
+    """Draw the limits (k, 2) near the curves, with the names of their curves.
 
-    That of one curve has its look; one that several share is grey.
+    The limit of a single curve has its line style; a limit common to several is grey.
     """
     low, high = panel.get_ylim()
     room = ROOM * (high - low)

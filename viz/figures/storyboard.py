@@ -30,7 +30,7 @@ def storyboard(result: Result, *, instants: int = 6) -> Drawing:
 
 
 def chosen(result: Result, instants: int) -> tuple[list[float], list[str]]:
-    """Times [s], ascending, and what happens at each; events first, then the middles of the longest gaps."""
+    """Times [s], ascending, and their captions; events first, then the middles of the longest gaps."""
     end = float(result.data.time.values[-1])
     events = [
         (e["time_s"], what_happened(e)) for e in result.summary.get("events", ()) if e["kind"] in _KINDS

@@ -98,7 +98,7 @@ class Drawing(Figure):
 
 
 def styled(function: Callable[P, T]) -> Callable[P, T]:
-    """Run a function that draws, under the common style and without touching the caller's."""
+    """Decorator that runs a drawing function under the common style, without changing the caller's."""
 
     @functools.wraps(function)
     def inside(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -121,7 +121,7 @@ def to_bytes(figure: Figure, form: str) -> bytes:
 
 @styled
 def lay_out(figure: Figure) -> None:
-    """Give panels and texts of a figure their final places, as in the files that are written of it."""
+    """Set the final positions of panels and texts, as in the written files."""
     layout = figure.get_layout_engine()
     if layout is None:
         return
@@ -217,12 +217,12 @@ def panels(
 ) -> tuple[Drawing, np.ndarray[Any, Any]]:
     """A figure with panels (rows, columns).
 
-    In one column they stand below each other where that leaves them high enough, else in rows and columns as
-    few as do.
+    In a single-column figure panels are stacked if they stay high enough; otherwise the fewest columns that
+    keep them high enough are used.
 
     Args:
         rows, columns: How many.
-        height_in: Of one row, in.
+        height_in: Height of one row [in].
         sharex, sharey: Whether axes are the same in all panels, or ``"col"``: in those of a column.
     """
     lines, across, height = rows, columns, height_in * rows + 0.5
@@ -255,7 +255,7 @@ def panels(
 
 
 def below_last(axes: np.ndarray[Any, Any]) -> None:
-    """Keep what stands below horizontal axes only under the last panel of each column."""
+    """Keep labels and ticks of horizontal axes only under the last panel of each column."""
     for panel in axes.flat:
         place = panel.get_subplotspec()
         if place is not None and not place.is_last_row():
@@ -298,7 +298,7 @@ def legend_over(axes: Axes, *, columns: int = 2) -> None:
 
 
 def legend_beside(figure: Figure, axes: np.ndarray[Any, Any]) -> None:
-    """Legend of each row at the right of its last panel; in one column one for all above them."""
+    """Legend of each row at the right of its last panel; in a single column one for all above them."""
     if is_narrow():
         legend_above(figure, *axes.flat)
         return

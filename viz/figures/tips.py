@@ -104,7 +104,7 @@ def tip_paths(*results: Result) -> Drawing:
 
 
 def _shown(result: Result) -> list[str]:
-    """Tips that are led, all where none is."""
+    """Tips with a reference; all tips if none has one."""
     return result.led_tips or [str(tip) for tip in result.data.tip.values]
 
 
@@ -148,7 +148,7 @@ def orientation_errors(*results: Result) -> Drawing:
 
 
 class _Error(NamedTuple):
-    """A variable of tips, how many of ``unit`` one of its own makes, and what to call it."""
+    """Kind of tip error: variable, factor to ``unit``, and label."""
 
     variable: str
     factor: float

@@ -1,4 +1,4 @@
-"""Percentile bands of kept series: read moment by moment, so that memory does not grow with the campaign."""
+"""Percentile bands of recorded series, read in blocks of time so that memory use is bounded."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class QuantileBands:
         name, unit: Name and unit of the signal.
         components: Label of each of the signal's c numbers.
         time: Times of recording (nt,) [s].
-        least, low, median, high, greatest: Over the samples: the least, 5 %, 50 %, 95 % and the greatest,
-            each (nt, c). A rollout that diverged counts until it did; NaN where none is left.
-        left: Samples that have not diverged yet (nt,).
+        least, low, median, high, greatest: Minimum, 5 %, 50 %, 95 % and maximum over the samples, each (nt,
+            c). A diverged rollout counts until its divergence; NaN where no sample remains.
+        left: Number of samples that have not diverged (nt,).
         sample, shown: Number of one sample, and its values over time (nt, c).
     """
 

@@ -1,4 +1,4 @@
-"""Sensitivity analysis: which uncertain parameters a metric depends on, and how."""
+"""Sensitivity analysis: uncertain parameters on which a metric depends, and the form of the dependence."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ WORTH_TELLING = 0.3  # size of a correlation between parameters from which their
 def what_matters(draws: Array, values: Array, campaign: Campaign, *, complete: bool) -> dict[str, Any]:
     """Sensitivity of a metric to the parameters as plain data: Sobol' indices if the design allows, or ranks.
 
-    ``strongest`` lists what stands out of the noise, by size, each with ``how`` it acts: ``rises`` (more of
-    it, more of the metric), ``falls``, ``away`` (more of the metric on both sides of its middle),
-    ``middle`` (less on both sides), or ``share`` (of the variance, by its total Sobol' index).
+    ``strongest`` lists the significant parameters, largest effect first. ``how`` is ``rises`` or ``falls``
+    (the metric with the parameter), ``away`` or ``middle`` (larger metric far from or near the parameter's
+    middle), or ``share`` (total Sobol' index, a share of the variance).
 
     Args:
         draws: Values of k parameters (n, k).
@@ -60,13 +60,13 @@ def what_matters(draws: Array, values: Array, campaign: Campaign, *, complete: b
 
 
 def noise_of(count: int, campaign: Campaign) -> float:
-    """Size that no rank correlation reaches by chance, with the campaign's confidence for all of them."""
+    """Rank correlation that no parameter exceeds by chance, at the campaign's confidence for all of them."""
     tries = 2 * len(campaign.parameters)
     return rank_noise(count, 1 - (1 - campaign.confidence) / tries)
 
 
 def correlated(campaign: Campaign) -> list[dict[str, Any]]:
-    """Pairs of parameters that are drawn with a correlation worth telling."""
+    """Pairs of parameters that are drawn with a notable correlation."""
     names, rows = list(campaign.parameters), campaign.correlation or ()
     return [
         {"first": names[j], "second": names[i], "value": rows[i][j]}

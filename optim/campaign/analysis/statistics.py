@@ -95,8 +95,8 @@ class Indices:
     """Sobol' indices of k parameters, each with the half-width of its interval, all (k,).
 
     Attributes:
-        first, first_width: Share of the variance that goes away if the parameter becomes known.
-        total, total_width: Share that stays if all others become known.
+        first, first_width: Share of the variance explained by the parameter alone, Var(E[y | x_i]) / Var(y).
+        total, total_width: Share that remains if all others are known, E[Var(y | x_~i)] / Var(y).
     """
 
     first: Array

@@ -277,10 +277,11 @@ def _worst(
     index: int,
     named: ScenarioSource,
 ) -> list[dict[str, Any]]:
-    """Worst samples: those that diverged, the earliest first, then by what comes nearest to its limit or
-    passes it furthest, those that missed a capture first; by the first metric kept where there is no limit;
-    last those that did not begin. Of equal ones, as without a time of capture, the largest miss distance
-    is first.
+    """Worst samples in order of severity.
+
+    First the diverged ones, the earliest first; then by the share of the limit that a metric reaches, with
+    missed captures first, or by the first recorded metric if there is no limit; last the samples that did not
+    start. Ties are ordered by miss distance.
     """
     name, times = str(data.gains.values[index]), data.diverged_at.values[:, index]
     metrics, badness = sampled.badness(evaluator.campaign)

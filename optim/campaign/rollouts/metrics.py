@@ -59,7 +59,7 @@ class MetricColumn:
 
     @property
     def name(self) -> str:
-        """Both, for tables."""
+        """Name of the column in tables: metric and component."""
         return f"{self.metric} {self.where}"
 
 

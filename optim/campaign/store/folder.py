@@ -1,8 +1,8 @@
-"""A campaign's folder: chunks as they come, each written whole or not at all; one netCDF of them.
+"""A campaign's folder: atomically written chunks, and a netCDF file merged from them.
 
-``campaign.json`` says what the numbers belong to. ``chunks/BEGIN-END.npz`` holds samples BEGIN to END - 1: so
-which samples are there can be read off the names, and each is there once. ``campaign.nc`` is made of the
-chunks, at the end and after an interruption; once it is complete, the chunks are gone.
+``campaign.json`` identifies the campaign. ``chunks/BEGIN-END.npz`` holds samples BEGIN to END - 1, so that
+the file names show which samples exist. ``campaign.nc`` is merged from the chunks at the end and after an
+interruption; once it is complete, the chunks are deleted.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from spacerobot.interrupts import uninterrupted
 from spacerobot.section import leaves
 
 Interval = tuple[int, int]
-"""Samples from one to before another."""
+"""Interval of samples: the first, and the one after the last."""
 HEAD, CHUNKS, LOCK = "campaign.json", "chunks", ".lock"
 SERIES = "series."  # before the names of series in a chunk
 
@@ -44,7 +44,7 @@ class CampaignStore:
         self.folder, self.count = folder, count
         self._there, self.done = np.zeros(count, dtype=bool), 0
         self._chunks: list[Interval] = []
-        # note what is there; a chunk that a full disk or a power cut has spoilt is dropped
+        # list the existing chunks; one damaged by a full disk or a power cut is deleted
         if is_complete(self.folder / DATA, self.count):
             self._note(0, self.count)
         else:
@@ -69,7 +69,7 @@ class CampaignStore:
 
     @property
     def missing(self) -> list[Interval]:
-        """Samples that are not, as intervals in order."""
+        """Missing samples, as intervals in order."""
         edges = np.flatnonzero(np.diff(self._there, prepend=True, append=True))
         return [(int(begin), int(end)) for begin, end in edges.reshape(-1, 2)]
 
@@ -96,7 +96,7 @@ class CampaignStore:
             self._chunks.append((begin, end))
 
     def merge(self, evaluator: CampaignEvaluator, about: str) -> None:
-        """Make ``campaign.nc`` of what is there, chunk by chunk, and drop the chunks if nothing is missing.
+        """Merge the chunks into ``campaign.nc``, and delete them if no sample is missing.
 
         Raises:
             ResultError: If it cannot be written, or a chunk cannot be read.
@@ -129,14 +129,14 @@ class CampaignStore:
 def open_store(
     folder: Path, identity: Mapping[str, Any], count: int, notes: Mapping[str, Any] | None = None
 ) -> Iterator[CampaignStore]:
-    """The store of a campaign, made if it is not there, held until left.
+    """Context that opens, or creates, the store of a campaign, and locks it for this process.
 
     Args:
         folder: Folder of the store.
         identity: Settings that determine the numbers; see ``Evaluator.identity``.
-        count: Samples in all.
-        notes: Limits and metrics that are evaluated, and the command: these may change from call to call, and
-            is written anew; left as it is if None.
+        count: Total number of samples.
+        notes: Evaluated limits and metrics, and the command. They may change from call to call, and are then
+            rewritten; left unchanged if None.
 
     Raises:
         ResultError: If the folder holds something else or another campaign, is in use, or cannot be written.
@@ -146,7 +146,7 @@ def open_store(
         stored_head: dict[str, Any] = {}
         if head.exists():
             stored_head = load_head(folder)
-            # refuse a folder that holds another campaign, with the first thing that differs
+            # refuse a folder of another campaign; the message names the first difference
             differs = difference(stored_head, identity)
             if differs is not None:
                 what = differs or "made by another version of the library"
@@ -206,7 +206,7 @@ def difference(head: Mapping[str, Any], identity: Mapping[str, Any]) -> str | No
 
 
 def check_place(folder: Path) -> None:
-    """Refuse, before any work is done, a folder that is none or holds something else.
+    """Refuse a path that is no directory or holds something else, before any work is done.
 
     Raises:
         ResultError: If the folder holds something else; the message states the reason.

@@ -25,7 +25,7 @@ class ManualProcedure(TuningMethod):
     shows_trials: ClassVar[bool] = True
 
     def searches(self, request: MethodRequest) -> Sequence[Callable[[], SearchRun]]:
-        """One."""
+        """One run of the procedure."""
         problem = request.problem
         if not isinstance(problem, TuningProblem):
             raise SpaceRobotError("the manual procedure tunes a scenario's gains, nothing else")

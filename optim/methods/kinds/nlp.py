@@ -22,7 +22,7 @@ class NonlinearProgramming(TuningMethod):
     uses_gradients: ClassVar[bool] = True
 
     def searches(self, request: MethodRequest) -> Sequence[Callable[[], SearchRun]]:
-        """One, from all starts, or as many with other seeds."""
+        """A multi-start run, or several with different seeds."""
         effort = request.effort
 
         def run(index: int) -> SearchRun:

@@ -20,5 +20,5 @@ class RandomSearch(PointSearch):
     place: ClassVar[float] = 7
 
     def points(self, sequence: Any, rng: np.random.Generator, count: int) -> Array:
-        """The next ones."""
+        """Next uniform random points (count, k)."""
         return rng.random((count, sequence.d))

@@ -20,6 +20,6 @@ class SobolSearch(PointSearch):
     place: ClassVar[float] = 6
 
     def points(self, sequence: Any, rng: np.random.Generator, count: int) -> Array:
-        """The next ones."""
+        """Next points (count, k) of the sequence."""
         del rng
         return np.asarray(sequence.random(count))

@@ -1,17 +1,17 @@
 """Drives that jump: segments of a motion between knots whose times are free.
 
-Where nothing in the cost keeps drives smooth, as in least time, they jump from limit to limit, and no
-polynomial follows. The motion is then cut where its drives change between levels within two intervals, and
-each piece becomes a program of its own: states go on from one to the next, accelerations and drives jump, and
-durations are unknowns with a sum within the plan's limits.
+If no cost term smooths the drives, as in minimum time, they jump from limit to limit, which no polynomial
+represents. The motion is then cut where its drives change between levels within two intervals, and each piece
+becomes a program of its own. States are continuous between pieces, accelerations and drives may jump, and the
+pieces' durations are unknowns whose sum is within the plan's limits.
 
 In each interval of a segment drives are linear in time,
 
     u_nj = (1 - c_j) u_n0 + c_j u_n(s-1)    at the inner nodes c_j,
 
-and so are the positive parts of forces whose magnitudes are a cost, so that limits at the knots hold between
-them. Without that the least time is too small: between its nodes a
-polynomial swings beyond the limits. A drive that is constant between jumps is found exactly.
+The positive parts of forces whose magnitudes are a cost are linear too, so that limits at the knots hold in
+between. Without this the computed minimum time is too short, because a polynomial exceeds the limits between
+its nodes. A drive that is constant between jumps is represented exactly.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ SHORTEST = 1e-4
 
 
 def segment_problems(problem: PlanningProblem, count: int) -> list[PlanningProblem]:
-    """Problems of segments: each begins where the one before it ends, the last one has the goal."""
+    """Problems of segments: each begins at the end of the previous one, and the last one has the goal."""
     greatest = problem.duration[1]
     span = (SHORTEST * greatest, greatest, greatest / count)
     anywhere = (np.full(problem.fixed.size, -np.inf), np.full(problem.fixed.size, np.inf))
@@ -65,7 +65,7 @@ def segment_constraints(
     count = 1
     for first, program in zip(sizes[:-1], programs, strict=True):
         stage, inner, forces = program.problem.stage, program.inner, program.problem.magnitudes.values()
-        # of a force and its parts, f = f+ - f-, the third is linear where two are
+        # of a force and its parts, f = f+ - f-, the third is linear if two are
         positive = [k < each.numel() for each in forces for k in range(2 * each.numel())]
         drives = np.array(stage.drive_places)[[*[True] * stage.u.numel(), *positive]]
         for n in range(program.intervals):
@@ -84,7 +84,7 @@ def segment_constraints(
 
 @dataclass(frozen=True)
 class DriveJump:
-    """A drive that goes from one of its levels to another.
+    """A change of a drive from one of its levels to another.
 
     Attributes:
         share: Time of the jump, as a share of the duration.
@@ -99,7 +99,7 @@ class DriveJump:
 
 
 def split_at_jumps(phased_motion: PhasedMotion, problem: PlanningProblem) -> PhasedMotion | None:
-    """A motion of one problem in segments between the jumps of its drives; None where there are no new ones.
+    """Motion in segments between the jumps of its drives; None if there are no new jumps.
 
     Args:
         phased_motion: The motion, which may have segments already.
@@ -128,8 +128,8 @@ def split_at_jumps(phased_motion: PhasedMotion, problem: PlanningProblem) -> Pha
                 if end - least <= jump.share <= end + least:
                     drives[share > jump.share - near / 2, jump.drive] = jump.before
             piece = Motion(problem, motion.lobatto, mesh, (end - begin) * motion.duration_s, z)
-            # Accelerations jump with the drives: without that the search begins far from the equations of
-            # motion and may end at another, worse optimum.
+            # Accelerations jump with the drives. Without these jumps the initial guess would violate the
+            # equations of motion, and the search might end at a worse optimum.
             pieces.append((piece.balanced() if len(ends) > 1 else piece).split_forces())
     if len(pieces) == len(phased_motion.motions):
         return None
@@ -141,9 +141,9 @@ def split_at_jumps(phased_motion: PhasedMotion, problem: PlanningProblem) -> Pha
 
 
 def find_jumps(motion: Motion, limits: Array) -> list[DriveJump]:
-    """Jumps of the drives within a motion, in turn.
+    """Jumps of the drives within a motion, in order of time.
 
-    A drive is at a level where it is near to a limit, or near to none for an interval at least.
+    A drive is at a level if it is near a limit, or near zero for at least one interval.
     """
     share, width, jumps = motion.lobatto.times(motion.mesh, 1.0), motion.mesh.widths, list[DriveJump]()
     for k, limit in enumerate(limits):

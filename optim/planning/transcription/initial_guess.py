@@ -26,8 +26,8 @@ DAMPING = 1e-3
 SPREAD = 0.7
 """Standard deviation of the postures and base paths of further starts [rad or m]."""
 WINDINGS = 3
-"""Ways in which a base turns to its attitude: the short way, the other way about the same axis, and the short
-way with a full turn about another axis beside it."""
+"""Number of ways in which a base rotates to its attitude: the short way, the long way about the same axis,
+and the short way combined with a full turn about another axis."""
 STEP = 1e-3
 """Step for differentiating a base's path, as a share of the duration."""
 
@@ -39,14 +39,14 @@ def initial_guess(
     rng: np.random.Generator | None = None,
     start: int = 0,
 ) -> Motion:
-    """A motion to begin with.
+    """Initial motion of a solve.
 
     Args:
         problem: The problem.
-        lobatto, mesh: Collocation and mesh of the motion, or how many equal intervals that has.
-        rng: Draws another posture, another duration where that is free, and another path of each base that is
-            driven; the plain guess if None.
-        start: Number of the start; bases wind in turn in each of the :data:`WINDINGS` ways.
+        lobatto, mesh: Collocation, and mesh of the motion or its number of equal intervals.
+        rng: Generator of a different final posture, free duration and path of each driven base; the nominal
+            guess if None.
+        start: Number of the start, which selects one of the :data:`WINDINGS` ways of rotation.
     """
     stage, (least, greatest, duration) = problem.stage, problem.duration
     model, driven = stage.scene.model, stage.driven
@@ -116,12 +116,12 @@ def initial_guess(
 
 
 def is_guided(problem: PlanningProblem) -> bool:
-    """Whether first guesses lead a base to the moving target, by an approach to the goal's place there."""
+    """Whether initial guesses follow an approach of a base to the goal's place at the moving target."""
     return any(approached(problem, body) for body in problem.stage.scene.robots)
 
 
 def arrival_durations(problem: PlanningProblem, lobatto: Lobatto, count: int) -> list[float]:
-    """Durations [s] to be tried in turn, at most so many.
+    """Durations [s] to be tried in order, at most ``count``.
 
     Args:
         problem: The problem, with the range of the duration.
@@ -176,15 +176,15 @@ def _base_path(
     rng: np.random.Generator,
     winding: int,
 ) -> Callable[[float], pin.SE3]:
-    """Placement of a driven base at parts of the duration, from its start to where inverse kinematics ended.
+    """Placement of a driven base as a function of the share of the duration, up to the inverse kinematics.
 
-    With the velocity and spin at the start, and none at the end, along an arc that the generator draws:
+    It has the initial velocity and spin, is at rest at the end, and follows an arc from the generator:
 
         R(s) = R(0) exp(f(s) T w(0)) exp(b(s) r) exp(b(s) n) exp(c(s) e),
         f = s (1 - s)^2,  b = s^3 (10 - 15 s + 6 s^2),  c = 16 s^2 (1 - s)^2,
 
-    where exp(r) is the turn to the end, also by more than half a turn, n a full turn about any axis, or none,
-    and e the arc's. What moves along axes that are not driven is left to the search.
+    exp(r) is the rotation to the end, also by more than half a turn; n is a full turn about any axis, or
+    zero; e is the arc's rotation. Motion along axes that are not driven is left to the solver.
     """
     model, axes = problem.stage.scene.model, problem.stage.driven.of_base(body.name)
     joint = model.joints[body.root_joint]
@@ -228,9 +228,9 @@ def _placement(q: Array) -> pin.SE3:
 
 
 def rescaled_motion(motion: Motion, problem: PlanningProblem, duration: float) -> Motion:
-    """A motion to begin with: another problem's motion over the same scene, made to last as long.
+    """Initial motion from another problem's motion over the same scene, rescaled to a duration.
 
-    What it adds to the free drift is taken over at the same parts of the duration.
+    Its deviation from the free drift is kept at the same shares of the duration.
     """
     model, share = problem.stage.scene.model, duration / motion.duration_s
     before = drift(problem, motion.lobatto, motion.mesh, motion.duration_s)
@@ -249,7 +249,7 @@ def rescaled_motion(motion: Motion, problem: PlanningProblem, duration: float) -
 
 
 def _drive(problem: PlanningProblem, q: Array, v: Array, a: Array) -> Array:
-    """Drive of a motion by Pinocchio's inverse dynamics, without floating bases."""
+    """Generalized forces of the drives, by Pinocchio's inverse dynamics, without those on floating bases."""
     model = problem.stage.scene.model
     force = pin.rnea(model, model.createData(), q, v, a) + np.asarray(model.damping) * v
     force -= problem.stage.environment_effort(q, v)
@@ -259,7 +259,7 @@ def _drive(problem: PlanningProblem, q: Array, v: Array, a: Array) -> Array:
 def drift(
     problem: PlanningProblem, lobatto: Lobatto, mesh: int | Mesh, duration: float
 ) -> tuple[Array, Array]:
-    """Configuration and velocity at all points where nothing is driven and joints are at rest."""
+    """Configuration and velocity at all points without drives and with joints at rest."""
     stage, model = problem.stage, problem.stage.scene.model
     data = model.createData()
     free = np.ones(model.nv)  # 1 for velocities that are free, 0 for those of joints
@@ -271,7 +271,7 @@ def drift(
         held = ca.Function("held", [stage.q, stage.v, stage.a], [rows, ca.jacobian(rows, stage.a)])
 
     def falling(q: Array, v: Array) -> Array:
-        """Acceleration (nv,) where nothing is driven and joints are at rest."""
+        """Acceleration (nv,) without drives and with joints at rest."""
         if held is None:
             return np.asarray(free * pin.aba(model, data, q, v, stage.environment_effort(q, v)))
         bias, slopes = (np.array(x.full()) for x in held(q, v, np.zeros(model.nv)))
@@ -296,7 +296,7 @@ def drift(
 
 
 def _inverse_kinematics(problem: PlanningProblem, q: Array, v: Array, columns: list[int]) -> Array:
-    """Configuration near one, with other joint positions, that comes near the goal's poses and postures."""
+    """Configuration near the given one, with joint positions that reduce the distance to the goal's poses."""
     stage, model = problem.stage, problem.stage.scene.model
     rows = ca.vertcat(*(row.value for row in problem.goal))
     still = np.flatnonzero(~np.array(ca.which_depends(rows, stage.v, 1, True), dtype=bool)).tolist()

@@ -1,4 +1,4 @@
-"""Values and derivatives of a planning problem's instants: compiled in lanes, or interpreted by CasADi."""
+"""Values and derivatives of a planning problem's instants, compiled (vectorised) or interpreted by CasADi."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ NAMES = ("values", "jacobian", "hessian")
 
 @dataclass(frozen=True, eq=False)
 class InstantFunctions:
-    """Functions of all instants at once, one column for each, and of the last one.
+    """Vectorised functions of instants, one column for each, and of the last instant.
 
     Attributes:
         call: Evaluates one of ``values(z -> F)``, ``jacobian(z -> J's entries)`` and ``hessian(z, weights ->
@@ -62,11 +62,11 @@ def build_instants(problem: PlanningProblem, backend: str = "auto") -> InstantFu
 def extended(
     instants: InstantFunctions, problem: PlanningProblem, rows: Sequence[BoundedRow]
 ) -> InstantFunctions:
-    """Functions of a problem with further rows at the end of its path, of which alone new ones are made.
+    """Functions of a problem with further rows at the end of its path; only the new rows are built.
 
     Args:
-        instants, problem: The functions, and what they are of.
-        rows: Added to its path.
+        instants, problem: Functions, and their problem.
+        rows: Rows added to its path.
     """
     expression = ca.densify(ca.vertcat(*(row.value for row in rows)))
     added = _instants(problem, {"": (expression, implicit_in(rows))}, instants.backend)
@@ -74,7 +74,7 @@ def extended(
     count = len(rows)
 
     def call(name: str, *given: Array) -> Array:
-        """Values of both, the added rows after the path."""
+        """Values of both functions, the added rows after the path's."""
         if name.startswith("goal_"):
             return instants.call(name, *given)
         if name == "hessian":
@@ -93,13 +93,13 @@ def extended(
 
 
 def with_values_of(instants: InstantFunctions, problem: PlanningProblem) -> InstantFunctions:
-    """Functions with the values, interpreted, of a problem that differs by numbers alone; no derivatives."""
+    """Functions with interpreted values of a problem that differs in numbers only; without derivatives."""
     values = _instants(problem, _rows(problem), "interpreted", derivatives=False)
     return dataclasses.replace(instants, call=values.call, backend="interpreted")
 
 
 Parts = tuple[ca.SX, list[Implicit]]
-"""Rows as one expression, and what iterations find for them."""
+"""Rows as one expression, and the inner iterations on which they depend."""
 
 
 def _rows(problem: PlanningProblem) -> dict[str, Parts]:
@@ -123,8 +123,8 @@ def _instants(
 ) -> InstantFunctions:
     """Functions of rows of an instant; see :meth:`PlanningProblem.arguments`."""
     z, constant = problem.stage.z, problem.stage.inertia
-    # Sharing common parts of derivatives saves 5 % of their evaluation, and takes most of the time in which
-    # they are made: where a problem is interpreted, it is left to the values.
+    # Common subexpressions shared with derivatives save 5 % of their evaluation, but take most of the build
+    # time. For interpreted problems only the values share them.
     functions, patterns, share = dict[str, ca.Function](), list[Pattern](), backend != "interpreted"
     for prefix, (expression, iterated) in rows.items():
         symbols = symbols_of(iterated) if iterated else None
@@ -144,14 +144,14 @@ def _instants(
             functions |= functions_of(iterated)
     call, used = _caller(functions, backend)
     none = (np.empty(0, dtype=np.int64),) * 2
-    # what iterations find is cached
+    # results of inner iterations are cached
     implicit = {
         f"{prefix}{name}": (prefix, iterated) for prefix, (_, iterated) in rows.items() for name in NAMES
     }
     cache: dict[str, tuple[bytes, Array]] = {}
 
     def called(name: str, z: Array, *others: Array) -> Array:
-        """Values (n, count) of a function at columns of instants, and of what else it takes."""
+        """Values (n, count) of a function at columns of instants, with its other arguments."""
         prefix, iterated = implicit[name]
         if not iterated:
             return call(name, z, *others)
@@ -172,7 +172,7 @@ def derived(
     constant: ca.SX | None = None,
     share: bool = True,
 ) -> tuple[dict[str, ca.Function], list[Pattern]]:
-    """Values and first and second derivatives of rows, and where the derivatives' entries stand.
+    """Values and first and second derivatives of rows, and the derivatives' sparsity.
 
     The functions are called with z and the symbols that are ``constant`` below it, with those that are held
     constant, if such are given, and the second derivatives with weights of the rows. With ``share``
@@ -223,7 +223,10 @@ def _caller(functions: Mapping[str, ca.Function], backend: str) -> tuple[Callabl
         else:
 
             def in_lanes(name: str, *given: Array) -> Array:
-                """Values (n, count) of a function at columns, in groups; the last column fills them up."""
+                """Values (n, count) of a function at columns, in groups.
+
+                The last group is padded with the last column.
+                """
                 count, size = given[0].shape[1], functions[name].numel_out(0)
                 wide = [np.hstack([array, np.tile(array[:, -1:], -count % lanes)]) for array in given]
                 out = np.empty((size, count))
@@ -236,7 +239,7 @@ def _caller(functions: Mapping[str, ca.Function], backend: str) -> tuple[Callabl
     mapped: dict[tuple[str, int], ca.Function] = {}
 
     def in_turn(name: str, *given: Array) -> Array:
-        """Evaluate a function interpreted, column by column."""
+        """Values of an interpreted function, column by column."""
         count = given[0].shape[1]
         if (name, count) not in mapped:
             mapped[name, count] = functions[name].map(count)

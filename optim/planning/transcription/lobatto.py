@@ -1,7 +1,8 @@
 """Lobatto collocation as data: nodes and integration weights on the interval from 0 to 1.
 
-The method Lobatto IIIA with s points: a motion's rates at the nodes make a polynomial of degree s - 1, which
-is integrated exactly. Its order is 2 s - 2; with s = 3 it is Hermite and Simpson's.
+In the Lobatto IIIA method with s points, the polynomial of degree s - 1 through a motion's rates at the nodes
+is integrated exactly: A_jk is the integral from 0 to node c_j of the polynomial that is one at c_k and zero
+at the other nodes. The order is 2 s - 2; s = 3 is the Hermite-Simpson method.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ class Lobatto:
 
     Attributes:
         nodes: Collocation nodes in 0 .. 1 (s,), both ends among them.
-        integral: Integral from 0 to each node of the polynomial that is one at another (s, s); its last row
+        integral: Matrix A (s, s): integral from 0 to node j of the basis polynomial of node k; its last row
             holds the weights of the quadrature.
     """
 
@@ -30,7 +31,7 @@ class Lobatto:
 
     @classmethod
     def of_order(cls, order: int) -> Lobatto:
-        """Collocation of an even order from 2 on."""
+        """Collocation of a given even order, at least 2."""
         points = order // 2 + 1
         legendre = np.polynomial.Legendre.basis(points - 1)
         inner = np.sort(legendre.deriv().roots().real) if points > 2 else np.empty(0)
@@ -79,11 +80,11 @@ class Lobatto:
         return point_weights
 
     def values_at(self, place: Array) -> Array:
-        """Values at places (n,) in an interval of the polynomials that are one at a node: (n, s)."""
+        """Basis polynomials at places (n,) in an interval, 0 to 1: (n, s)."""
         return np.stack([polynomial.polyval(np.asarray(place, dtype=float), b) for b in self.basis], axis=-1)
 
     def primitives_at(self, place: Array) -> Array:
-        """Their integrals from 0 to places (n,): (n, s)."""
+        """Integrals of the basis polynomials from 0 to places (n,): (n, s)."""
         at = np.asarray(place, dtype=float)
         return np.stack([polynomial.polyval(at, b) for b in self.primitives], axis=-1)
 

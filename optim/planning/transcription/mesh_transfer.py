@@ -21,7 +21,7 @@ def solve_from(
     iterations: int = 500,
     on_iteration: OnIteration | None = None,
 ) -> tuple[Solution, Solution]:
-    """Solve a problem on a motion's mesh first, and then on the program's from what was found there.
+    """Solve a problem on a motion's mesh, then on the program's mesh from that solution.
 
     Args:
         motion: Initial motion, on a coarse mesh.
@@ -46,8 +46,8 @@ def solve_from(
 def transfer(solution: Solution, source: PhaseChain, target: PhaseChain) -> Solution:
     """Transfer a solution from one mesh to another of the same problem.
 
-    Multipliers of what holds at points are densities over time times the weights of the quadrature; those of
-    the defects come from the costates p, of which an interval's multipliers are A^T lambda = b p.
+    Multipliers of constraints at points are densities over time times the quadrature weights. Those of the
+    defects of an interval follow from the costates p by A^T lambda = b p.
 
     Args:
         solution: Solution on the source's mesh.
@@ -69,7 +69,8 @@ def transfer_constrained(solution: Solution, source: PhaseChain, target: PhaseCh
     Args:
         solution: Solution of the source.
         source, target: Its program, and the one whose path has all rows of the source's, in the same order,
-            and more of other names: their multipliers are zero.
+            source, target: Program of the solution, and one whose path has all rows of the source's in the
+                same order, and further rows of other names, whose multipliers are zero.
     """
     blocks = list[Array]()
     for part, old, new in zip(source.parted(solution), source.programs, target.programs, strict=False):
@@ -95,7 +96,7 @@ def transfer_remaining(
 
     Args:
         solution, source, target: See :func:`transfer`.
-        begin: Part of the source's duration at which the target begins; both end together.
+        begin: Share of the source's duration at which the target begins; both end at the same time.
     """
     left = 1.0 - begin
     share, target_share = (at.lobatto.times(at.mesh, 1.0) for at in (source, target))

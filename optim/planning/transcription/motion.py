@@ -71,7 +71,7 @@ class Motion:
 
     @property
     def unknowns(self) -> Array:
-        """Instants and duration as a program has them."""
+        """Vector of instants and duration, as a program's unknowns."""
         return np.append(self.z.ravel(), self.duration_s)
 
     def parts(self, z: Array) -> list[Array]:
@@ -79,7 +79,7 @@ class Motion:
         return self._split(z)[:-1]
 
     def _split(self, z: Array) -> list[Array]:
-        """The same, and parts of forces."""
+        """Parts of :meth:`parts`, and the parts of forces."""
         stage = self.problem.stage
         sizes = [part.numel() for part in (stage.q, stage.v, stage.a, stage.u, stage.w)]
         return np.split(z, np.cumsum(sizes), axis=1)
@@ -87,8 +87,8 @@ class Motion:
     def at(self, mesh: Mesh, place: Array) -> Array:
         """Instants (N len(place), nz) at places in 0 .. 1 of each of the N intervals of a mesh.
 
-        Velocities and configurations are the integrals of the polynomials of their rates, which they equal at
-        the points.
+        Velocities and configurations are integrals of the polynomials of their rates, and agree with the
+        unknowns at the mesh points.
         """
         return self.along((mesh.starts[:, None] + mesh.widths[:, None] * place).ravel())
 
@@ -110,7 +110,7 @@ class Motion:
         )
 
     def split_forces(self) -> Motion:
-        """Return the motion with the parts of forces that follow from its drive."""
+        """Motion whose parts of forces follow from its drive."""
         forces, stage = self.problem.magnitudes, self.problem.stage
         if not forces:
             return self
@@ -120,10 +120,10 @@ class Motion:
         return dataclasses.replace(self, z=np.hstack([unsplit, np.array(parts_values).T]))
 
     def balanced(self) -> Motion:
-        """Return the motion with the accelerations and grasp wrenches that its drives cause.
+        """Motion with the accelerations and grasp wrenches that its drives cause.
 
-        The equations of motion and the acceleration constraints of rigid grasps are linear in both; of all
-        solutions it has the one nearest to its own accelerations and wrenches.
+        The equations of motion and the acceleration constraints of rigid grasps are linear in both. Among all
+        solutions the one nearest to the previous accelerations and wrenches is taken.
         """
         stage = self.problem.stage
         unknown, rows = ca.vertcat(stage.a, stage.w), ca.vertcat(stage.balance, stage.parting)
@@ -150,7 +150,7 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class PhasedMotion:
-    """The motions of all phases of a plan, in turn; of one phase as a rule.
+    """The motions of all phases of a plan, in order; usually a single one.
 
     Attributes:
         motions: Motion of each phase.
@@ -162,7 +162,7 @@ class PhasedMotion:
 
     @property
     def begins(self) -> Array:
-        """Time at which each phase begins [s]."""
+        """Start time of each phase [s]."""
         return np.cumsum([0.0, *(motion.duration_s for motion in self.motions[:-1])])
 
     @property
@@ -172,12 +172,12 @@ class PhasedMotion:
 
     @property
     def time(self) -> Array:
-        """Times of the points [s]; two of them are the same where phases meet."""
+        """Times of the points [s]; the time at which two phases meet occurs twice."""
         return np.concatenate([t + m.time for t, m in zip(self.begins, self.motions, strict=True)])
 
     @property
     def unknowns(self) -> Array:
-        """Instants, durations and impulses as a program has them."""
+        """Vector of instants, durations and impulses, as a program's unknowns."""
         return np.concatenate([*(motion.unknowns for motion in self.motions), *self.impulses])
 
     @property

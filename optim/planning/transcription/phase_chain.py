@@ -1,8 +1,8 @@
-"""Programs of phases that follow each other, as one program.
+"""Program of consecutive phases, joined from the phases' programs.
 
-Their unknowns stand one after the other, those of the links behind them, and so do their constraints. A link
-joins the last instant of a phase with the first one of the next: the state goes on, or, where rigid grasps
-close, it jumps by the plastic impulse Lambda on what they hold together,
+The unknowns of all phases are followed by those of the links, and so are the constraints. A link joins the
+last instant of a phase with the first one of the next. The state is continuous or, if rigid grasps close,
+jumps by the plastic impulse Lambda on the relative motion A v of the bodies that they join,
 
     q+ = q-,   M(q) (v+ - v-) = A(q)' Lambda,   A(q) v+ = 0.
 """
@@ -31,8 +31,8 @@ class Linkage:
     """Linkage constraints between a phase and the next one.
 
     Attributes:
-        functions: ``values``, ``jacobian`` and ``hessian`` of the state before, the state behind, and the
-            impulse.
+        functions: ``values``, ``jacobian`` and ``hessian`` of the state before the link, the state after it,
+            and the impulse.
         jacobian, hessian: Rows and columns of the nonzero entries.
         impulses: Number of components of the impulse.
     """
@@ -55,7 +55,7 @@ class Linkage:
         return cls(functions, jacobian, hessian, count)
 
     def with_values_of(self, stage: Stage, impact: bool) -> Linkage:
-        """The values of a link into a phase that differs by numbers alone; no derivatives."""
+        """Link into a phase of a problem that differs in numbers only: values without derivatives."""
         arguments, rows, _ = _joined(stage, impact)
         return dataclasses.replace(self, functions={"values": ca.Function("values", [arguments], [rows])})
 
@@ -65,12 +65,12 @@ class Linkage:
         return int(self.functions["values"].numel_out(0))
 
     def call(self, name: str, *given: Array) -> Array:
-        """Values of one of its functions."""
+        """Evaluate one of the link's functions."""
         return np.array(self.functions[name](*given).full()).ravel()
 
 
 def _joined(stage: Stage, impact: bool) -> tuple[ca.SX, ca.SX, int]:
-    """State before a phase, state after it and impulse, their constraints, and entries of the impulse."""
+    """States before and after the link with the impulse, the link's constraints, and the impulse's size."""
     scene, model = stage.scene, stage.scene.model
     count = stage.w.numel() if impact else 0
     before, behind = (ca.SX.sym(name, model.nq + model.nv) for name in ("before", "behind"))
@@ -92,7 +92,7 @@ class LinearConstraints:
 
     Attributes:
         matrix: Their jacobian (rows, size).
-        least, greatest: Limits of their values (rows,) each.
+        least, greatest: Lower and upper limits of their values (rows,) each.
     """
 
     matrix: sparse.csr_matrix
@@ -101,17 +101,17 @@ class LinearConstraints:
 
 
 class PhaseChain:
-    """Programs of phases in turn, and the links between them.
+    """Programs of consecutive phases, and the links between them.
 
     Args:
         programs: Program of each phase.
-        links: Between each two of them.
-        rest: Further linear constraints on all unknowns, the last rows of the chain; none if not given.
+        links: Link between each pair of consecutive phases.
+        rest: Further linear constraints on all unknowns, the last rows of the chain; none if None.
 
     Attributes:
-        is_redundant: Whether constraints may follow from others: that a body which no force turns is at rest
-            at the end follows from its start, and no cost of plans that minimise magnitudes of forces depends
-            on it.
+        is_redundant: Whether constraints may be dependent. For example, rest at the end of a body without
+            torque follows from its start; and plans that minimise magnitudes of forces may leave unknowns
+            without cost.
     """
 
     def __init__(
@@ -137,7 +137,7 @@ class PhaseChain:
             ends = first[k] + (before.points - 1) * before.nz + state, first[k + 1] + state
             impulse = first[len(programs) + k] + np.arange(link.impulses)
             self._joined.append(np.concatenate([*ends, impulse]))
-        # places of the derivatives' entries: those of the programs, and those of the links
+        # indices of the derivatives' entries: those of the programs, then those of the links
         jacobian, hessian, row = list[Pattern](), list[Pattern](), np.cumsum([0, *self._counts])
         for k, program in enumerate(programs):
             slopes, bends = program.jacobian_pattern.tocoo(), program.hessian_pattern.tocoo()
@@ -157,7 +157,7 @@ class PhaseChain:
         return np.split(w, np.cumsum(self._sizes)[:-1])
 
     def parted(self, solution: Solution) -> list[Solution]:
-        """A solution by program."""
+        """Solution of each program, from the chain's."""
         of = zip(*(self.parts(a) for a in (solution.w, solution.bound_multipliers)), strict=True)
         rows = np.split(solution.multipliers, np.cumsum(self._counts)[:-1])
         return [
@@ -166,13 +166,13 @@ class PhaseChain:
         ]
 
     def bounds(self) -> tuple[Array, Array]:
-        """Least and greatest unknowns; impulses are free."""
+        """Lower and upper bounds of the unknowns; impulses are free."""
         free = np.full(sum(link.impulses for link in self.links), np.inf)
         lower, upper = zip(*(p.bounds() for p in self.programs), strict=True)
         return np.concatenate([*lower, -free]), np.concatenate([*upper, free])
 
     def limits(self) -> tuple[Array, Array]:
-        """Least and greatest values of the constraints."""
+        """Lower and upper limits of the constraints."""
         met = np.zeros(sum(link.rows for link in self.links))
         lower, upper = zip(*(p.limits() for p in self.programs), strict=True)
         rest = self.rest

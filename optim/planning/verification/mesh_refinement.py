@@ -1,9 +1,10 @@
-"""Local mesh refinement: intervals are split where a motion is wrong, and nowhere else.
+"""Local mesh refinement: intervals are split in proportion to their contribution to the replay error.
 
-The error of interval n is measured by the rollouts' own method: from the plan's state at the beginning of the
-interval the plan's torques lead to another state at its end than the plan's. That moves a tip by e_p there
-and lets it drift off at e_v, so that by the end of the plan, a time t later, the interval has added about
-e_n = e_p + t e_v. Cut into m pieces, an interval adds e_n / m^p, with p the order of the collocation.
+The error of an interval is measured with the rollouts' own integrator: from the plan's state at the start of
+the interval, the plan's torques lead to a state at its end that differs from the plan's. This moves a tip by
+e_p and gives it a velocity error e_v. At the end of the plan, a time t later, interval n has therefore
+contributed about e_n = e_p + t e_v. Split into m pieces, it contributes e_n / m^p, where p is the order of
+the collocation: m local errors of order h^(p + 1), each with h / m.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from optim.planning.verification.verify import ROUNDING, VerificationResult, bet
 from spacerobot.arrays import Array
 
 SAFETY = 0.3
-"""Share of the tolerance that the summed errors of all intervals may take: estimates are asymptotic."""
+"""Share of the tolerance allowed for the sum of interval errors, because their estimates are asymptotic."""
 JUMP = 0.1
 """Change of a force over an interval, relative to the largest force, that counts as a jump."""
 PIECES = 4
@@ -31,15 +32,15 @@ PIECES = 4
 def refined_meshes(
     phased_motion: PhasedMotion, verification: VerificationResult, max_intervals: int, backend: str = "auto"
 ) -> tuple[Mesh, ...] | None:
-    """Meshes on which the motion is expected to keep the tolerance of its replay and its limits.
+    """Meshes on which the motion is expected to keep its replay tolerance and its limits.
 
     Args:
-        phased_motion, verification: The motion, and what is wrong with it.
+        phased_motion, verification: The motion, and its verification.
         max_intervals: Maximum number of intervals of each phase.
         backend: Integrator: ``auto``, ``compiled`` or ``interpreted``.
 
     Returns:
-        tuple or None: A mesh for each phase; None where no interval may be split any more.
+        tuple or None: A mesh for each phase; None if no interval may be split further.
     """
     counts = []
     for motion in phased_motion.motions:  # two pieces where a limit is passed by more than allowed
@@ -50,10 +51,10 @@ def refined_meshes(
         counts.append(pieces)
     if verification.error_m > verification.tolerance_m:
         errors = local_errors(phased_motion, backend)
-        # Errors of intervals cancel, or grow on the way: what they sum up to is scaled to what was seen.
+        # Errors of intervals may cancel or grow: their sum is scaled to the measured replay error.
         scale = verification.error_m / max(sum(float(phase_errors.sum()) for phase_errors in errors), 1e-300)
         errors = [phase_errors * scale for phase_errors in errors]
-        # One piece more for the interval that adds most, until all of them add no more than is allowed.
+        # Add a piece to the interval with the largest contribution until the sum is within the allowed error.
         order = 2 * phased_motion.motions[0].lobatto.points - 2
         rest = [remaining / count**order for remaining, count in zip(errors, counts, strict=True)]
         heap = [(-error, k, n) for k, remaining in enumerate(rest) for n, error in enumerate(remaining)]
@@ -78,17 +79,17 @@ def refined_meshes(
 
 
 def sharper_meshes(phased_motion: PhasedMotion, max_intervals: int) -> tuple[Mesh, ...] | None:
-    """Meshes that are finer where forces change whose magnitudes are a cost.
+    """Meshes refined where forces change whose magnitudes are a cost.
 
-    The least of magnitudes jumps from limit to limit. Where a jump is a straight line over a time h instead,
-    the impulse is the same and its centre off by a part of h^2, so that the cost is too large by O(h^2).
+    The optimal forces jump from limit to limit. If a jump is represented by a straight line over a time h,
+    the impulse is exact but its centroid is off by O(h^2), so that the cost is too large by O(h^2).
 
     Args:
         phased_motion: The motion.
         max_intervals: Maximum number of intervals of each phase.
 
-    Returns:
-        tuple or None: A mesh for each phase; None where there are no such forces, or no interval may be split
+    tuple or None: A mesh for each phase; None if there are no such forces, or no interval may be split
+    further.
             any more.
     """
     counts = []
@@ -110,7 +111,7 @@ def sharper_meshes(phased_motion: PhasedMotion, max_intervals: int) -> tuple[Mes
 
 
 def local_errors(phased_motion: PhasedMotion, backend: str = "auto") -> list[Array]:
-    """Distance [m] by which each interval of each phase moves the tips off the plan until its end (N,).
+    """Distance [m] that each interval contributes to the tips' deviation at the end of the plan (N,).
 
     Args:
         phased_motion: The motion.

@@ -1,18 +1,20 @@
-"""Second-order conditions: whether the cost falls along a direction that the constraints allow.
+"""Second-order conditions: search for a feasible direction of descent at a solution.
 
-At a solution with multipliers let H be the Hessian of the Lagrangian, J the slopes of the constraints, and
-D > 0 the stiffness of each: large for an equation, multiplier over room for a limit, so that one that holds
-counts as an equation and one that leaves room does not count. The solution is a minimum where the KKT matrix
+At a solution with multipliers, let H be the Hessian of the Lagrangian, J the Jacobian of the constraints, and
+D > 0 the diagonal stiffness of the constraints. An equation has a large stiffness. A limit has its multiplier
+divided by its slack: an active limit acts as an equation, an inactive one has no effect. The solution is a
+minimum if the KKT matrix
 
     [ H   J'     ]
     [ J  -1/D    ]
 
-has as many negative eigenvalues as it has constraints (Nocedal and Wright, *Numerical Optimization*, section
-16.3). Eliminating its lower right block, that is where H + J' D J is positive definite, which an LDL'
-factorisation without interchanges decides: it exists, with positive pivots, for such a matrix alone.
+has as many negative eigenvalues as constraints (Nocedal and Wright, *Numerical Optimization*, section 16.3).
+Elimination of the lower right block shows that this holds if and only if H + J' D J is positive definite,
+which an LDL' factorisation without pivoting tests: the factorisation exists with positive pivots for positive
+definite matrices only.
 
-Curvatures are measured by W, which has the parts of the duration that belong to the unknowns on its diagonal:
-d' H d / d' W d is the second change of the cost by a motion whose mean square is one.
+Curvatures are measured relative to W, a diagonal matrix with the share of the duration that belongs to each
+unknown: d' H d / d' W d is the second derivative of the cost along a motion of mean square one.
 """
 
 from __future__ import annotations
@@ -26,9 +28,9 @@ from optim.planning.transcription.phase_chain import PhaseChain
 from spacerobot.arrays import Array
 
 FLAT = 1e-3
-"""Curvature, as a part of the cost, below which a direction counts as flat: plans may have several optima."""
+"""Curvature relative to the cost below which a direction is flat: plans may have several equal optima."""
 EQUATION = 1e8
-"""Stiffness of an equation and greatest one of a limit, as a part of the cost."""
+"""Stiffness of an equation, and maximum stiffness of a limit, relative to the cost."""
 STEPS = 30
 """Number of steps of the inverse iteration."""
 
@@ -36,7 +38,7 @@ STEPS = 30
 def descent_direction(program: PhaseChain, solution: Solution, scale: float) -> Array | None:
     """Direction (size,) along which the cost falls to second order and the constraints hold to first.
 
-    None where the solution is a minimum. Its mean square over the duration is one.
+    None if the solution is a minimum. Its mean square over the duration is one.
 
     Args:
         program, solution: Program, and its solution.
@@ -54,8 +56,7 @@ def descent_direction(program: PhaseChain, solution: Solution, scale: float) -> 
     equal = least == greatest
     stiff[equal] /= np.maximum(sizes[equal], 1e-12) ** 2
     held = _stiffness(w, low, high, solution.bound_multipliers, EQUATION * scale)
-    # diagonal of W: parts of the duration that belong to the unknowns;
-    # one for durations, zero for what is given
+    # diagonal of W: share of the duration for each unknown, one for durations, zero for fixed unknowns
     parts = np.concatenate([np.append(np.repeat(one.weights, one.nz), 1.0) for one in program.programs])
     weights = np.concatenate([parts, np.ones(program.size)])[: program.size]
     weights[low == high] = 0.0
@@ -86,7 +87,10 @@ def descent_direction(program: PhaseChain, solution: Solution, scale: float) -> 
 
 
 def _stiffness(values: Array, least: Array, greatest: Array, multipliers: Array, most: float) -> Array:
-    """Multiplier over room of each limit, no more than ``most``, which equations have."""
+    """Stiffness of each constraint: multiplier over slack of a limit, at most ``most``.
+
+    ``most`` for equations.
+    """
     room = np.where(multipliers > 0, greatest - values, values - least)
     with np.errstate(divide="ignore", invalid="ignore"):
         stiffness = np.abs(multipliers) / np.maximum(room, 0.0)
@@ -95,7 +99,7 @@ def _stiffness(values: Array, least: Array, greatest: Array, multipliers: Array,
 
 
 def _positive(matrix: sparse.csc_matrix) -> SuperLU | None:
-    """Factors of a symmetric matrix if it is positive definite."""
+    """Factors of a symmetric matrix; None if it is not positive definite."""
     try:
         factors = splu(
             matrix.tocsc(),
