@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
+from optim.planning.formulation.formulate import formulate_phases
 from optim.planning.formulation.link_pairs import Collision, collisions, link_pairs, unseen_steps
 from optim.planning.mpc.horizon import Horizon
 from optim.planning.output.plan_folder import summary
@@ -13,8 +14,10 @@ from optim.planning.search.make_plan import make_plan
 from optim.planning.search.plan_solver import PlanSolver
 from optim.planning.studies.pareto_front import FrontRequest, make_front
 from optim.planning.transcription.instant_functions import build_instants
-from optim.planning.transcription.motion import PhasedMotion
-from optim.planning.verification.verify import course_collisions
+from optim.planning.transcription.lobatto import Lobatto
+from optim.planning.transcription.mesh import Mesh
+from optim.planning.transcription.motion import Motion, PhasedMotion
+from optim.planning.verification.verify import FINER, course_collisions
 from spacerobot.cli.commands.check import command as check
 
 LOOK = {"look": {"tip": "one/tip", "position": [1.2, 0.15, 0]}}
@@ -118,6 +121,16 @@ def test_links_that_pass_each_other_between_two_instants_are_seen(reach):
     assert {int(one.time_s / duration * 6) for one in entered} <= set(steps.tolist())
     still = unseen_steps(pairs, model, path[:2], 0 * rates[:2], time[:2], 1e-3)
     assert still.size == 0
+    (phase,) = formulate_phases(scene)
+    stage, lobatto, mesh = phase.problem.stage, Lobatto.of_order(phase.plan.order), Mesh.of(1)
+    turning = duration * FINER / 6  # the same angles at the instants of the check
+    times = lobatto.times(mesh, turning)
+    z = np.zeros((len(times), stage.z.numel()))
+    z[:, : model.nq], z[:, model.nq : model.nq + model.nv] = scene.q, rates[0]
+    z[:, joint.idx_q] += turn / duration * times
+    course = PhasedMotion((Motion(phase.problem, lobatto, mesh, turning, z),))
+    assert "target/body" not in {one.second for one in course_collisions(course, pairs)}
+    assert "target/body" in {one.second for one in course_collisions(course, pairs, between=True)}
 
 
 def test_check_reports_them(reach, capsys):
