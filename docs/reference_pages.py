@@ -220,14 +220,21 @@ def quantities() -> str:
     from spacerobot.quantities import quantities as registered
 
     titles = ("name", "unit", "description", "over time")
-    uses = ("`campaign.limits`", "`tuning.constraints`", "`tuning.objective`", "`plan.costs`")
+    uses = (
+        "`campaign.limits`",
+        "`tuning.constraints`",
+        "`tuning.objective`",
+        "`plan.costs`",
+        "`plan.limits`",
+    )
     rows = [f"| {' | '.join((*titles, *uses))} |", "|---" * (len(titles) + len(uses)) + "|"]
     for name, own in registered().items():
         limits = (f"`{own.limit}`", f"`max_{own.limit}`") if own.limit else ("", "")
         weight = f"`{own.weight}` [{own.weight_unit('objective')}]" if own.weight else ""
         cost = f"`{own.cost}` [{own.weight_unit()}]" if own.cost else ""
         described = f"{own.label}: {own.description}" if own.description else own.label
-        cells = (own.unit, described, own.reducer, *limits, weight, cost)
+        bounds = ", ".join(f"`{bound.key}` [{bound.unit}]" for bound in own.bounds)
+        cells = (own.unit, described, own.reducer, *limits, weight, cost, bounds)
         rows.append(f"| `{name}` | " + " | ".join(cell(c) for c in cells) + " |")
     return "\n".join(rows)
 

@@ -83,6 +83,7 @@ from spacerobot.orbit_states import RendezvousStart as RendezvousStart
 from spacerobot.orbit_states import rendezvous_start as rendezvous_start
 from spacerobot.paper import PaperComparison as PaperComparison
 from spacerobot.paper import reproduce_paper as reproduce_paper
+from spacerobot.quantities import PlanBound as PlanBound
 from spacerobot.quantities import Quantity as Quantity
 from spacerobot.quantities import register_quantity as register_quantity
 from spacerobot.result import Result as Result

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import casadi as ca
 
-from spacerobot.quantities.quantity import Columns, Quantity, SignalSource
+from spacerobot.quantities.quantity import Columns, PlanBound, Quantity, SignalSource
 
+NO_BASE = "there are no floating bases of robots"
 NO_FORCE = "there are no forces on bases: give `limits.base_force`, or actuators of the base"
 NO_TORQUE = "there are no torques on bases: give `limits.base_torque`, or actuators of the base"
 
@@ -30,9 +31,40 @@ QUANTITIES = (
         total="norm",
         weight="base_translation",
         cost="base_translation",
+        bounds=(
+            PlanBound("base_translation", "m", "maximum displacement of any robot's base since the start"),
+        ),
         relative_to_start=True,
         is_default=False,
-        absent="there are no floating bases of robots",
+        absent=NO_BASE,
+    ),
+    Quantity(
+        name="base_speed_rms",
+        label="RMS base speed",
+        description="root mean square of the speed of a base",
+        unit="m/s",
+        reducer="rms",
+        expression="base_velocity",
+        total="norm",
+        bounds=(
+            PlanBound("base_speed", "m/s", "maximum speed of any floating base's root link, at its origin"),
+        ),
+        is_metric=False,
+        is_default=False,
+        absent=NO_BASE,
+    ),
+    Quantity(
+        name="base_spin_rms",
+        label="RMS base spin",
+        description="root mean square of the angular velocity of a base",
+        unit="rad/s",
+        reducer="rms",
+        expression="base_spin",
+        total="norm",
+        bounds=(PlanBound("base_spin_deg", "deg/s", "maximum angular velocity of any floating base"),),
+        is_metric=False,
+        is_default=False,
+        absent=NO_BASE,
     ),
     Quantity(
         name="base_force_rms",
@@ -44,6 +76,15 @@ QUANTITIES = (
         total="norm",
         weight="base_force",
         cost="base_force",
+        bounds=(
+            PlanBound(
+                "base_force",
+                "N",
+                "maximum force along each axis that drives a floating base, 0 for none; that of its "
+                "actuators if not given",
+                allowed={"ge": 0},
+            ),
+        ),
         is_default=False,
         absent=NO_FORCE,
     ),
@@ -57,6 +98,14 @@ QUANTITIES = (
         total="norm",
         weight="base_torque",
         cost="base_torque",
+        bounds=(
+            PlanBound(
+                "base_torque",
+                "N m",
+                "maximum torque about each axis that drives a floating base, 0 for none; likewise",
+                allowed={"ge": 0},
+            ),
+        ),
         is_default=False,
         absent=NO_TORQUE,
     ),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from spacerobot.quantities.quantity import Columns, Quantity, SignalSource, sizes
+from spacerobot.quantities.quantity import Columns, PlanBound, Quantity, SignalSource, sizes
 
 SMALLEST = 1e-6  # N or N m; keeps the size smooth where there is no force
 NO_GRASP = "this scene has no grasp that holds"
@@ -71,6 +71,7 @@ QUANTITIES = (
         total="norm",
         weight="grip_force",
         cost="grip_force",
+        bounds=(PlanBound("grip_force", "N", "maximum force of any grasp that holds", is_relative=True),),
         is_default=False,
         absent=NO_GRASP,
     ),
@@ -84,6 +85,7 @@ QUANTITIES = (
         total="norm",
         weight="grip_torque",
         cost="grip_torque",
+        bounds=(PlanBound("grip_torque", "N m", "maximum torque of any grasp that holds", is_relative=True),),
         is_default=False,
         absent=NO_GRASP,
     ),

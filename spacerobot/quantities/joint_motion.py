@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from spacerobot.quantities.quantity import MeasuredScene, Quantity
+from spacerobot.quantities.quantity import MeasuredScene, PlanBound, Quantity
 
 NO_JOINT = "no robot of this scene has a joint"
 
@@ -34,6 +34,15 @@ QUANTITIES = (
         total="norm",
         weight="joint_rate",
         cost="joint_rate",
+        bounds=(
+            PlanBound("joint_speed", "m/s", "maximum speed of any prismatic joint", joints=("prismatic",)),
+            PlanBound(
+                "joint_rate_deg",
+                "deg/s",
+                "maximum rate of any revolute or continuous joint",
+                joints=("revolute", "continuous"),
+            ),
+        ),
         is_default=False,
         absent=NO_JOINT,
         scene_unit=joint_unit("rad/s", "m/s"),

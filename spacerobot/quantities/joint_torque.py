@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 
 from spacerobot.quantities.joint_motion import NO_JOINT, joint_unit
-from spacerobot.quantities.quantity import Columns, Quantity, SignalSource
+from spacerobot.quantities.quantity import Columns, PlanBound, Quantity, SignalSource
 
 torque_unit = joint_unit("N m", "N")
 
@@ -41,6 +41,7 @@ QUANTITIES = (
         total="norm",
         weight="effort",
         cost="torque",
+        bounds=(PlanBound("torque", "N m or N", "maximum torque or force of any joint"),),
         is_default=False,
         absent=NO_JOINT,
         scene_unit=torque_unit,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, Protocol
@@ -179,6 +179,28 @@ class AddedStates:
     rates: Callable[[Any, ca.SX], ca.SX]
 
 
+@dataclass(frozen=True)
+class PlanBound:
+    """A key of ``plan.limits`` that bounds a quantity at all times of a plan.
+
+    Bounded are the length of each column of a root, and each entry of other quantities. Bounds on joint
+    rates, joint torques and forces and torques on bases are bounds on the plan's unknowns.
+
+    Attributes:
+        key, unit, description: Name, unit and text of the limit in scenarios. Degrees bound radians.
+        allowed: Range of the limit, as options of :func:`pydantic.Field`.
+        joints: Kinds of joints that it bounds.
+        is_relative: Whether violations between the mesh's points are relative to the limit.
+    """
+
+    key: str
+    unit: str
+    description: str
+    allowed: Mapping[str, Any] = field(default_factory=lambda: {"gt": 0})
+    joints: tuple[str, ...] = ("revolute", "continuous", "prismatic")
+    is_relative: bool = False
+
+
 @dataclass(frozen=True, kw_only=True)
 class Quantity:
     """A number, or one number per tip, robot or grasp, of each motion; the smaller the better.
@@ -197,6 +219,7 @@ class Quantity:
         weight: Key under which ``tuning.objective`` weighs the sum of its components, or of their squares
             where it is a root; it is no part of objectives if None.
         cost: Key under which ``plan.costs`` weighs the same; it is no cost of plans if None.
+        bounds: Keys under which ``plan.limits`` bounds it; an ``rms`` or a ``peak`` may have some.
         relative_to_start: Whether it is measured from where bases are at the start.
         is_metric: Whether rollouts have its signals, so that campaigns and the studio may keep it.
         is_default: Whether campaigns keep it if their section names no metrics.
@@ -219,6 +242,7 @@ class Quantity:
     limit: str | None = None
     weight: str | None = None
     cost: str | None = None
+    bounds: tuple[PlanBound, ...] = ()
     relative_to_start: bool = False
     is_metric: bool = True
     is_default: bool = True
@@ -301,7 +325,7 @@ def register_quantity(quantity: Quantity) -> Quantity:
     """Add a quantity; a plugin calls it as the files of this package do.
 
     Raises:
-        SpaceRobotError: If another quantity has its name.
+        SpaceRobotError: If another quantity has its name, or it has bounds and is no ``rms`` or ``peak``.
     """
     _load()
     return _add(quantity)
@@ -311,6 +335,10 @@ def _add(quantity: Quantity) -> Quantity:
     registered_quantity = _REGISTERED.get(quantity.name)
     if registered_quantity is not None and source_of(registered_quantity) != source_of(quantity):
         raise SpaceRobotError(f"the quantity {quantity.name!r} is registered already")
+    if quantity.bounds and quantity.reducer not in ("rms", "peak"):
+        raise SpaceRobotError(
+            f"the quantity {quantity.name!r}: bounds of plans are of `rms` or `peak` quantities"
+        )
     _REGISTERED[quantity.name] = quantity
     return quantity
 
@@ -375,6 +403,11 @@ def weighted() -> dict[str, Quantity]:
 def planned() -> dict[str, Quantity]:
     """Quantities that are costs of plans, by their keys."""
     return {each.cost: each for each in quantities().values() if each.cost is not None}
+
+
+def bounded() -> dict[str, tuple[PlanBound, Quantity]]:
+    """Bounds of plans, each with its quantity, by their keys."""
+    return {bound.key: (bound, each) for each in quantities().values() for bound in each.bounds}
 
 
 def find_quantity(name: str) -> Quantity:

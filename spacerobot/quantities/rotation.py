@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spacerobot.quantities.quantity import Columns, Quantity, SignalSource, sizes
+from spacerobot.quantities.quantity import Columns, PlanBound, Quantity, SignalSource, sizes
 
 SMALLEST = np.radians(1e-9)  # keeps the angle smooth where a body has not turned
 NO_TARGET = "this scene has no target"
@@ -65,6 +65,14 @@ QUANTITIES = (
         total="norm",
         weight="base_rotation",
         cost="base_rotation",
+        bounds=(
+            PlanBound(
+                "base_rotation_deg",
+                "deg",
+                "maximum rotation of any robot's base since the start",
+                allowed={"gt": 0, "lt": 180},
+            ),
+        ),
         relative_to_start=True,
         is_default=False,
         absent="there are no floating bases of robots",

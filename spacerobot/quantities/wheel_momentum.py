@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from spacerobot.quantities.quantity import Columns, Quantity, SignalSource, sizes
+from spacerobot.quantities.quantity import Columns, PlanBound, Quantity, SignalSource, sizes
 
 SMALLEST = 1e-12  # N m s; keeps the size smooth where it is zero
 NO_WHEELS = "no robot of this scene has wheels, an actuator of kind reaction_wheels"
@@ -47,6 +47,14 @@ QUANTITIES = (
         expression="single_wheel_momentum",
         total="norm",
         cost="wheel_momentum",
+        bounds=(
+            PlanBound(
+                "wheel_momentum",
+                "N m s",
+                "maximum angular momentum of any wheel about its axis, where wheels alone turn a base",
+                is_relative=True,
+            ),
+        ),
         is_metric=False,
         is_default=False,
         absent=NO_WHEELS,

@@ -39,6 +39,7 @@ KNOWS = {
         "section",
         "description",
         "dynamics",
+        "quantities",
         "shapes",
         "symbolic",
     },

@@ -145,8 +145,8 @@ def test_figures_of_a_plan_fit_one_column(folders, tmp_path):
 def test_distances_and_cones_are_drawn_with_their_limits(folders):
     plan, _ = read(folders[0])
     titles = [panel.get_title("left") for panel in plan_constraints(plan).axes if panel.get_visible()]
-    assert titles == ["rotation of one's base", "apart: end to ball", "mate: off the cone's axis"]
-    turned = plan.constraint.sel(constraint_name="rotation of one's base").values
+    assert titles == ["base rotation of one", "apart: end to ball", "mate: off the cone's axis"]
+    turned = plan.constraint.sel(constraint_name="base rotation of one").values
     assert turned.max() == pytest.approx(np.radians(0.4), rel=1e-6)
     limits = plan.constraint_limit.sel(constraint_name="apart: end to ball").values
     np.testing.assert_allclose(limits, [0.02, np.inf])
@@ -201,9 +201,9 @@ def test_a_report_of_a_plan_says_where_limits_bind_and_what_the_cost_depends_on(
     plan, summary = read(folders[0])
     found = {name: periods for name, _, periods in binding(plan)}
     limits = {name: limit for name, limit, _ in binding(plan)}
-    (rotation,) = (limit for name, limit in limits.items() if "rotation of one's base" in name)
+    (rotation,) = (limit for name, limit in limits.items() if "base rotation of one" in name)
     assert rotation.endswith(" deg")
-    assert any("rotation of one's base" in name for name in found)
+    assert any("base rotation of one" in name for name in found)
     for periods in found.values():
         assert all(0 <= begin <= end <= 2 for begin, end in periods)
     flown = Result.load(folders[1])

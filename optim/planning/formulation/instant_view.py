@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from optim.planning.formulation.reaction_wheels import wheel_driven_bases
+from optim.planning.formulation.reaction_wheels import WheelDrivenBase, wheel_driven_bases
 from optim.planning.formulation.stage import Stage, spring_forces
 from spacerobot.dynamics import (
     Inertias,
@@ -24,7 +24,7 @@ from spacerobot.dynamics import (
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.joints import exact_directions, sparse
 from spacerobot.elements.goals.goal import Goal
-from spacerobot.elements.goals.plan_instant import JointCoordinate, MovingFrame, PlannedBase, PlannedWheels
+from spacerobot.elements.goals.plan_instant import JointCoordinate, MovingFrame
 from spacerobot.elements.shapes.collision_shape import Wrap
 from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scene import Scene
@@ -36,6 +36,24 @@ from spacerobot.shapes import Implicit, MovingShape, Shape, approach_speed, held
 T = TypeVar("T")
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 """Force and torque axes of a driven base, in its own frame."""
+
+
+class PlannedBase(NamedTuple):
+    """Floating base of a robot.
+
+    Attributes:
+        frame: Frame of its root link.
+        rotation: Rotation vector since the start (3x1) [rad], initial root-link axes.
+        translation: Displacement since the start (3x1) [m], world axes.
+        force, torque: Force [N] and torque [N m] of its actuators (3x1 each), root-link axes; structurally
+            zero without actuators.
+    """
+
+    frame: MovingFrame
+    rotation: ca.SX
+    translation: ca.SX
+    force: ca.SX
+    torque: ca.SX
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +235,7 @@ class InstantView:
         """Force [N] and torque [N m] of each closed grasp on its tip, by grasp."""
         return {grip.name: self.stage.wrench(grip) for grip in (*self.stage.grips, *self.stage.springs)}
 
-    def wheels(self) -> dict[str, PlannedWheels]:
+    def wheels(self) -> dict[str, WheelDrivenBase]:
         """Reaction wheels of each base that only wheels drive, by robot."""
         driven_bases = wheel_driven_bases(self.stage)
         if not driven_bases:
@@ -226,9 +244,7 @@ class InstantView:
                 "conserved or there is none; leave it out, or `base_force` and other actuators of the base",
                 self.where,
             )
-        return {
-            name: PlannedWheels(one.momenta, one.speeds, one.motors) for name, one in driven_bases.items()
-        }
+        return driven_bases
 
     def gaps(
         self, between: tuple[str, str], wrap: Wrap | None
@@ -347,6 +363,8 @@ SIGNALS: Mapping[str, Callable[[InstantView], dict[str, ca.SX]]] = {
     "base_force": lambda view: {name: base.force for name, base in view.bases().items()},
     "base_torque": lambda view: {name: base.torque for name, base in view.bases().items()},
     "base_rotation": lambda view: {name: base.rotation for name, base in view.bases().items()},
+    "base_velocity": lambda view: {name: base.frame.velocity for name, base in view.bases().items()},
+    "base_spin": lambda view: {name: base.frame.spin for name, base in view.bases().items()},
     "base_translation": lambda view: {name: base.translation for name, base in view.bases().items()},
     "reaction_force": lambda view: _vectors(view.base_reactions(), 0, view.axes),
     "reaction_torque": lambda view: _vectors(view.base_reactions(), 1, view.turns),

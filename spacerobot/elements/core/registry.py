@@ -50,6 +50,9 @@ PLANS = {
 }
 """Families of plans, which are not part of a closed loop."""
 
+QUANTITY_KINDS = {"plan_limit": "spacerobot.elements.limits.quantity_limit"}
+"""Families with kinds that registered quantities define, and the module that makes those."""
+
 _HOMES = FAMILIES | PLANS
 _KINDS: dict[str, dict[str, type[Element]]] = {family: {} for family in _HOMES}
 _LOADED: set[str] = set()
@@ -77,7 +80,7 @@ def register(kind: Kind) -> Kind:
     if not kind.__doc__:
         raise SpaceRobotError("no docstring; the documentation needs its first line", where=where)
     if not kind.__module__.startswith(_HOMES[family]):
-        _load_shipped(_HOMES[family])  # whose names are taken
+        _load_shipped(family)  # whose names are taken
     registered_kind = _KINDS[family].get(name)
     if registered_kind is not None and (registered_kind.__module__, registered_kind.__qualname__) != (
         kind.__module__,
@@ -99,7 +102,7 @@ def kind_of(element: type[Element]) -> str:
 
 def kinds(family: str) -> Mapping[str, type[Element]]:
     """Kinds of a family by name: those that ship in the order of their names, then the others."""
-    _load_shipped(_HOMES[family])
+    _load_shipped(family)
     if GROUP not in _LOADED:
         _LOADED.add(GROUP)
         for point in entry_points(group=GROUP):
@@ -115,6 +118,7 @@ def find_kind(family: str, name: str) -> type[Element] | None:
     """Kind of a name, None if there is none; a kind that ships is loaded alone if its file has that name."""
     if name not in _KINDS[family] and name in _shipped_modules(_HOMES[family]):
         importlib.import_module(f"{_HOMES[family]}.{name}")
+    _add_kinds_of_quantities(family)
     return _KINDS[family].get(name) or kinds(family).get(name)
 
 
@@ -191,12 +195,20 @@ def plugin_records() -> list[dict[str, str]]:
     ]
 
 
-def _load_shipped(package: str) -> None:
-    if package in _LOADED:
-        return
-    _LOADED.add(package)
-    for name in _shipped_modules(package):
-        importlib.import_module(f"{package}.{name}")
+def _load_shipped(family: str) -> None:
+    package = _HOMES[family]
+    if package not in _LOADED:
+        _LOADED.add(package)
+        for name in _shipped_modules(package):
+            importlib.import_module(f"{package}.{name}")
+    _add_kinds_of_quantities(family)
+
+
+def _add_kinds_of_quantities(family: str) -> None:
+    """Register the kinds of quantities that were registered since the last call."""
+    if family in QUANTITY_KINDS:
+        for kind in importlib.import_module(QUANTITY_KINDS[family]).new_kinds(_KINDS[family]):
+            register(kind)
 
 
 @functools.cache

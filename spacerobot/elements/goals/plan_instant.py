@@ -157,38 +157,6 @@ class JointCoordinate(NamedTuple):
         return ca.atan2(s * c - q * d, q * c + s * d)
 
 
-class PlannedBase(NamedTuple):
-    """Floating base of a robot.
-
-    Attributes:
-        frame: Frame of its root link.
-        rotation: Rotation vector since the start (3x1) [rad], initial root-link axes.
-        translation: Displacement since the start (3x1) [m], world axes.
-        force, torque: Force [N] and torque [N m] of its actuators (3x1 each), root-link axes; structurally
-            zero without actuators.
-    """
-
-    frame: MovingFrame
-    rotation: ca.SX
-    translation: ca.SX
-    force: ca.SX
-    torque: ca.SX
-
-
-class PlannedWheels(NamedTuple):
-    """Reaction wheels that alone turn a robot's base.
-
-    Attributes:
-        momenta: Angular momentum of each about its axis (n x 1) [N m s].
-        speeds: Speed of each wheel relative to the base (n x 1) [rad/s].
-        motors: Torques of the motors (n x 1) [N m].
-    """
-
-    momenta: ca.SX
-    speeds: ca.SX
-    motors: ca.SX
-
-
 class PlanInstant(Protocol):
     """Instant of the trajectory for the evaluation of a plan's goals, costs and limits.
 
@@ -202,10 +170,11 @@ class PlanInstant(Protocol):
         Args:
             name: ``joint_torque``, ``joint_rate``, ``joint_acceleration``, ``tip_position``,
                 ``tip_velocity``, ``base_force``, ``base_torque`` (root link's axes), ``base_rotation``,
-                ``base_translation``, ``reaction_force``, ``reaction_torque`` (of arms on their base about its
-                origin, world axes; on a fixed base with the opposite sign), ``grasp_force``,
-                ``grasp_torque``, ``single_wheel_momentum``, ``vibration_energy`` or ``arrival`` (velocity and
-                spin of tips relative to the mating frames that goals bring them to).
+                ``base_translation``, ``base_velocity``, ``base_spin`` (world axes), ``reaction_force``,
+                ``reaction_torque`` (of arms on their base about its origin, world axes; on a fixed base with
+                the opposite sign), ``grasp_force``, ``grasp_torque``, ``single_wheel_momentum``,
+                ``vibration_energy`` or ``arrival`` (velocity and spin of tips relative to the mating frames
+                that goals bring them to).
         """
 
     @property
@@ -298,15 +267,6 @@ class PlanInstant(Protocol):
             body: Name of the body, which must have some.
             key: Key of the section that names it.
         """
-
-    def bases(self) -> Mapping[str, PlannedBase]:
-        """Floating bases, by robot."""
-
-    def grips(self) -> Mapping[str, tuple[ca.SX, ca.SX]]:
-        """Force [N] and torque [N m] on its tip of each grasp that holds, by grasp, world axes."""
-
-    def wheels(self) -> Mapping[str, PlannedWheels]:
-        """Reaction wheels that alone turn a base, by robot; there must be some."""
 
     def gaps(
         self, between: tuple[str, str], wrap: Wrap | None

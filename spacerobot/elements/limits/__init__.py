@@ -1,1 +1,1 @@
-"""Limits of plans: base class, and one file for each kind that ships."""
+"""Limits of plans: base class, limits on registered quantities, and one file for each geometric kind."""

@@ -66,14 +66,10 @@ class PlanLimit(Element):
 
     In a scenario a single number or list is the value of the key :attr:`short`. The section's key is the kind
     if the section names none: ``torque: 3`` is ``torque: {kind: torque, upper: 3}``.
-
-    Attributes:
-        relative_to_start: Whether it is measured from the initial pose of the base.
     """
 
     family: ClassVar[str] = "plan_limit"
     short: ClassVar[str | None] = "upper"
-    relative_to_start: ClassVar[bool] = False
 
     def joint_limits(self, joint: PlannedJoint) -> Mapping[JointQuantity, float]:
         """Maximum rate [rad/s or m/s] and torque [N m or N] of a joint, if the limit applies to them."""
@@ -83,6 +79,11 @@ class PlanLimit(Element):
     def base_limits(self) -> Mapping[WrenchPart, float]:
         """Maximum force [N] along and torque [N m] about each axis that drives a floating base."""
         return {}
+
+    @property
+    def relative_to_start(self) -> bool:
+        """Whether it is measured from the initial pose of the base."""
+        return False
 
     @property
     def separated(self) -> SeparatedShapes | None:

@@ -7,6 +7,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
+import xarray as xr
 import yaml
 
 from optim.planning.formulation.formulate import formulate
@@ -125,6 +126,35 @@ def test_a_cost_and_a_limit_of_ones_own_come_from_one_file(tmp_path):
     without = forks.command("check", file)
     assert without.returncode == 2
     assert "your own come with --plugin FILE" in without.stderr.replace("\n", " ")
+
+
+TIP_SPEED = """
+import spacerobot as sr
+
+sr.register_quantity(
+    sr.Quantity(
+        name="tip_speed_rms", label="RMS tip speed", description="root mean square of the speed of a tip",
+        unit="m/s", reducer="rms", expression="tip_velocity",
+        bounds=(sr.PlanBound("tip_speed", "m/s", "maximum speed of any tip"),),
+    )
+)
+"""
+
+
+def test_a_registered_quantity_of_ones_own_is_a_limit_of_plans(tmp_path):
+    """The plan's fastest tip is as fast as the limit, and not without it."""
+    plan = REACH["plan"] | {"costs": {"torque": 1}, "tolerance": 1e-3, "order": 4}
+    (tmp_path / "fast.py").write_text(TIP_SPEED)
+    peaks = []
+    for name, limits in (("free", {}), ("slow", {"tip_speed": 0.06})):
+        file = tmp_path / f"{name}.yaml"
+        file.write_text(yaml.safe_dump(REACH | {"plan": plan | {"limits": limits}}))
+        done = forks.command("plan", file, "--plugin", tmp_path / "fast.py", "--out", tmp_path / name)
+        assert done.returncode == 0, done.stdout + done.stderr
+        with xr.open_dataset(tmp_path / name / "plan.nc") as data:
+            peaks.append(float(np.linalg.norm(data.tip_velocity.values, axis=-1).max()))
+    assert peaks[0] > 0.07
+    assert peaks[1] == pytest.approx(0.06, abs=1e-3)
 
 
 def test_goals_have_tolerances_and_cost_less_with_them(reach):

@@ -80,7 +80,7 @@ def test_wheels_detumble_a_body_within_their_momentum_and_the_real_ones_fly_it(s
     found = make_plan(spinning(), backend="interpreted")
     planned, formula, real, result = flown(found, "body", tmp_path)
     whole = found.motion.problem.path
-    held = [row for row in whole if row.name.startswith("momentum")]
+    held = [row for row in whole if row.name.startswith("wheel momentum")]
     values = ca.Function("held", [found.motion.problem.stage.z], [ca.vertcat(*(row.value for row in held))])
     assert np.abs(values(found.motion.z.T).full()).max() == pytest.approx(0.13, abs=1e-6)
     np.testing.assert_allclose(formula, real, atol=1e-9)
