@@ -1,4 +1,4 @@
-"""A campaign in a report: how often it fails, how numbers spread, what matters, the worst samples."""
+"""Report section of a campaign: failure rates, distributions, sensitivities, worst samples."""
 
 from __future__ import annotations
 
@@ -57,10 +57,10 @@ class CampaignReport:
         summary: As in ``summary.json``.
         data: Draws and metrics of every sample.
         worst: By set of gains: its worst sample, simulated.
-        bands: By kept signal: how it spreads over time, for each set of gains by name.
-        spreads: What the animated page tells of all samples, one for each set of gains; see
+        bands: Percentile bands of each recorded signal, by set of gains.
+        spreads: Data of all samples for the animated page, one entry for each set of gains; see
             :func:`viz.page.campaign_spread.spread_data`.
-        faults: By set of gains: why its worst sample cannot be simulated.
+        faults: Reason why the worst sample cannot be simulated, by set of gains.
     """
 
     summary: Mapping[str, Any]
@@ -72,7 +72,7 @@ class CampaignReport:
 
 
 def campaign_report(shown: CampaignReport) -> str:
-    """HTML of a report about a campaign; the worst sample of each set of gains is shown and animated."""
+    """HTML of a campaign's report, with the animated worst sample of each set of gains."""
     summary = shown.summary
     written = {
         "campaign": ("In short", _in_short(summary)),
@@ -129,7 +129,7 @@ def _in_short(summary: Mapping[str, Any]) -> str:
 
 
 def _design(summary: Mapping[str, Any]) -> str:
-    """Samples, their design, and the parameters with their units."""
+    """Number of samples, sampling design, and the parameters with their units, as HTML."""
     sets, step = list(summary["gains"]), stepping(summary)
     named = ", ".join(f"{name} [{unit}]" for name, unit in summary["units"].items())
     about = (
@@ -153,7 +153,7 @@ def _spread(shown: CampaignReport) -> str:
         limit = None if most is None else factor * most
         missing = "diverged" if quantity.exists is None else "without a value"
         spreads.append(SampleSpread(samples, quantity_of(metric), unit, limit, missing))
-    # Percentiles of every number that is kept, folded away.
+    # percentiles of every recorded metric, collapsed
     text = ""
     for name, statistics in shown.summary["gains"].items():
         inside = percentile_table(name, statistics, shown.summary).html()
@@ -246,7 +246,7 @@ def _worst(shown: CampaignReport) -> str:
 
 
 def animated_worst(shown: CampaignReport) -> dict[str, Any]:
-    """Data of the page that plays the worst sample of each set of gains, all samples beside it."""
+    """Data of the page that animates each set's worst sample, with the spread of all samples."""
     named = {
         f"Gains {name}, sample {shown.summary['gains'][name]['worst'][0]['sample']}": result
         for name, result in list(shown.worst.items())[:MOST_ANIMATED]

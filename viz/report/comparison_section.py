@@ -37,7 +37,7 @@ def comparison_section(folder: Path) -> ReportSection:
     """Section of a report about the comparison in a folder.
 
     Args:
-        folder: What ``spacerobot compare`` wrote.
+        folder: Folder that ``spacerobot compare`` wrote.
 
     Raises:
         ResultError: If it holds no comparison that can be shown.
@@ -76,7 +76,7 @@ def _text(folder: Path) -> str:
 
 @contextlib.contextmanager
 def _whole(folder: Path) -> Iterator[None]:
-    """Tell of whatever is missing in a comparison's data, or is something else, in one line."""
+    """Context that reports missing or malformed data of a comparison in one line."""
     try:
         yield
     except (OSError, LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as fault:

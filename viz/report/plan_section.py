@@ -1,4 +1,4 @@
-"""A plan in a report: verdict and motion, where limits bind, what the cost depends on, replay and mesh."""
+"""Report section of a plan: verification, motion, active limits, cost sensitivities, replay and mesh."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ LIMITED = {
     "joint_rate": ("rate", "joint_rate_limit"),
     "torque": ("torque", "torque_limit"),
 }
-"""By variable of the joints: what it is called, and the variable of its limits."""
+"""Label of each variable of the joints, and the variable of its limits."""
 
 
 def plan_report(plan: xr.Dataset, summary: Mapping[str, Any], flown: Result, data: Mapping[str, Any]) -> str:
     """HTML of a report about a plan.
 
     Args:
-        plan, summary: What stands in ``plan.nc`` and ``plan.json``.
+        plan, summary: Data of ``plan.nc`` and ``plan.json``.
         flown: Result of the scenario that follows the plan.
-        data: Of the animated page of both.
+        data: Data of the animated page of plan and result.
     """
     figures = "".join(
         picture(name, TITLES.get(name, name), to_bytes(drawing, "svg"))
@@ -89,10 +89,10 @@ def _in_short(summary: Mapping[str, Any], flown: Result, data: Mapping[str, Any]
 
 
 def binding(plan: xr.Dataset) -> Iterator[tuple[str, str, list[tuple[float, float]]]]:
-    """Limits that are active: what is limited, which limit, and the periods [s] in which it binds.
+    """Active limits: quantity, limit, and the periods [s] in which it is active.
 
     Args:
-        plan: What stands in ``plan.nc``.
+        plan: Data of ``plan.nc``.
     """
     time = plan.time.values
     for variable, (word, limits) in LIMITED.items():

@@ -25,10 +25,10 @@ class ReportSection:
     """A part of a report.
 
     Attributes:
-        name: Of its anchor.
+        name: Name of its anchor.
         title: Its heading.
-        body: HTML of it, or None where it does not apply. Texts that come from files must be escaped, as
-            :func:`spacerobot.tables.escape` does.
+        body: Function that returns its HTML, or None where it does not apply. Texts from files must be
+            escaped, as :func:`spacerobot.tables.escape` does.
     """
 
     name: str
@@ -56,9 +56,9 @@ def report(*results: Result, title: str | None = None, sections: Sequence[Report
     """HTML of a report; it needs no network and prints well.
 
     Args:
-        results: What it is about, the first one foremost.
-        title: Heading; made of the results' names if not given.
-        sections: What it holds; other packages may add theirs.
+        results: Results to be reported, the main one first.
+        title: Heading; composed of the results' names if None.
+        sections: Sections of the report.
 
     Raises:
         ResultError: If the results cannot be compared.

@@ -26,9 +26,9 @@ from viz.record import frames
 from viz.report.verdict import verdict
 
 MOST_DIFFERENCES = 12
-"""Values in which scenarios differ, at most, that are shown unfolded."""
+"""Maximum number of differing values that are shown without unfolding."""
 MOST_COMPARED = 4
-"""More results than these are listed in tables, but not drawn over each other."""
+"""Maximum number of results in one drawing; more are only listed in tables."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,8 @@ class Subject:
     """Subject of a report.
 
     Attributes:
-        results: The results, the first one foremost.
-        labels: A short name for each.
+        results: The results, the main one first.
+        labels: Short name of each result.
     """
 
     results: tuple[Result, ...]
@@ -45,7 +45,7 @@ class Subject:
 
     @property
     def drawn(self) -> tuple[Result, ...]:
-        """Results that are drawn: all, or the first alone where they are too many."""
+        """Results to be drawn: all, or only the first if there are too many."""
         return self.results if len(self.results) <= MOST_COMPARED else self.results[:1]
 
 
@@ -116,7 +116,7 @@ def events(subject: Subject) -> str | None:
 
 
 def against_the_paper(subject: Subject) -> str | None:
-    """Tip errors beside those that the paper prints, for its own robots."""
+    """Tip errors compared with the values printed in the paper, for the paper's robots."""
     ours = [
         (result, label)
         for result, label in zip(subject.results, subject.labels, strict=True)
@@ -196,7 +196,7 @@ def ledger(subject: Subject) -> str | None:
 
 
 def assumptions(subject: Subject) -> str | None:
-    """Assumptions where the scenario is silent, those that all results share first."""
+    """Assumptions about values that the scenario leaves open, those common to all results first."""
     lists = [list(result.summary["assumptions"]) for result in subject.results]
     shared = [line for line in lists[0] if all(line in other for other in lists)]
     parts = [_list(shared, "assumptions")]
@@ -208,7 +208,7 @@ def assumptions(subject: Subject) -> str | None:
 
 
 def origins(subject: Subject) -> str | None:
-    """Versions, descriptions and the resolved scenarios: what it takes to do it again."""
+    """Versions, descriptions and resolved scenarios, from which the results can be reproduced."""
     parts = []
     for result, label in zip(subject.results, subject.labels, strict=True):
         rows = [[name, version] for name, version in result.summary["versions"].items()]
@@ -225,7 +225,7 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def picture(name: str, title: str, svg: bytes) -> str:
-    """HTML of a drawing with its title; ``name`` is that of its anchor, empty if it has none."""
+    """HTML of a drawing with its title; ``name`` is its anchor, empty for none."""
     source = f"data:image/svg+xml;base64,{base64.b64encode(svg).decode('ascii')}"
     # on a narrow page the drawing fits the width, and is enlarged, and scrolls, when it is clicked
     box = f'<input type="checkbox" aria-label="Enlarge: {escape(title)}">'
@@ -246,7 +246,9 @@ def still_png(result: Result, size_px: tuple[int, int] = (900, 540)) -> bytes:
 
 
 def playable(page: str, stills: Sequence[bytes], height_px: int) -> str:
-    """HTML of still pictures in whose place an animated page comes when they are clicked; paper keeps them.
+    """HTML of still pictures that are replaced by an animated page when clicked.
+
+    Printed pages show the stills.
 
     No script is needed: the frame of a box that is not ticked is not displayed, and a frame that is loaded
     lazily is not loaded before it is displayed.

@@ -69,7 +69,7 @@ def cloud(_: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float], j
 
 
 def _told(spread: CampaignSpread, values: Array, total: int) -> dict[str, Any]:
-    """Message about the samples so far: the metric of each, quantiles of signals over time, paths of some."""
+    """Message about the samples so far: metric values, quantiles of signals over time, some paths."""
     return {
         "progress": len(values) / total,
         "message": "",

@@ -17,7 +17,7 @@ Send = Callable[[Any, dict[str, Any]], None]
 
 
 class StoppedError(Exception):
-    """The page wants no more of a job."""
+    """Error that ends a job which the page has cancelled."""
 
 
 @dataclass

@@ -44,12 +44,12 @@ class Jobs:
         threading.Thread(target=self._run, args=(self._job,), name="studio job", daemon=True).start()
 
     def stop(self, name: str) -> None:
-        """Stop a job; one that is over is no fault."""
+        """Stop a job; nothing happens if it has ended."""
         if self._job is not None and self._job.id == name:
             self._job.stop.set()
 
     def stop_all(self, page: Any = None) -> None:
-        """Stop the jobs of a page, or of all."""
+        """Stop the jobs of a page, or all jobs if None."""
         if self._job is not None and page in (None, self._job.page):
             self._job.stop.set()
 

@@ -40,16 +40,16 @@ import numpy as np
 from spacerobot.errors import SpaceRobotError
 
 MOST_BYTES = 256 * 1024
-"""Of a message from the page."""
+"""Maximum size of a message from the page [bytes]."""
 
 MOST_VALUES = 2000
-"""That a design may have."""
+"""Maximum number of values of a design."""
 
 MAX_DEPTH = 16
-"""Levels of lists and mappings in a message."""
+"""Maximum nesting depth of lists and mappings in a message."""
 
 LARGEST = 1e300
-"""Numbers from here on count as infinite."""
+"""Magnitude from which a number counts as infinite."""
 
 KINDS = (
     *("set", "gradient", "improve", "tune", "campaign", "margins", "stop", "save", "command"),
@@ -64,9 +64,9 @@ class Request:
 
     Attributes:
         kind: One of ``KINDS``.
-        values: The design that it is about: what differs from the scenario, by dotted path.
-        seq: Its number, which answers name.
-        more: All else that it says.
+        values: Design of the request: differences from the scenario, by dotted path.
+        seq: Sequence number, repeated in answers.
+        more: Other fields of the request.
     """
 
     kind: str
@@ -75,19 +75,19 @@ class Request:
     more: Mapping[str, Any] = field(default_factory=dict)
 
     def check(self) -> None:
-        """Refuse what is nested too deeply, and numbers that are not finite.
+        """Refuse deep nesting, and numbers that are not finite.
 
         Raises:
-            SpaceRobotError: Naming the place.
+            SpaceRobotError: If there is such a value; the message names its place.
         """
         _check(self.values)
         _check(self.more)
 
     def text(self, name: str, allowed: tuple[str, ...] = ()) -> str:
-        """A word of the request.
+        """Text field of the request.
 
         Raises:
-            SpaceRobotError: If it is not there, or not one of those allowed.
+            SpaceRobotError: If it is missing, or not allowed.
         """
         value = self.more.get(name)
         if not isinstance(value, str) or (allowed and value not in allowed):
@@ -95,7 +95,7 @@ class Request:
         return value
 
     def pairs(self, name: str) -> dict[str, Any]:
-        """A mapping of the request; empty if it is not there.
+        """Mapping field of the request; empty if missing.
 
         Raises:
             SpaceRobotError: If it is something else.
@@ -106,10 +106,10 @@ class Request:
         return value
 
     def count(self, name: str, default: int, most: int) -> int:
-        """A whole number of the request.
+        """Integer field of the request.
 
         Raises:
-            SpaceRobotError: If it is none, or out of its range.
+            SpaceRobotError: If it is not an integer, or out of range.
         """
         value = self.more.get(name, default)
         if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= most:
@@ -118,10 +118,10 @@ class Request:
 
 
 def _check(node: Any, where: tuple[str, ...] = ()) -> None:
-    """Refuse what is nested too deeply, and numbers that no floating-point number holds.
+    """Refuse deep nesting, and numbers beyond the range of floating point.
 
     Raises:
-        SpaceRobotError: Naming the place in the message.
+        SpaceRobotError: If there is such a value; the message names its place.
     """
     if isinstance(node, dict | list):
         if len(where) >= MAX_DEPTH:
@@ -135,10 +135,10 @@ def _check(node: Any, where: tuple[str, ...] = ()) -> None:
 
 
 def read(text: str | bytes) -> Request:
-    """Request of a message.
+    """Request from a message.
 
     Raises:
-        SpaceRobotError: If it is none.
+        SpaceRobotError: If it is not a valid request.
     """
     try:
         # Python refuses to read whole numbers of more than 4300 digits; as floats they are infinite
@@ -158,7 +158,7 @@ def read(text: str | bytes) -> Request:
 
 
 def packets(message: Mapping[str, Any]) -> list[str | bytes]:
-    """A message as it is sent: JSON, and behind it the arrays that stood in it, if any did.
+    """Parts of a message to be sent: JSON, followed by its arrays if it has any.
 
     The JSON's ``binary`` names the dotted path and the shape of each array, in single precision.
     """
@@ -172,7 +172,7 @@ def packets(message: Mapping[str, Any]) -> list[str | bytes]:
 
 
 def _without(node: Any, path: str, arrays: dict[str, np.ndarray[Any, Any]]) -> Any:
-    """Plain data without its arrays, which are collected; what is no finite number becomes null."""
+    """Plain data without its arrays, which are collected in ``arrays``; non-finite numbers become null."""
     if isinstance(node, Mapping):
         return {key: _without(value, f"{path}.{key}" if path else key, arrays) for key, value in node.items()}
     if isinstance(node, list | tuple):

@@ -1,4 +1,4 @@
-"""Slopes of a metric from rollouts alone: what the page is told while exact gradients are being compiled."""
+"""Derivatives of a metric by finite differences, shown while exact gradients are being compiled."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from viz.studio.metrics import Metric
 from viz.studio.prepared_design import PreparedDesign
 
 SHARE = 1e-4
-"""Half a difference's width, as a share of the number, or of its slider where it is zero."""
+"""Half-width of a difference, relative to the value, or to the slider's range if the value is zero."""
 
 PART_S = 0.3
-"""After so long what is known is told."""
+"""Interval between partial results [s]."""
 
 
 def differences(
@@ -26,12 +26,12 @@ def differences(
 
     Args:
         plant, numbers: The design.
-        metric: What changes.
-        paths: Of the numbers; those that do not follow at once are left out.
-        halted: Asked before each rollout whether something more urgent waits; then nothing more is told.
+        metric: Metric to be differentiated.
+        paths: Paths of the numbers; those that need another compilation are left out.
+        halted: Called before each rollout; ends the computation if it returns True.
 
     Yields:
-        dict: Some of them by path, in the metric's unit per unit of the number, None where a rollout
+        dict: Derivatives so far by path, in the metric's unit per unit of the number; None where a rollout
             diverged.
     """
     nominal, told_at = plant.nominal | dict(numbers), time.monotonic()

@@ -21,16 +21,16 @@ MILLIMETRES = 1e3
 
 @dataclass(frozen=True)
 class Metric:
-    """A number of each rollout, the smaller the better.
+    """Scalar metric of each rollout, to be minimised.
 
     Attributes:
-        key: Its name: that of a quantity, or that and of what.
-        label, text: What people call it, and what it is.
-        unit: In which it is told.
-        factor: Of a unit told in the rollout's own: 1000 for mm.
-        kind: The quantity.
-        places: Places in the quantity's measure that it is made of.
-        duration_s: Of a rollout.
+        key: Name of the quantity, with its component if there are several.
+        label, text: Label and description.
+        unit: Unit of the displayed value.
+        factor: Displayed units per unit of the rollout: 1000 for mm.
+        kind: Name of the quantity.
+        places: Indices of its components in the quantity's measure.
+        duration_s: Duration of a rollout [s].
     """
 
     key: str
@@ -47,18 +47,18 @@ class Metric:
         return {"key": self.key, "label": self.label, "unit": self.unit, "text": self.text}
 
     def expression(self, measured: ca.SX) -> ca.SX:
-        """Its value, in the rollout's own unit, of the quantity's measure."""
+        """Value of the metric, in the rollout's unit, from the quantity's measure."""
         quantity = find_quantity(self.kind)
         return quantity.combined(quantity.reduced(measured[list(self.places)], self.duration_s))
 
 
 @dataclass(frozen=True)
 class Metrics:
-    """All metrics of a scene, and the measures that they are made of, each metric being a cost.
+    """All metrics of a scene, each a cost of the rollout, and their measures.
 
     Attributes:
-        metrics: In the order in which they are told.
-        measures: For the rollout.
+        metrics: Metrics in the order of display.
+        measures: Measures of the rollout.
     """
 
     metrics: tuple[Metric, ...]
@@ -81,12 +81,12 @@ class Metrics:
         return [value if np.isfinite(value) else None for value in found]
 
     def reduced(self, metric: Metric) -> Callable[[Signals], ReducedObjective]:
-        """A metric as what a search makes small."""
+        """Objective function of a metric, for a search."""
         measure, own = self.measures.named[metric.kind], self.measures.signals
         known = ca.vertcat(own.t, own.x, *own.outputs.values())
 
         def objective(signals: Signals) -> ReducedObjective:
-            """The same over other symbols."""
+            """Objective over the signals of another closed loop."""
             given = ca.vertcat(signals.t, signals.x, *signals.outputs.values())
             parts = ca.densify(ca.substitute(measure.expression, known, given))
             return ReducedObjective(Measure(measure.kind, parts), metric.expression)
@@ -95,7 +95,7 @@ class Metrics:
 
 
 def build_metrics(loop: ClosedLoop, scene: Scene) -> Metrics:
-    """Metrics of a scene's closed loop: totals first, then what they are made of."""
+    """Metrics of a scene's closed loop: totals first, then their components."""
     kept = build_campaign_metrics(loop, scene, default_metrics())
     totals, singles = list[Metric](), list[Metric]()
     for name, labels in kept.labels.items():

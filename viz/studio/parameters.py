@@ -1,4 +1,4 @@
-"""Leaves of a scenario that the studio lets change: numbers and words, with what the schema says of them."""
+"""Numbers and words of a scenario that the studio can change, with their descriptions from the schema."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from viz.studio.messages import LARGEST
 
 Value = float | int | bool | str | None
 LEFT_OUT = ("name", "description", "tuning", "campaign", "plan")
-"""Parts of a scenario that say nothing of the motion."""
+"""Sections of a scenario that do not affect the motion."""
 
 REACH = {"deg": 45.0, "deg/s": 10.0, "m": 0.1, "m/s": 0.1}
-"""Range to both sides of the slider of an angle or of a number that is zero, by unit; else 1."""
+"""Half-range of the slider of an angle or of a zero value, by unit; 1 for other units."""
 
 DECADES = 10.0  # a slider of a positive number reaches so many times lower and higher
 
@@ -38,12 +38,12 @@ class Leaf:
     """One number or word of a scenario.
 
     Attributes:
-        path, value: Where it stands, and what stands there.
+        path, value: Dotted path and value.
         kind: ``number``, ``choice``, ``truth`` or ``text``.
-        unit, text: Of the schema.
-        low, high: Least and greatest value that is allowed; None where there is no limit.
-        open_ends: Whether these limits themselves are refused.
-        choices: What else may stand there.
+        unit, text: Unit and description from the schema.
+        low, high: Minimum and maximum allowed value; None without a limit.
+        open_ends: Whether the limits themselves are excluded.
+        choices: Allowed alternatives.
         joint_range: Least and greatest position of the joint whose initial position this is, infinite where
             the URDF gives none; None for any other number.
     """
@@ -60,10 +60,10 @@ class Leaf:
     joint_range: tuple[float, float] | None = None
 
     def check(self, value: Any) -> None:
-        """Refuse what may not stand here.
+        """Refuse a value that is not allowed.
 
         Raises:
-            ScenarioError: Saying what was found and what is allowed.
+            ScenarioError: If it is refused; the message states the value and the allowed ones.
         """
         if self.kind == "number" and not isinstance(value, dict | list | None):
             told = self.fault(value)
@@ -74,7 +74,7 @@ class Leaf:
             raise ScenarioError(f"found {value!r}, {told}", where=self.path)
 
     def fault(self, value: Any) -> str:
-        """Reason why a number may not stand here; empty if it may."""
+        """Reason why a number is not allowed; empty if it is."""
         if isinstance(value, bool | str) or not abs(value) < LARGEST:
             return "allowed: a finite number"
         low, high = self.low, self.high
@@ -92,7 +92,7 @@ class Leaf:
         limits = {"unit": self.unit, "low": self.low, "high": self.high}
         slider = self.slider
         if ends:
-            # farther apart where the value is at one of the ends or beyond it
+            # a wider range if the value is at an end or beyond it
             low, high, scale = ends
             value = float(self.value) if isinstance(self.value, int | float) else 0.0
             if not (low < value < high or (low == value == self.low and value < high)):
@@ -143,7 +143,7 @@ def find_leaves(scene: Scene) -> dict[str, Leaf]:
 
 
 def suggested(scene: Scene, free: Collection[str]) -> dict[str, tuple[float, float, str] | None]:
-    """Paths that are worth a slider from the start, with the ends that the tuning section gives them."""
+    """Paths that have a slider initially, with the bounds from the tuning section."""
     document = to_document(scene.scenario)
     found: dict[str, tuple[float, float, str] | None] = {}
     for variable in scene.scenario.tuning.variables.values() if scene.scenario.tuning else ():

@@ -1,4 +1,4 @@
-"""A scene made ready for the studio: it rolls out any design of one structure by milliseconds."""
+"""Scene compiled for the studio, where a rollout of any design of its structure takes milliseconds."""
 
 from __future__ import annotations
 
@@ -35,18 +35,18 @@ Values = Mapping[str, Any]
 Tell = Callable[[str], None]
 
 MOST_KEPT = 4
-"""Structures that are kept ready: designs are compared, and their structures may differ."""
+"""Maximum number of compiled structures, so that designs of different structures can be compared."""
 
 
 @dataclass(frozen=True, eq=False)
 class PreparedDesign:
-    """One structure, ready.
+    """Compiled structure of designs.
 
     Attributes:
-        scene: With what needed another compilation changed.
-        ready: What rolls it out.
-        metrics: What is measured of a rollout.
-        varied: Paths of numbers that follow because they were asked for: exact zeros, inertias.
+        scene: Scene with the structural changes of the designs.
+        ready: Rollout of the structure, ready for simulation.
+        metrics: Metrics of a rollout.
+        varied: Paths of numbers that are parameters by request only: exact zeros, inertias.
     """
 
     scene: Scene
@@ -56,7 +56,7 @@ class PreparedDesign:
 
     @property
     def loop(self) -> ClosedLoop:
-        """Its closed loop."""
+        """Closed loop of the structure."""
         return self.ready.loop
 
     @cached_property
@@ -66,7 +66,7 @@ class PreparedDesign:
 
     @cached_property
     def free(self) -> frozenset[str]:
-        """Paths of the numbers that follow without another compilation."""
+        """Paths of the numbers that can change without another compilation."""
         return self.varied | {
             path for path in self.loop.parameter_paths if _link(path) is None and path in self.leaves
         }
@@ -75,22 +75,22 @@ class PreparedDesign:
         """One rollout; ``scene`` is the one that is drawn.
 
         Raises:
-            DivergedError: If nothing of it can be kept.
+            DivergedError: If no part of the rollout can be used.
         """
         return self.ready.simulate(scene, numbers)
 
     def drawn(self, numbers: Mapping[str, float]) -> Scene:
-        """The scene of a rollout as pictures and the ledger see it: another one with other masses or pads.
+        """Scene of a rollout for pictures and the ledger; rebuilt if masses or pads differ.
 
         Raises:
-            ScenarioError: If no body has such masses.
+            ScenarioError: If the masses are physically impossible.
         """
         seen = {path: value for path, value in numbers.items() if ".links." in path or path[:5] == "pads."}
         return build_scene(self.scene.scenario, seen, source=self.scene.source) if seen else self.scene
 
     @property
     def chosen_step(self) -> float | None:
-        """Step [s] that was chosen; None where the scenario gives it."""
+        """Step [s] that was chosen automatically; None if the scenario states it."""
         rollout = self.ready.rollout
         return None if rollout.choice is None else rollout.choice.step_s
 
@@ -100,16 +100,16 @@ class PreparedDesign:
         return dict(zip(self.loop.parameter_paths, map(float, self.loop.parameter_values), strict=True))
 
     def cost(self, numbers: Mapping[str, float], metric: Metric) -> float | None:
-        """A metric, without anything else; None where the rollout diverged."""
+        """Value of a metric without the result's other data; None if the rollout diverged."""
         return _finite(metric.factor * self.ready.rollout.run(numbers).costs[metric.key])
 
     @property
     def has_gradients(self) -> bool:
-        """Whether gradients take no compilation any more."""
+        """Whether gradients are compiled."""
         return "_wrt" in self.__dict__
 
     def prepare_gradients(self) -> None:
-        """Compile what gradients take, all numbers that follow at once."""
+        """Compile the gradients by all numbers that can change."""
         rollout = self.ready.rollout
         rollout.engines.adjoint(tuple(rollout.indices(sorted(self.free))), many=False)
         _ = self._wrt
@@ -128,7 +128,7 @@ class PreparedDesign:
         return value, dict(zip(self._wrt, slopes, strict=True)), found.status[0]
 
     def look(self, scene: Scene, result: Result) -> AnimatedResult:
-        """A rollout as the page shows it; ``scene`` is the one that was drawn."""
+        """Animation data of a rollout; ``scene`` is the one that was drawn."""
         return look_at(result, scene.scenario.name, scene, self.stage(scene))
 
     def stage(self, scene: Scene) -> SceneGeometry:
@@ -166,11 +166,11 @@ class Origin:
 
 
 class DesignCache:
-    """Structures of a scene, made ready when first asked for.
+    """Compiled structures of a scene, built on first use.
 
     Args:
-        origin: What designs differ from.
-        tell: Told in words what takes a while, and nothing when it is done.
+        origin: Scene from which designs differ.
+        tell: Called with a message before a long step, and with an empty text after it.
     """
 
     def __init__(self, origin: Origin, tell: Tell = lambda _: None) -> None:
@@ -185,10 +185,10 @@ class DesignCache:
         self._free = self.base.free
 
     def find(self, values: Values) -> tuple[PreparedDesign, dict[str, float]] | None:
-        """The structure that a design has, if it is ready, and the design's numbers.
+        """Compiled structure of a design, with the design's numbers; None if it is not compiled.
 
         Raises:
-            ScenarioError: If a value may not stand where it does.
+            ScenarioError: If a value is not allowed at its path.
         """
         inner, others, asked = self._split(values)
         plant = self._kept.get(_key(others, asked))
@@ -200,10 +200,10 @@ class DesignCache:
         return plant, inner
 
     def make(self, values: Values) -> PreparedDesign:
-        """Make the structure of a design ready.
+        """Compile the structure of a design.
 
         Raises:
-            ScenarioError, DescriptionError: If it is none.
+            ScenarioError, DescriptionError: If the design is not valid.
             DivergedError: If no step keeps to the tolerance.
         """
         self._tell("building the closed loop")
@@ -289,7 +289,7 @@ class DesignCache:
 
 
 class UnknownParameterError(Exception):
-    """No closed loop depends on some of the numbers that it was asked for."""
+    """Error for requested parameters on which the closed loop does not depend."""
 
 
 def _finite(value: float) -> float | None:

@@ -1,4 +1,4 @@
-"""Better designs: a few steps along the gradient, or a whole search by any method of tuning."""
+"""Improvement of designs: a few gradient steps, or a complete search by a tuning method."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from viz.studio.metrics import Metric
 from viz.studio.prepared_design import DesignCache, PreparedDesign
 
 STEPS = 12
-"""That *improve* takes at most."""
+"""Maximum number of steps of *improve*."""
 
 MOST_ROLLOUTS = 100_000
 
@@ -39,7 +39,7 @@ class SearchBox:
     """Numbers that are searched, within bounds; where these are far apart, equal ratios are equal distances.
 
     Attributes:
-        paths: Of the k numbers.
+        paths: Paths of the k numbers.
         lower, upper: Bounds (k,).
     """
 
@@ -126,7 +126,7 @@ def improve(_: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float],
     track = _Track(box, begin, start, job)
 
     def ask(u: Array) -> tuple[float, Array]:
-        """Cost, and its slopes along the sides of the unit box, at a point of that box (n)."""
+        """Cost and its gradient (n,) at a point of the unit box."""
         if job.stop.is_set():
             raise StoppedError
         design = {**numbers, **box.plain(u)}
@@ -153,7 +153,7 @@ def improve(_: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float],
 
 
 class _Track:
-    """The best point of a search and how it came to it, of which a job's page is told."""
+    """Best point and history of a search, for progress messages to the page."""
 
     def __init__(self, box: SearchBox, begin: Array, start: float | None, job: Job) -> None:
         self._box, self._start, self._job = box, np.nan if start is None else start, job
@@ -161,7 +161,7 @@ class _Track:
         self.curve: list[tuple[float, float]] = []
 
     def note(self, u: Array, value: float, rollouts: float) -> None:
-        """A point that cost so many rollouts."""
+        """Record a point that cost a number of rollouts."""
         self.spent += rollouts
         if value < self._best:
             self._best, self._at = float(value), np.clip(np.array(u), 0.0, 1.0)
@@ -169,7 +169,7 @@ class _Track:
             self.curve.append((self.spent, self._best))
 
     def tell(self, progress: float, message: str = "", state: str = "running") -> None:
-        """Tell how far it is, but not too often."""
+        """Send progress, at a limited rate."""
         if state == "running" and not self._job.is_due:
             return
         best = {"values": self._box.plain(self._at), "objective": self._best} if self.curve else None
@@ -233,19 +233,19 @@ class MonitoredProblem:
         return getattr(self._problem, name)
 
     def evaluate(self, u: Array) -> Evaluation:
-        """As the problem does."""
+        """Evaluate the problem, and report to the page."""
         return self._noted(u, self._problem.evaluate(u), EvaluationCost(rollouts=1))
 
     def sample(self, u: Array) -> Evaluation:
-        """As the problem does."""
+        """Sample the problem, and report to the page."""
         return self._noted(u, self._problem.sample(u), self._problem.sample_cost)
 
     def linearise(self, u: Array) -> Linearisation:
-        """As the problem does."""
+        """Linearise the problem, and report to the page."""
         return self.linearise_all(u[None])[0]
 
     def linearise_all(self, u: Array) -> list[Linearisation]:
-        """As the problem does."""
+        """Linearise the problem at several points, and report to the page."""
         found = self._problem.linearise_all(u)
         objective = np.array([at.objective for at in found])
         self._noted(u, Evaluation(objective, np.zeros((len(u), 0))), self._problem.linear_cost)

@@ -25,20 +25,20 @@ FOLDER = Path("out/studio")
 """Default folder of files."""
 
 MOST_BEHIND = 2
-"""Messages on their way to a page before it is left to catch up."""
+"""Maximum number of unsent messages to a page before further ones wait."""
 
 
 class Studio(Loopback):
-    """A page in the browser on which every number of a scene can be changed.
+    """Server of a page on which every number of a scene can be changed.
 
     Beside what :class:`~viz.page.loopback.Loopback` asks of a request, it must name the token that stands in
     the page's address, which no other program on this computer knows.
 
     Args:
-        origin: What designs differ from.
-        folder: The only place where anything is written.
+        origin: Scene from which designs differ.
+        folder: Only folder in which files are written.
         port: First port to try; a busy one is stepped over.
-        tell: Told in words what takes a while before the page can be opened.
+        tell: Called with a message before each long step of the start.
         waiting: Page served until now, whose address the studio takes over; none if None.
 
     Raises:
@@ -100,7 +100,7 @@ def studio(scene: Scene | StrPath, *, folder: StrPath = FOLDER, port: int = FIRS
 
 
 class _TokenHolder(LocalRequestHandler):
-    """Answers who knows the token."""
+    """Handler that checks the token of requests."""
 
     def prepare(self) -> None:
         super().prepare()
@@ -128,7 +128,7 @@ class Peer:
 
     @property
     def behind(self) -> bool:
-        """Whether it has not taken what was sent to it before."""
+        """Whether an earlier message has not been sent completely."""
         return self._sending >= MOST_BEHIND
 
     def send(self, parts: Sequence[str | bytes]) -> None:

@@ -1,4 +1,4 @@
-"""The studio's session: newest designs rolled out as they come, everything else in turn beside them."""
+"""Session of the studio: the newest designs are rolled out first, other requests in between."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from viz.studio.prepared_design import DesignCache, Origin, PreparedDesign
 from viz.studio.search import methods
 
 REST_S = 0.2
-"""After so long without another design the last one is judged as ``spacerobot run`` would judge it."""
+"""Time without a new design after which the last one is checked as by ``spacerobot run`` [s]."""
 
 MOST_WAITING = 16
-"""Files that wait at most to be written; one more is refused."""
+"""Maximum number of files waiting to be written; further ones are refused."""
 
 NEWEST = ("set", "gradient", "command", "urdfs", "draft", "open")
-"""Requests of which only a page's newest counts, the more urgent ones first."""
+"""Requests of which only a page's newest is answered, in order of priority."""
 
 
 class PageConnection(Protocol):
@@ -45,11 +45,11 @@ class PageConnection(Protocol):
 
     @property
     def behind(self) -> bool:
-        """Whether it has not taken what was sent to it before."""
+        """Whether an earlier message has not been sent completely."""
 
 
 class StudioSession:
-    """Answers what pages ask about designs of one scene.
+    """Answers to requests of pages about designs of one scene.
 
     Args:
         origin: What designs differ from.
@@ -79,14 +79,14 @@ class StudioSession:
         _begin(self._write)
 
     def greet(self, page: PageConnection) -> None:
-        """A page has connected; it is told what there is."""
+        """Send the initial data to a newly connected page."""
         with self._change:
             self._pages[page] = self.plants.base
             self._newest[page, "set"] = Request("hello")
             self._change.notify_all()
 
     def leave(self, page: PageConnection) -> None:
-        """A page has gone; what it asked is forgotten, its job is stopped."""
+        """Drop the requests of a disconnected page, and stop its job."""
         with self._change:
             self._pages.pop(page, None)
             self._resting.pop(page, None)
@@ -96,7 +96,7 @@ class StudioSession:
         self._jobs.stop_all(page)
 
     def ask(self, page: PageConnection, text: str | bytes) -> None:
-        """A page asks something; returns at once."""
+        """Queue a request of a page; returns at once."""
         request = Request("message")
         try:
             request = read(text)
@@ -120,7 +120,7 @@ class StudioSession:
             self._fail(page, request, fault)
 
     def wake(self) -> None:
-        """A page has taken what was sent to it."""
+        """Continue after a page has received its messages."""
         with self._change:
             self._change.notify_all()
 
@@ -133,7 +133,7 @@ class StudioSession:
         self._thread.join(5)
 
     def _work(self) -> None:
-        """Answer what is newest; between, judge designs at which the hand rests."""
+        """Answer the newest request; check the design while it does not change."""
         while True:
             with self._change:
                 work = self._change.wait_for(
@@ -358,7 +358,7 @@ class StudioSession:
             self._send(page, {**answer, "d": part, "status": status})
 
     def _is_hurried(self) -> bool:
-        """Whether a design waits to be rolled out."""
+        """Whether a design is waiting to be rolled out."""
         with self._change:
             return self._closed or any(kind == "set" for _, kind in self._newest)
 
@@ -397,7 +397,7 @@ class StudioSession:
 
 
 def _begin(work: Callable[[], None]) -> threading.Thread:
-    """A thread that does not keep the program from ending."""
+    """Daemon thread, which does not keep the program running."""
     thread = threading.Thread(target=work, name="studio", daemon=True)
     thread.start()
     return thread

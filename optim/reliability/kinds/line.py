@@ -38,6 +38,8 @@ class LineSampling(ProbabilityEstimator):
         """Mean of the probabilities of the lines; see :meth:`ProbabilityEstimator.estimate`."""
         if not points:
             return ProbabilityEstimate(0.0, np.inf)
+        # With z = y + t a, a the unit direction and y normal to it, t is standard normal, independent
+        # of y. If a line fails beyond the distance t*(y), P(g < 0) = E[Phi(-t*(y))], estimated by a mean.
         rng, along = effort.rng, points[0].direction
         line_probabilities = np.empty(0)
         while (len(line_probabilities) + BLOCK) * ROLLOUTS <= effort.budget:
@@ -51,7 +53,7 @@ class LineSampling(ProbabilityEstimator):
         return mean_of(line_probabilities) if len(line_probabilities) else ProbabilityEstimate(0.0, np.inf)
 
     def missing_share(self, points: Sequence[DesignPoint]) -> float:
-        """Share of all regions but the most probable; opposite ones count too."""
+        """First-order share of all failure regions except the most probable one."""
         shares = stats.norm.sf([point.beta for point in points])
         return float(1 - shares[0] / shares.sum()) if len(points) else 0.0
 

@@ -37,6 +37,9 @@ class SubsetSimulation(ProbabilityEstimator):
         effort: SamplingEffort,
     ) -> ProbabilityEstimate:
         """Product of the levels' probabilities; see :meth:`ProbabilityEstimator.estimate`."""
+        # P(g < 0) = P(g < l_1) P(g < l_2 | g < l_1) ..., with levels l_i for factors of about SHARE.
+        # Trials r z + sqrt(1 - r^2) e with standard normal e keep the standard normal distribution; rejecting
+        # those above the level makes the chain sample the distribution conditional on g < l_i.
         rng = effort.rng
         size = min(SIZE, effort.budget)
         seed_count = int(SHARE * size)
