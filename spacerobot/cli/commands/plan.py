@@ -14,7 +14,6 @@ from spacerobot.cli.options import Changes, Machines, Out, Port, ScenarioName, V
 from spacerobot.cli.output import console, progress, show, warn
 from spacerobot.interrupts import advise
 from spacerobot.scenario.catalogue import find_scenario
-from spacerobot.scenario.document import check_plan_section
 
 if TYPE_CHECKING:
     from spacerobot.api.options import PlanOptions
@@ -111,6 +110,8 @@ def command(
         raise typer.BadParameter(f"does not go with {other}", param_hint="--design")
     if warm_start is not None and (pareto is not None or design):
         raise typer.BadParameter("does not go with --pareto or --design", param_hint="--from")
+    from spacerobot.scenario.document import check_plan_section
+
     pairs = parse_changes(changes)
     check_plan_section(find_scenario(scenario), pairs)
     scene = sr.load_scene(scenario, pairs)
