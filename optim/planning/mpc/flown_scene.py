@@ -147,7 +147,8 @@ class FlownScene:
     def replans_at(self, begin: float) -> bool:
         """Whether a new plan begins at a time [s].
 
-        With ``min_horizon`` None, the last plan before the end is kept until the end.
+        The last plan before the end is kept until the end. There is no new plan if ``min_horizon`` exceeds
+        the first plan's duration.
         """
         plan = plan_section(self.scene)
         full_duration = first_plan(self.scene).duration.upper

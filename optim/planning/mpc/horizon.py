@@ -194,8 +194,8 @@ class Horizon:
     def _problem(self, solver: PlanSolver, begin: float, measured: Array) -> PlanningProblem:
         """Planning problem from a given time on.
 
-        A constraint on the last part of the plan keeps its absolute start time, and no later than the end. A
-        limit that is already violated is widened to the present violation.
+        A constraint on the last part of the plan keeps its start time, and is dropped once the first
+        plan has ended. Limits on the whole motion that are violated already are widened.
         """
         problem, left = solver.problem, self.first_duration_s - begin
         behind = left < ROUNDING * self.first_duration_s

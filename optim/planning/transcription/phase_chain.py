@@ -109,9 +109,9 @@ class PhaseChain:
         rest: Further linear constraints on all unknowns, the last rows of the chain; none if None.
 
     Attributes:
-        is_redundant: Whether constraints may be dependent. For example, rest at the end of a body without
-            torque follows from its start; and plans that minimise magnitudes of forces may leave unknowns
-            without cost.
+        is_redundant: Whether constraints may be dependent, assumed if magnitudes of forces are a cost. For
+            example, the rest at the end of a body without torque follows from its start, and no such cost
+            depends on that body.
     """
 
     def __init__(
