@@ -1,7 +1,7 @@
 """Small linear algebra on sparse :class:`casadi.SX` that keeps structural zeros and symmetry.
 
 ``SX`` drops an operation only where an operand is *structurally* zero, and it does not notice that the
-two triangles of a symmetric matrix are equal. The helpers here are written so that neither is lost.
+two triangles of a symmetric matrix are equal. The functions here keep structural zeros and symmetry.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ def cross_columns(a: ca.SX, matrix: ca.SX) -> ca.SX:
 
 
 def mirror(matrix: ca.SX) -> ca.SX:
-    """Symmetric matrix that shares the nodes of the lower triangle, so that the upper one costs nothing."""
+    """Symmetric matrix from the lower triangle; both triangles share its nodes, so none is computed twice."""
     return ca.tril(matrix) + ca.tril(matrix, False).T
 
 
 def rotate_symmetric(rotation: ca.SX, matrix: ca.SX) -> ca.SX:
-    """Symmetric matrix in rotated axes: ``R A R^T``, 3x3, with the fewest operations known here.
+    """Symmetric matrix in rotated axes: ``R A R^T``, 3x3, with few operations.
 
-    About a coordinate axis see :func:`rotate_square`. Else ``A = A_33 1 + A'``, and the first part turns
-    into itself.
+    Rotations about a coordinate axis use :func:`rotate_square`. For others, ``A = A_33 1 + A'``: rotation
+    leaves the first part unchanged, and ``A'`` has one entry less.
     """
     if rotation.nnz() <= 5:
         return mirror(rotate_square(rotation, matrix))
@@ -62,7 +62,7 @@ def _rotate_symmetric(rotation: ca.SX, matrix: ca.SX) -> ca.SX:
 
 
 def rotate_square(rotation: ca.SX, matrix: ca.SX) -> ca.SX:
-    """Any 3x3 matrix in rotated axes, ``R A R^T``.
+    """3x3 matrix in rotated axes, ``R A R^T``.
 
     A rotation with five entries is ``Rot(e_k; c, s) Q``, Q a signed permutation. Q only relabels; the block
     across the axis then needs 11 operations instead of 24: with ``w = c (A_11 - A_22) - s (A_12 + A_21)``
@@ -76,7 +76,7 @@ def rotate_square(rotation: ca.SX, matrix: ca.SX) -> ca.SX:
 
 @recorded((1, 1), (1, 1), (3, 3), (3, 3))
 def _turn_square(cosine: ca.SX, sine: ca.SX, relabel: ca.SX, matrix: ca.SX, *, k: int) -> ca.SX:
-    """Q A Q^T turned about axis k."""
+    """Matrix ``Q A Q^T`` rotated about axis k."""
     a = ca.mtimes(relabel, ca.mtimes(matrix, relabel.T))
     i, j = (k + 1) % 3, (k + 2) % 3
     across = cosine * (a[i, i] - a[j, j]) - sine * (a[i, j] + a[j, i])
@@ -139,7 +139,7 @@ def velocity_gradient(products: ca.SX, acceleration: ca.SX) -> ca.SX:
 
 @recorded((3, 3), (3, 3), (3, 3), (3, 1))
 def inertia_torque(rotational: ca.SX, products: ca.SX, gradient: ca.SX, acceleration: ca.SX) -> ca.SX:
-    """Euler's torque ``I alpha + omega x I omega``, N m, 3x1, from the products the gradient is made of.
+    """Torque ``I alpha + omega x I omega`` (Euler), N m, 3x1, from the terms of :func:`velocity_gradient`.
 
     Args:
         rotational: I, kg m^2, 3x3 symmetric.
@@ -161,8 +161,8 @@ def inertia_torque(rotational: ca.SX, products: ca.SX, gradient: ca.SX, accelera
 class SymmetricFactors:
     """Unrolled ``L D L^T`` of a symmetric positive definite matrix, structural zeros skipped.
 
-    Everything is kept negated. ``SX`` rewrites ``x * (1 / d)`` as a division, and so would divide once per
-    product; ``x * (-1 / d)`` it leaves alone, one division per pivot.
+    All factors are stored negated. ``SX`` rewrites ``x * (1 / d)`` as a division, hence one division for each
+    product. It leaves ``x * (-1 / d)`` unchanged, hence one division for each pivot.
 
     Args:
         matrix: Symmetric positive definite, nxn; only the lower triangle is read.
@@ -213,7 +213,7 @@ class SymmetricFactors:
         return ca.vertcat(*rows)
 
     def unreduced(self, right: ca.SX) -> ca.SX:
-        """``D L^T B``: what :meth:`reduced` and a division by D make ``restored`` give B back, nxm."""
+        """Inverse of ``restored(D^-1 B)``: ``D L^T B``, nxm."""
         rows = [right[i, :] for i in range(self._lower.size1())]
         for i in range(len(rows)):
             for k in range(i + 1, len(rows)):

@@ -1,14 +1,14 @@
 """Forward dynamics with articulated bodies (Featherstone 2008, Table 7.1).
 
-The work is split where a closed loop needs it split: :meth:`ArticulatedBody.factorise` depends on the
-posture alone, and amounts to factors of the inverse inertia matrix (Rodriguez, Jain and Kreutz-Delgado 1991),
+The work is split as a closed loop needs it: :meth:`ArticulatedBody.factorise` depends on the posture alone,
+and amounts to factors of the inverse inertia matrix (Rodriguez, Jain and Kreutz-Delgado 1991),
 
     M^-1 = N^T D^-1 N,   D diagonal.
 
-A load is *reduced* to N tau by a backward sweep (:meth:`ArticulatedBody.reduced`). What one load does along
-another is then a product of nv numbers (:meth:`ArticulatedBody.negated_mobility`); only for the acceleration
-of everything a forward sweep follows (:meth:`ArticulatedBody.motion`). Velocity terms enter as loads: the
-inertia forces at zero joint acceleration, which kinematics knows.
+A backward sweep *reduces* a load tau to N tau (:meth:`ArticulatedBody.reduced`). The acceleration along one
+load that another load causes is then a product of nv numbers (:meth:`ArticulatedBody.negated_mobility`). A
+forward sweep (:meth:`ArticulatedBody.motion`) gives the acceleration of all joints. Velocity terms enter as
+loads: the inertia forces at zero joint acceleration, from the kinematics.
 
 A spatial inertia maps (linear acceleration of the joint origin, angular acceleration) to (force, torque
 about the origin) as a symmetric 6x6 matrix ``[[M, G], [G^T, J]]``.
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Wrench:
-    """A force and a couple applied to a joint's body, or n of them in turn, world axes.
+    """Force and torque applied to a joint's body, or n load cases of them, world axes.
 
     Attributes:
         joint_id: The body's joint; a wrench on the universe (0) does nothing.
@@ -62,13 +62,14 @@ class Wrench:
 class _Elimination:
     """Factors of a joint's articulated inertia after its own motion was eliminated.
 
-    The joint's motion subspace is ``A T``: A (6xk) is simple where the joint allows it, T (kxk) orthogonal.
+    The joint's motion subspace is ``A T``: A (6xk) has unit vectors as columns if possible, T (kxk) is
+    orthogonal.
 
     Attributes:
-        rows: Where A consists of unit vectors, their rows; else ``None``.
+        rows: Rows of the unit vectors if A consists of unit vectors; else ``None``.
         axes: A.
         turn: T, from velocity coordinates to coordinates along A.
-        factors: Of ``D = A^T I A``.
+        factors: Factors of ``D = A^T I A`` (plus the reflected rotor inertia).
         gain: ``K = -I A D^-1``, 6xk, the rows of :attr:`rows` left out (they are minus the identity).
     """
 
@@ -88,7 +89,7 @@ class ArticulatedBody:
     Attributes:
         model, kinematics: The system and its posture.
         bodies: Mass, first moment and rotational inertia of every body in calculation axes.
-        eliminations: By joint, without the universe.
+        eliminations: Factors of each joint, without the universe.
     """
 
     model: pinocchio.Model
@@ -117,7 +118,9 @@ class ArticulatedBody:
             elimination, rest = _eliminate(motion, spatial[joint.index], joint.rates(rotor))
             eliminations.append(elimination)
             if joint.parent:
-                # articulated inertia about a new origin; ``arm`` points from the new origin to the old one
+                # The parent carries I + K A^T I, with the gain K = -I A D^-1 (Featherstone 2008, Table 7.1),
+                # about its own origin; ``arm`` points from that to the old origin, a = skew(arm):
+                # G' = G - M a (``moved``), J' = J - G^T a + a G' (``turned``).
                 inertia = _rotated(rest, motion.to_parent)
                 mass, coupling, rotational = inertia[:3, :3], inertia[:3, 3:], inertia[3:, 3:]
                 moved = coupling + cross_columns(motion.arm, mass).T
@@ -129,15 +132,17 @@ class ArticulatedBody:
     def reduced(
         self, tau: ca.SX | None = None, wrenches: Iterable[Wrench] = (), *, moving: bool = False
     ) -> ca.SX:
-        """Loads reduced by a backward sweep: ``N (tau + sum J^T f)``, structurally zero off their paths.
+        """Loads reduced by a backward sweep, ``N (tau + sum J^T f)``.
+
+        Structurally zero for joints without load.
 
         One sweep reduces any number n of load cases, the columns of the result (nvxn).
 
         Args:
             tau: Generalised force in velocity coordinates, nvxn; may be sparse.
             wrenches: Applied forces and couples.
-            moving: Whether the model's gravity and the inertia forces at its velocity count among the loads;
-                n is 1.
+            moving: Whether gravity and the inertia forces at the current velocity are added to the loads;
+                requires n = 1.
         """
         wrenches = tuple(wrenches)
         cases = load_cases(tau, wrenches)
@@ -146,7 +151,7 @@ class ArticulatedBody:
             for joint in self.kinematics.joints:
                 motion, body = self.kinematics.local[joint.index], self.bodies[joint.index]
                 loads[joint.index] = loads[joint.index] - inertia_force(self.model, motion, body)
-        # Carry loads from the leaves to the roots; what drives each joint, reduced, nvxn.
+        # Backward sweep: the joint force u = T tau + A^T p is reduced to L^-1 u; the parent carries p + K u.
         efforts = ca.SX(self.model.nv, cases) if tau is None else tau
         reduced: list[ca.SX] = []
         for joint in reversed(self.kinematics.joints):
@@ -162,7 +167,7 @@ class ArticulatedBody:
                 # load that reaches the parent through the joint, 6xn
                 passed = loads[index] + ca.mtimes(elimination.gain, drive)
                 if elimination.rows is not None:
-                    # Along its own motion a joint passes on the reaction to its drive and nothing else.
+                    # Along its own axes a joint transmits exactly the reaction to its own effort.
                     passed[list(elimination.rows), :] = -effort
                 motion = self.kinematics.local[index]
                 force = motion.outward(passed[:3, :])
@@ -180,7 +185,8 @@ class ArticulatedBody:
             linear, angular = accelerations[joint.parent][:3], accelerations[joint.parent][3:]
             linear = motion.inward(linear + cross(angular, motion.arm))
             carried = ca.vertcat(linear, motion.inward(angular))
-            # spatial acceleration behind the joint, 6x1, and the joint's own along A, kx1
+            # acceleration of the parent at this joint (6x1); then the joint's rate of velocity along A (kx1):
+            # a_rel = D^-1 u + K^T a_parent, so that a = a_parent + A a_rel
             factors = elimination.factors
             driven = factors.restored(ca.mtimes(ca.diag(factors.negated_pivots), joint.rates(reduced)))
             relative = ca.mtimes(elimination.gain.T, carried) - driven
@@ -195,7 +201,7 @@ class ArticulatedBody:
         return ca.vertcat(*result)
 
     def resistance(self, acceleration: ca.SX) -> ca.SX:
-        """Loads that an acceleration from rest takes, reduced: ``N M a``, nv, the inverse of :meth:`motion`.
+        """Reduced loads that cause an acceleration from rest: ``N M a``, nv, the inverse of :meth:`motion`.
 
         Args:
             acceleration: v-dot in velocity coordinates, nv; may be sparse.
@@ -217,11 +223,11 @@ class ArticulatedBody:
         return ca.vertcat(*result)
 
     def inertia_force(self, joints: Iterable[int]) -> tuple[ca.SX, ca.SX]:
-        """Force and torque that bodies take to move as they do at zero joint acceleration, gravity removed.
+        """Force and torque that move bodies as at zero joint acceleration, gravity removed.
 
         Args:
-            joints: Their joints, each behind its parent. The first carries all others, and the torque is
-                about its origin; 3x1 each, world axes.
+            joints: Ids of the bodies' joints, each after its parent. The first one carries all others, and
+                the torque is about its origin; 3x1 each, world axes.
         """
         loads = [ca.SX(6, 1)] * self.model.njoints
         root, *behind = joints
@@ -237,7 +243,7 @@ class ArticulatedBody:
         return in_world(loads[root][:3]), in_world(loads[root][3:])
 
     def negated_mobility(self, rows: ca.SX, columns: ca.SX) -> ca.SX:
-        """``-B^T M^-1 A``, the motion along loads B (m of them) that loads A (n) cause, negated, mxn.
+        """Acceleration along loads B (m of them) that loads A (n) cause, negated: ``-B^T M^-1 A``, mxn.
 
         Args:
             rows, columns: B and A, :meth:`reduced`, nvxm and nvxn.
@@ -248,7 +254,7 @@ class ArticulatedBody:
     def response(self, tau: ca.SX | None = None, wrenches: Iterable[Wrench] = ()) -> ca.SX:
         """Acceleration that loads alone cause: ``M^-1 (tau + sum J^T f)``, nv.
 
-        Only joints that carry load cost anything in the backward sweep; velocity and gravity play no part.
+        Joints without load cost nothing in the backward sweep; velocity and gravity are left out.
 
         Args:
             tau, wrenches: As for :meth:`reduced`.
@@ -259,13 +265,13 @@ class ArticulatedBody:
         """Forward dynamics: v-dot in Pinocchio's velocity coordinates, nv.
 
         Args:
-            tau, wrenches: As for :meth:`reduced`, beside the model's gravity.
+            tau, wrenches: As for :meth:`reduced`; the model's gravity is added.
         """
         return self.motion(self.reduced(tau, wrenches, moving=True))
 
 
 def load_cases(tau: ca.SX | None, wrenches: Iterable[Wrench]) -> int:
-    """Number n of load cases that a generalised force and wrenches are given for."""
+    """Number n of load cases of a generalised force and wrenches."""
     loads = [wrench.force for wrench in wrenches] if tau is None else [tau]
     return loads[0].size2() if loads else 1
 
@@ -285,7 +291,7 @@ def applied_loads(
 
 
 def inertia_force(model: pinocchio.Model, motion: LocalMotion, body: tuple[ca.SX, ca.SX, ca.SX]) -> ca.SX:
-    """Wrench that a body's motion at zero joint acceleration takes, gravity's share removed, 6x1."""
+    """Wrench that moves a body as at zero joint acceleration, gravity removed, 6x1."""
     mass, moment, rotational = body
     gravity = ca.mtimes(motion.axes.T, sparse(model.gravity.linear))
     turning = inertia_torque(rotational, motion.products, motion.gradient, motion.spin_bias)
@@ -310,7 +316,7 @@ def _rigid(mass: ca.SX, moment: ca.SX, rotational: ca.SX) -> ca.SX:
 
 
 def _eliminate(motion: LocalMotion, inertia: ca.SX, rotor: ca.SX) -> tuple[_Elimination, ca.SX]:
-    """Eliminate a joint from the articulated inertia it moves; also what the parent is left to carry."""
+    """Factors of a joint, and the articulated inertia ``I + K A^T I`` that its parent has to carry."""
     rows, axes, turn = _subspace(motion)
     if rows is not None and not rotor.nnz():
         others = [row for row in range(6) if row not in rows]
@@ -329,7 +335,7 @@ def _eliminate(motion: LocalMotion, inertia: ca.SX, rotor: ca.SX) -> tuple[_Elim
 
 
 def _subspace(motion: LocalMotion) -> tuple[tuple[int, ...] | None, ca.SX, ca.SX]:
-    """Motion subspace as ``A T``; A is made of unit vectors where the columns fill no more rows."""
+    """Motion subspace as ``A T``; A consists of unit vectors if no more rows than columns are non-zero."""
     subspace = ca.vertcat(motion.linear, motion.angular)
     rows = tuple(row for row in range(6) if subspace[row, :].nnz())
     if len(rows) != subspace.size2():

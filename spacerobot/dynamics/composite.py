@@ -36,6 +36,8 @@ def mass_matrix(
         first = composite[joint.parent]
         second = shifted_inertia(mass, moment, rotational, arm)
         composite[joint.parent] = (first[0] + second[0], first[1] + second[1], mirror(first[2] + second[2]))
+        # The subtree's inertia is complete here, since children come first. A unit velocity along column k
+        # gives it the momentum (force, torque); M_jk is its component along an axis j from here to the root.
         for k in range(joint.nv):
             column = joint.idx_v + k
             along = kinematics.linear[joint.index][:, k]

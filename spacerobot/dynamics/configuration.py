@@ -1,4 +1,4 @@
-"""The configuration manifold: rates of Pinocchio's coordinates, and the way back onto it."""
+"""Configuration manifold: rates of Pinocchio's coordinates, and normalisation."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def configuration_derivative(model: pinocchio.Model, q: ca.SX, v: ca.SX) -> ca.S
 
 
 def normalise(model: pinocchio.Model, q: ca.SX) -> ca.SX:
-    """Return a configuration to the manifold: (cos, sin) pairs and quaternions are scaled to length one.
+    """Normalised configuration: (cos, sin) pairs and quaternions are scaled to length one.
 
     Args:
         model: Any model of supported joints.

@@ -37,7 +37,7 @@ class FreeFloating:
     Attributes:
         model, kinematics, inertias: The model that holds the robot, and its posture.
         base: The robot's root joint, planar (k = 3) or free-flyer (k = 6).
-        columns: Velocity indices of the n joints behind the base.
+        columns: Velocity indices of the n joints after the base.
         base_inertia: H_b, kxk: momentum along the base's velocity coordinates per base velocity.
         base_coupling: H_bm, kxn: the same per joint rate.
     """
@@ -110,7 +110,7 @@ class FreeFloating:
         """Momentum per joint rate while the base is at rest, 6xn.
 
         Linear momentum (kg m), then angular momentum about the robot's centre of mass (kg m^2), world
-        axes. A planar base has its in-plane share alone: it cannot react to the rest.
+        axes. A planar base has only the in-plane components; it cannot react to the others.
         """
         index = self.base.index
         wrench = ca.mtimes(self._base_subspace(), self.base_coupling)
@@ -128,7 +128,10 @@ class FreeFloating:
         return ca.vertcat(self.kinematics.linear[index], self.kinematics.angular[index])
 
     def _base_velocity_per_momentum(self) -> ca.SX:
-        """``H_b^-1 S_b^T X``: X moves angular momentum from the world's origin to the base's, kx6."""
+        """Map ``H_b^-1 S_b^T X``, kx6.
+
+        X refers angular momentum to the base's origin instead of the world's.
+        """
         lever = cross_columns(self.kinematics.origin[self.base.index], IDENTITY3)
         move = ca.vertcat(ca.horzcat(IDENTITY3, ca.SX(3, 3)), ca.horzcat(-lever, IDENTITY3))
         return -SymmetricFactors(self.base_inertia).solve_negated(ca.mtimes(self._base_subspace().T, move))
@@ -136,10 +139,10 @@ class FreeFloating:
 
 @dataclass(frozen=True)
 class FreeFloatingRobot:
-    """Numeric free-floating kinematics of one robot and one tip; compiled once, called with arrays.
+    """Numeric free-floating kinematics of one robot and one tip; built once, called with arrays.
 
     Attributes:
-        columns: Velocity indices of the robot's n joints, in the order of all joint rates here.
+        columns: Velocity indices of the robot's n joints, in the order of all joint rates in this class.
         function: ``(q, momentum, rates) -> (jacobian, momentum_map, coupling, base_velocity)``.
     """
 
@@ -151,9 +154,9 @@ class FreeFloatingRobot:
         """Kinematics of the robot that carries the frame ``tip``.
 
         Args:
-            model: A model; robots beside this one are left out of its momentum.
+            model: Model that holds the robot; other robots in it are left out of the momentum.
             tip: Name of a frame.
-            root: Name of the robot's root joint; ``None`` follows the tip down to the universe.
+            root: Name of the robot's root joint; ``None`` searches from the tip to the universe.
 
         Raises:
             DescriptionError: If a name is not in the model or the root is not a free base.
@@ -196,7 +199,10 @@ class FreeFloatingRobot:
         return np.asarray(self.function(q, 0, 0)[1])
 
     def coupling(self, q: Array) -> Array:
-        """Momentum per joint rate at a still base, (6, n); angular about the robot's centre of mass."""
+        """Momentum per joint rate while the base is at rest, (6, n).
+
+        Angular about the robot's centre of mass.
+        """
         return np.asarray(self.function(q, 0, 0)[2])
 
     def base_velocity(self, q: Array, rates: Array, momentum: Array | None = None) -> Array:
@@ -215,10 +221,11 @@ class FreeFloatingRobot:
         return np.asarray(self.function(q, 0 if momentum is None else momentum, rates)[3]).ravel()
 
     def reaction_null_space(self, q: Array, *, angular_only: bool = False, tolerance: float = 1e-10) -> Array:
-        """Joint rates that leave the base alone, as an orthonormal basis.
+        """Orthonormal basis of joint rates that leave the base at rest.
 
         Args:
-            q: Configuration of the whole model.
+            angular_only: Keep only the base's attitude; its origin may move while the centre of mass is at
+                rest.
             angular_only: Keep the base's attitude alone; its origin may move with the centre of mass at rest.
             tolerance: Singular values below this fraction of the largest count as zero.
 
@@ -236,7 +243,7 @@ def _range(joint: JointModel) -> range:
 
 
 def _base(model: pinocchio.Model, kinematics: Kinematics, root: int) -> JointModel:
-    """Root joint of a free-floating robot, or an error that names what was found instead."""
+    """Root joint of a free-floating robot, or an error that names the joint in its place."""
     if root:
         joint = kinematics.joints[root - 1]
         if joint.kind in (JointKind.PLANAR, JointKind.FREE_FLYER) and joint.parent == 0:

@@ -1,4 +1,4 @@
-"""The ten inertial parameters of a rigid body, in which its momentum and its wrench are linear.
+"""Ten inertial parameters of a rigid body, in which its momentum and its wrench are linear.
 
 They are m, m c and the six of the inertia I about the origin of the axes, in Pinocchio's order: m, m c_x,
 m c_y, m c_z, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz (Wensing, Niemeyer and Slotine, Int. J. Robotics Research
@@ -16,13 +16,14 @@ from spacerobot.dynamics.algebra import cross, skew
 
 SIZE = 10
 PLANAR = (0, 1, 2, 9)
-"""Those that a motion in the x-y plane depends on."""
+"""Indices of the parameters on which a motion in the x-y plane depends."""
 _PLACES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
-"""Of the inertia's six entries among the parameters."""
+"""Row and column of the inertia's six entries, in the order of the parameters."""
 INTERIOR = 1e-12
-"""Distance from the boundary of realisable bodies, in second moments about the origin."""
+"""Minimum distance from the boundary of realisable bodies, relative to the second moments about the
+origin."""
 _NAMED = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-"""Of the inertia's six entries in scenarios."""
+"""Row and column of the inertia's six entries, in the order of scenarios."""
 
 
 def _matrix(entries: ca.SX, places: tuple[tuple[int, int], ...]) -> ca.SX:
@@ -42,24 +43,25 @@ def _steiner(mass: ca.SX, centre: ca.SX) -> ca.SX:
 
 
 def is_realisable(parameters: Array) -> bool:
-    """Whether a body can have these numbers (10,), or, in a plane, those of :data:`PLANAR` (4,).
+    """Whether a body can have these parameters (10,), or, in a plane, those of :data:`PLANAR` (4,).
 
-    The pseudo-inertia of every distribution of mass is positive definite (Rucker and Wensing, IEEE RA-L 7(2),
-    2022), that is, its mass and its second moments about the centre of mass; in a plane mass and moment of
-    inertia about the centre of mass are positive.
+    A body is realisable if its mass and its second moments about the centre of mass are positive, that is, if
+    its pseudo-inertia is positive definite (Rucker and Wensing, IEEE RA-L 7(2), 2022). In a plane, mass and
+    moment of inertia about the centre of mass are positive.
     """
     return bool(parameters[0] > 0 and _central_spread(parameters)[0] > 0)
 
 
 def move_inside(parameters: Array) -> Array:
-    """Parameters that are realisable after rounding too, from those on the boundary; others as they are.
+    """Parameters moved off the boundary of realisable bodies by more than rounding; others unchanged.
 
-    The body nearest to impossible numbers has no extent along some axis, and rounding may place its numbers
-    on either side of the boundary. Second moments of 1e-12 of those about the origin are added along each
-    axis: a thousand times the rounding errors of m c c^T, which is subtracted to move to the centre of mass.
+    The body nearest to unrealisable parameters has no extent along some axis, and rounding may place its
+    parameters on either side of the boundary. Therefore 1e-12 of the second moments about the origin are
+    added along each axis: a thousand times the rounding errors of m c c^T, which is subtracted to move to the
+    centre of mass.
 
     Args:
-        parameters: Of positive mass, (10,) or (4,).
+        parameters: Parameters with positive mass, (10,) or (4,).
     """
     smallest, about_origin = _central_spread(parameters)
     added = max(0.0, INTERIOR * about_origin - smallest)
@@ -72,9 +74,9 @@ def move_inside(parameters: Array) -> Array:
 
 
 def _central_spread(parameters: Array) -> tuple[float, float]:
-    """Smallest second moment of mass about the centre of mass, and the sum of those about the origin.
+    """Smallest second moment of mass about the centre of mass, and sum of second moments about the origin.
 
-    In a plane, both of the moment of inertia about its normal.
+    In a plane, both refer to the moment of inertia about the plane's normal.
     """
     mass, moment = parameters[0], parameters[1:-1] if parameters.size == len(PLANAR) else parameters[1:4]
     if parameters.size == len(PLANAR):
@@ -86,7 +88,7 @@ def _central_spread(parameters: Array) -> tuple[float, float]:
 
 
 def inertial_parameters(mass: ca.SX, centre: ca.SX, inertia: ca.SX) -> ca.SX:
-    """The ten parameters (10x1) of a body.
+    """Ten parameters (10x1) of a body from mass, centre of mass and inertia about it.
 
     Args:
         mass: Mass (1x1) [kg].
@@ -98,7 +100,7 @@ def inertial_parameters(mass: ca.SX, centre: ca.SX, inertia: ca.SX) -> ca.SX:
 
 
 def parameters_about_origin(mass: ca.SX, moment: ca.SX, inertia: ca.SX) -> ca.SX:
-    """The ten parameters (10x1) of a body from its moments about the origin.
+    """Ten parameters (10x1) of a body from its moments about the origin.
 
     Args:
         mass: Mass (1x1) [kg].
@@ -109,14 +111,14 @@ def parameters_about_origin(mass: ca.SX, moment: ca.SX, inertia: ca.SX) -> ca.SX
 
 
 def mass_properties(parameters: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Mass, centre of mass and inertia of ten parameters; inverse of :func:`inertial_parameters`."""
+    """Mass, centre of mass and inertia from the ten parameters; inverse of :func:`inertial_parameters`."""
     mass, centre = parameters[0], parameters[1:4] / parameters[0]
     central = _matrix(parameters[4:], _PLACES) - _steiner(mass, centre)
     return mass, centre, _entries(central, _NAMED)
 
 
 def spatial_inertia(parameters: ca.SX) -> ca.SX:
-    """Spatial inertia (6x6): momentum about the origin for a twist, linear velocity of the origin first."""
+    """Spatial inertia (6x6): maps a twist, linear velocity first, to momentum about the origin."""
     mass, moment = parameters[0] * ca.SX.eye(3), skew(parameters[1:4])
     rotational = _matrix(parameters[4:], _PLACES)
     return ca.vertcat(ca.horzcat(mass, -moment), ca.horzcat(moment, rotational))
@@ -136,14 +138,14 @@ def momentum_regressor(velocity: ca.SX, spin: ca.SX) -> ca.SX:
 def inertial_wrench(
     parameters: ca.SX, acceleration: ca.SX, spin: ca.SX, spin_acceleration: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
-    """Force and torque about the origin (3x1 each) that a motion takes; axes of the body.
+    """Force and torque about the origin (3x1 each) that cause a motion; axes of the body.
 
     ``f = m a + alpha x m c + w x (w x m c)``, ``n = I alpha + w x I w + m c x a``.
 
     Args:
-        parameters: Of the body (10x1).
-        acceleration: Of the origin, gravity subtracted (3x1) [m/s^2].
-        spin, spin_acceleration: Of the body (3x1 each) [rad/s, rad/s^2].
+        parameters: Parameters of the body (10x1).
+        acceleration: Acceleration of the origin, gravity subtracted (3x1) [m/s^2].
+        spin, spin_acceleration: Angular velocity and acceleration of the body (3x1 each) [rad/s, rad/s^2].
     """
     mass, moment, about = parameters[0], parameters[1:4], _matrix(parameters[4:], _PLACES)
     force = mass * acceleration + cross(spin_acceleration, moment) + cross(spin, cross(spin, moment))
@@ -152,10 +154,10 @@ def inertial_wrench(
 
 
 def in_other_axes(parameters: ca.SX, rotation: ca.SX, origin: ca.SX) -> ca.SX:
-    """The parameters (10x1) in other axes.
+    """Parameters (10x1) of the same body in other axes.
 
     Args:
-        parameters: In the old axes (10x1).
+        parameters: Parameters in the old axes (10x1).
         rotation, origin: Old axes to new ones (3x3), and the old origin in the new axes (3x1) [m].
     """
     mass, centre, inertia = mass_properties(parameters)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 class Inertias:
     """Mass, first and second moments of each joint's body.
 
-    All tuples are indexed by joint; entry 0 belongs to the universe and is not used. Keep structural zeros:
+    All tuples are indexed by joint; entry 0 belongs to the universe and is not used. Structural zeros matter:
     a planar arm should hold mass, the moment's x and y, and the rotational inertia's zz alone.
 
     Attributes:
@@ -47,10 +47,10 @@ class Inertias:
         return cls(tuple(mass), tuple(moment), tuple(rotational))
 
     def replaced(self, joint: int, parameters: ca.SX) -> Inertias:
-        """The same with other mass properties of one body.
+        """Copy with other mass properties of one body.
 
         Args:
-            joint: Id of the joint that carries it.
+            joint: Id of the joint that carries the body.
             parameters: Its inertial parameters in Pinocchio's order (10x1).
         """
         mass, moment, (xx, xy, yy, xz, yz, zz) = parameters[0], parameters[1:4], ca.vertsplit(parameters[4:])
@@ -74,8 +74,8 @@ class Inertias:
         """Mass (1x1), first moment (3x1) and rotational inertia (3x3) about the joint origin.
 
         Args:
-            rotation: Body axes to the axes wanted, 3x3.
-            joint_id: Joint whose body is meant.
+            rotation: Rotation from body axes to the requested axes, 3x3.
+            joint_id: Joint that carries the body.
         """
         return (
             self.mass[joint_id],
@@ -91,7 +91,11 @@ def sparse_rotor_inertia(model: pinocchio.Model) -> ca.SX:
 
 @recorded((1, 1), (3, 1), (3, 3), (3, 1))
 def shifted_inertia(mass: ca.SX, moment: ca.SX, rotational: ca.SX, arm: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Rigid-body inertia about a new origin; ``arm`` (m, 3x1) points from the new origin to the old one."""
+    """Rigid-body inertia about a new origin; ``arm`` (m, 3x1) points from the new origin to the old one.
+
+    Parallel-axis theorem with h = m c: ``h' = h + m arm``, ``I' = I + 2 (g.arm) 1 - g arm^T - arm g^T``,
+    ``g = h + m arm / 2``.
+    """
     half = moment + 0.5 * mass * arm
     product = ca.mtimes(half, arm.T)
     spread = 2 * ca.trace(product) * IDENTITY3 - product - product.T

@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     import pinocchio
 
 NOISE = 1e-15
-"""Entries of a rotation or a direction nearer than this to 0, 1 or -1 are taken as exactly that.
+"""Distance from 0, 1 or -1 within which entries of rotations and directions are set to exactly that value.
 
-``rpy="0 0 1.5707963267948966"`` leaves cosines of 6e-17. Kept, they would turn structural zeros into
-arithmetic for the whole subtree; dropped, they change a rotation by less than its own rounding error.
+``rpy="0 0 1.5707963267948966"`` leaves cosines of 6e-17. Such entries would turn structural zeros into
+arithmetic for the whole subtree; setting them to zero changes a rotation by less than its own rounding error.
 """
 
 
@@ -52,7 +52,7 @@ _KINDS = {
 
 @dataclass(frozen=True)
 class JointModel:
-    """One joint of a model, with exact zeros and ones where the model means them.
+    """Joint of a model, with exact zeros and ones in its rotation and motion subspace.
 
     Attributes:
         index, parent: Joint indices; 0 is the universe.
@@ -75,11 +75,11 @@ class JointModel:
     angular: ca.SX
 
     def coordinates(self, q: ca.SX) -> ca.SX:
-        """Own part of the configuration ``q`` (nq), dense."""
+        """Coordinates of this joint in the configuration ``q`` (nq), dense."""
         return q[self.idx_q : self.idx_q + self.nq]
 
     def rates(self, v: ca.SX) -> ca.SX:
-        """Own rows of vectors in velocity coordinates (nv x n)."""
+        """Rows of this joint in vectors in velocity coordinates (nv x n)."""
         return v[self.idx_v : self.idx_v + self.nv, :]
 
 
@@ -130,7 +130,7 @@ def exact_directions(matrix: npt.ArrayLike) -> ca.SX:
 
 
 def sparse(array: npt.ArrayLike) -> ca.SX:
-    """Sparse copy of an array without entries below :data:`NOISE` of its largest one."""
+    """Sparse copy of an array; entries below :data:`NOISE` of the largest one become structural zeros."""
     values = np.array(array, dtype=float)
     largest = np.max(np.abs(values), initial=0.0)
     return _constant(np.where(np.abs(values) <= NOISE * largest, 0.0, values))
@@ -142,12 +142,12 @@ def _constant(values: Array) -> ca.SX:
 
 @functools.lru_cache(maxsize=10_000)
 def _known_constant(entries: bytes, shape: tuple[int, ...]) -> ca.SX:
-    """Sparse constant, made once: a closed loop needs those of each joint and frame several times."""
+    """Sparse constant, cached: a closed loop needs the constants of each joint and frame several times."""
     return ca.SX(ca.sparsify(ca.DM(np.frombuffer(entries).reshape(shape))))
 
 
 def joint_rotation(joint: JointModel, coordinates: ca.SX) -> ca.SX:
-    """Rotation from the moved joint frame to the resting one, 3x3."""
+    """Rotation from the joint frame after the joint's motion to that before it, 3x3."""
     match joint.kind:
         case JointKind.REVOLUTE:
             return turn(joint.angular, ca.cos(coordinates), ca.sin(coordinates))
@@ -162,7 +162,7 @@ def joint_rotation(joint: JointModel, coordinates: ca.SX) -> ca.SX:
 
 
 def joint_translation(joint: JointModel, coordinates: ca.SX) -> ca.SX:
-    """Origin of the moved joint frame in the resting one, m, 3x1."""
+    """Origin of the joint frame after the joint's motion, in the frame before it, m, 3x1."""
     match joint.kind:
         case JointKind.PRISMATIC:
             return joint.linear * coordinates

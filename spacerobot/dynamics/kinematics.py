@@ -1,8 +1,8 @@
 """Forward kinematics of any supported model, in world axes.
 
-The recursion itself runs in each joint's calculation axes (:mod:`~spacerobot.dynamics.local_motion`); what
-is not asked for in world axes is never rotated there, because a CasADi function holds only what its outputs
-need.
+The recursion runs in each joint's calculation axes (:mod:`~spacerobot.dynamics.local_motion`). A quantity
+that is not used in world axes is never rotated there, because a CasADi function holds only what its outputs
+depend on.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ class Kinematics:
     All tuples are indexed by joint, 0 being the universe.
 
     Attributes:
-        joints: The joints, in order, without the universe.
+        joints: Joints in order, without the universe.
         velocity: v, Pinocchio's coordinates, nv.
-        local: Motion in calculation axes, which the algorithms work in.
+        local: Motion of each joint in its calculation axes, which the algorithms use.
         rotation: R_i, joint axes to world axes, 3x3.
         origin: Joint origin, m, 3x1.
         linear, angular: Motion subspace, 3xnv_i each: columns of the joint's own velocity, linear at the
             joint origin.
-        linear_velocity, angular_velocity: Of the joint frame at its origin, m/s and rad/s, 3x1.
+        linear_velocity, angular_velocity: Velocities of the joint frame at its origin, m/s and rad/s, 3x1.
     """
 
     joints: tuple[JointModel, ...]
@@ -48,7 +48,7 @@ class Kinematics:
     angular_velocity: tuple[ca.SX, ...]
 
     def support(self, index: int) -> tuple[JointModel, ...]:
-        """Joints between the universe and joint ``index``, both ends included, from the root."""
+        """Joints from the root to joint ``index``, joint ``index`` included, the universe not."""
         chain: list[JointModel] = []
         while index:
             chain.append(self.joints[index - 1])
@@ -62,7 +62,8 @@ def forward_kinematics(model: pinocchio.Model, q: ca.SX, v: ca.SX | None = None)
     Args:
         model: Any model of supported joints.
         q: Configuration, Pinocchio's coordinates, nq.
-        v: Velocity, Pinocchio's coordinates, nv; ``None`` means at rest (then all velocities are structurally
+        v: Velocity, Pinocchio's coordinates, nv; ``None`` means at rest, so that all velocities are
+            structurally zero.
             zero).
 
     Raises:
@@ -177,7 +178,7 @@ def point_jacobian(kinematics: Kinematics, joint_id: int, point: ca.SX) -> ca.SX
 
 
 def _lever(model: pinocchio.Model, kinematics: Kinematics, frame_id: int) -> tuple[int, ca.SX]:
-    """Joint that carries a frame, and the frame's origin relative to the joint's, world axes."""
+    """Joint that carries a frame, and vector from the joint's origin to the frame's, world axes."""
     frame = model.frames[frame_id]
     joint = int(frame.parentJoint)
     return joint, ca.mtimes(kinematics.rotation[joint], sparse(frame.placement.translation))

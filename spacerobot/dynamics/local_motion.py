@@ -1,11 +1,11 @@
-"""Motion of every joint in the axes that are cheapest to calculate in.
+"""Motion of every joint in the axes in which it costs the fewest operations.
 
-Each joint has *calculation axes*: its own body axes, or those its parent calculates in. Own axes make the
+Each joint has *calculation axes*: its own body axes, or the calculation axes of its parent. Own axes make the
 joint's motion subspace, the body's inertia and the children's offsets constant, but cost a rotation of
-articulated inertia, load and acceleration at the joint. Keeping the parent's axes costs a rotation of the
-body's inertia alone. So axes are kept along parallel joints and at leaves, and adopted where the axis of a
-child points elsewhere. A planar arm is calculated in world axes altogether: its forward dynamics alone would
-be a tenth cheaper in body axes, but not with the tip's motion, load and Jacobian in world axes beside it.
+articulated inertia, load and acceleration at the joint. The parent's axes cost only a rotation of the body's
+inertia. So joints use the parent's axes if axes are parallel or the joint is a leaf, and own axes if the axis
+of a child has another direction. A planar arm is calculated in world axes altogether. Body axes would make
+its forward dynamics alone a tenth cheaper, but tip motion, load and Jacobian are also needed in world axes.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _CARRIED = (JointKind.PLANAR, JointKind.FREE_FLYER)
 
 @dataclass(frozen=True)
 class LocalMotion:
-    """One joint frame's motion, in its calculation axes unless stated otherwise.
+    """Motion of one joint frame, in its calculation axes unless stated otherwise.
 
     Attributes:
         axes: C, calculation axes to world axes, 3x3.
@@ -32,11 +32,12 @@ class LocalMotion:
         body: B, body axes to calculation axes, 3x3; ``C B`` is the joint frame's rotation.
         arm: Joint origin relative to the parent's, in the *parent's* calculation axes, m, 3x1.
         linear, angular: Motion subspace, 3xnv_i each.
-        velocity, spin: Of the joint frame at its origin, m/s and rad/s, 3x1.
+        velocity, spin: Linear velocity of the frame's origin and angular velocity, m/s and rad/s, 3x1.
         velocity_bias, spin_bias: Classical acceleration of the origin (m/s^2) and angular acceleration
             (rad/s^2) at zero joint acceleration, 3x1.
         products: ``spin spin^T``, rad^2/s^2, 3x3.
-        gradient: Further bias per distance from the origin, 1/s^2, 3x3.
+        gradient: Velocity gradient ``G``: a point at r from the origin has the additional bias ``G r``,
+            1/s^2, 3x3.
     """
 
     axes: ca.SX
@@ -57,11 +58,11 @@ class LocalMotion:
         return vector if self.axes is IDENTITY3 else ca.mtimes(self.axes, vector)
 
     def inward(self, vector: ca.SX) -> ca.SX:
-        """Vectors (3xn) of the parent's calculation axes in these axes."""
+        """Vectors (3xn) from the parent's calculation axes to these axes."""
         return vector if self.to_parent is None else ca.mtimes(self.to_parent.T, vector)
 
     def outward(self, vector: ca.SX) -> ca.SX:
-        """Vectors (3xn) of these calculation axes in the parent's."""
+        """Vectors (3xn) from these calculation axes to the parent's."""
         return vector if self.to_parent is None else ca.mtimes(self.to_parent, vector)
 
 
@@ -79,12 +80,12 @@ UNIVERSE = LocalMotion(
     products=ZERO33,
     gradient=ZERO33,
 )
-"""The universe: at rest, in world axes."""
+"""Motion of the universe: at rest, in world axes."""
 
 
 def local_motions(joints: tuple[JointModel, ...], q: ca.SX, v: ca.SX) -> tuple[LocalMotion, ...]:
     """Motion of the universe (index 0) and of every joint at (q, v)."""
-    # joints worth their own axes: those with a child about another coordinate axis, and free bodies
+    # joints with own axes: those with a child about another coordinate axis, and free bodies
     children: dict[int, list[JointModel]] = {}
     for joint in joints:
         children.setdefault(joint.parent, []).append(joint)
@@ -115,7 +116,7 @@ def _step(joint: JointModel, parent: LocalMotion, q: ca.SX, v: ca.SX, bends: boo
     adopt = bends and (joint.kind is JointKind.FREE_FLYER or ca.mtimes(resting, joint.angular).nnz() == 1)
     to_parent = turned if adopt else None
     body = IDENTITY3 if adopt else turned
-    # A revolute or prismatic axis is the same before and after the joint moves; before is cheaper.
+    # The joint's motion does not change its revolute or prismatic axis; axes before the motion cost less.
     basis = IDENTITY3 if adopt else (turned if joint.kind in _CARRIED else resting)
     linear, angular = ca.mtimes(basis, joint.linear), ca.mtimes(basis, joint.angular)
     velocity, spin, velocity_bias, spin_bias, products, gradient = _motion(
@@ -148,9 +149,11 @@ def _step(joint: JointModel, parent: LocalMotion, q: ca.SX, v: ca.SX, bends: boo
 
 @recorded((3, 3), (3, 1), (3, 1), (3, 1), (3, 1), (3, 3), (3, 1), (3, 1), (3, 1))
 def _motion(to_parent: ca.SX, *given: ca.SX, carried: bool) -> tuple[ca.SX, ...]:
-    """The motion of a joint frame, velocity to gradient, from its parent's and its own by (q, v).
+    """Velocity, spin, both biases, products and gradient of a joint frame, from its parent's motion.
 
-    The columns of ``linear`` turn with the joint itself if it is carried along, else with the parent.
+    With the parent's spin w, gradient G and bias a, b, and the joint's own velocity s and spin t, the biases
+    are ``a + G arm + (w + w') x s`` (linear) and ``b + w x t`` (angular). The columns of ``linear`` rotate
+    with w' = w + t if ``carried`` (planar and free-flyer joints), else with w' = w.
     """
     velocity, spin, velocity_bias, spin_bias, gradient, arm, sliding, turning = given
     inward = to_parent.T
@@ -170,7 +173,7 @@ def _motion(to_parent: ca.SX, *given: ca.SX, carried: bool) -> tuple[ca.SX, ...]
 
 
 def _axes_beyond(index: int, rotation: ca.SX, children: dict[int, list[JointModel]]) -> list[ca.SX]:
-    """Axes of the next turning joints, seen through prismatic ones, in the axes of joint ``index``."""
+    """Axes of the next rotating joints, across prismatic ones, in the axes of joint ``index``."""
     axes: list[ca.SX] = []
     for child in children.get(index, ()):
         placed = ca.mtimes(rotation, child.rotation)

@@ -24,7 +24,7 @@ def subtree(model: pinocchio.Model, joint_id: int) -> tuple[int, ...]:
         joint_id: Root of the subtree.
 
     Returns:
-        tuple: Ids, the root first; the universe is left out.
+        tuple: Ids, the root first, without the universe.
     """
     return tuple(int(index) for index in model.subtrees[joint_id] if index)
 
@@ -40,7 +40,7 @@ def momentum(
 
     Args:
         model, kinematics, inertias: The system and its motion.
-        joints: Joint ids whose bodies count; ``None`` means all.
+        joints: Ids of the joints whose bodies are summed; ``None`` means all.
         about: World point, m, 3x1; ``None`` means the world's origin.
 
     Returns:
@@ -66,7 +66,7 @@ def kinetic_energy(
 
     Args:
         model, kinematics, inertias: The system and its motion.
-        joints: Joint ids whose bodies count; ``None`` means all.
+        joints: Ids of the joints whose bodies are summed; ``None`` means all.
 
     Returns:
         casadi.SX: J, 1x1.
@@ -88,7 +88,7 @@ def total_mass(model: pinocchio.Model, inertias: Inertias, joints: Iterable[int]
 
     Args:
         model, inertias: The system and its mass properties.
-        joints: Joint ids whose bodies count; ``None`` means all.
+        joints: Ids of the joints whose bodies are summed; ``None`` means all.
 
     Returns:
         casadi.SX: kg, 1x1.
@@ -109,7 +109,7 @@ def centre_of_mass(
 
     Args:
         model, kinematics, inertias: The system, its posture and its mass properties.
-        joints: Joint ids whose bodies count; ``None`` means all.
+        joints: Ids of the joints whose bodies are summed; ``None`` means all.
 
     Returns:
         casadi.SX: Position in the world, m, 3x1.

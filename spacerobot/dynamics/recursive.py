@@ -23,7 +23,7 @@ def inverse_dynamics(
     acceleration: ca.SX,
     wrenches: Iterable[Wrench] = (),
 ) -> ca.SX:
-    """Generalised force that an acceleration takes: ``M a + h - sum J^T f``, with the model's gravity.
+    """Generalised force of an acceleration: ``M a + h - sum J^T f``, with the model's gravity.
 
     Args:
         model, kinematics, inertias: The system and its motion.
@@ -34,6 +34,8 @@ def inverse_dynamics(
         casadi.SX: Generalised force in velocity coordinates (N, N m), nv.
     """
     rotor = sparse_rotor_inertia(model)
+    # outward: wrench that each body needs, I a + bias - f_ext, in its calculation axes;
+    # inward: tau_i = S_i^T f_i + (rotor inertia) a_i, and the parent also carries f_i
     forces = [-load for load in applied_loads(model, kinematics, wrenches)]
     carried = [ca.SX(6, 1)] * model.njoints  # acceleration beyond that at zero joint acceleration
     for joint in kinematics.joints:

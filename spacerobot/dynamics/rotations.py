@@ -1,7 +1,7 @@
 """Rotations as CasADi expressions: exponential, logarithm, quaternions and roll-pitch-yaw.
 
-All maps have the right value *and* the right derivatives at the identity: where a closed form divides by an
-angle, a short series takes over near zero and the closed form is kept away from the division.
+All maps have the right value *and* the right derivatives at the identity. If a closed form divides by an
+angle, a short series replaces it near zero, and the divisor is replaced by a number away from zero there.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ __all__ = [
 ]
 
 _NEAR_ZERO = 1e-3
-"""Square of the angle (or of its tangent) below which series are used; six terms leave under 1e-18."""
+"""Square of the angle (or of its tangent) below which series are used; six terms leave an error under
+1e-18."""
 
 _Z = ca.SX.eye(3)[:, 2]
 _Y = ca.SX.eye(3)[:, 1]
@@ -33,11 +34,11 @@ _X = ca.SX.eye(3)[:, 0]
 def turn(axis: ca.SX, cosine: ca.SX, sine: ca.SX) -> ca.SX:
     """Rotation about a unit axis by an angle given as (cos, sin), 3x3 (Rodrigues).
 
-    About a coordinate axis, of either sign, the result keeps its four zeros and its one.
+    About a coordinate axis, of either sign, the result keeps its four structural zeros and the one.
 
     Args:
         axis: Unit vector, 3x1.
-        cosine, sine: Of the angle, 1x1 each.
+        cosine, sine: Cosine and sine of the angle, 1x1 each.
     """
     return _turn(axis, cosine, sine, coordinate=axis.nnz() == 1 and axis.is_constant())
 
@@ -54,7 +55,7 @@ def rotation_from_rpy(rpy: ca.SX) -> ca.SX:
     """Rotation of roll, pitch and yaw about fixed axes, ``Rz(yaw) Ry(pitch) Rx(roll)`` as in URDF, 3x3.
 
     Args:
-        rpy: Roll, pitch, yaw, rad, 3x1. Structurally zero angles cost nothing.
+        rpy: Roll, pitch, yaw, rad, 3x1. Structurally zero angles add no operations.
     """
     result = IDENTITY3
     for axis, angle in ((_Z, rpy[2]), (_Y, rpy[1]), (_X, rpy[0])):
@@ -96,11 +97,11 @@ def _rotation_exp(vector: ca.SX) -> ca.SX:
 
 
 def rotation_log(rotation: ca.SX) -> ca.SX:
-    """Rotation vector of a rotation, of length 0 .. pi, smooth below pi.
+    """Rotation vector of a rotation, of length 0 to pi, smooth below pi.
 
     Args:
-        rotation: 3x3. If its structural zeros show that it turns about a coordinate axis, one ``atan2`` is
-            all.
+        rotation: 3x3. If its structural zeros show a rotation about a coordinate axis, one ``atan2``
+            suffices.
 
     Returns:
         casadi.SX: Axis times angle, rad, 3x1.

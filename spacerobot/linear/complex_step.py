@@ -1,7 +1,7 @@
-"""Derivatives along a direction, carried as imaginary parts.
+"""Derivatives along a direction, carried as imaginary parts (complex-step method).
 
-With ``z = x + i h dx`` and h so small that its square vanishes beside one, an analytic computation gives
-``f(z) = f(x) + i h df`` without a difference of near numbers: exact to rounding (W. Squire, G. Trapp, SIAM
+With ``z = x + i h dx`` and h so small that its square is negligible against one, an analytic computation
+gives ``f(z) = f(x) + i h df`` without subtracting close numbers: exact to rounding (W. Squire, G. Trapp, SIAM
 Review 40(1), 1998). CasADi's functions take real numbers and contribute their own exact derivatives.
 """
 
@@ -15,16 +15,16 @@ import numpy as np
 from spacerobot.arrays import Array
 
 STEP = 1e-30
-"""The number h."""
+"""Step h of the imaginary parts."""
 
 
 def derivative(value: Any) -> Any:
-    """Derivative that a number or an array carries."""
+    """Derivative carried by a number or an array."""
     return np.imag(value) / STEP
 
 
 def evaluate(function: ca.Function, *arguments: Any) -> list[Array]:
-    """Results of a function of CasADi as arrays (n, m), with derivatives where arguments carry any.
+    """Results of a CasADi function as arrays (n, m), with derivatives if arguments carry any.
 
     Args:
         function: The function.

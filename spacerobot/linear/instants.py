@@ -1,4 +1,4 @@
-"""States of a simulation at requested instants: times, and events just before and after they happen."""
+"""States of a simulation at requested instants: at times, and just before and after events."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Instant:
     Attributes:
         label: ``12.3 s``, or an event: ``captured, before``.
         time_s: Time [s].
-        x, c: State (nx,) and constants (nc,) of the closed loop, its switches as they are then.
+        x, c: State (nx,) and constants (nc,) of the closed loop, with the switches of that instant.
     """
 
     label: str
@@ -31,7 +31,7 @@ class Instant:
 
     @property
     def is_start(self) -> bool:
-        """Whether it is the start of the simulation, whose state is the scenario's own."""
+        """Whether it is the start of the simulation, whose state is the scenario's initial state."""
         return self.time_s == 0 and "," not in self.label
 
 
@@ -56,17 +56,17 @@ def check_instants(loop: ClosedLoop, duration_s: float, at: Iterable[float | str
 
 
 def instants(rollout: Rollout, loop: ClosedLoop, at: Iterable[float | str]) -> Iterator[Instant]:
-    """States at times and at events.
+    """Yield the states at times and at events.
 
     Args:
-        rollout, loop: The rollout, and its closed loop; states of the rollout beyond the closed loop's are
-            left out.
-        at: Times [s], and kinds or names of events; of each event the states just before and just after the
-            first time that it happens.
+        rollout, loop: The rollout and its closed loop; states of the rollout that the closed loop does not
+            have are left out.
+        at: Times [s], and kinds or names of events. For each event, the states just before and just after its
+            first occurrence.
 
     Raises:
         DivergedError: If the simulation does not reach an instant.
-        ScenarioError: If a time lies outside the simulation, or an event does not happen.
+        ScenarioError: If a time is outside the simulation, or an event does not occur.
     """
     places = list(at)
     check_instants(loop, rollout.grid.duration_s, places)
@@ -88,11 +88,11 @@ def instants(rollout: Rollout, loop: ClosedLoop, at: Iterable[float | str]) -> I
 
 
 def samples(rollout: Rollout, loop: ClosedLoop, count: int) -> Iterator[Instant]:
-    """States at equidistant times from the start to the end, the first and last included.
+    """Yield states at equidistant times from the start to the end, both included.
 
     Args:
         rollout, loop: As for :func:`instants`.
-        count: How many; an event at one of them has happened.
+        count: Number of times; an event at one of the times has already occurred there.
     """
     grid = rollout.grid
     grid = time_grid(grid.duration_s, grid.step_s, grid.duration_s / (count - 1))
@@ -107,7 +107,7 @@ def events_of(rollout: Rollout, loop: ClosedLoop, kinds: Collection[str]) -> tup
 
     Args:
         rollout, loop: As for :func:`instants`.
-        kinds: Those that are of interest.
+        kinds: Kinds of events to return.
     """
     fired = [(one.time_s, loop.events[one.event].kind) for one in _run(rollout).events]
     return tuple(one for one in fired if one[1] in kinds)
@@ -123,7 +123,7 @@ def _run(rollout: Rollout) -> Trajectory:
 
 
 def _at_event(loop: ClosedLoop, trajectory: Trajectory, name: str) -> Iterator[Instant]:
-    """Before and after the first event of a kind or name."""
+    """Instants before and after the first event of a kind or name."""
     for place, fired in enumerate(trajectory.events):
         rule = loop.events[fired.event]
         if name in (rule.kind, rule.name):

@@ -8,12 +8,12 @@ another one, so that A has meaningless entries across them. Deviations are there
   ``xi' = N^+ (A N - N') xi + ...``, N' being the rate of N along the motion;
 * on the constraint manifold: with ``G(q) v = 0`` of the active rigid grasps and joints that mimic others,
   ``G xi = 0`` and ``(G v)_q N xi + G dv = 0``. An orthonormal basis T of the solutions gives ``T^T A T``; the
-  manifold is invariant, hence nothing is lost. The basis is taken as parallel along the motion.
+  manifold is invariant, so no mode is lost. The basis is taken as parallel along the motion.
 
-States that are constant or that nothing depends on (works, counters, memories of events) are left out.
+States that are constant or without effect (works, counters, memories of events) are left out.
 
-The coefficients are those of the instant. A free-floating system has poles at zero: pose and momentum of the
-whole that no controller acts on.
+The coefficients are evaluated at the instant. A free-floating system has poles at zero: pose and momentum of
+the whole system, on which no controller acts.
 
 With periodic elements the closed loop is periodic: the linearised motion over one period T, from the
 coefficients of the instant, is ``x_k+1 = A x_k + B w_k``, in which holds, registers of delays and events are
@@ -46,24 +46,25 @@ if TYPE_CHECKING:
     import control
 
 MOST_MODES = 6
-"""Number of modes of a table, the least damped ones."""
+"""Number of modes in a table, those with the smallest damping ratios."""
 
 RIGID = 3e-3
-"""Poles below it [1/s] count as zero: a Jordan block of four zeros splits by the fourth root of rounding."""
+"""Magnitude [1/s] below which a pole counts as zero: rounding splits a Jordan block of four zeros by its
+fourth root."""
 
 NEUTRAL = 1e-6
 """Damping ratio within which a mode counts as undamped."""
 
 RANK = 1e-9
-"""Singular values of constraints below this part of the greatest count as zero."""
+"""Fraction of the largest singular value of the constraints below which others count as zero."""
 
 
 @dataclass(frozen=True)
 class Mode:
-    """A pole, or a pair of conjugate ones.
+    """Pole, or pair of conjugate poles.
 
     Attributes:
-        pole: With the imaginary part above or equal to zero [1/s]; of a periodic system ``log(z) / T``.
+        pole: Pole with non-negative imaginary part [1/s]; of a periodic system ``log(z) / T``.
         frequency_hz: Undamped natural frequency |s| / 2 pi [Hz].
         damping: Damping ratio -Re(s) / |s|; NaN for a pole at zero.
     """
@@ -75,16 +76,16 @@ class Mode:
 
 @dataclass(frozen=True)
 class LinearSystem(Tabular):
-    """Closed loop linearised at an instant, with an input at every break point; arrays are named.
+    """Closed loop linearised at an instant, with an input at every break point; rows and columns are named.
 
     Attributes:
         label, time_s: The instant.
         A, B, C, D: Matrices of the closed loop (nx, nx), (nx, nu), (ny, nx), (ny, nu).
-        states, inputs, outputs: Names. Inputs and the first outputs are those of the break points:
+        states, inputs, outputs: Names. Inputs, and the first outputs, are the break points:
             ``torque/one/joint_1``.
         period_s: Period of a discrete system [s]; 0 where it is continuous.
-        starts: Of a discrete system: B, C, D and A by the break point whose output is held from the instant
-            on at which the period begins; a loop without one is not invariant in time.
+        starts: For a discrete system: B, C, D and A by break point, for a period that begins at the instant
+            from which the break point's output is held. A loop without an entry is time-varying.
     """
 
     label: str
@@ -108,7 +109,7 @@ class LinearSystem(Tabular):
         )
 
     def content(self) -> list[Content]:
-        """Size and stability, and the least damped modes."""
+        """Size and stability, and table of the least damped modes."""
         return [f"{self.label}: {self.description}.", self.mode_table()]
 
     def mode_table(self) -> Table:
@@ -136,24 +137,24 @@ class LinearSystem(Tabular):
 
     @property
     def poles(self) -> Array:
-        """Poles of the closed loop [1/s], those of a periodic system as ``log(z) / T`` (complex)."""
+        """Poles of the closed loop [1/s] (complex); ``log(z) / T`` for a periodic system."""
         poles = self.rates(self.A)
         return poles[np.lexsort((poles.imag, np.abs(poles)))]
 
     def rates(self, A: Array) -> Array:
-        """Eigenvalues of a matrix over the same period as poles [1/s] (complex)."""
+        """Poles [1/s] (complex) from the eigenvalues of a matrix over the same period."""
         values = np.linalg.eigvals(A).astype(complex)
         if self.period_s:
             values = np.log(values[np.abs(values) > np.finfo(float).tiny]) / self.period_s
         return values
 
     def points(self, omega: Array) -> Array:
-        """Points of the imaginary axis, or the unit circle of a periodic system, at frequencies [rad/s]."""
+        """Points of the imaginary axis (unit circle for a periodic system) at frequencies [rad/s]."""
         return np.asarray(np.exp(1j * omega * self.period_s) if self.period_s else 1j * omega)
 
     @property
     def modes(self) -> tuple[Mode, ...]:
-        """Poles that are not zero, the slowest first, one for each conjugate pair."""
+        """Non-zero poles, the slowest first, one for each conjugate pair."""
         return tuple(
             Mode(complex(pole), float(abs(pole) / (2 * np.pi)), float(-pole.real / abs(pole)))
             for pole in self.poles
@@ -162,12 +163,12 @@ class LinearSystem(Tabular):
 
     @property
     def zero_poles(self) -> int:
-        """Number of poles at zero: motions of the whole that nothing acts on."""
+        """Number of poles at zero: motions of the whole system on which nothing acts."""
         return int(np.sum(np.abs(self.poles) <= RIGID))
 
     @property
     def growing(self) -> tuple[Mode, ...]:
-        """Modes that grow; those of a body that spins freely neither grow nor decay, but for rounding."""
+        """Growing modes; a freely spinning body's modes are excluded, which grow only by rounding."""
         return tuple(mode for mode in self.modes if mode.damping < -NEUTRAL)
 
     @property
@@ -191,7 +192,7 @@ class LinearSystem(Tabular):
         )
 
     def to_control(self) -> control.StateSpace:
-        """Closed loop as a system of python-control, with the names of states, inputs and outputs.
+        """Closed loop as a python-control system, with the names of states, inputs and outputs.
 
         Raises:
             SpaceRobotError: If python-control is not installed.
@@ -199,7 +200,7 @@ class LinearSystem(Tabular):
         return self._system((self.A, self.B, self.C, self.D), self.inputs, self.outputs)
 
     def loop_transfer(self, name: str) -> control.StateSpace:
-        """Transfer function L of a loop broken at one point, the others closed, for negative feedback.
+        """Transfer function L of the loop broken at one point, others closed, for negative feedback.
 
         Args:
             name: A break point, one of ``inputs``.
@@ -211,11 +212,11 @@ class LinearSystem(Tabular):
         return self._system(self.broken(name), [name], [name])
 
     def is_invariant(self, name: str) -> bool:
-        """Whether the loop broken at a point is invariant in time, as it must be to have margins."""
+        """Whether the loop broken at a point is time-invariant, as margins require."""
         return not self.period_s or name in self.starts
 
     def closed(self, name: str) -> Matrices:
-        """Matrices of the closed loop in which the input of a break point acts with its output at once.
+        """Matrices of the closed loop with the period starting at the break point's output.
 
         Args:
             name: A break point.
@@ -232,9 +233,10 @@ class LinearSystem(Tabular):
         return self.starts[name] if self.period_s else (self.A, self.B, self.C, self.D)
 
     def broken(self, name: str) -> Matrices:
-        """Matrices of :meth:`loop_transfer`.
+        """Matrices of the loop broken at one point, as in :meth:`loop_transfer`.
 
-        With u = y + w, ``w = (1 + d)^-1 (u - c x)`` removes the feedback of the loop itself.
+        The closed loop has y = C x + D w. With u = y + w, ``w = (1 + d)^-1 (u - c x)`` removes the feedback
+        of the broken loop.
 
         Args:
             name: A break point.
@@ -259,7 +261,7 @@ class LinearSystem(Tabular):
 
 
 def python_control() -> Any:
-    """Module of python-control.
+    """Module ``control`` of python-control.
 
     Raises:
         SpaceRobotError: If it is not installed.
@@ -311,7 +313,7 @@ def linearise(
 
 @dataclass(frozen=True)
 class Lineariser:
-    """A closed loop and its derivatives, ready to be evaluated at instants."""
+    """Closed loop and its derivatives, ready to be evaluated at instants."""
 
     scene: Scene
     loop: ClosedLoop
@@ -329,8 +331,8 @@ class Lineariser:
 
         Args:
             scene, outputs: As of :func:`linearise`.
-            vary: Parameters that are kept although they are exactly zero.
-            at: Instants at which it will be evaluated; wrong ones are reported before the break points are
+            vary: Parameters that remain symbols although they are exactly zero.
+            at: Instants at which the loop will be evaluated; wrong ones are reported before the break points are
                 built and anything is compiled.
 
         Raises:
@@ -346,13 +348,13 @@ class Lineariser:
         return cls(scene, loop, build_perturbed_loop(scene, requested, vary))
 
     def rollout(self, backend: Backend, progress: Progress) -> Rollout:
-        """Rollout of the closed loop, as of the scene's simulation."""
+        """Rollout of the closed loop, as in the scene's simulation."""
         return prepare_simulation(self.scene, self.loop, backend=backend, progress=progress).rollout
 
     def at(self, instant: Instant) -> LinearSystem:
         """Linearised closed loop at an instant.
 
-        Where the instant carries derivatives (:mod:`spacerobot.linear.complex_step`), so do all matrices.
+        If the instant carries derivatives (:mod:`spacerobot.linear.complex_step`), all matrices carry them.
 
         Raises:
             ScenarioError: If periods of elements have no common multiple.
@@ -400,7 +402,7 @@ class Lineariser:
         return _periodic(system, updates, period_s) if updates else system
 
     def _chart(self, x: Array) -> tuple[Array, Array]:
-        """Tangent coordinates to coordinates of x (nx, nx - nq + nv), and the rate of that."""
+        """Map from tangent coordinates to coordinates of x (nx, nx - nq + nv), and its rate."""
         nq, nv, size = self.loop.nq, self.loop.nv, len(x)
         charts = []
         for part, rest in zip(
@@ -427,9 +429,9 @@ class Lineariser:
 
 
 def _relevant(A: Array, B: Array, C: Array, updates: Sequence[PeriodicUpdate], mechanical: int) -> list[int]:
-    """States that change and on which something depends; of those of mechanics, all.
+    """Indices of states that change and have an effect; mechanical states are all kept.
 
-    Constant are states with zero rows: memories that no periodic event changes.
+    States with zero rows are constant: memories that no periodic event changes.
     """
     size = len(A)
     eye = np.eye(size)
@@ -450,7 +452,7 @@ def _relevant(A: Array, B: Array, C: Array, updates: Sequence[PeriodicUpdate], m
 
 
 def _periodic(system: LinearSystem, updates: Sequence[PeriodicUpdate], period_s: float) -> LinearSystem:
-    """Discrete form over one period; see :mod:`spacerobot.linear.periodic`."""
+    """Discrete system over one period; see :mod:`spacerobot.linear.periodic`."""
     continuous, starts = (system.A, system.B, system.C, system.D), {}
     matrices_by_period: dict[float, Matrices] = {}
     for place, name in enumerate(system.inputs):

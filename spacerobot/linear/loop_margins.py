@@ -1,13 +1,13 @@
 """Stability margins of every loop, broken at one point while the others stay closed.
 
-Of the loop transfer function L for negative feedback, at the frequencies at which it crosses the unit circle
-and the negative real axis: by how much its gain may grow or fall, its phase lag or its delay grow, until the
-closed loop becomes unstable. The disk margin (P. Seiler, A. Packard, P. Gahinet: An introduction to disk
-margins, IEEE Control Systems 40(5), 2020) allows gain and phase to change at once:
-``alpha = 1 / max |S - 1/2|``, S = 1 / (1 + L). A response over frequencies finds crossings and peaks; each is
-then refined on the transfer function itself.
+The loop transfer function L, for negative feedback, crosses the unit circle and the negative real axis. At
+these frequencies, the margins state how much its gain may grow or fall, and its phase lag or delay grow,
+until the closed loop becomes unstable. The disk margin (P. Seiler, A. Packard, P. Gahinet: An introduction to
+disk margins, IEEE Control Systems 40(5), 2020) allows gain and phase to change at once: ``alpha = 1 / max |S
+- 1/2|``, S = 1 / (1 + L). A frequency response locates crossings and peaks, which are then refined on the
+transfer function itself.
 
-The delay margin of a sampled loop is phase over frequency: exact for whole periods.
+The delay margin of a sampled loop is its phase margin divided by frequency: exact for whole periods.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ FILE = "margins.nc"
 """File with the margins, in the folder that ``spacerobot margins --out`` writes."""
 
 MAX_GAIN = 1e6
-"""Crossings that need a larger change of the gain than by this factor are rounding."""
+"""Factor of the gain above which a crossing is attributed to rounding."""
 
 MAX_CONDITION = 1e10
-"""Greatest condition of a pole's distance from frequency zero, beyond which there is a pole."""
+"""Maximum condition number of ``s - A`` at frequency zero; above it, there is a pole."""
 
 UNITS = {"gain_up": "dB", "gain_down": "dB", "phase": "deg", "delay": "s", "disk": "1", "crossover": "Hz"}
-"""Margins of a loop, and their units."""
+"""Units of a loop's margins, by name."""
 
 HEADINGS = ("loop", "gain [dB]", "phase [deg]", "delay [s]", "disk", "crossover [Hz]")
-"""Headings of a table of loops."""
+"""Headings of the table of loops."""
 
 MOST_LOOPS = 12
-"""Number of loops of a table, those with the least disk margins."""
+"""Number of loops in a table, those with the smallest disk margins."""
 
 
 NO_DELAY = (
@@ -63,17 +63,17 @@ MAX_INSTANTS = 100_000
 
 @dataclass(frozen=True)
 class LoopMargins:
-    """Margins of a loop broken at one point; infinite where nothing is crossed, NaN where it varies in time.
+    """Margins of a loop broken at one point; infinite without a crossing, NaN if it is time-varying.
 
     Attributes:
         name: Break point: ``torque/one/joint_1``.
-        gain_up, gain_down: By how much its gain may grow, and fall (negative) [dB].
-        phase: By how much its phase may change [deg].
-        delay: Delay that it may have in addition [s].
+        gain_up, gain_down: Gain margins: allowed increase and decrease (negative) [dB].
+        phase: Phase margin [deg].
+        delay: Delay margin: allowed additional delay [s].
         disk: Disk margin alpha: L may change by any factor ``(1 + alpha/2 d) / (1 - alpha/2 d)``, |d| < 1.
-        crossover: Highest frequency at which its gain is one [Hz].
-        frequencies: Where each margin is found [rad/s], by its name, NaN where it is infinite; and the lowest
-            crossover.
+        crossover: Highest gain crossover frequency [Hz].
+        frequencies: Frequency of each margin [rad/s], by its name, NaN if the margin is infinite; and the
+            lowest crossover frequency.
     """
 
     name: str
@@ -86,7 +86,7 @@ class LoopMargins:
     frequencies: Mapping[str, float] = field(default_factory=dict, repr=False)
 
     def row(self) -> list[str]:
-        """Cells of a table with the headings :data:`HEADINGS`."""
+        """Cells of a row under the headings :data:`HEADINGS`."""
         if math.isnan(self.disk):
             return [self.name, "varies in time", "", "", "", ""]
         gain = f"{self.gain_down:+.1f} to {self.gain_up:+.1f}"
@@ -100,8 +100,8 @@ class MarginAnalysis(Tabular):
     """Margins of all loops at instants of a simulation.
 
     Attributes:
-        linearisations: Closed loops at the instants.
-        loops: Margins at each instant, of each break point.
+        linearisations: Linearised closed loops at the instants.
+        loops: Margins of each break point, at each instant.
         events: Times [s] and kinds of the captures and releases of the simulation.
     """
 
@@ -140,14 +140,14 @@ class MarginAnalysis(Tabular):
         )
 
     def content(self) -> list[Content]:
-        """Loops with the least disk margins and the least damped modes, at each instant."""
+        """Loops with the smallest disk margins and the least damped modes, at each instant."""
         tables: list[Content] = []
         for linear, loops in zip(self.linearisations, self.loops, strict=True):
             tables += [*_instant_tables(linear.label, linear.description, loops), linear.mode_table()]
         return tables
 
     def least_margins(self) -> list[Content]:
-        """Loops with the least disk margins over all instants, each at the instant where it is least."""
+        """Table of the loops with the smallest disk margins over all instants."""
         disks = np.array([[one.disk for one in loops] for loops in self.loops])
         disks = np.where(np.isnan(disks), math.inf, disks)
         rows = []
@@ -160,7 +160,7 @@ class MarginAnalysis(Tabular):
 
 @dataclass(frozen=True)
 class SavedMargins(Tabular):
-    """Margins that were written to a folder.
+    """Margins read from a folder.
 
     Attributes:
         data: Margins by instant and loop, as of :meth:`MarginAnalysis.to_xarray`.
@@ -175,7 +175,7 @@ class SavedMargins(Tabular):
         """Margins in a folder that ``spacerobot margins --out`` wrote.
 
         Raises:
-            ResultError: If they cannot be read.
+            ResultError: If the file cannot be read.
         """
         path = Path(folder) / FILE
         try:
@@ -193,7 +193,7 @@ class SavedMargins(Tabular):
         return f"<SavedMargins: {self.data.sizes['instant']} instants, {self.data.sizes['loop']} loops>"
 
     def content(self) -> list[Content]:
-        """Loops with the least disk margins at each instant."""
+        """Loops with the smallest disk margins at each instant."""
         tables: list[Content] = []
         for k, label in enumerate(self.data.instant.values):
             instant = self.data.isel(instant=k)
@@ -206,13 +206,13 @@ class SavedMargins(Tabular):
 
 
 def _instant_tables(label: str, description: str, loops: Iterable[LoopMargins]) -> list[Content]:
-    """Loops with the least disk margins at an instant."""
+    """Table of the loops with the smallest disk margins at an instant."""
     ranked = sorted(loops, key=lambda one: math.inf if math.isnan(one.disk) else one.disk)
     return _with_note(Table(f"{label}: {description}", HEADINGS, [one.row() for one in ranked[:MOST_LOOPS]]))
 
 
 def _with_note(table: Table) -> list[Content]:
-    """Table of loops, and the explanation of delay margins of zero if it has any."""
+    """Table of loops, followed by an explanation if any delay margin is zero."""
     return [table, NO_DELAY] if any("0*" in row for row in table.rows) else [table]
 
 
@@ -229,8 +229,8 @@ def margins(
     Args:
         scene: The scene, or the name or file of its scenario.
         at: Times [s], and kinds or names of events, as of :func:`spacerobot.linearise`.
-        along: If positive, ``at`` is replaced by so many equidistant times from the start to the end, at
-            least two.
+        along: If positive, ``at`` is replaced by this number of equidistant times from the start to the end,
+            at least two.
         backend, progress: As of :func:`spacerobot.simulate`.
 
     Raises:
@@ -262,7 +262,7 @@ def margins(
 
 
 def loop_margins(system: LinearSystem, names: Iterable[str] | None = None) -> Iterator[LoopMargins]:
-    """Margins of loops of a linearised closed loop.
+    """Yield the margins of loops of a linearised closed loop.
 
     Args:
         system: The linearised closed loop.
@@ -282,7 +282,7 @@ def loop_margins(system: LinearSystem, names: Iterable[str] | None = None) -> It
 
 
 def _margins(system: LinearSystem, name: str, omega: Array, response: Array) -> LoopMargins:
-    """Margins from a frequency response, each at its own exact frequency."""
+    """Margins of a loop; each is refined from the frequency response to its exact frequency."""
     if not np.abs(response).max() > 0:
         return LoopMargins(name, np.inf, -np.inf, np.inf, np.inf, 2.0, np.nan)
     closed, place = system.closed(name), system.inputs.index(name)
@@ -349,7 +349,7 @@ def _second(pair: tuple[float, float]) -> float:
 
 
 def _roots(function: Callable[[float], float], omega: Array, values: Array) -> Iterator[float]:
-    """Roots of a function between frequencies at which its values change sign."""
+    """Yield roots of a function between frequencies at which its values change sign."""
     for i in np.flatnonzero(values[:-1] * values[1:] < 0):
         yield brentq(function, omega[i], omega[i + 1], xtol=1e-14 * omega[i], rtol=1e-13)
 

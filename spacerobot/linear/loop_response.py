@@ -1,9 +1,9 @@
-r"""Loop transfer functions, from the closed loop.
+r"""Loop transfer functions from the closed loop.
 
-Of a break point, G is the response of its signal y to the input w that is added to it: u = y + w. With
-y = -L u the sensitivity is ``S = u / w = 1 + G = 1 / (1 + L)``, hence ``L = -G / (1 + G)``. One factorisation
-of ``s - A`` for each frequency serves all loops. Frequencies keep a distance from undamped poles, such as
-those of a body that spins freely, next to which a response is mostly rounding.
+G is the response of a break point's signal y to the input w that is added to it: u = y + w. With y = -L u the
+sensitivity is ``S = u / w = 1 + G = 1 / (1 + L)``, hence ``L = -G / (1 + G)``. One factorisation of ``s - A``
+at each frequency serves all loops. Frequencies keep a distance from undamped poles, such as those of a body
+that spins freely, near which a response is mostly rounding.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ from spacerobot.linear.linearisation import NEUTRAL, RIGID, LinearSystem
 from spacerobot.linear.periodic import Matrices
 
 PER_DECADE = 150
-"""Frequencies in a decade; more lie around poles with little damping."""
+"""Number of frequencies per decade; further ones are added around poles with little damping."""
 
 BEYOND = 30.0
-"""How far the frequencies reach beyond the slowest and the fastest pole."""
+"""Factor by which frequencies extend beyond the slowest and the fastest pole."""
 
 UNDAMPED = 1e-4
 """Width of an undamped pole, relative to its frequency."""
 
 AT_ONCE = 256
-"""Frequencies that are evaluated together, so that the memory does not grow with their number."""
+"""Number of frequencies evaluated together, which bounds the memory."""
 
 AROUND = np.concatenate([-np.geomspace(8, 1e-2, 40), [0.0], np.geomspace(1e-2, 8, 40)])
-"""Places around a pole with little damping, in units of its real part."""
+"""Frequencies around a pole with little damping, in units of its real part."""
 
 
 def loop_response(system: LinearSystem, name: str) -> tuple[Array, Array]:
-    """Frequencies [rad/s] and loop transfer function (complex) there, of a loop broken at one point.
+    """Frequencies [rad/s] and loop transfer function (complex) of a loop broken at one point.
 
     Args:
         system: The linearised closed loop.
@@ -46,7 +46,7 @@ def loop_response(system: LinearSystem, name: str) -> tuple[Array, Array]:
 
 
 def loop_responses(system: LinearSystem, names: Iterable[str]) -> Iterator[tuple[Array, Array]]:
-    """The same of several loops, in the order of their names.
+    """Yield frequencies and transfer functions of several loops, in the order of their names.
 
     Args:
         system, names: As for :func:`loop_response`.
@@ -86,7 +86,7 @@ def responses(closed: Matrices, places: Sequence[int], s: Array) -> Array:
 
     Args:
         closed: Matrices of the closed loop.
-        places: Of the break points among its inputs.
+        places: Indices of the break points among the inputs.
         s: Points of the Laplace plane, or z of a discrete system.
     """
     A, B, C, D = closed
@@ -120,9 +120,9 @@ def frequency_grid(poles: Array, most: float, reach: Array | None = None) -> Arr
     """Frequencies [rad/s] from below the slowest to beyond the fastest pole, dense around resonances.
 
     Args:
-        poles: Those whose resonances count [1/s].
-        most: Greatest frequency [rad/s].
-        reach: Poles that decide how far the frequencies reach [1/s]; the same if None.
+        poles: Poles whose resonances need dense frequencies [1/s].
+        most: Maximum frequency [rad/s].
+        reach: Poles that define the range of frequencies [1/s]; ``poles`` if None.
     """
     sizes = np.abs(poles if reach is None else reach)
     sizes = sizes[sizes > RIGID]
@@ -136,7 +136,7 @@ def frequency_grid(poles: Array, most: float, reach: Array | None = None) -> Arr
 
 
 def _resonances(poles: Array) -> Iterator[Array]:
-    """Frequencies around each pole with little damping, but none at an undamped pole."""
+    """Yield frequencies around each pole with little damping, excluding an undamped pole itself."""
     for pole in poles:
         if pole.imag > 0 and abs(pole.real) < 0.2 * abs(pole) and abs(pole) > RIGID:
             if abs(pole.real) < NEUTRAL * abs(pole):

@@ -1,12 +1,12 @@
 r"""Margins of a closed loop as functions of parameters, with exact derivatives.
 
-A disk margin is the least of a function of frequency, whose derivative is that at the frequency of the least
-(envelope theorem). At a crossing, the frequency moves with the parameters so that the loop goes on crossing:
-``d omega = -d f / (df / d omega)`` of the condition f = |L| - 1 or f = Im L (implicit function theorem). Of a
-discrete loop the angle ``omega T`` takes the place of the frequency.
+A disk margin is the minimum of a function of frequency; its derivative is that of the function at the
+minimising frequency (envelope theorem). At a crossing, the frequency moves with the parameters so that the
+crossing condition f = |L| - 1 or f = Im L stays zero: ``d omega = -d f / (df / d omega)`` (implicit function
+theorem). For a discrete loop the angle ``omega T`` replaces the frequency.
 
-The state at an instant is kept while parameters change, except at the start of the simulation, where the
-initial state follows them. Controllers' memories and poses are thus those of the nominal motion.
+The state at an instant is constant while parameters change, except at the start of the simulation, where the
+initial state depends on them. Controllers' memories and poses are thus those of the nominal motion.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ MARGINS = {"disk": "1", "gain_up": "dB", "gain_down": "dB", "phase": "deg", "del
 """Margins that have derivatives, and their units."""
 
 DRIFT = 3.0
-"""Modes that grow are an instability if they are faster by this factor than those with all loops open, and
-not slower by it than the slowest crossover."""
+"""Factor by which growing modes must be faster than those with all loops open to count as an instability, and
+by which they must not be slower than the slowest crossover."""
 
 
 @dataclass(frozen=True)
 class MarginValue:
-    """Size of a loop's margin, negative where the closed loop is unstable, and its derivatives.
+    """Value of a loop's margin, negative if the closed loop is unstable, and its derivatives.
 
     Attributes:
         loop: Break point.
-        value: The margin; of ``gain_down`` its negative, so that more is better. Where the closed loop is
-            unstable, the loop with the least disk margin has its negative: at the onset it is zero, as every
-            margin.
-        gradient: Derivatives by the variables (k,); zero where the margin is infinite.
+        value: Margin; for ``gain_down`` its negative, so that larger is better. If the closed loop is
+            unstable, the loop with the smallest disk margin has the negative of its margin: every margin is
+            zero at the onset of instability.
+        gradient: Derivatives with respect to the variables (k,); zero if the margin is infinite.
     """
 
     loop: str
@@ -58,10 +58,10 @@ class ParametricLinearisation:
     Attributes:
         lineariser: Closed loop and its derivatives.
         instants: States of the nominal simulation.
-        places: Places among the closed loop's parameters that each variable sets.
-        prepared: (p, t, x, switches) -> (x0, c): initial state, and constants at the instant.
-        motion: Derivatives (nx + 1, k) of each instant's state and time by the variables; none if states are
-            kept.
+        places: Indices of the closed loop's parameters that each variable sets.
+        prepared: Function (p, t, x, switches) -> (x0, c): initial state, and constants at the instant.
+        motion: Derivatives (nx + 1, k) of each instant's state and time with respect to the variables; empty
+            if states are constant.
     """
 
     lineariser: Lineariser
@@ -107,8 +107,8 @@ class ParametricLinearisation:
 
         Args:
             k: Number of the instant.
-            values: Of the variables; the scenario's own numbers if None.
-            along: Number of the variable whose derivatives the matrices carry; none if None.
+            values: Values of the variables; the scenario's numbers if None.
+            along: Index of the variable whose derivatives the matrices carry; none if None.
         """
         p, instant = self.lineariser.loop.parameter_values.astype(float), self.instants[k]
         if values is not None:
@@ -142,8 +142,8 @@ class ParametricLinearisation:
             k, values: As for :meth:`system`.
             margin: One of :data:`MARGINS`.
             loops: Break points.
-            least: Whether the loop with the least margin suffices.
-            slopes: Whether derivatives are computed; they are empty otherwise.
+            least: Whether only the loop with the smallest margin is needed.
+            slopes: Whether derivatives are computed; else they are empty.
         """
         system = self.system(k, values)
         margins = [one for one in loop_margins(system, loops) if not math.isnan(one.disk)]
@@ -168,8 +168,9 @@ class ParametricLinearisation:
 def _is_destabilised(system: LinearSystem, loops: Sequence[LoopMargins]) -> bool:
     """Whether a mode grows because of the loops.
 
-    Where a loop becomes unstable, L = -1 at the pole: its frequency is a crossover of every loop that has
-    part in it. What grows far more slowly, or with all loops open, is a drift of the motion.
+    At the onset of instability, L = -1 at the pole: its frequency is a crossover of every loop involved. A
+    mode
+    that grows far more slowly, or also with all loops open, is a drift of the motion.
     """
     if not system.growing:
         return False
@@ -184,16 +185,16 @@ def _is_destabilised(system: LinearSystem, loops: Sequence[LoopMargins]) -> bool
 
 
 def margin_slope(system: LinearSystem, one: LoopMargins, margin: str) -> float:
-    """Derivative of a margin along the direction that a linearised closed loop carries.
+    """Derivative of a margin along the direction that the linearised closed loop carries.
 
     Args:
-        system: From :meth:`ParametricLinearisation.system`, with derivatives.
+        system: Linear system with derivatives, from :meth:`ParametricLinearisation.system`.
         one: Margins of a loop of the same system.
         margin: One of :data:`MARGINS`.
 
     Returns:
-        float: In the unit of the margin by that of the variable; zero for a margin that is infinite or a
-            limit.
+        float: Unit of the margin per unit of the variable; zero for a margin that is infinite or at a limit
+            of the frequency range.
     """
     omega, value = one.frequencies.get(margin, math.nan), getattr(one, margin)
     if math.isnan(omega) or not math.isfinite(value) or (math.isinf(omega) and margin != "disk"):

@@ -1,10 +1,11 @@
 """Periodic systems: transition over one period, with holds, delays and sample instants.
 
-Between events ``x' = A x + B w`` with the coefficients of the instant and w held; at an event, the linearised
-update ``x+ = E x + F w``. The product over one period, the least common multiple of all periods, is the
-discrete system ``x_k+1 = A_d x_k + B_d w_k``. A loop whose signal y is held over the whole period, broken
-there, is invariant in time: its period begins with the event that sets y, so that w_k acts with y_k at once,
-also in algebraic loops. So is a loop whose signal is seen at sample instants alone, once in each period.
+Between events ``x' = A x + B w`` with the coefficients of the instant and constant w; at an event, the
+linearised update ``x+ = E x + F w``. The product over one period, the least common multiple of all periods,
+is the discrete system ``x_k+1 = A_d x_k + B_d w_k``. A loop broken at a signal y that is held over the whole
+period is time-invariant: its period begins with the event that sets y, so that w_k acts together with y_k,
+also in algebraic loops. A loop whose signal is read only at sample instants, once in each period, is
+time-invariant as well.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ from spacerobot.linear.complex_step import evaluate
 from spacerobot.linear.instants import Instant
 
 TOGETHER = 1e-9
-"""Events less than it apart [s] are at one instant."""
+"""Time [s] below which two events are at one instant."""
 
 MAX_EVENTS = 20_000
-"""Most events in one common period."""
+"""Maximum number of events in one common period."""
 
 Matrices = tuple[Array, Array, Array, Array]
 
@@ -46,26 +47,26 @@ class PeriodicUpdate:
 def occurrences(
     loop: ClosedLoop, perturbed: PerturbedLoop, instant: Instant
 ) -> tuple[list[PeriodicUpdate], float]:
-    """Periodic events from an instant on, over two common periods, and that period [s].
+    """Periodic events from an instant on, over two common periods, and the common period [s].
 
     Args:
         loop, perturbed: Closed loop and its derivatives.
-        instant: Where they are evaluated; only the counters of samples advance.
+        instant: Instant at which the events are evaluated; only counters of samples advance.
 
     Returns:
-        tuple: No events and zero if nothing is periodic. Events that turn switches, such as thruster pulses,
-            are not linear and left out, and so are those that happen once.
+        tuple: No events and zero if nothing is periodic. Events that set switches, such as thruster pulses,
+            are not linear and are left out, as are events that occur once.
 
     Raises:
-        ScenarioError: If periods have no common multiple with few enough events, or what a delay waits for is
-            not kept.
+        ScenarioError: If the periods' least common multiple has too many events, or a value that a delay
+            waits for is not stored.
     """
     places = [i for i, rule in enumerate(loop.events) if rule.clock and not rule.sets]
     counters = [i for i, name in enumerate(loop.state_names) if name.endswith(".count[0]")]
     x = instant.x.copy()
 
     def due(x: Array) -> Array:
-        """Times at which the events are due next [s]."""
+        """Times of the next occurrence of each event [s]."""
         guards = evaluate(loop.guards, instant.time_s, x, instant.c, np.zeros(len(x)))[0].ravel()
         return np.asarray(instant.time_s - guards[places] + EARLY)
 
@@ -105,7 +106,7 @@ def common_period(periods: Sequence[float]) -> float:
     """Least common multiple of periods [s].
 
     Raises:
-        ScenarioError: If there is none with few enough events.
+        ScenarioError: If the common period has more than :data:`MAX_EVENTS` events.
     """
     shortest = min(periods, key=np.real)
     ratios = [Fraction((period / shortest).real).limit_denominator(1000) for period in periods]
@@ -121,15 +122,17 @@ def common_period(periods: Sequence[float]) -> float:
 def beginning(
     updates: Sequence[PeriodicUpdate], continuous: Matrices, place: int, period_s: float
 ) -> float | None:
-    """Time at which the period of a broken loop begins [s]; None if the loop varies in time.
+    """Time at which the period of a broken loop begins [s]; None if the loop is time-varying.
 
-    It is invariant if its signal is set once in a period and held, or seen by events at one instant alone.
+    The loop is time-invariant if its signal is set once in a period and held, or read by events at one
+    instant
+    only.
 
     Args:
         updates: Events over two periods.
         continuous: A, B, C, D between events.
-        place: Of the break point among inputs and outputs.
-        period_s: The period [s].
+        place: Index of the break point among inputs and outputs.
+        period_s: Common period [s].
     """
     A, B, C, D = continuous
     eye, rows = np.eye(len(A)), np.flatnonzero(C[place])
@@ -148,12 +151,12 @@ def beginning(
 def transition(
     updates: Sequence[PeriodicUpdate], continuous: Matrices, begin_s: float, period_s: float
 ) -> Matrices:
-    """Discrete system over one period; outputs are those just after the events at its beginning.
+    """Discrete system over one period; outputs are the values just after the events at its start.
 
     Args:
         updates: Events over two periods.
         continuous: A, B, C, D between events.
-        begin_s, period_s: Beginning and length of the period [s].
+        begin_s, period_s: Start and length of the period [s].
     """
     A, B, C, D = continuous
     size, inputs = B.shape

@@ -1,4 +1,4 @@
-r"""Disk margin of several loops that change at once, by structured singular values.
+r"""Disk margin of several loops that change at once, from structured singular values.
 
 With each loop multiplied by its own ``(1 + alpha/2 d_i) / (1 - alpha/2 d_i)``, |d_i| < 1, the closed loop is
 stable for all of them exactly if ``alpha mu(S - I/2) < 1`` at all frequencies (P. Seiler, A. Packard, P.
@@ -9,9 +9,9 @@ singular value, Automatica 29(1), 1993)
 
     max over U of rho(M U)  =  mu(M)  <=  min over D of sigma(D M D^-1),
 
-and every U and D gives a bound. The upper one is convex in x; Schatten norms, which are smooth, replace
-the greatest singular value sigma while it is minimised. Frequencies are refined in the order of what is
-known of them, until none can change the answer: the D of one bounds all others, too.
+and every U and D gives a bound. The upper one is convex in x. Schatten norms, which are smooth, replace the
+largest singular value sigma during the minimisation. Frequencies with the largest bounds are refined first,
+until none can change the result; the D of one frequency also gives bounds at all others.
 """
 
 from __future__ import annotations
@@ -27,27 +27,27 @@ from spacerobot.linear.linearisation import LinearSystem
 from spacerobot.linear.loop_response import AT_ONCE, frequency_grid
 
 SCHATTEN = (2, 8, 32)
-"""Half the exponents of the norms that are minimised, one after the other."""
+"""Half the exponents of the norms that are minimised in turn."""
 
 CLOSE = 1e-3
 """Relative improvement of the upper bound below which frequencies are not refined."""
 
 ASCENTS = 3
-"""Frequencies at which the lower bound is maximised."""
+"""Number of frequencies at which the lower bound is maximised."""
 
 
 def simultaneous_disk_margin(system: LinearSystem, loops: str = "torque/*") -> tuple[float, float]:
     """Bounds of the disk margin of loops that change at once.
 
     Args:
-        system: The linearised closed loop; loops of a periodic one must begin their periods together.
+        system: Linearised closed loop; loops of a periodic one must have the same start of their periods.
         loops: Break points, ``torque/*``.
 
     Returns:
-        tuple of float: What is guaranteed, and what it is at most.
+        tuple of float: Lower (guaranteed) and upper bound.
 
     Raises:
-        SpaceRobotError: If there is no such loop, or loops are not invariant in time together.
+        SpaceRobotError: If no loop matches, or the loops are not time-invariant together.
     """
     names = [name for name in system.inputs if fnmatchcase(name, loops)]
     if not names:
@@ -72,10 +72,10 @@ def simultaneous_disk_margin(system: LinearSystem, loops: str = "torque/*") -> t
 
 
 def greatest_structured_value(matrices: Array) -> tuple[float, float]:
-    """Bounds of the greatest structured singular value of matrices (N, n, n), for diagonals of n numbers.
+    """Bounds of the largest structured singular value of matrices (N, n, n), diagonals of n complex numbers.
 
     Returns:
-        tuple of float: The upper, and the lower one.
+        tuple of float: Upper bound, lower bound.
     """
     simple = np.abs(np.linalg.eigvals(matrices)).max(axis=1)
     simple = np.maximum(simple, np.abs(np.diagonal(matrices, axis1=1, axis2=2)).max(axis=1))
@@ -97,7 +97,7 @@ def greatest_structured_value(matrices: Array) -> tuple[float, float]:
 
 
 def upper_bound(M: Array, x: Array, enough: float = 0.0) -> tuple[float, Array]:
-    """Least ``sigma(D M D^-1)``, ``D = exp(x)``, that is found from a first x (n,), and its x.
+    """Minimum of ``sigma(D M D^-1)``, ``D = exp(x)``, from a first x (n,), and the minimising x.
 
     Args:
         M: Matrix (n, n).
@@ -127,7 +127,7 @@ def upper_bound(M: Array, x: Array, enough: float = 0.0) -> tuple[float, Array]:
 
 
 def lower_bound(M: Array) -> float:
-    """Greatest spectral radius ``rho(M U)``, U a diagonal of numbers of size one, that an ascent finds."""
+    """Maximum spectral radius ``rho(M U)`` from an ascent; U is a diagonal of numbers of modulus one."""
 
     def radius(angles: Array) -> tuple[float, Array]:
         """Negative logarithm of it, and its gradient: d ln(lambda) / d angle_i = i conj(y_i) x_i / (y' x)."""

@@ -1,4 +1,4 @@
-"""The second engine: the elements' laws over Pinocchio's own algorithms, in numbers."""
+"""Independent engine: the elements' laws evaluated numerically with Pinocchio's own algorithms."""
 
 from spacerobot.pinocchio_engine.closed_loop import PinocchioLoop
 from spacerobot.pinocchio_engine.simulate import PinocchioRun, PinocchioTrajectory, simulate

@@ -29,13 +29,13 @@ from spacerobot.symbolic import Parameters, Plant
 
 @dataclass(frozen=True)
 class EvaluatedInstant:
-    """Mechanics, numbers that every law sees, and what was solved for, at one time.
+    """Mechanics, arguments of the laws and solved unknowns at one time.
 
     Attributes:
-        state: Mechanics.
+        state: Mechanical state.
         given: Arguments of the compiled laws: t, (q, v, z), c and inputs.
-        solved: The unknowns (n,); NaN where not requested.
-        acceleration: v' (nv,), the last of them.
+        solved: Unknowns (n,) of the forward dynamics; NaN where not requested.
+        acceleration: v' (nv,), the last entries of ``solved``.
     """
 
     state: MechanicalState
@@ -45,18 +45,18 @@ class EvaluatedInstant:
 
 
 class PinocchioLoop:
-    """A scene made ready to evaluate.
+    """Closed loop of a scene, ready to be evaluated.
 
-    The state is x = (q, v, z), that of the closed loop. The constants c, which hold the switches, change by
-    :meth:`happen` alone.
+    The state is x = (q, v, z), as in the closed loop. The constants c include the switches, which only
+    :meth:`happen` changes.
 
     Attributes:
         scene, model: The scene and its ``pinocchio.Model``.
         parameter_paths: Dotted paths of the parameters.
         state_names: Names of z, in the closed loop's order.
         x0: Initial state (nx,).
-        c: Constants (nc,), with the switches as they are now.
-        events: What may happen, as data.
+        c: Constants (nc,), with the current switches.
+        events: Rules of the events.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -134,19 +134,19 @@ class PinocchioLoop:
         self.x0 = np.concatenate([q, v, others])
 
     def change(self, p: Array) -> None:
-        """Continue with other parameters (np,), in the order of ``parameter_paths``; switches stay."""
+        """Continue with other parameters (np,), in the order of ``parameter_paths``; switches are kept."""
         switches, self.c = self.switches, self._constants(p)[0]
         self.c[self._switches] = switches
         self._jump_times, self._kept = self.c[self._jumps], {}
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
-        """Times known beforehand at which the dynamics jump [s], rising."""
+        """Times known in advance at which the dynamics jump [s], ascending."""
         return tuple(sorted({float(t) for t in self._jump_times}))
 
     @property
     def switches(self) -> Array:
-        """Switches as they are now, 0 or 1."""
+        """Current values of the switches, 0 or 1."""
         return self.c[self._switches]
 
     def split(self, x: Array) -> tuple[Array, Array, Array]:
@@ -162,9 +162,10 @@ class PinocchioLoop:
     def instant(
         self, t: float, x: Array, within: float | None = None, *, solved: bool = True
     ) -> EvaluatedInstant:
-        """Everything at one instant; arguments and errors as for :meth:`derivative`.
+        """Evaluate mechanics, inputs and unknowns at one time.
 
-        Without ``solved`` the unknowns are not asked for.
+        Arguments and errors as for :meth:`derivative`. Without ``solved`` the unknowns are not
+        computed.
         """
         q, v, z = self.split(x)
         state = MechanicalState(self.model, q, v, self._scratch)
@@ -208,10 +209,10 @@ class PinocchioLoop:
 
         Args:
             t, x: Time and state; the configuration need not be normalised.
-            within: A time in the interval that is meant where t itself lies between two; t if None.
+            within: Time in the interval that is meant if t lies between two intervals; t if None.
 
         Raises:
-            numpy.linalg.LinAlgError: In a posture in which rigid grasps fix a freedom twice.
+            numpy.linalg.LinAlgError: If rigid grasps constrain one degree of freedom twice.
         """
         now = self.instant(t, x, within)
         q, v, _ = self.split(x)
@@ -219,7 +220,7 @@ class PinocchioLoop:
         return np.concatenate([configuration_rate(self._places, q, v), now.acceleration, rates])
 
     def outputs(self, t: float, x: Array, within: float | None = None) -> dict[str, Array]:
-        """Outputs by name, column vectors of the closed loop's; arguments and errors as for the rate."""
+        """Outputs by name, as column vectors; arguments and errors as for :meth:`derivative`."""
         now = self.instant(t, x, within)
         return dict(zip(self._output_names, self._outputs(*now.given, now.solved), strict=True))
 
@@ -230,11 +231,11 @@ class PinocchioLoop:
 
     @property
     def armed(self) -> list[int]:
-        """Numbers of the events that may happen with the switches as they are."""
+        """Numbers of the events that can occur with the current switches."""
         return [int(number) for number in np.flatnonzero(self._armed(self.c)[0])]
 
     def gaps(self, x: Array) -> tuple[Array, Array]:
-        """Gaps [m] between the shapes of all contacts, and bounds of their rates [m/s] (n,) each."""
+        """Gaps [m] between the shapes of all contacts, and bounds of the gaps' rates [m/s], (n,) each."""
         q, v, _ = self.split(x)
         state, pairs = MechanicalState(self.model, q, v, self._scratch), list[tuple[float, float]]()
         for contact in self.scene.contacts:
@@ -245,7 +246,10 @@ class PinocchioLoop:
         return gaps, speeds
 
     def happen(self, number: int, t: float, x: Array, within: float | None = None) -> Array:
-        """Turn the switches of an event; the state afterwards (nx,). Arguments as for :meth:`derivative`."""
+        """Apply an event's switches and return the state after it (nx,).
+
+        Arguments as for :meth:`derivative`.
+        """
         event = self.events[number]
         if event.ends:
             return x

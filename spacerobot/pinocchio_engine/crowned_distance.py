@@ -19,17 +19,17 @@ from spacerobot.scene.scene import SceneShape
 from spacerobot.shapes import CrownedTerm, Shape, SmoothTerm, is_exact
 
 SmoothSupport = Callable[[Array], Sequence[Array]]
-"""From directions (3,) or (3, k) to support function, its gradient and its Hessian."""
+"""Function from directions (3,) or (3, k) to support function, gradient and Hessian."""
 
 _LOOKS = 200
 _GOLDEN = np.pi * (3 - 5**0.5)
 _HEIGHTS = np.linspace(-1, 1, _LOOKS)
 _AROUND = np.sqrt(1 - _HEIGHTS**2)[:, None] * np.exp(1j * _GOLDEN * np.arange(_LOOKS))[:, None]
 DIRECTIONS = np.hstack([_AROUND.real, _AROUND.imag, _HEIGHTS[:, None]])
-"""Unit vectors (200, 3) all around."""
+"""Unit vectors (200, 3), evenly distributed over the sphere."""
 _STEPS, _HALVINGS = 200, 40
 _SMALL, _LEVEL = 1e-14, 1e-13
-"""Last step, and by how much rounding may lower a distance [m]."""
+"""Length of the last step, and maximum decrease of a distance by rounding [m]."""
 
 
 def shape_distance(
@@ -37,12 +37,12 @@ def shape_distance(
 ) -> tuple[float, Array, Array]:
     """Signed distance [m], normal (3,) and point halfway (3,) [m] of two shapes.
 
-    Coal's, where the distance has a closed form; elsewhere by support functions, from coal's normal.
+    Coal's distance if a closed form exists; otherwise from support functions, starting at coal's normal.
 
     Args:
         pair: The shapes; at most one is a half-space.
         links: Placements of their links in the world (``pin.SE3``).
-        crown: Height of the domes, of half the lengths.
+        crown: Height of the domes, relative to half the lengths.
     """
     near = coal_distance(*pair, links)
     normal = np.array(near.normal)
@@ -66,9 +66,10 @@ class CrownedSupport:
     """Support function of crowned shapes: a ball, ellipsoids (thickened segments, discs), smooth terms.
 
     Attributes:
-        roots: Of the ellipsoids' squared support functions (k, 3, 3), world axes [m^2].
+        roots: Matrices of the ellipsoids' squared support functions (k, 3, 3), world axes [m^2].
         ball: Radius [m].
-        smooth: Rotations (3, 3), and values, gradients and Hessians of directions in own axes.
+        smooth: Rotation (3, 3), and function to values, gradients and Hessians in the shape's axes, of each
+            smooth term.
     """
 
     roots: Array
@@ -77,18 +78,18 @@ class CrownedSupport:
 
     @classmethod
     def of(cls, shape: SceneShape, rotation: Array, crown: float) -> CrownedSupport:
-        """Support function of a shape that is turned by a rotation (3, 3)."""
+        """Support function of a shape in world axes."""
         flat, domes, ball, smooth = _own(shape.config)
         roots = rotation @ (flat + crown**2 * domes) @ rotation.T
         return cls(roots, ball, tuple((rotation @ root, term) for root, term in smooth))
 
     def __add__(self, other: CrownedSupport) -> CrownedSupport:
-        """The Minkowski sum."""
+        """Support function of the Minkowski sum."""
         roots = np.concatenate([self.roots, other.roots])
         return CrownedSupport(roots, self.ball + other.ball, self.smooth + other.smooth)
 
     def reflected(self) -> CrownedSupport:
-        """Of the shape reflected at its centre: the support function at -n."""
+        """Support function at -n: that of the shape reflected at its centre."""
         return dataclasses.replace(self, smooth=tuple((-rotation, term) for rotation, term in self.smooth))
 
     def reach(self, n: Array) -> Array:
@@ -119,7 +120,7 @@ class CrownedSupport:
 
 @functools.lru_cache(maxsize=1024)
 def _own(shape: CollisionShape) -> tuple[Array, Array, float, tuple[tuple[Array, SmoothSupport], ...]]:
-    """Roots without domes and of domes (k, 3, 3) [m^2], ball [m] and smooth terms, in own axes."""
+    """Roots without domes and of domes (k, 3, 3) [m^2], ball [m] and smooth terms, in the shape's axes."""
     if shape.is_halfspace:
         return np.empty((0, 3, 3)), np.empty((0, 3, 3)), 0.0, ()
     support = shape.support(ca.SX.eye(3), shape.measures())
@@ -136,13 +137,13 @@ def _own(shape: CollisionShape) -> tuple[Array, Array, float, tuple[tuple[Array,
 
 
 def _smooth(term: SmoothTerm) -> SmoothSupport:
-    """A smooth term's value, gradient and Hessian in own axes."""
+    """Value, gradient and Hessian of a smooth term in its own axes."""
     function, measures = term.own_derivatives, _numbers(term.measures)
     return lambda directions: [value.full() for value in function(directions, measures)]
 
 
 def _numbers(expression: ca.SX) -> Array:
-    """Numbers of a constant expression."""
+    """Numeric values of a constant expression."""
     return np.asarray(ca.evalf(expression).full())
 
 
@@ -154,9 +155,10 @@ def crowned_distance(
     Args:
         pair: The shapes; at most one is a half-space.
         links: Placements of their links in the world (``pin.SE3``).
-        crown: Height of the domes, of half the lengths.
-        normal: Of the shapes as they are without domes (3,), from which that with domes is sought. Inside one
-            another coal's may be a far longer way out, seen from some directions all around.
+        crown: Height of the domes, relative to half the lengths.
+        normal: Normal (3,) of the shapes without domes, from which the search starts. If one shape is inside
+            the other, coal's normal may belong to a far longer way out; directions all around are then tried
+            as well.
     """
     at = [link * pin.SE3(shape.placement) for link, shape in zip(links, pair, strict=True)]
     centre = at[1].translation - at[0].translation
@@ -178,7 +180,7 @@ def crowned_distance(
 
 
 def _greatest(centre: Array, both: CrownedSupport, start: Array) -> Array:
-    """Unit vector (3,) that is uphill from another one and along which shapes are farthest apart."""
+    """Unit vector (3,) that maximises the separation of two shapes, searched uphill from a start vector."""
     looks = np.vstack([start, DIRECTIONS]) if np.isfinite(start).all() else DIRECTIONS
     gaps = np.where(np.linalg.norm(looks, axis=1) > 0.5, looks @ centre - both.reach(looks), -np.inf)
     n, gap = looks[gaps.argmax()], float(gaps.max())

@@ -1,12 +1,12 @@
-"""Forward dynamics and impacts in numbers, from what the elements contribute.
+"""Numeric forward dynamics and impacts from the elements' contributions.
 
     [ 1 + K_d C A D    K_d C A S     ] [u]   [command - K_d C a_0]
     [ S^T A D          S^T A S + idle] [w] = [-drift - S^T a_0   ]
 
-A is the inverse of the joint-space inertia (composite rigid bodies), a_0 the acceleration under all other
-loads (articulated bodies), D and S the generalized forces of the channels' outputs u and of the rigid
-connections' reactions w, and C v' what the channels' derivatives see. A connection that is not active is
-masked, and idle is 1 on its rows. Actuators on whose places an output u acts are asked once u is known.
+A is the inverse of the joint-space inertia (composite rigid bodies) and a_0 the acceleration under all other
+loads (articulated bodies). D and S are the generalized forces of the channels' outputs u and of the reactions
+w of rigid connections, and C v' is the acceleration that enters the channels' derivatives. Rows of an
+inactive connection are masked, and idle is 1 on them. Actuators that u drives are evaluated once u is known.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ from spacerobot.symbolic import Plant
 
 
 class DynamicsUnknowns:
-    """Symbols of what NumPy solves for, and the loads and conditions that it is solved from.
+    """Symbols of the unknowns that NumPy solves for, and the loads and conditions in their equations.
 
     Attributes:
         null_space, output, reaction, acceleration: Symbols (n x 1): forces that keep tips still, outputs of
             implicit channels, reactions of rigid connections along their directions, and v'.
-        struck: Symbols of an impact.
-        loads: Expressions that depend on no unknown, by name.
+        struck: Symbols of the velocity, impulses and loss of an impact.
+        loads: Expressions by name that depend on no unknown.
         early, late: Generalized forces, commanded and of wrenches (nv x 1 each), before and after ``output``
             is known.
-        laws, sampled: Loads of laws that are evaluated at instants, by the name of the event that does it,
-            and the symbols of their outputs (n x 1 each).
+        laws, sampled: Loads of laws evaluated at sample instants, by the name of their event; and the symbols
+            of their outputs (n x 1 each).
     """
 
     def __init__(self, plant: Plant, acting: Contribution) -> None:
@@ -104,7 +104,7 @@ class DynamicsUnknowns:
     def _at_instant(
         self, plant: Plant, acting: Contribution, law: SampledLaw, commanded: ca.SX
     ) -> dict[str, ca.SX]:
-        """Loads from which a law that is evaluated at instants is solved, with the continuous ones."""
+        """Loads in the equations of a law evaluated at sample instants, together with the continuous laws."""
         torque, answers = deliver(commanded - law.held, law.others(acting.drives))
         wrenches = [*acting.wrenches, *acting.outside, *answers.wrenches, *answers.outside]
         effort = torque + plant.reduced(wrenches=wrenches) - plant.passive_forces
@@ -112,7 +112,7 @@ class DynamicsUnknowns:
 
     @cached_property
     def struck(self) -> PlasticImpact:
-        """An impact whose velocity, impulses and loss NumPy finds."""
+        """Impact whose velocity, impulses and loss are symbols."""
         cuts = np.cumsum([0, *(part.size1() for part in self.reactions)]).tolist()
         impulse = ca.SX.sym("impulse", self.reaction.size1())
         parts = tuple(impulse[a:b] for a, b in itertools.pairwise(cuts))
@@ -120,14 +120,14 @@ class DynamicsUnknowns:
 
     @property
     def result(self) -> ForwardDynamicsResult:
-        """Result of the forward dynamics, from the unknowns."""
+        """Result of the forward dynamics in terms of the unknowns."""
         return ForwardDynamicsResult(
             self.acceleration, self.late[0], self.wrenches, self.driven, self.sampled
         )
 
     @property
     def solved(self) -> ca.SX:
-        """All of them (n x 1), but those of an impact."""
+        """All unknowns except those of an impact (n x 1)."""
         return ca.vertcat(self.null_space, self.output, self.reaction, self.acceleration)
 
     @property
@@ -150,18 +150,18 @@ def _loads(plant: Plant, channels: Sequence[ControlChannel]) -> dict[str, ca.SX]
 
 @dataclass(frozen=True)
 class DynamicsConditions:
-    """Numbers of :attr:`DynamicsUnknowns.loads` at one state, and mechanics there."""
+    """Numeric values of :attr:`DynamicsUnknowns.loads` at one mechanical state."""
 
     state: MechanicalState
     loads: Mapping[str, Array]
 
     def mobility(self, rows: Array, columns: Array) -> Array:
-        """Motion along loads (nv, m) that loads (nv, n) cause (m, n)."""
+        """Acceleration along loads ``rows`` (nv, m) that loads ``columns`` (nv, n) cause (m, n)."""
         product: Array = rows.T @ np.linalg.solve(self.state.inertia, columns)
         return product
 
     def kept_still(self, name: str, size: int) -> Array:
-        """Forces (size,) that cancel what a commanded torque does to the tips' feedback."""
+        """Forces (size,) that cancel the effect of a commanded torque on the tips' feedback."""
         sense, drive = self.loads[f"{name}_sense"], self.loads[f"{name}_drive"]
         right = self.mobility(sense, self.loads[name])
         matrix = self.mobility(sense, drive) + np.diag(self.loads[f"{name}_idle"][:, 0])
@@ -169,7 +169,7 @@ class DynamicsConditions:
         return np.asarray(force[:size, 0], dtype=float)
 
     def solve(self, effort: Array, *, outputs: bool) -> tuple[Array, Array, Array]:
-        """Outputs of implicit channels, if any are asked for, reactions, and v', under other loads (nv,)."""
+        """Outputs of implicit channels (if ``outputs``), reactions and v' under loads ``effort`` (nv,)."""
         free, held = self.state.free_acceleration(effort), self.loads["held"]
         chosen = slice(None if outputs else 0)
         sense, drive = self.loads["channel_sense"][:, chosen], self.loads["channel_drive"][:, chosen]
@@ -189,7 +189,7 @@ class DynamicsConditions:
         return solution[:nu], solution[nu:], free + caused @ solution
 
     def strike(self, count: int) -> Array:
-        """Velocity after a plastic impact, impulses along the first directions, and loss (nv + count + 1,).
+        """Velocity after a plastic impact, impulses along the first ``count`` directions, and loss.
 
         ``M (v+ - v-) = G^T j`` with ``G v+ = 0``; see :func:`spacerobot.closedloop.impulse.strike`.
         """

@@ -1,4 +1,4 @@
-"""An explicit Runge-Kutta method of order 8 that stops at events, at samples and where references meet."""
+"""Explicit Runge-Kutta method of order 8 that stops at events, samples and ends of reference segments."""
 
 from __future__ import annotations
 
@@ -14,31 +14,33 @@ from spacerobot.errors import SpaceRobotError
 from spacerobot.pinocchio_engine.closed_loop import PinocchioLoop
 
 POSITION_LIMIT = 1e6
-"""Greatest position [m, rad] of a rollout that is not called diverged."""
+"""Magnitude of a position [m, rad] above which a rollout has diverged."""
 VELOCITY_LIMIT = 1e4
-"""Greatest velocity [m/s, rad/s]; beyond, an adaptive integrator would creep."""
+"""Magnitude of a velocity [m/s, rad/s] above which a rollout has diverged; step sizes would become tiny."""
 CONTROLLER_LIMIT = 1e12
-"""Greatest controller state or work."""
+"""Magnitude of a controller state or work above which a rollout has diverged."""
 LOOK_S = 0.01
-"""Longest time between two looks at guards [s]; all but gaps may be passed by if above zero for less."""
+"""Maximum time between two evaluations of guards [s]; a guard other than a gap may be positive unnoticed for
+less."""
 DEEP = 1e-6
-"""No contact is missed that is deeper than this [m]."""
+"""Depth [m] above which no contact is missed."""
 PAST_S = 1e-13
-"""First step past a root whose guard rounding leaves below zero [s]; each further one is twice as long."""
+"""First step past a root at which rounding leaves the guard negative [s]; each further step is twice as
+long."""
 EARLY = 5e-13
-"""So long before its instant a clock's guard is above zero [s]."""
+"""Time before its instant at which a clock's guard becomes positive [s]."""
 CHATTER, CHATTER_S = 100, 1e-3
-"""More events than this within this time [s] end a rollout."""
+"""Number of events within a time [s] above which a rollout ends."""
 
 
 @dataclass(frozen=True)
 class LocatedEvent:
-    """An event.
+    """Event at its located time.
 
     Attributes:
-        time_s: When it was [s].
-        name, kind, who: What it was, as the closed loop calls it.
-        before, after: States (nx,).
+        time_s: Time of the event [s].
+        name, kind, who: Name, kind and element of the event, as in the closed loop.
+        before, after: States before and after the event (nx,).
     """
 
     time_s: float
@@ -50,13 +52,13 @@ class LocatedEvent:
 
 
 class Integrator:
-    """Carries the state from sample to sample.
+    """Integrator of the state from sample to sample.
 
     Attributes:
-        t: Time of its last good state [s].
-        events: What happened on the way.
-        ended, chattering: Whether an event ended the simulation, and whether there were too many in too short
-            a time.
+        t: Time of the last valid state [s].
+        events: Events so far.
+        ended, chattering: Whether an event ended the simulation, and whether too many events occurred in too
+            short a time.
     """
 
     def __init__(self, engine: PinocchioLoop, rtol: float, atol: float) -> None:
@@ -73,7 +75,7 @@ class Integrator:
 
     @property
     def stopped(self) -> bool:
-        """Whether an event, or too many, ended the simulation."""
+        """Whether an event, or chattering, ended the simulation."""
         return self.ended or self.chattering
 
     def change(self, x: Array) -> None:
@@ -84,7 +86,7 @@ class Integrator:
     def advance(self, until: float) -> tuple[Array | None, float]:
         """Normalised state at a later time, None if it diverges, and a time within the last interval.
 
-        An event may end the simulation before.
+        An event may end the simulation earlier.
         """
         within = until
         if self.t == 0:
@@ -106,7 +108,7 @@ class Integrator:
         return self.x, within
 
     def _settle(self, within: float | None = None) -> None:
-        """Let happen what may at this instant; clocks see references as within an interval, if given."""
+        """Apply all events due at this instant; clocks see references as within an interval, if given."""
         while not self.stopped:
             guards = self._engine.guards(self.t, self.x, self.t)
             due = next((number for number in self._engine.armed if guards[number] > 0), None)
@@ -124,7 +126,7 @@ class Integrator:
         self._step = None
 
     def _solver(self, until: float, within: float) -> DOP853:
-        """Solver that continues from the current state, with the step size that was reached."""
+        """Solver that continues from the current state with the last step size."""
         first = None if self._step is None else min(self._step, until - self.t)
         return DOP853(
             lambda t, x: self._rate(t, x, within),
@@ -137,7 +139,7 @@ class Integrator:
         )
 
     def _interval(self, until: float, within: float) -> bool:
-        """Integrate to a time or an event, without breakpoints on the way; whether the state stays good."""
+        """Integrate to a time or an event, without breakpoints between; return whether the state is valid."""
         solver = self._solver(until, within)
         watched = [number for number in self._engine.armed if not self._engine.events[number].clock]
         if not np.isfinite(solver.f).all():
@@ -156,7 +158,7 @@ class Integrator:
         return True
 
     def _first(self, watched: Sequence[int], solver: DOP853, within: float) -> tuple[int, float] | None:
-        """Number of the first event of the step that a solver did, and about when it is."""
+        """Number of the first event in the solver's last step, and its approximate time."""
         outputs: list[DenseOutput] = []  # costs three rates, and is seldom wanted in a short step
 
         def state(t: float) -> Array:
@@ -193,10 +195,11 @@ class Integrator:
         return None
 
     def _may_meet(self, early: Array, late: Array, time: float) -> bool:
-        """Whether shapes may meet and part again between two looks, deeper than ``DEEP``.
+        """Whether shapes may touch and separate between two guard evaluations, deeper than ``DEEP``.
 
-        Between gaps a and b a gap stays above (a + b - speed T) / 2. Its rate is bounded at both looks, and
-        between them by the larger bound and as much more as they differ.
+        With gaps a and b at both ends of a time T and a bound of the rate, the gap between them is at least
+        (a + b - rate T) / 2. The bound between the ends is the larger of those at the ends plus their
+        difference.
         """
         if not self._engine.scene.contacts:
             return False
@@ -205,7 +208,7 @@ class Integrator:
         return bool(((first > 0) & (last >= 0) & (reach > first + last + 2 * DEEP)).any())
 
     def _stop_at(self, number: int, time: float, within: float) -> bool:
-        """Integrate again to just past an event's root, and let it happen; whether the state stays good."""
+        """Integrate to just past an event's root and apply the event; return whether the state is valid."""
         if time > self.t:
             solver = self._solver(time, within)
             while solver.status == "running":
@@ -223,7 +226,7 @@ class Integrator:
         return True
 
     def _rate(self, t: float, x: Array, within: float) -> Array:
-        """Rate of the state; NaN where there is none, upon which the solver tries a shorter step."""
+        """Rate of the state; NaN if it cannot be computed, so that the solver tries a shorter step."""
         try:
             return self._engine.derivative(t, x, within)
         except np.linalg.LinAlgError:

@@ -1,8 +1,8 @@
-"""The plant and the contacts as elements see them, every mechanical quantity an input that Pinocchio fills.
+"""Plant and contacts as elements see them, with every mechanical quantity an input from Pinocchio.
 
-Elements request placements, velocities, Jacobians and drifts of a plant, wherever these come from. Here each
-of them is a matrix of symbols. Entries that are constant whatever the state (zeros of a planar scene) stay
-constant, as in the closed loop, since the number of states that remember something depends on them.
+Elements request placements, velocities, Jacobians and drifts of a plant. In this engine each of them is a
+matrix of symbols. Entries that are constant in every state (zeros of a planar scene) stay constant, as in the
+closed loop, since the number of controller states depends on them.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ from spacerobot.shapes import Proximity
 from spacerobot.symbolic import Constants, InitialState, Parameters, Plant
 
 Reader = Callable[[MechanicalState], Array]
-"""From mechanics at a state to the number of each entry of a matrix."""
+"""Function from a mechanical state to the values of a matrix."""
 
 
 @dataclass
 class MechanicalInputs:
-    """Symbols of mechanical quantities in the order in which they were requested, and how each is read."""
+    """Symbols of mechanical quantities in the order of their requests, and a reader of each."""
 
     matrices: dict[tuple[Any, ...], ca.SX] = field(default_factory=dict)
     _symbols: list[ca.SX] = field(default_factory=list)
@@ -52,7 +52,7 @@ class MechanicalInputs:
     _used: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
     def matrix(self, key: tuple[Any, ...], pattern: ca.SX, read: Reader) -> ca.SX:
-        """Matrix of inputs where a pattern is not constant; the same key gives the same symbols."""
+        """Matrix of inputs where ``pattern`` is not constant; the same key gives the same symbols."""
         if key not in self.matrices:
             entries = zip(pattern.sparsity().row(), pattern.sparsity().get_col(), strict=True)
             places = [place for place in entries if not pattern[place].is_constant()]
@@ -69,22 +69,22 @@ class MechanicalInputs:
 
     @property
     def symbols(self) -> ca.SX:
-        """All inputs so far (n x 1)."""
+        """All inputs requested so far (n x 1)."""
         return ca.vertcat(ca.SX(0, 1), *self._symbols)
 
     def values(self, state: MechanicalState) -> Array:
-        """Their numbers at a state (n,)."""
+        """Values of the inputs at a state (n,)."""
         parts = [read(state).ravel() for read in self._readers]
         return np.concatenate([np.empty(0), *parts])[self._used]
 
 
 @dataclass(frozen=True)
 class InputPlant(Plant):
-    """A plant whose mechanics are inputs; loads are generalized forces as they are, not reduced.
+    """Plant whose mechanics are inputs; loads are generalized forces, not reduced.
 
     Attributes:
-        inputs: What was requested so far.
-        pattern: Kinematics as expressions, of which nothing but the constant entries is used.
+        inputs: Inputs requested so far.
+        pattern: Kinematics as expressions; only their constant entries are used.
     """
 
     inputs: MechanicalInputs
@@ -164,11 +164,11 @@ class InputPlant(Plant):
         return total
 
     def resistance(self, acceleration: ca.SX) -> ca.SX:
-        """Generalized forces (nv x 1) that an acceleration from rest (nv x 1) takes."""
+        """Generalized forces (nv x 1) that cause an acceleration from rest (nv x 1)."""
         return ca.mtimes(self.mass_matrix, acceleration)
 
     def inertia_force(self, joints: Iterable[int]) -> tuple[ca.SX, ca.SX]:
-        """Force and torque (3x1 each) that a subtree takes at zero joint acceleration, gravity removed."""
+        """Force and torque (3x1 each) that move a subtree as at zero joint acceleration, gravity removed."""
         root = next(iter(joints))
         force = self.inputs.matrix(
             ("inertia_force", root), ca.SX.sym("pattern", 6), lambda s: s.inertia_force(root)
@@ -202,7 +202,7 @@ class InputPlant(Plant):
         return self.inputs.matrix(("jacobian_rate", frame), pattern, lambda s: s.frame(frame).jacobian_rate)
 
     def at_start(self, expression: ca.SX, start: InitialState, constants: Constants) -> ca.SX:
-        """An expression of (q, v, c) and inputs where everything begins, as one of the parameters."""
+        """Value at the initial state, as an expression of the parameters, of (q, v, c) and inputs."""
         q, v = (ca.DM(part).full().ravel() for part in (start.q, start.v))
         arguments = [self.q, self.v, self.inputs.symbols, constants.symbols]
         value = ca.Function("first", arguments, [expression])
@@ -220,7 +220,7 @@ def _joint_origin(pattern: Kinematics, inputs: MechanicalInputs, joint: int) -> 
 
 
 def _joint_motion(pattern: Kinematics, inputs: MechanicalInputs, joint: int) -> LocalMotion:
-    """Motion of a joint frame; what only other algorithms use of it is not a number."""
+    """Motion of a joint frame; quantities that only the articulated-body algorithm uses are NaN."""
     joint_model, unused = pattern.joints[joint - 1], ca.SX.nan(3, 3)
     columns = list(range(joint_model.idx_v, joint_model.idx_v + joint_model.nv))
     jacobian = _joint_jacobian(pattern, inputs, joint)
@@ -246,12 +246,12 @@ def _joint_motion(pattern: Kinematics, inputs: MechanicalInputs, joint: int) -> 
 
 @dataclass(frozen=True)
 class InputContact(ContactContext):
-    """Shapes of two bodies that may touch, how near they are being an input."""
+    """Shapes of two bodies in contact, whose distance is an input."""
 
     scene_contact: SceneContact
 
     def proximity(self, first: ContactSurface, second: ContactSurface) -> Proximity:
-        """Distance of two shapes and its witness points."""
+        """Distance and witness points of two shapes."""
         assert isinstance(self.plant, InputPlant)
         number = next(k for k, pair in enumerate(self.pairs) if pair[0] is first and pair[1] is second)
         pair, crown = self.scene_contact.pairs[number], self.scene_contact.config.crown
@@ -263,10 +263,10 @@ class InputContact(ContactContext):
 
 @dataclass(frozen=True)
 class InputBuilder(LoopBuilder):
-    """Builder of a scene's elements with mechanics and contacts as inputs."""
+    """Builder of a scene's elements, with mechanics and contacts as inputs."""
 
     def contact(self, contact: SceneContact) -> ContactContext:
-        """Context from which a contact is built, its forces being inputs."""
+        """Context of a contact, whose distances are inputs."""
         contact_input = super().contact(contact)
         return InputContact(
             contact_input.context, contact_input.plant, contact_input.name, contact_input.pairs, contact
@@ -274,6 +274,6 @@ class InputBuilder(LoopBuilder):
 
 
 def numeric_start(scene: Scene) -> InitialState:
-    """Initial state, as numbers."""
+    """Initial state as constant expressions."""
     q, v = ca.SX(ca.DM(scene.q)), ca.SX(ca.DM(scene.v))
     return InitialState(scene.model, q, v, forward_kinematics(scene.model, q))

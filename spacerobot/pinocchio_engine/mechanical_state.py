@@ -1,4 +1,4 @@
-"""Mechanics at one state, by Pinocchio's own algorithms; everything in world axes."""
+"""Mechanics at one state from Pinocchio's own algorithms, world axes."""
 
 from __future__ import annotations
 
@@ -22,12 +22,13 @@ _AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 @dataclass(frozen=True)
 class FrameMotion:
-    """A frame, or the frame of a joint, at one instant.
+    """Motion of a frame, or of a joint's frame, at one instant.
 
     Attributes:
-        rotation, position: (3, 3) and (3,) [m].
-        velocity: Of its origin, then angular (6,) [m/s, rad/s].
-        drift: Acceleration at zero joint acceleration, classical, then angular (6,).
+        rotation, position: Rotation (3, 3) and position (3,) [m].
+        velocity: Linear velocity of the origin, then angular velocity (6,) [m/s, rad/s].
+        drift: Classical acceleration at zero joint acceleration, then angular acceleration (6,) [m/s^2,
+            rad/s^2].
         jacobian, jacobian_rate: (6, nv) each, linear rows first.
     """
 
@@ -40,12 +41,12 @@ class FrameMotion:
 
 
 class MechanicalState:
-    """Kinematics and dynamics of a model at one configuration and velocity, computed when first asked for.
+    """Kinematics and dynamics of a model at one configuration and velocity, computed on first use.
 
     Args:
         model: The scene's ``pinocchio.Model``.
-        q, v: Configuration (nq,), normalised here, and velocity (nv,).
-        scratch: ``pinocchio.Data`` for results that are copied at once; a new one if None. To make one takes
+        q, v: Configuration (nq,), which is normalised, and velocity (nv,).
+        scratch: ``pinocchio.Data`` for results that are copied at once; a new one if None. Its creation takes
             ten times as long as the algorithms themselves.
     """
 
@@ -73,7 +74,7 @@ class MechanicalState:
         return self._frames[index]
 
     def joint_velocity(self, joint: int) -> Array:
-        """Velocity of a joint frame's origin, then angular (6,) [m/s, rad/s]."""
+        """Linear velocity of a joint frame's origin, then angular velocity (6,) [m/s, rad/s]."""
         return np.array(pin.getVelocity(self.model, self.data, joint, _AXES).vector)
 
     def joint_jacobian(self, joint: int) -> Array:
@@ -104,9 +105,9 @@ class MechanicalState:
         return np.array(self._newton_euler.tau)
 
     def inertia_force(self, root: int) -> Array:
-        """Force and torque (6,) that the subtree behind a joint takes at zero joint acceleration.
+        """Force and torque (6,) that move the subtree after a joint as at zero joint acceleration.
 
-        The recursive Newton-Euler algorithm leaves it as what the joint carries, in its own axes.
+        The recursive Newton-Euler algorithm gives the wrench that the joint carries, in the joint's axes.
         """
         rotation, carried = self.data.oMi[root].rotation, self._newton_euler.f[root]
         return np.concatenate([rotation @ carried.linear, rotation @ carried.angular])
@@ -116,7 +117,7 @@ class MechanicalState:
         return np.array(pin.aba(self.model, self._scratch, self.q, self.v, effort))
 
     def proximity(self, pair: tuple[SceneShape, SceneShape], crown: float) -> Array:
-        """Gap [m], normal and point halfway [m] (7,) of two shapes, by coal's distances."""
+        """Gap [m], normal and midpoint of the witness points [m] of two shapes (7,)."""
         places = [pin.SE3(f.rotation, f.position) for f in (self.frame(shape.frame) for shape in pair)]
         gap, normal, point = shape_distance(pair, places, crown)
         return np.concatenate([[gap], normal, point])
@@ -124,8 +125,9 @@ class MechanicalState:
     def approach_speed(self, pair: tuple[SceneShape, SceneShape], crown: float) -> float:
         """Upper bound of the rate of a gap [m/s]; see :func:`spacerobot.shapes.approach_speed`.
 
-        A shape's point p moves at ``v + omega x (p - c)``. Relative to the first shape's axes the second's
-        points are at most ``radius`` from its centre, whatever the normal is.
+        A shape's point p moves at ``v + omega x (p - c)``. Relative to the first shape's axes, the second
+        shape's
+        points are at most ``radius`` from its centre, for any normal.
         """
         frames = [self.frame(shape.frame) for shape in pair]
         centres = [
@@ -134,7 +136,7 @@ class MechanicalState:
         radii = [_radius(shape.config, crown) for shape in pair]
 
         def speed(of: int, at: Array) -> Array:
-            """Velocity of a body's material point at a point [m/s]."""
+            """Velocity [m/s] of body ``of``'s material point at ``at``."""
             return frames[of].velocity[:3] + np.cross(frames[of].velocity[3:], at - frames[of].position)
 
         omega = [f.velocity[3:] for f in frames]
@@ -151,13 +153,13 @@ class MechanicalState:
 
 @functools.lru_cache(maxsize=1024)
 def _radius(config: CollisionShape, crown: float) -> float:
-    """Radius [m] about a shape's origin that holds it without its ball; infinite for a half-space."""
+    """Radius [m] about a shape's origin that contains it without its ball; infinite for a half-space."""
     radius = core_radius(Shape(type(config), ca.SX.eye(3), ca.SX.zeros(3), config.measures()), crown)
     return np.inf if radius is None else float(ca.DM(radius))
 
 
 def coordinates(model: Any) -> list[tuple[slice, slice]]:
-    """Places of each joint's coordinates in q and v."""
+    """Slices of each joint's coordinates in q and v."""
     return [
         (slice(joint.idx_q, joint.idx_q + joint.nq), slice(joint.idx_v, joint.idx_v + joint.nv))
         for joint in list(model.joints)[1:]
