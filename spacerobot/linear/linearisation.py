@@ -332,8 +332,8 @@ class Lineariser:
         Args:
             scene, outputs: As of :func:`linearise`.
             vary: Parameters that remain symbols although they are exactly zero.
-            at: Instants at which the loop will be evaluated; wrong ones are reported before the break points are
-                built and anything is compiled.
+            at: Instants at which the loop will be evaluated; wrong ones are reported before the break points
+                are built and anything is compiled.
 
         Raises:
             ScenarioError: If there is no such output, or an instant lies outside the simulation or names no
