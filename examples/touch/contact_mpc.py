@@ -33,7 +33,6 @@ from spacerobot.elements import (
     TimeProfile,
     quantity,
 )
-from spacerobot.errors import ScenarioError
 from spacerobot.scene import build_scene
 
 APPROACH = ("begin", "duration", "first", "depth")
@@ -98,7 +97,7 @@ class ContactMpc(RobotController):
     def build(self, robot: RobotContext) -> Contribution:
         """Parts of the cost: two integrals, and the present cost."""
         if not self.held:
-            raise ScenarioError(
+            raise sr.SpaceRobotError(
                 "kind contact_mpc chooses in Python, which has no gradient: simulations, batches and "
                 "campaigns call it; gradients, searches and margins do not",
                 where=robot.context.path,

@@ -196,7 +196,7 @@ class PlanBound:
     key: str
     unit: str
     description: str
-    allowed: Mapping[str, Any] = field(default_factory=lambda: {"gt": 0})
+    allowed: Mapping[str, Any] = field(default_factory=lambda: {"gt": 0}, hash=False)
     joints: tuple[str, ...] = ("revolute", "continuous", "prismatic")
     is_relative: bool = False
 

@@ -34,9 +34,9 @@ def files_of(page):
 
 
 def deep_imports(text):
-    """Imports of modules inside the packages, but for that of a plugin: ``spacerobot.elements``."""
+    """Imports of modules inside the packages, but for those of plugins: elements, and scenes to change."""
     found = re.findall(r"^ *(?:from|import) ((?:spacerobot|optim|viz)\.[\w.]+)", text, re.MULTILINE)
-    return [name for name in found if name != "spacerobot.elements"]
+    return [name for name in found if name not in ("spacerobot.elements", "spacerobot.scene")]
 
 
 def test_examples_and_pages_import_nothing_deeper_than_one_level():

@@ -129,10 +129,12 @@ def test_a_change_adds_a_whole_robot():
 
 
 def test_a_document_is_validated_once_and_once_for_each_change(monkeypatch):
+    from spacerobot.scenario import load
     from spacerobot.scene import build
 
     scenario, calls = load_scene("paper").scenario, []
-    monkeypatch.setattr(build, "validate", lambda *a, **k: calls.append(1) or validate(*a, **k))
+    for module in (build, load):
+        monkeypatch.setattr(module, "validate", lambda *a, **k: calls.append(1) or validate(*a, **k))
     build_scene(scenario)
     assert len(calls) == 1
     build_scene(scenario, {"simulation.duration": 3, "robots.*.tips.tip.pid": {"kp": 3}})
