@@ -45,7 +45,7 @@ class ClosedLoop(Tabular):
         parameter_paths: Dotted paths of p: every number of the scenario that the closed loop depends on.
         parameter_values: Their nominal values (np,), in the scenario's units.
         state_names: Names of x = (q, v, z): configuration and velocity in Pinocchio's coordinates, then the
-            states of controllers and the three works of the energy balance.
+            states of controllers and the works of the energy balance.
         nq, nv, nz: Sizes of q, v and z.
         setup: (p) -> (x0, c): initial state and prepared constants, once for each rollout.
         dynamics: (t, x, c) -> (xdot). Smooth in t between jumps; at a jump it has the value from after it.
@@ -61,8 +61,8 @@ class ClosedLoop(Tabular):
             of it meet. They are only compared with t.
         switches: Indices in c of the switches: numbers 1 or 0, constant between events.
         events: Properties of the events.
-        guards: (t, x, c, xdot) -> (g, rate): event i fires where g[i] > 0; minus infinity while not armed.
-            The rates are those of g along xdot.
+        guards: (t, x, c, xdot) -> (g, rate, speed): event i fires where g[i] > 0; minus infinity while not
+            armed. The rates are those of g along xdot, the speeds upper bounds of the rates of gaps.
         update: (t, x, c, e) -> (x): state after event number e, with the switches in c as after the event.
         fine: Indices in ``switches``, each with the longest step [s] while that switch is 1, and the number
             of such steps over which steps grow at first and shrink at last.

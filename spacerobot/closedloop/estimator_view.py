@@ -90,7 +90,7 @@ class EstimatorView(EstimatorContext):
 
     @functools.cached_property
     def target(self) -> TargetModel | None:
-        """Rigid-body model of the target; None if there is no target."""
+        """Rigid-body model of the target; None without a floating target."""
         return target_model(self.robot_sensors.parts.scene)
 
     @property

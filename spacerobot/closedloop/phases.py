@@ -20,7 +20,7 @@ Condition = tuple[str, ca.SX, ca.SX]
 
 
 def phased(builder: LoopBuilder, outputs: Sequence[Output]) -> Contribution:
-    """Contribution of the phases to the closed loop; empty if there is only one.
+    """Contribution of the phases to the closed loop; without phases that of the references alone.
 
     Args:
         builder: Builder of all other elements, which are complete.
@@ -125,7 +125,7 @@ class _Phases:
         return self.context.time - since - dwell, self._settling_switch(name)
 
     def _limit(self, path: str, limit: Limit) -> ca.SX:
-        """Guard (1x1), above zero where an output exceeds its limit, from the section at ``path``."""
+        """Guard (1x1), above zero where an output has passed its upper or lower limit at ``path``."""
         values = {(output.name, output.label): output.value for output in self.outputs}
         key = (limit.output, limit.of or "")
         if key not in values:

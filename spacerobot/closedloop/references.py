@@ -41,7 +41,8 @@ class TipGuidance:
         measure: Function from signal, name and observation to the sampled measurement; None for a continuous
             sensor.
         estimators: Contribution of the robot's estimators.
-        kept: States that store the instant and pose at which the present reference began, by a short name.
+        kept: States that store the instant, pose and motion with which the present reference began, by
+            a short name.
         seen: Further stored states by name, with their expressions at that instant.
         held: Last measurements of sensors, by the state's name.
         samples: The same measurements as vectors (3x1), by signal and path of the reference.

@@ -64,7 +64,6 @@ def forward_kinematics(model: pinocchio.Model, q: ca.SX, v: ca.SX | None = None)
         q: Configuration, Pinocchio's coordinates, nq.
         v: Velocity, Pinocchio's coordinates, nv; ``None`` means at rest, so that all velocities are
             structurally zero.
-            zero).
 
     Raises:
         DescriptionError: If a joint is of a type the algorithms do not cover.

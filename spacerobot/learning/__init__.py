@@ -56,7 +56,7 @@ def make_vector_environment(
         num_envs: Number of simulations; best a multiple of lanes times threads.
         threads: Number of threads; one for each usable core if None. Episodes do not depend on it.
         interface: ``gymnasium``, or ``stable_baselines3`` (extra ``sb3``).
-        * **options: See :func:`make_environment`.
+        **options: See :func:`make_environment`.
 
     Returns:
         A ``gymnasium.vector.VectorEnv`` that resets an episode in the step in which it ends

@@ -336,8 +336,8 @@ class Lineariser:
                 are built and anything is compiled.
 
         Raises:
-            ScenarioError: If there is no such output, or an instant lies outside the simulation or names no
-                event.
+            SpaceRobotError: If there is no such output.
+            ScenarioError: If an instant lies outside the simulation or names no event.
         """
         loop, requested = build_closed_loop(scene, vary), tuple(outputs)
         check_instants(loop, scene.scenario.simulation.duration, at)

@@ -193,8 +193,8 @@ def margin_slope(system: LinearSystem, one: LoopMargins, margin: str) -> float:
         margin: One of :data:`MARGINS`.
 
     Returns:
-        float: Unit of the margin per unit of the variable; zero for a margin that is infinite or at a limit
-            of the frequency range.
+        float: Unit of the margin per unit of the variable; zero for a margin that is infinite or
+            has no frequency, and for one other than a disk margin at an infinite frequency.
     """
     omega, value = one.frequencies.get(margin, math.nan), getattr(one, margin)
     if math.isnan(omega) or not math.isfinite(value) or (math.isinf(omega) and margin != "disk"):

@@ -3,8 +3,8 @@
 A clock, such as that of a sampled sensor or of pulsed thrusters, compares time with a state that its own
 events set. Event times and states are therefore decided together, as the smallest fixed point of
 
-* * a state moves if its rate is not structurally zero, if its initial value depends on parameters, or if an
-* event that moves sets it, or an event sets it to a moving value;
+* a state moves if its rate is not structurally zero, if its initial value depends on parameters, or if an
+  event that moves sets it, or an event sets it to a moving value;
 * an event moves if its guard depends on a state that moves or on a constant that parameters reach.
 """
 

@@ -206,8 +206,8 @@ class Rollout(Tabular):
             values: Their values, shape (N, k).
             outputs: Names of outputs to sample.
             states: Whether to sample the states.
-            * **control: ``threads``, ``progress`` and ``stop``; see
-            * :class:`~spacerobot.rollout.batch.Control`.
+            **control: ``threads``, ``progress`` and ``stop``; see
+                :class:`~spacerobot.rollout.batch.Control`.
 
         Raises:
             SpaceRobotError: A path or an output does not exist, or a shape is wrong.

@@ -70,7 +70,7 @@ class EventLog:
 
 @dataclass(frozen=True)
 class CoincidentInstants:
-    """Instants with several coincident events or jumps, from the last one backwards in time.
+    """Instants with several events or jumps, or one with others close by, from the last one backwards.
 
     Attributes:
         count: Number of such instants in each rollout, shape (N,).
@@ -107,7 +107,7 @@ class RolloutArrays:
 
     Attributes:
         x, y: Samples of the state (N, nt, nx) and of outputs (N, nt, rows), None if not requested; NaN after
-            divergence and after an event that ended the rollout.
+            divergence, and from an event on that ended the rollout.
         r, cost: Measures (N, nr) and costs (N, nj).
         done: Number of completed steps, shape (N,); -1 for a rollout that did not run.
         reached: Time of the last valid state [s], shape (N,); the time of the last sample if the rollout
@@ -174,7 +174,7 @@ class RolloutArrays:
         return np.asarray((self.status == COMPLETED) | (self.status == ENDED))
 
     def check_start(self, closure: Closure, p: Array) -> None:
-        """Store the initial gaps of rollouts of p (N, np); and end rollouts that start open."""
+        """Store the initial gaps of rollouts of p (N, np), and end rollouts that start open."""
         self.gaps[:] = closure.measure(p)
         lost = closure.is_open(self.gaps) & (self.done >= 0)
         self.done[lost], self.reached[lost], self.r[lost], self.cost[lost] = 0, 0.0, np.nan, np.nan

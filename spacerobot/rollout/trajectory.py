@@ -39,7 +39,7 @@ class BatchEvents:
     """Events of many rollouts. Every array is read-only.
 
     Attributes:
-        count: Number of recorded events of each rollout, shape (N,); silent and routine events do not count.
+        count: Number of events of each rollout, shape (N,), recorded or not, without silent and routine ones.
         event, time_s: Indices in the closed loop's ``events`` and times [s], shape (N, most), in order of
             time; -1 and NaN beyond the last.
         ended_at_s: Time of the event that ended the rollout [s], shape (N,); NaN if none did.
@@ -66,7 +66,7 @@ class Trajectory:
         costs: Named costs of the rollout, NaN if it diverged.
         status: ``diverged`` if a state left its bounds or is not finite, ``unclosed`` if a grasp did not
             close at the start, ``chattering`` if too many events occurred in too short a time.
-        cause: Grasp that did not close, with its gap; else empty.
+        cause: Grasp that did not close, with its gap, or state that diverged; else empty.
         diverged_at_s: Time of the last valid state [s] if the rollout did not complete, else None.
         steps, step_s: Number of steps and their length [s]; zero and NaN for an adaptive integrator.
         backend: Backend: ``compiled``, ``interpreted`` or ``pinocchio``.

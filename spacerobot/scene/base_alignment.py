@@ -73,7 +73,7 @@ def aligned(
 
 
 def upright(turn: Quaternion, length: Any) -> Quaternion:
-    """Nearest rotation about z; ``length`` is the norm of its z and w, 1 for a planar base."""
+    """Nearest rotation about z; ``length`` is the norm of its z and w, 1 for a rotation about z."""
     return 0.0, 0.0, turn[2] / length, turn[3] / length
 
 

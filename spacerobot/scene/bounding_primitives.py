@@ -13,7 +13,7 @@ from spacerobot.elements import CollisionShape, kinds
 from spacerobot.elements.shapes.collision_shape import Wrap
 
 AROUND = 8
-"""Number of points on each rim of a cylinder, the same for all enclosing shapes."""
+"""Number of points on each rim of a cylinder: from a capsule along its axis, or a sphere, all are alike."""
 
 
 def shape_of(geometry: Geometry, link: str) -> CollisionShape:

@@ -100,7 +100,7 @@ def check_motion(model: Any, *, source: Path | None) -> None:
     """Check that the scene has joints, and not too many.
 
     Raises:
-        ScenarioError: If there is no joint at all, or more joints than fit in Pinocchio's memory.
+        ScenarioError: If there is no joint at all, or more velocities than fit in Pinocchio's memory.
     """
     if model.nv == 0:
         raise ScenarioError(
@@ -341,7 +341,7 @@ def check_elements(scene: Scene) -> None:
 
 
 def check_environment(scene: Scene) -> None:
-    """Check that no environment pulls a planar base out of its plane.
+    """Check that no environment pulls a planar base out of its plane: in a planar scene, none does.
 
     Raises:
         ScenarioError: If one does; names the base.

@@ -93,7 +93,7 @@ def overlap_depth(one: Solid, other: Solid, *joints: Any) -> float:
     """Depth [m] by which two shapes overlap, negative if they are separate.
 
     Args:
-        one, other: The shapes; -1 is returned for separate meshes, whose distance is not computed.
+        one, other: The shapes; -1 is returned for separate ones of which one is a mesh.
         joints: Placements of their joints (``pin.SE3``), world axes.
     """
     at = [joint * solid.placement for joint, solid in zip(joints, (one, other), strict=True)]

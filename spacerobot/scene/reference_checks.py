@@ -87,7 +87,7 @@ def out_of_reach(scene: Scene) -> list[str]:
 def lengths_to_root(
     scene: Scene, body: SceneBody, joint: int, point: Array
 ) -> dict[int, tuple[float, Array]]:
-    """Maximum length [m] from each joint towards the root to a fixed point of it, and that point (3,).
+    """For each joint towards the root: maximum length [m] to a point fixed in it, and that point (3,).
 
     Args:
         scene, body: The scene, and the body of the chain.

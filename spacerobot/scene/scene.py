@@ -268,7 +268,7 @@ class Scene(Tabular):
     changes: tuple[tuple[str, Any], ...] = ()
 
     def __repr__(self) -> str:
-        """Name, size, tips and grasps in one line."""
+        """Name, size, bodies, tips and grasps in one line."""
         kind = "planar" if self.planar else "spatial"
         tips, grasps = ", ".join(tip.label for tip in self.tips), ", ".join(g.name for g in self.grasps)
         bodies = ", ".join(body.name for body in self.bodies)

@@ -147,7 +147,7 @@ def steps_needed(matrix: Array, propellant: Array) -> int:
 def _begin(layout: ThrusterLayout, command: ca.SX) -> _Path:
     """Path at zero wrench.
 
-    For a wrench far outside the attainable set, path with all helpful thrusters open.
+    For a wrench beyond half of what all helpful thrusters give along it, path with these open.
     """
     square = ca.dot(command, command)
     reached = ca.sum1(ca.fmax(ca.densify(ca.mtimes(layout.matrix.T, command)), 0))
@@ -199,7 +199,7 @@ def _cut(values: ca.SX) -> ca.SX:
 
 
 def largest_box(full: Array, rows: Sequence[int]) -> Array:
-    """Half the sides of a box of wrenches that the thrusters can all deliver.
+    """Half the sides of a box of wrenches, any of which the thrusters can deliver.
 
     Args:
         full: Wrench of each thruster at full thrust (6, n) [N, N m].

@@ -79,7 +79,7 @@ def continuous_residual(context: SectionContext, name: str, asked: ca.SX, moment
     Args:
         context: Context of the section with `bandwidth` and `allowance`.
         name: Name of the observer, unique in the closed loop.
-        asked: Commanded torques (n x 1) [N m].
+        asked: Commanded torques (n x 1) [N m or N].
         momenta: Momenta and their known rates.
     """
     momentum, rate, _ = momenta

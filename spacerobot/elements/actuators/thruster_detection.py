@@ -46,7 +46,7 @@ SETTLED = 4.0
 """Time, in units of the lag's time constant, after which a residual is compared with the failure
 hypotheses."""
 MODES = {"shut": 0.0, "open": 1.0}
-"""Failure modes to distinguish, with the fraction of thrust that remains."""
+"""Failure modes to distinguish, with the fraction of thrust that the valve then gives."""
 
 
 class ThrusterDetection(ResidualTest):

@@ -55,7 +55,7 @@ from spacerobot.elements.core.robot_element import Part
 from spacerobot.section import quantity
 
 SLACK = 1e-3
-"""Fraction of its speed limit below which a wheel held at the limit is free again as its base rotates."""
+"""Margin below its speed limit, relative to it, at which a held wheel is free again as its base rotates."""
 
 
 SINGULAR = 1e-8
@@ -214,7 +214,7 @@ class WheelSet(Actuator):
     def motors(
         self, actuator: ActuatorContext, wheel_command: ca.SX, axes: ca.SX, speed: ca.SX, friction: ca.SX
     ) -> WheelMotors:
-        """Motor torques for a command on the set, at these speeds (n x 1 each).
+        """Motor torques for the torques commanded of free wheels, at these speeds (n x 1 each).
 
         Axes (k x n) have only the rows that can rotate the base.
         """

@@ -187,7 +187,7 @@ class _Task:
         velocity: Present velocity (k x 1).
         wanted: Desired velocity (k x 1).
         acceleration: Desired acceleration minus that at zero joint acceleration (k x 1).
-        damping: Damping of the pseudo-inverse (1x1); zero for the first task.
+        damping: Damping of the pseudo-inverse (1x1); None for the task of the base, which has none.
     """
 
     rows: ca.SX

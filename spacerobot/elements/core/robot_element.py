@@ -23,7 +23,7 @@ class RobotProperties:
     Attributes:
         name: Name of the robot.
         joints: Names of its free joints, without mimic joints and those that actuators own.
-        limits: Maximum torque or force of each joint [N m or N] by name; missing if neither scenario nor URDF
+        limits: Maximum torque or force of each joint [N m or N] by name; None if neither scenario nor URDF
             states one.
         efforts: Effort limit in the URDF of each joint [N m or N] by name.
         find_moved: Function that computes :attr:`moved`, on demand because it takes time.
@@ -32,8 +32,8 @@ class RobotProperties:
         spinning: Axis (3,), root link's axes, by name of each continuous joint on that link that carries no
             other joint; includes joints that actuators own.
         owned: Names of the joints that actuators own, such as wheels.
-        sensors: Sections of its sensors (:class:`spacerobot.elements.Sensor`) by signal; ideal sensors are
-            missing.
+        sensors: Sections of its sensors (:class:`spacerobot.elements.Sensor`) by signal; empty if the
+            scenario gives none, else with the ideal ones.
         tips: Names of its tips.
         target_links: Names of the target's links.
     """

@@ -73,7 +73,7 @@ class EstimatorContext(Protocol):
 
     @property
     def target(self) -> TargetModel | None:
-        """Rigid-body model of the target; None if there is no target."""
+        """Rigid-body model of the target; None without a floating target."""
 
     @property
     def attitude(self) -> ca.SX:

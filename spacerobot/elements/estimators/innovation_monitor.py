@@ -57,7 +57,7 @@ class InnovationMonitor(Estimator):
         return (self.filter, self.signal) if self.reject else None
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
-        """Errors: a silence limit shorter than the time between two samples."""
+        """Errors: a silence limit that is not above the sensor's period plus delay."""
         sensor = robot.sensors.get(self.signal)
         if self.silence is None or sensor is None or sensor.errors is None:
             return

@@ -52,7 +52,7 @@ LONGEST = 0.25  # s; step of the propagation: at 1 rad/s its error is 1e-5 of th
 class TargetFilter(Estimator):
     """Pose, velocity, spin and inertia ratios of a free target from camera poses (extended Kalman filter).
 
-    It runs at the camera's samples. Noise densities default to those of the sensors.
+    It runs at the camera's samples. Measurement noise defaults to that of the sensors.
     """
 
     kind: Literal["target_filter"] = "target_filter"
@@ -292,7 +292,7 @@ class _TargetFilterLaw:
         return ca.vertcat(*(ca.repmat(x, size, 1) for x, size in zip(deviations, self.errors, strict=True)))
 
     def _corrected(self, motion: ca.SX, correction: ca.SX) -> ca.SX:
-        """Motion corrected by estimated errors."""
+        """Motion to which errors are added."""
         place, velocity, attitude, spin, ratios = self._parts(motion)
         parts = ca.vertsplit(correction, [0, *_summed(self.errors)])
         numbers = self._turned(attitude, ca.SX(parts[2]))

@@ -66,7 +66,7 @@ class Goal(Element):
 
     @property
     def ends_in_motion(self) -> bool:
-        """Whether the robot's joints may have any rates and accelerations at the end."""
+        """Whether the body's joints may have any rates and accelerations at the end."""
         return not self.rests
 
     @property

@@ -18,8 +18,8 @@ from spacerobot.section import quantity
 _LONGEST = 1.5
 """Maximum slope of u^2 (3 - 2 u)."""
 _STILL = 1e-12
-"""Squared regularisation [m/s, rad/s] of a speed, which keeps its derivative finite at zero; also a time
-[s]."""
+"""Number [m/s, rad/s] whose square is added to that of a speed, for a finite derivative at zero; also a
+time [s]."""
 
 
 @register

@@ -31,7 +31,7 @@ class Knots:
 
     Attributes:
         context: Context of the law.
-        cursor: Index of the interval, n after the last one.
+        cursor: Number of the cursor whose row is the index of the interval, n after the last one.
         u: Elapsed fraction of the interval (1x1).
         width: Width of the interval (1x1) [s].
         pace: Reciprocal of the width, zero after the last interval (1x1) [1/s].

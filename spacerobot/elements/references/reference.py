@@ -1,6 +1,6 @@
 """References: desired motion of a tip or a held object (Eq. 39-44).
 
-All kinds start at rest at the frame's initial pose, and hold their final pose.
+As a rule they start at rest at the pose that the frame has when they begin, and hold their final pose.
 """
 
 from __future__ import annotations
