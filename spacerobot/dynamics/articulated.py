@@ -134,7 +134,7 @@ class ArticulatedBody:
     ) -> ca.SX:
         """Loads reduced by a backward sweep, ``N (tau + sum J^T f)``.
 
-        Structurally zero for joints without load.
+        The entries of joints that carry no load are structurally zero.
 
         One sweep reduces any number n of load cases, the columns of the result (nvxn).
 
@@ -254,7 +254,7 @@ class ArticulatedBody:
     def response(self, tau: ca.SX | None = None, wrenches: Iterable[Wrench] = ()) -> ca.SX:
         """Acceleration that loads alone cause: ``M^-1 (tau + sum J^T f)``, nv.
 
-        Joints without load cost nothing in the backward sweep; velocity and gravity are left out.
+        Joints that carry no load cost nothing in the backward sweep; velocity and gravity are left out.
 
         Args:
             tau, wrenches: As for :meth:`reduced`.

@@ -224,8 +224,9 @@ class FreeFloatingRobot:
         """Orthonormal basis of joint rates that leave the base at rest.
 
         Args:
-            q: Configuration of the whole model.
-            angular_only: Keep the base's attitude alone; its origin may move with the centre of mass at rest.
+            q: Configuration of the whole model, (nq,).
+            angular_only: Keep only the base's attitude; its origin may move while the centre of mass is at
+                rest.
             tolerance: Singular values below this fraction of the largest count as zero.
 
         Returns:

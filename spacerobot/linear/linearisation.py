@@ -216,7 +216,7 @@ class LinearSystem(Tabular):
         return not self.period_s or name in self.starts
 
     def closed(self, name: str) -> Matrices:
-        """Matrices of the closed loop with the period starting at the break point's output.
+        """Matrices of the closed loop; a periodic one begins its period when the break point's output is set.
 
         Args:
             name: A break point.

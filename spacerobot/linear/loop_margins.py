@@ -3,9 +3,9 @@
 The loop transfer function L, for negative feedback, crosses the unit circle and the negative real axis. At
 these frequencies, the margins state how much its gain may grow or fall, and its phase lag or delay grow,
 until the closed loop becomes unstable. The disk margin (P. Seiler, A. Packard, P. Gahinet: An introduction to
-disk margins, IEEE Control Systems 40(5), 2020) allows gain and phase to change at once: ``alpha = 1 / max |S
-- 1/2|``, S = 1 / (1 + L). A frequency response locates crossings and peaks, which are then refined on the
-transfer function itself.
+disk margins, IEEE Control Systems 40(5), 2020) allows gain and phase to change at once:
+``alpha = 1 / max |S - 1/2|``, S = 1 / (1 + L). A frequency response locates crossings and peaks, which are
+then refined on the transfer function itself.
 
 The delay margin of a sampled loop is its phase margin divided by frequency: exact for whole periods.
 """
@@ -35,10 +35,10 @@ FILE = "margins.nc"
 """File with the margins, in the folder that ``spacerobot margins --out`` writes."""
 
 MAX_GAIN = 1e6
-"""Factor of the gain above which a crossing is attributed to rounding."""
+"""Largest factor by which a gain margin may change the gain; larger ones are attributed to rounding."""
 
 MAX_CONDITION = 1e10
-"""Maximum condition number of ``s - A`` at frequency zero; above it, there is a pole."""
+"""Condition number of ``s - A`` at an end of the frequency range, from which on a pole is assumed there."""
 
 UNITS = {"gain_up": "dB", "gain_down": "dB", "phase": "deg", "delay": "s", "disk": "1", "crossover": "Hz"}
 """Units of a loop's margins, by name."""
@@ -147,7 +147,7 @@ class MarginAnalysis(Tabular):
         return tables
 
     def least_margins(self) -> list[Content]:
-        """Table of the loops with the smallest disk margins over all instants."""
+        """Table of the loops with the smallest disk margins, each at the instant of its minimum."""
         disks = np.array([[one.disk for one in loops] for loops in self.loops])
         disks = np.where(np.isnan(disks), math.inf, disks)
         rows = []

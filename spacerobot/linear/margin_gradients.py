@@ -169,8 +169,7 @@ def _is_destabilised(system: LinearSystem, loops: Sequence[LoopMargins]) -> bool
     """Whether a mode grows because of the loops.
 
     At the onset of instability, L = -1 at the pole: its frequency is a crossover of every loop involved. A
-    mode
-    that grows far more slowly, or also with all loops open, is a drift of the motion.
+    mode that grows far more slowly, or also with all loops open, is a drift of the motion.
     """
     if not system.growing:
         return False
@@ -193,8 +192,8 @@ def margin_slope(system: LinearSystem, one: LoopMargins, margin: str) -> float:
         margin: One of :data:`MARGINS`.
 
     Returns:
-        float: Unit of the margin per unit of the variable; zero for a margin that is infinite or
-            has no frequency, and for one other than a disk margin at an infinite frequency.
+        float: Unit of the margin per unit of the variable; zero if the margin is infinite, or is the
+            limit at infinite frequency (disk margins excepted).
     """
     omega, value = one.frequencies.get(margin, math.nan), getattr(one, margin)
     if math.isnan(omega) or not math.isfinite(value) or (math.isinf(omega) and margin != "disk"):

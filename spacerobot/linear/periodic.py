@@ -58,8 +58,8 @@ def occurrences(
             are not linear and are left out, as are events that occur once.
 
     Raises:
-        ScenarioError: If the periods' least common multiple has too many events, or a value that a delay
-            waits for is not stored.
+        ScenarioError: If the periods have no common multiple with at most :data:`MAX_EVENTS` events, or a
+            value that a delay waits for is not stored.
     """
     places = [i for i, rule in enumerate(loop.events) if rule.clock and not rule.sets]
     counters = [i for i, name in enumerate(loop.state_names) if name.endswith(".count[0]")]
@@ -106,7 +106,7 @@ def common_period(periods: Sequence[float]) -> float:
     """Least common multiple of periods [s].
 
     Raises:
-        ScenarioError: If the common period has more than :data:`MAX_EVENTS` events.
+        ScenarioError: If there is none with at most :data:`MAX_EVENTS` events.
     """
     shortest = min(periods, key=np.real)
     ratios = [Fraction((period / shortest).real).limit_denominator(1000) for period in periods]
@@ -125,8 +125,7 @@ def beginning(
     """Time at which the period of a broken loop begins [s]; None if the loop is time-varying.
 
     The loop is time-invariant if its signal is set once in a period and held, or read by events at one
-    instant
-    only.
+    instant only.
 
     Args:
         updates: Events over two periods.

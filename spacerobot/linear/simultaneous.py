@@ -130,7 +130,7 @@ def lower_bound(M: Array) -> float:
     """Maximum spectral radius ``rho(M U)`` from an ascent; U is a diagonal of numbers of modulus one."""
 
     def radius(angles: Array) -> tuple[float, Array]:
-        """Negative logarithm of it, and its gradient: d ln(lambda) / d angle_i = i conj(y_i) x_i / (y' x)."""
+        """Negative log of the radius, and gradient; d ln(lambda) / d angle_i = i conj(y_i) x_i / (y' x)."""
         values, right = np.linalg.eig(M * np.exp(1j * angles))
         k = int(np.abs(values).argmax())
         left = np.linalg.solve(right.conj().T, np.eye(len(M))[:, k])

@@ -157,8 +157,8 @@ def crowned_distance(
         links: Placements of their links in the world (``pin.SE3``).
         crown: Height of the domes, relative to half the lengths.
         normal: Normal (3,) of the shapes without domes, from which the search starts. If one shape is inside
-            the other, coal's normal may belong to a far longer way out; directions all around are then tried
-            as well.
+            the other, coal's normal may belong to a far longer way out; directions all around are therefore
+            tried as well.
     """
     at = [link * pin.SE3(shape.placement) for link, shape in zip(links, pair, strict=True)]
     centre = at[1].translation - at[0].translation

@@ -191,7 +191,8 @@ class DynamicsConditions:
     def strike(self, count: int) -> Array:
         """Velocity after a plastic impact, impulses along the first ``count`` directions, and loss.
 
-        ``M (v+ - v-) = G^T j`` with ``G v+ = 0``; see :func:`spacerobot.closedloop.impulse.strike`.
+        The result has shape (nv + count + 1,). The impact obeys ``M (v+ - v-) = G^T j`` with ``G v+ = 0``;
+        see :func:`spacerobot.closedloop.impulse.strike`.
         """
         held, slip = self.loads["held"], self.loads["slip"][:, 0]
         caused = np.linalg.solve(self.state.inertia, held)

@@ -2,7 +2,7 @@
 
 Elements request placements, velocities, Jacobians and drifts of a plant. In this engine each of them is a
 matrix of symbols. Entries that are constant in every state (zeros of a planar scene) stay constant, as in the
-closed loop, since the number of controller states depends on them.
+closed loop, since the number of states in memories depends on them.
 """
 
 from __future__ import annotations
@@ -202,7 +202,7 @@ class InputPlant(Plant):
         return self.inputs.matrix(("jacobian_rate", frame), pattern, lambda s: s.frame(frame).jacobian_rate)
 
     def at_start(self, expression: ca.SX, start: InitialState, constants: Constants) -> ca.SX:
-        """Value at the initial state, as an expression of the parameters, of (q, v, c) and inputs."""
+        """Value of an expression of (q, v, c) and inputs at the initial state, from the parameters."""
         q, v = (ca.DM(part).full().ravel() for part in (start.q, start.v))
         arguments = [self.q, self.v, self.inputs.symbols, constants.symbols]
         value = ca.Function("first", arguments, [expression])
@@ -220,7 +220,7 @@ def _joint_origin(pattern: Kinematics, inputs: MechanicalInputs, joint: int) -> 
 
 
 def _joint_motion(pattern: Kinematics, inputs: MechanicalInputs, joint: int) -> LocalMotion:
-    """Motion of a joint frame; quantities that only the articulated-body algorithm uses are NaN."""
+    """Motion of a joint frame; quantities that this engine does not use are NaN."""
     joint_model, unused = pattern.joints[joint - 1], ca.SX.nan(3, 3)
     columns = list(range(joint_model.idx_v, joint_model.idx_v + joint_model.nv))
     jacobian = _joint_jacobian(pattern, inputs, joint)
@@ -246,7 +246,7 @@ def _joint_motion(pattern: Kinematics, inputs: MechanicalInputs, joint: int) -> 
 
 @dataclass(frozen=True)
 class InputContact(ContactContext):
-    """Shapes of two bodies in contact, whose distance is an input."""
+    """Shapes of two bodies that may touch, with their distance as an input."""
 
     scene_contact: SceneContact
 

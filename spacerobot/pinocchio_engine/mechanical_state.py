@@ -126,8 +126,7 @@ class MechanicalState:
         """Upper bound of the rate of a gap [m/s]; see :func:`spacerobot.shapes.approach_speed`.
 
         A shape's point p moves at ``v + omega x (p - c)``. Relative to the first shape's axes, the second
-        shape's
-        points are at most ``radius`` from its centre, for any normal.
+        shape's points are at most ``radius`` from its centre, for any normal.
         """
         frames = [self.frame(shape.frame) for shape in pair]
         centres = [

@@ -1,4 +1,4 @@
-"""Roll out a scene with an adaptive integrator of high order."""
+"""Rollout of a scene with an adaptive integrator of high order."""
 
 from __future__ import annotations
 
@@ -19,18 +19,19 @@ from spacerobot.rollout.trajectory import Trajectory, frozen
 from spacerobot.scene import Scene
 
 Progress = Callable[[float], None]
-"""Told the part of the time, 0 to 1, that is done."""
+"""Called with the completed fraction of the time, 0 to 1."""
 
 CHECKING_TOLERANCE = 1e-2
-"""Tolerance of the integrator relative to ``simulation.tolerance``; order 8 then errs a hundredth of it."""
+"""Tolerance of the integrator relative to ``simulation.tolerance``; the error of order 8 is then a hundredth
+of it."""
 
 
 @dataclass(frozen=True, repr=False)
 class PinocchioTrajectory(Trajectory):
-    """A rollout by this engine.
+    """Trajectory of a rollout by this engine.
 
     Attributes:
-        happened: Its events; ``events`` is empty, for it holds those of a closed loop.
+        happened: Events of this engine; ``events`` is empty, since it holds events of a closed loop.
     """
 
     happened: tuple[LocatedEvent, ...] = ()
@@ -47,19 +48,19 @@ def simulate(
 ) -> PinocchioTrajectory:
     """Simulate a scene with Pinocchio's algorithms and an explicit Runge-Kutta method of order 8.
 
-    The integration stops at every sample and wherever two pieces of a reference meet, so that each of its
-    steps sees a smooth right-hand side (clipped torques excepted) and samples are not interpolated.
+    The integration stops at every sample and wherever two segments of a reference meet, so that each step has
+    a smooth right-hand side (clipped torques excepted) and samples are not interpolated.
 
     Args:
         scene: The scene.
         output_step_s, duration_s: Longest time between samples, and duration [s]; the scenario's own if None.
         rtol, atol: Tolerances of the integrator, per component of x.
-        progress: Told how far it is, once for each sample.
+        progress: Called with the completed fraction, once for each sample.
 
     Returns:
-        PinocchioTrajectory: No measures and costs. A sample on the end of a reference shows what led up to
-            it. Cut short, with status ``diverged``, where the state leaves its bounds, becomes singular or
-            cannot be integrated.
+        PinocchioTrajectory: Without measures and costs. A sample at the end of a reference segment shows the
+            values before the end. The trajectory is cut short, with status ``diverged``, if the state leaves
+            its bounds, becomes singular or cannot be integrated.
 
     Raises:
         SpaceRobotError: If a duration, a step or a tolerance is not positive and finite.
@@ -75,13 +76,13 @@ def roll_out(
     tolerances: tuple[float, float],
     progress: Progress | None = None,
 ) -> PinocchioTrajectory:
-    """Roll out an engine that is ready.
+    """Roll out an engine.
 
     Args:
         engine: The engine at the start.
         times_s, tolerances: Longest time between samples and duration [s], relative and absolute tolerance,
             as for :func:`simulate`.
-        progress: Told how far it is, once for each sample.
+        progress: Called with the completed fraction, once for each sample.
     """
     simulation, (output_step_s, duration_s) = engine.scene.scenario.simulation, times_s
     run = PinocchioRun(engine, *tolerances)
@@ -94,7 +95,7 @@ def roll_out(
 
 
 def fired_events(loop: ClosedLoop, checked: PinocchioTrajectory) -> tuple[FiredEvent, ...]:
-    """Events of the independent engine as the closed loop's, whose states are the same.
+    """Events of the independent engine in the closed loop's form; states are the same.
 
     Args:
         loop: The closed loop.
@@ -113,14 +114,14 @@ def fired_events(loop: ClosedLoop, checked: PinocchioTrajectory) -> tuple[FiredE
 
 
 class PinocchioRun:
-    """A rollout that is carried on from time to time; between two, parameters may be changed.
+    """Rollout that is continued from time to time; parameters may be changed in between.
 
     Args:
         engine: The engine at the start.
         rtol, atol: As for :func:`simulate`.
 
     Attributes:
-        engine, integrator: Evaluate and integrate.
+        engine, integrator: Engine and integrator of the rollout.
     """
 
     def __init__(self, engine: PinocchioLoop, rtol: float, atol: float) -> None:
@@ -131,7 +132,7 @@ class PinocchioRun:
         self._bad: float | None = None
 
     def advance(self, until: float, output_step_s: float, progress: Progress | None = None) -> None:
-        """Carry on to a time [s], with samples on the way.
+        """Continue to a time [s], with samples on the way.
 
         Args:
             until: The time.
@@ -154,7 +155,7 @@ class PinocchioRun:
 
     @property
     def trajectory(self) -> PinocchioTrajectory:
-        """The rollout so far."""
+        """Trajectory so far."""
         integrator, outputs = self.integrator, self._outputs
         return PinocchioTrajectory(
             time=frozen(np.array(self._times)),
@@ -181,7 +182,7 @@ class PinocchioRun:
 def _samples(
     engine: PinocchioLoop, integrator: Integrator, samples: Array, progress: Progress
 ) -> tuple[list[Array], list[dict[str, Array]], float | None]:
-    """States and outputs at later samples, and the time [s] at which they end early, if they do."""
+    """States and outputs at later samples, and the time [s] of an early end, None without one."""
     states, outputs = list[Array](), list[dict[str, Array]]()
     for until in samples[1:]:
         x, within = integrator.advance(until)
@@ -197,7 +198,7 @@ def _samples(
 
 
 def _outputs(engine: PinocchioLoop, t: float, x: Array, within: float) -> dict[str, Array] | None:
-    """Outputs of a sample; None where they do not exist."""
+    """Outputs at a sample; None if they cannot be computed."""
     try:
         return engine.outputs(t, x, within)
     except np.linalg.LinAlgError:
