@@ -185,7 +185,7 @@ def check_weights(section: PlanSection, phases: Sequence[PhaseProblem]) -> None:
 
 @contextlib.contextmanager
 def located_in_phase(section: PlanSection, name: str) -> Iterator[None]:
-    """Context that adds the phase's place in the document to errors of the phase's section.
+    """Context that locates errors of the plan section in its phase, if the phase sets the key at fault.
 
     Raises:
         ScenarioError: The error itself, located in the phase where it belongs to one.
@@ -203,7 +203,7 @@ def located_in_phase(section: PlanSection, name: str) -> Iterator[None]:
 
 
 def closed_grasps_by_phase(scene: Scene, section: PlanSection) -> Iterator[tuple[SceneGrasp, ...]]:
-    """Grasps that hold in each phase of a plan: those captured and not released in earlier phases.
+    """Grasps that hold in each phase of a plan: closed at the start or captured before it, and not released.
 
     Raises:
         ScenarioError: If a phase ends with a grasp captured whose tip no goal brings to its mating frame, or

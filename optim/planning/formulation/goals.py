@@ -1,4 +1,4 @@
-"""Goals as constraints at the last instant, and arms that are at rest there relative to their tips.
+"""Goals as constraints at the last instant, and arms that are settled there.
 
 A settled arm has no motion in its null space. Among all joint rates r that give the tips the twists J r
 relative to the base, J^T (J J^T)^-1 J r has the smallest norm. The difference between r and these rates is

@@ -27,8 +27,8 @@ AXES = "xyz"
 def closed_grasps(scene: Scene) -> tuple[SceneGrasp, ...]:
     """Grasps that hold at the start.
 
-    ScenarioError: If a grasp is neither rigid nor made of springs and dampers.
-        ScenarioError: If one of them is neither rigid nor springs and dampers.
+    Raises:
+        ScenarioError: If one of them is neither rigid nor made of springs and dampers.
     """
     initial_grasps = begun(scene.grasps)
     for grasp in initial_grasps:
@@ -42,7 +42,10 @@ def closed_grasps(scene: Scene) -> tuple[SceneGrasp, ...]:
 
 
 def wrench_axes(scene: Scene, grasp: SceneGrasp) -> list[str]:
-    """Names of a grasp's wrench components in world axes: forces ``fx``, ... and torques ``tz``, ..."""
+    """Names of a grasp's wrench components in world axes: forces ``fx``, ... and torques ``tz``, ...
+
+    There are torques only if the grasp holds the orientation.
+    """
     forces = [f"f{AXES[i]}" for i in scene.translation_axes]
     turns = scene.rotation_axes if grasp.config.holds_orientation else ()
     return forces + [f"t{AXES[i]}" for i in turns]

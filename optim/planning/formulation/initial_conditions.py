@@ -95,7 +95,7 @@ def initial_conditions(
 
 
 def _turned(stage: Stage, place: int, reach: float, sides: Sides, name: str) -> BoundedRow:
-    """Bounds of cosine and sine of an angle that is free by ``reach``; returns the row cos^2 + sin^2 = 1."""
+    """Bound, in place, an angle's cosine and sine, free by ``reach`` [rad]; returns cos^2 + sin^2 - 1 = 0."""
     angle = float(np.arctan2(sides[0][place + 1], sides[0][place]))
     angles = angle + np.linspace(-reach, reach, 721)
     for k, values in enumerate((np.cos(angles), np.sin(angles))):

@@ -186,7 +186,7 @@ class InstantView:
         return planned_bases
 
     def base_reactions(self) -> dict[str, tuple[ca.SX, ca.SX]]:
-        """Wrenches of the robots' arms on their bases, by robot, in world axes.
+        """Wrenches of the robots' arms on their bases, by robot, along and about the scene's world axes.
 
         Force [N], and torque [N m] about the root link's origin; on a fixed base with the opposite sign. On a
         floating base it is the rate of momentum of the root link and its wheels, minus gravity and the base's

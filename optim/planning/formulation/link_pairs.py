@@ -106,8 +106,8 @@ def link_pairs(scene: Scene) -> list[LinkPair]:
     data = model.createData()
     pin.centerOfMass(model, data, scene.q, scene.v)
     # Centre of mass of each body at the start (3,) [m], its velocity (3,) [m/s], and the maximum distance of
-    # each joint's origin from it [m]. The distance is infinite for driven bodies; a fixed base is measured
-    # from the world's origin.
+    # each joint's origin from it [m]. The distance is infinite if the centre of mass need not move uniformly
+    # from there; a fixed base is measured from the world's origin.
     centres, reaches = dict[str, tuple[Array, Array]](), dict[str, dict[int, float]]()
     for body in scene.bodies:
         if not body.root_joint:
@@ -258,7 +258,7 @@ def keep_apart(scene: Scene, entered: Sequence[Collision]) -> Scene:
     """Scene whose plan has a keep-out zone for the overlapping shapes of each given pair of links.
 
     Raises:
-        ScenarioError: If a pair's shapes overlap at the start, so that they have no positive distance.
+        ScenarioError: If a pair's shapes, or primitives around them, have no positive distance at the start.
     """
     plan = plan_section(scene)
     zones, data = dict(plan.keep_out), scene.model.createData()

@@ -130,7 +130,7 @@ def urdf_joint(scene: Scene, body: SceneBody, joint: int) -> UrdfJoint:
 
 
 def planned_joint(scene: Scene, body: SceneBody, joint: int) -> PlannedJoint:
-    """Joint as plan limits use it: names, type, URDF limits."""
+    """Joint as plan limits use it: name, type, quantities that are limited already, and the URDF's name."""
     urdf = urdf_joint(scene, body, joint)
     has = {
         "position": urdf.kind == "continuous" or bool(np.isfinite([urdf.lower, urdf.upper]).all()),

@@ -141,7 +141,7 @@ def commanded_base_wrench(stage: Stage) -> ca.SX:
 
 
 def _angular(scene: Scene, body: SceneBody, kinematics: Kinematics) -> ca.SX:
-    """Angular momentum of a robot with its held object about their centre of mass (3x1) [N m s]."""
+    """Angular momentum of a robot and the target it may grasp about their centre of mass (3x1) [N m s]."""
     catches = any(grasp.tip.body.name == body.name for grasp in scene.grasps) and scene.target is not None
     joints = [*body.subtree, *(scene.target.subtree if catches and scene.target else ())]
     model, inertias = scene.model, Inertias.from_model(scene.model)

@@ -224,7 +224,7 @@ def state_after_impact(stage: Stage, state: Array, *, locked: bool = False) -> A
     Args:
         stage: An instant of the phase.
         state: State before the impact (nq + nv,).
-        locked: Whether the joints stop relative to their bodies too.
+        locked: Whether the joints stop too.
     """
     model = stage.scene.model
     q, v = np.split(state, [model.nq])
@@ -262,7 +262,7 @@ class PlanningProblem:
         open_loop: Whether the tolerance applies to the replay without feedback too.
         linear_drives: Whether drives are linear in time in each interval, so that their limits hold
             throughout if they hold at both ends.
-        inertia: Values of the stage's ``inertia`` (10,).
+        inertia: Values of the stage's ``inertia`` (10,); empty if it has none.
     """
 
     stage: Stage

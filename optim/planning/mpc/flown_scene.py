@@ -68,7 +68,7 @@ class FlownScene:
 
         Args:
             scene: Scene with a ``plan`` section, and a controller of kind ``mpc`` for each robot.
-            vary: Values that are changed, by dotted path; a varied ideal sensor is simulated as a real one.
+            vary: Dotted paths of values that are varied; a varied sensor is read even if it is ideal.
 
         Raises:
             ScenarioError: If the scene has no such controllers, or the plan does not fit them.
@@ -131,7 +131,7 @@ class FlownScene:
         return np.array(indices, dtype=np.int64)
 
     def resting(self, state: Array) -> Array:
-        """Return the same values for robots that rest in their present posture.
+        """Values as those of :meth:`numbers`, for robots that rest in their present posture.
 
         Args:
             state: Configuration and velocity (nq + nv, or more).
@@ -147,8 +147,8 @@ class FlownScene:
     def replans_at(self, begin: float) -> bool:
         """Whether a new plan begins at a time [s].
 
-        The last plan before the end is kept until the end. There is no new plan if ``min_horizon`` exceeds
-        the first plan's duration.
+        The last plan before the end of the first plan's duration is kept until then; after it there are new
+        plans unless the plan has phases. There is no new plan if ``min_horizon`` exceeds that duration.
         """
         plan = plan_section(self.scene)
         full_duration = first_plan(self.scene).duration.upper
@@ -187,8 +187,8 @@ def mpc_settings(scene: Scene) -> Replanning:
         scene: Scene with a controller of kind ``mpc`` for each robot.
 
     Raises:
-        ScenarioError: If robots' settings differ, a robot has no such controller, one stays active after the
-            first phase, or the plan's duration is not a multiple of the period.
+        ScenarioError: If robots' settings differ, a robot has no such controller, the plan's start is free,
+            its duration is free or not a multiple of the period, or as for :func:`mpc_phase`.
     """
     controllers, plan = mpc_controllers(scene), first_plan(scene)
     for body in scene.robots:
@@ -225,7 +225,8 @@ def mpc_phase(scene: Scene) -> str | None:
     """Name of the phase in which plans are made; None if the scenario has no phases.
 
     Raises:
-        ScenarioError: If there are several such phases or none, or the phase is entered again.
+        ScenarioError: If there are several such phases or none, a robot's mpc controller is inactive in it,
+            the phase is entered again, or a plan that begins in a later phase has phases itself.
     """
     phases, mpc_phases = scene.scenario.phases, dict[str, None]()
     for name, (robot, (key, _)) in itertools.product(phases, mpc_controllers(scene).items()):

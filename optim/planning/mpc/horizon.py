@@ -39,11 +39,11 @@ from spacerobot.errors import NoPlanError
 FEWEST = 4
 """Minimum number of intervals of a replanned motion (or the first plan's number, if that is smaller)."""
 ROUNDING = 1e-9
-"""Tolerance of the number of intervals, and of times relative to a period."""
+"""Tolerance of the number of intervals, and of times relative to a plan's duration."""
 GOOD = 1e-4
 """Maximum violation [m, rad, N or N m] at which an unconverged plan is used."""
 ROOM = 1e-6
-"""Margin added to a limit that the measured state violates [m, rad, N or N m]."""
+"""Margin beyond the measured value to which a limit that it violates is widened [m, rad, N or N m]."""
 
 
 @dataclass
@@ -54,7 +54,7 @@ class Horizon:
         solver: Solver of the planning problem.
         motion, solution, program: The present plan, its solution, and the program that it solves.
         first_duration_s: Duration of the first plan [s].
-        begin_s: Time at which the present plan began [s].
+        begin_s: Time at which the present plan began, since the first one began [s].
         min_horizon: Minimum planning horizon [s].
         iterations, seconds: Number of iterations, and time [s], of each solve.
         missed, unfinished: Number of solves without a plan, and of plans used before the solver converged.
@@ -109,10 +109,10 @@ class Horizon:
     def replan(self, begin: float, measured: Array, iterations: int, inertia: Array | None = None) -> None:
         """Replan from a given time: warm-started by the present plan, then from an initial guess.
 
-        If both solves fail, the present plan is kept.
+        If no solve gives a usable plan without collisions, the present plan is kept.
 
         Args:
-            begin: Time at which the plan begins [s].
+            begin: Time at which the plan begins, since the first one began [s].
             measured: Estimated configuration and velocity at that time (nq + nv,).
             iterations: Maximum number of iterations.
             inertia: Estimated inertial parameters of the target (10,); the previous ones if None.
@@ -218,7 +218,7 @@ class Horizon:
 
     @property
     def statistics(self) -> dict[str, Any]:
-        """Numbers of plans, missed and unfinished ones; iterations and time [s] of each solve."""
+        """Numbers of solves (``plans``), missed and unfinished ones; iterations and time [s] of each."""
         keys = ("missed", "unfinished", "iterations", "seconds")
         return {"plans": len(self.seconds)} | {key: getattr(self, key) for key in keys}
 

@@ -143,7 +143,8 @@ def _seen(
 ) -> Array:
     """Estimate the target root's motion from one tip's measurement of a mating frame (4, 3).
 
-    Rows are shift [m] and turn [rad] in world axes, velocity [m/s] and spin [rad/s] in root axes.
+    Rows are shift [m] and turn [rad] from the true placement in world axes, velocity [m/s] and spin [rad/s]
+    in root axes.
     ``kinematics`` holds Pinocchio data at the start, at the true state, and at the robots' estimated state.
     """
     model, (tip, frame), along, about = scene.model, who, scene.translation_axes, scene.rotation_axes

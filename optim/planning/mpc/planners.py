@@ -41,7 +41,7 @@ class Planners:
         scene: Scene whose motion is planned.
         backend: ``auto``, ``compiled`` or ``interpreted``.
         notify: Callback that receives a short message at each step.
-        begun: Handover to the planned scene; at the start of the simulation if None.
+        begun: Flown scene and handover to the planned one; at the start of the simulation if None.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class Planners:
 
         Args:
             numbers: Numbers of the simulations.
-            begin: Time at which the plans begin [s].
+            begin: Time at which the plans begin, since the first ones began [s].
             measured: Estimated configuration and velocity of each at that time (n, nq + nv).
             inertia: Estimated inertial parameters of the target (10,) of each; None for the previous ones.
         """
@@ -93,7 +93,7 @@ class Planners:
             self._horizons[number].replan(begin, state, self._flown.settings.iterations, target_inertia)
 
     def points(self, numbers: Sequence[int], now: float) -> list[Array]:
-        """Points of each plan in the period that begins at ``now`` [s]; see :meth:`FlownScene.numbers`."""
+        """Points of each plan in the period from ``now`` [s] on; see :meth:`FlownScene.numbers`."""
         begin, locked = self._handover.begin_s, self._handover.locked
         return [self._flown.numbers(self._horizons[number], now, begin, locked) for number in numbers]
 

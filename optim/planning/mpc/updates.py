@@ -158,7 +158,7 @@ class MpcScheme:
     def planners(
         self, workers: int, backend: str, notify: Callable[[str], None]
     ) -> ParallelPlanners | Planners:
-        """Planners in at most ``workers`` processes, kept for the next batch."""
+        """Planners in ``workers`` processes, in this one if that is 1; kept for the next batch."""
         if self._planners is None or workers != self._workers:
             self._workers = workers
             self._planners = (
@@ -202,8 +202,8 @@ class MpcUpdates:
         self.next = np.zeros(count)
         self.faults: list[SpaceRobotError | None] = [None] * count
         self.statistics: list[MpcStatistics | None] = [None] * count
-        # index of the present period of each simulation, -1 before the first plan; and whether its delay is
-        # running
+        # index of the period of each simulation's next update, -1 before the first plan; and whether that
+        # update ends a delay
         self._period, self._is_delayed = np.full(count, -1), np.zeros(count, bool)
         self._planners, self._backend = planners, "auto"
         self._computer = Computer(scheme.original, scheme.flown, plant)

@@ -113,7 +113,7 @@ def with_flown(plan: xr.Dataset, scene: Scene, flown: xr.Dataset) -> xr.Dataset:
 
     Returns:
         xarray.Dataset: Dataset with ``constraint_flown`` (flown_time, constraint_name); NaN for constraints
-            on the drive, and outside a constraint's phase.
+            on accelerations, drives or grasp wrenches, and outside a constraint's phase.
     """
     phases = formulate_phases(scene)
     names, times = [str(name) for name in plan.constraint_name.values], flown.time.values

@@ -25,11 +25,11 @@ from spacerobot.scenario.phases import Phase, successors
 
 PLAN = "plan.nc"
 ALONE = "approach"
-"""Name of the tracked phase in a scenario without phases whose grasps are open."""
+"""Name of the tracked phase in a scenario that has open grasps but no phases."""
 
 
 def plan_phase(scenario: Scenario) -> str:
-    """Phase in which a plan of one phase is tracked: the first; empty without phases or open grasps."""
+    """Phase in which a plan of one phase is tracked, the first; empty with neither phases nor open grasps."""
     opens = any(grasp.begins == "open" for grasp in scenario.grasps.values())
     return next(iter(scenario.phases), ALONE if opens else "")
 

@@ -5,8 +5,8 @@
 - ``joint_position``, ``joint_rate``, ``torque`` of every ``robot/joint``, angles unwound;
 - ``tip_position``, ``tip_velocity``, ``tip_rotation`` (rotation vector), ``tip_spin`` of every ``robot/tip``,
   world axes;
-- ``base_wrench``, ``base_rate``, ``base_wrench_limit`` of drives such as ``robot/base.fx``: forces and
-  torques, velocities, lower and upper limits, in the axes of the root link;
+- ``base_wrench``, ``base_rate``, ``base_wrench_limit`` of drives such as ``robot/base.fx``: commanded forces
+  and torques, velocities, lower and upper limits, in the axes of the root link;
 - ``grip_wrench`` of grasps on tips such as ``grasp.fx``, world axes;
 - ``multiplier_norm``, optional: multipliers as densities over time, unused by tracking; ``phase``, optional.
 
@@ -131,7 +131,7 @@ def dataset(planned: PlanSolution) -> xr.Dataset:
 
 
 def _over_time(scene: Scene, motion: Motion, drives: Mapping[str, int], grips: list[str]) -> dict[str, Any]:
-    """Variables over the points of one phase, with zeros for axes and grasps of other phases."""
+    """Variables over the points of one phase; wrenches on other phases' axes and of their grasps are zero."""
     stage = motion.problem.stage
     driven, count = stage.driven, len(stage.driven.joints)
     columns = list(driven.columns[:count])
@@ -259,7 +259,7 @@ def write(planned: PlanSolution, folder: StrPath, sensitivities: Mapping[str, fl
             summary as ``cost_sensitivities``.
 
     Raises:
-        ResultError: If the folder cannot be written; its previous content is kept.
+        ResultError: If the folder cannot be written; files that are not yet replaced are kept.
     """
     folder = Path(folder)
     try:

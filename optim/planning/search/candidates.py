@@ -37,8 +37,8 @@ def best_candidate(
 
     Args:
         scene: The scene.
-        plan: Function that plans for a scene and returns cost and plan; its second argument is the
-            candidate's name.
+        plan: Function that plans for a scene and returns cost and plan; its second argument lists the
+            candidate's choices as text, which is empty without choices.
 
     Raises:
         ScenarioError: If there are neither choices nor a plan, or a choice has an unknown path or an invalid

@@ -94,7 +94,7 @@ def infeasibility_message(
     for end in np.cumsum([one.size for one in program.programs]) - 1:
         if low[end] == high[end]:
             pressed[end] = -slope[end]
-    # bounds with the largest multipliers, by name
+    # multipliers times magnitudes of the bounds, by name, and those of the durations
     pulls, times, first = dict[str, float](), dict[str, float](), 0
     for one in program.programs:
         block = slice(first, first + one.size)

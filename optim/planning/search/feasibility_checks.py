@@ -68,10 +68,12 @@ def check_start(problem: PlanningProblem) -> None:
 
 
 def check_momentum(problem: PlanningProblem, plan: PlanSection) -> None:
-    """Refuse goals of rest for bodies whose momentum no actuator absorbs, and two such goals for one body.
+    """Refuse goals of rest for bodies whose momentum nothing absorbs, and two such goals for one body.
+
+    Actuators of bases absorb no more than their largest wrench does in the longest duration.
 
     Raises:
-        ScenarioError: If there is such a goal; the message states the momentum.
+        ScenarioError: If there is such a goal; the message states the reason, such as the momentum.
     """
     scene, resting = problem.stage.scene, dict[str, str]()
     for name, goal in plan.goals.items():
@@ -134,7 +136,7 @@ def check_joined(problem: PlanningProblem, plan: PlanSection) -> None:
     inertia I.
 
     Raises:
-        ScenarioError: If there is such a goal; the message states the conserved velocity or the spin.
+        ScenarioError: If there is such a goal; the message states the conserved speed or angular momentum.
     """
     scene, tips = problem.stage.scene, {tip.label: tip for tip in problem.stage.scene.tips}
     model, data = scene.model, scene.model.createData()

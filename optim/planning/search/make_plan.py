@@ -40,7 +40,7 @@ class PlanSolution:
         solution: Last iterate of the solver, with its multipliers.
         verification: Verification of the motion.
         backend: Evaluation of the problem's functions: ``compiled`` or ``interpreted``.
-        candidates: Outcomes of all candidates if the plan had a choice; its scene has the chosen values.
+        candidates: Outcomes of all candidates if the plan had a choice; ``scene`` has the chosen values.
         pairs, kept_apart: Number of pairs of links checked for collisions, and the names of those with a
             keep-out zone, which was added to the scene after a collision.
     """
@@ -202,7 +202,7 @@ def plan_result(
 
 
 def integrals(motion: Motion) -> dict[str, float]:
-    """Cost terms of a motion without weights: integrals, terminal costs, and the duration.
+    """Cost terms of a motion without weights: integrals, terminal costs, and the duration if it has a weight.
 
     Magnitudes of forces are integrated exactly from the polynomials between the points.
     """

@@ -103,11 +103,11 @@ class SolveResult:
 
     Attributes:
         runs: All runs of the solver, in order.
-        solution, meshes, cost: The best solution, the mesh of each phase, and its cost; None without a
-            solution.
+        solution, meshes, cost: The best solution, the mesh of each phase, and its cost; without a solution
+            None, the first meshes, and infinity.
         verification: Verification of the solution, if the mesh was refined.
         cause: Reason for the lack of a solution; empty if there is one.
-        apart: Pairs of links that collided in an earlier iterate and have had a keep-out zone since then.
+        apart: Pairs of links that collided in an earlier motion and have had a keep-out zone since then.
     """
 
     runs: tuple[SolverRun, ...]
@@ -284,7 +284,7 @@ class PlanSolver:
             apart: Pairs of links, with the shapes that collided.
 
         Raises:
-            ScenarioError: If shapes overlap at the start, so that they have no positive distance.
+            ScenarioError: If shapes, or primitives around them, have no positive distance at the start.
         """
         shapes = {(one.first, one.second, k) for one in self.apart for k in one.only}
         new = [
@@ -339,11 +339,11 @@ class PlanSolver:
         return dataclasses.replace(self.problem, duration=request.duration, weights=request.weights)
 
     def problems_of(self, request: SolveRequest) -> list[PlanningProblem]:
-        """Problems of all phases, with the duration and weights of a request."""
+        """Problems of all phases, the first one with the duration and weights of a request."""
         return [self.problem_of(request), *(one.problem for one in self.phases[1:])]
 
     def meshes(self, intervals: int) -> tuple[Mesh, ...]:
-        """Meshes of equal intervals for all phases, with ``intervals`` in the first one."""
+        """Meshes of equal intervals for all phases: ``intervals`` in the first one, others in proportion."""
         shares = (one.plan.intervals / self.plan.intervals for one in self.phases)
         return tuple(Mesh.of(max(1, round(share * intervals))) for share in shares)
 

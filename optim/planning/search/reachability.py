@@ -97,7 +97,7 @@ class _Postures:
         value = ca.densify(ca.vertcat(*(row.value for row in self.rows)))
         slopes = ca.mtimes(ca.jacobian(value, stage.q), ca.jacobian(stage.rate, stage.v))
         self.values = ca.Function("posture", [stage.q], [value, ca.densify(slopes)], {"cse": True})
-        # velocities along which the posture is searched, and roots of bodies with a conserved centre of mass
+        # velocities along which the posture is searched, and roots of robots whose centres of mass drift
         self.columns, self.floating = list(stage.driven.columns[: len(stage.driven.joints)]), list[int]()
         for body in stage.scene.robots:
             if body.root_joint:

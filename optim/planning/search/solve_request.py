@@ -61,8 +61,9 @@ MANY, COARSER = 16, 4
 less and links that collide are found."""
 STALL = "Stalled"
 STALLED_AT, STALLED = 20, 0.25
-"""Number of iterations after which a search on a fine mesh is abandoned for a coarser one if its violation
-exceeds this share of its guess's; converging searches have reduced it further by then."""
+"""Number of iterations after which a search on the first mesh, if that has fewer than :data:`MANY` intervals,
+is abandoned for one on a coarser mesh if its violation exceeds this share of its guess's; converging searches
+have reduced it further by then."""
 
 
 def solve_request(solver: PlanSolver, request: SolveRequest) -> SolveResult:
@@ -146,8 +147,8 @@ class _SolverRuns:
         """Add keep-out zones for links that collide along the present solution; solve until none collide.
 
         Most pairs of links never come near each other, so a pair gets a constraint only after a collision.
-        Each solve is warm-started by the previous solution and its multipliers. With ``only_warm`` no cold
-        start is tried.
+        Each solve is warm-started by the previous solution and its multipliers, except in segments between
+        jumps of forces. With ``only_warm`` no cold start is tried after a warm one.
         """
         while self.kept is not None and self.kept[0] is not self.cleared:
             (solution, meshes), solver = self.kept, self.solver
@@ -329,12 +330,12 @@ class _SolverRuns:
             self.cause = infeasibility_message(program, elastic, relaxation, solution.status)
 
     def _late(self, words: str) -> bool:
-        """Report a step; returns whether the time limit has passed, so that no further solve starts."""
+        """Report a step; returns whether the time limit has passed, so that no further iteration begins."""
         self.solver.notify(words)
         return time.thread_time() > self.deadline
 
     def _guessed(self, meshes: Meshes, start: int | None = None, *, give_up: bool = False) -> bool:
-        """Solve from an initial guess on the given meshes.
+        """Solve from an initial guess on the given meshes: that of ``start``, or the request's if None.
 
         With ``give_up`` the solver is stopped if it stalls; see :data:`STALLED`.
         """

@@ -48,7 +48,7 @@ def run_tasks(
     left, results, store = dict(tasks), ResultsByTask(), ResultStore(folder, solver.recipe.key)
 
     def ready() -> Iterator[tuple[str, SolveRequest]]:
-        """Tasks whose dependencies are complete, with their requests; stored results are loaded first."""
+        """Tasks to run whose dependencies are complete, with their requests; stored results are loaded."""
         for name, task in list(left.items()):
             if not results.keys() >= set(task.after):
                 continue

@@ -27,8 +27,8 @@ def stored_motion(solver: PlanSolver, path: Path) -> SolveResult:
     Configuration, velocity, acceleration and grasp wrenches are read from the file. The drive is computed
     from the equations of motion of this scene, which may have other masses. The file's mesh is used if its
     order is the section's and it has between `intervals` and `max_intervals` intervals; otherwise the motion
-    is interpolated on the section's first mesh. Multipliers are used if the numbers of constraints and of
-    mesh points agree.
+    is interpolated on the section's first mesh. Multipliers are used if the file's mesh is, and their numbers
+    are those of the constraints and unknowns.
 
     Args:
         solver: The problem.

@@ -40,7 +40,7 @@ class CasadiMessages:
 
 @contextlib.contextmanager
 def without_interrupts() -> Iterator[None]:
-    """Context that hides CasADi's warning after Ctrl-C; other messages are written when it ends.
+    """Context that hides CasADi's messages if Ctrl-C was pressed; otherwise they are written when it ends.
 
     Only the main thread receives Ctrl-C; in other threads no message is hidden.
     """

@@ -26,7 +26,7 @@ class ElasticProgram:
 
     Args:
         program: Program with hard constraints only.
-        soft: Mask of the constraints that may be violated (m,).
+        soft: Indices of the constraints that may be violated (m,).
         scale: Size f0 of the cost.
 
     Attributes:

@@ -333,7 +333,7 @@ class _IterationCallback(_ProgramCallback):
         self._on_iteration, self._count, self._limits = on_iteration, -1, program.limits()
 
     def has_eval_buffer(self) -> bool:
-        """True, so that CasADi calls :meth:`eval_buffer`."""
+        """False, so that CasADi calls :meth:`eval`."""
         return False
 
     def eval(self, given: Sequence[ca.DM]) -> list[Any]:

@@ -134,9 +134,9 @@ class PresolvedProgram:
 def determined(pattern: sparse.csc_matrix, equal: Mask, free: Mask) -> tuple[Places, Places]:
     """Largest structurally square set of equations and the unknowns that they determine.
 
-    It is the square part of the Dulmage-Mendelsohn decomposition. In a maximum matching, an alternating path
-    to the square part starts neither at an unmatched unknown nor at an unmatched equation. Equations that
-    depend on unknowns of the overdetermined part are left out too.
+    It is the square part of the Dulmage-Mendelsohn decomposition: in a maximum matching, no alternating path
+    leads to it from an unmatched unknown or an unmatched equation. Equations that depend on unknowns of the
+    overdetermined part, also by way of others' unknowns, are left out too.
 
     Args:
         pattern: Sparsity of the constraints' first derivatives (constraints, unknowns).

@@ -113,7 +113,7 @@ class OptimalPoint:
         return np.where(low == high, -slope, self.solution.bound_multipliers)
 
     def _lagrangian(self, changes: Mapping[str, float]) -> float:
-        """Lagrangian relative to the cost for changed scenario values, at fixed unknowns and multipliers."""
+        """Lagrangian, in units of the cost, for changed scenario values at fixed unknowns and multipliers."""
         scene, solution = build_scene(self.scene.scenario, changes, source=self.scene.source), self.solution
         # program for the changed values on the same meshes; it is only evaluated
         phases, before, links = formulate_phases(scene), self.program.programs, self.program.links

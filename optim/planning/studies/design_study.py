@@ -211,7 +211,10 @@ class _DesignSearch:
     def _planned_for(
         self, values: Array, near: SolveResult, result: SolveResult | None = None
     ) -> tuple[DesignTrial, PlanSolver | None, SolveResult]:
-        """Design, solver and result, warm-started by ``near``, which is returned if there is no plan."""
+        """Design, solver and result: that given, stored, or solved from ``near``.
+
+        Without a plan there is no solver, and ``near`` is returned as the result.
+        """
         variables, base = self.variables, self.begun.scene
         settings = ", ".join(f"{name} {value:.5g}" for name, value in variables.as_mapping(values).items())
         self.notify(f"planning for {settings}")

@@ -1,9 +1,9 @@
 """Pareto front of two terms of a plan's cost.
 
 If one term is the time, the duration is fixed at values spaced evenly between the section's limits and the
-other term is minimised (the constraint method). Otherwise the ratio of the two weights is varied. Each point
-is warm-started by a neighbour. A bisection order fixes that neighbour in advance, so that the points do not
-depend on the number of workers.
+rest of the cost is minimised (the constraint method). Otherwise the ratio of the two weights is varied. Each
+point is warm-started by a neighbour. A bisection order fixes that neighbour in advance, so that the points do
+not depend on the number of workers.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class FrontPoint:
             empty if refused.
         status: ``dominated`` if another point is no worse in both terms and better in one.
         failure: Reason for the refusal; empty if there is a plan.
-        Reason for the refusal; empty where there is a plan.: The plan, where there is one.
+        plan: The plan; None if it is refused.
     """
 
     name: str

@@ -98,9 +98,9 @@ class TargetApproach:
         return np.array(choices or [times[-1]])
 
     def path(self, duration: float) -> Callable[[float], pin.SE3]:
-        """Placement of the base as a function of the share of the duration.
+        """Placement of the base as a function of the share of a duration [s].
 
-        Beyond 0 and 1 at constant velocity.
+        Beyond 0 and 1 the motion continues steadily.
         """
         first = self.start.translation - self.target(0.0).translation
         near, far = np.linalg.norm(self.mated.translation), np.linalg.norm(first)
@@ -111,8 +111,8 @@ class TargetApproach:
 
         def direction(s: float) -> Array:
             """Unit vector (3,) from the target's origin to the base."""
-            # the target's rotation matters near the end only; far away the base would have to fly around the
-            # target
+            # the target's rotation counts near the end only; far away the base would fly around the target
+            # to follow it
             time = duration - late * np.tanh((1 - s) * duration / late)
             last = self.target(time).rotation @ self.mated.translation
             turn = pin.Quaternion.FromTwoVectors(first / far, last / near).toRotationMatrix()

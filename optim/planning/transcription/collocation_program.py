@@ -1,11 +1,11 @@
 """Sparse nonlinear program of a planning problem on a mesh.
 
 Unknowns are the instants at all points and the duration T. Interval n has the share h_n of the duration and
-the points j = 0 .. s - 1. Its collocation defects
+the points j = 0 .. s - 1. Its collocation equations are
 
-    x_nj = x_n0 + T h_n sum_k A_jk x'_nk,    x = (q, v),  x' = (q'(z), a),
+    x_nj = x_n0 + T h_n sum_k A_jk x'_nk,    x = (q, v),  x' = (q'(z), a).
 
-vanish. The other constraints are the equations of motion and the path constraints at every point, and the
+The other constraints are the equations of motion and the path constraints at every point, and the
 goals at the last one.
 """
 

@@ -46,7 +46,8 @@ def initial_guess(
         lobatto, mesh: Collocation, and mesh of the motion or its number of equal intervals.
         rng: Generator of a different final posture, free duration and path of each driven base; the nominal
             guess if None.
-        start: Number of the start, which selects one of the :data:`WINDINGS` ways of rotation.
+        start: Number of the start, which selects one of the :data:`WINDINGS` ways of rotation for each base,
+            and the arrival of an approach.
     """
     stage, (least, greatest, duration) = problem.stage, problem.duration
     model, driven = stage.scene.model, stage.driven
@@ -176,7 +177,7 @@ def _base_path(
     rng: np.random.Generator,
     winding: int,
 ) -> Callable[[float], pin.SE3]:
-    """Placement of a driven base as a function of the share of the duration, up to the inverse kinematics.
+    """Placement of a driven base by the share of the duration, from its start to that of inverse kinematics.
 
     It has the initial velocity and spin, is at rest at the end, and follows an arc from the generator:
 
@@ -249,7 +250,7 @@ def rescaled_motion(motion: Motion, problem: PlanningProblem, duration: float) -
 
 
 def _drive(problem: PlanningProblem, q: Array, v: Array, a: Array) -> Array:
-    """Generalized forces of the drives, by Pinocchio's inverse dynamics, without those on floating bases."""
+    """Generalized forces of the drives (nu,), by Pinocchio's inverse dynamics; other rows are left out."""
     model = problem.stage.scene.model
     force = pin.rnea(model, model.createData(), q, v, a) + np.asarray(model.damping) * v
     force -= problem.stage.environment_effort(q, v)
@@ -296,7 +297,7 @@ def drift(
 
 
 def _inverse_kinematics(problem: PlanningProblem, q: Array, v: Array, columns: list[int]) -> Array:
-    """Configuration near the given one, with joint positions that reduce the distance to the goal's poses."""
+    """Configuration near the given one, moved along ``columns`` of v, near the goal's poses and postures."""
     stage, model = problem.stage, problem.stage.scene.model
     rows = ca.vertcat(*(row.value for row in problem.goal))
     still = np.flatnonzero(~np.array(ca.which_depends(rows, stage.v, 1, True), dtype=bool)).tolist()

@@ -123,8 +123,8 @@ def _instants(
 ) -> InstantFunctions:
     """Functions of rows of an instant; see :meth:`PlanningProblem.arguments`."""
     z, constant = problem.stage.z, problem.stage.inertia
-    # Common subexpressions shared with derivatives save 5 % of their evaluation, but take most of the build
-    # time. For interpreted problems only the values share them.
+    # Sharing common subexpressions of derivatives saves 5 % of their evaluation, but takes most of the time
+    # in which they are built. For interpreted problems only the values share theirs.
     functions, patterns, share = dict[str, ca.Function](), list[Pattern](), backend != "interpreted"
     for prefix, (expression, iterated) in rows.items():
         symbols = symbols_of(iterated) if iterated else None

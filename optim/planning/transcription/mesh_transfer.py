@@ -68,9 +68,8 @@ def transfer_constrained(solution: Solution, source: PhaseChain, target: PhaseCh
 
     Args:
         solution: Solution of the source.
-        source, target: Its program, and the one whose path has all rows of the source's, in the same order,
-            source, target: Program of the solution, and one whose path has all rows of the source's in the
-                same order, and further rows of other names, whose multipliers are zero.
+        source, target: Program of the solution, and one whose path has all rows of the source's in the same
+            order, and further rows of other names, whose multipliers are zero.
     """
     blocks = list[Array]()
     for part, old, new in zip(source.parted(solution), source.programs, target.programs, strict=False):

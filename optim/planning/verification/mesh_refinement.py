@@ -1,4 +1,4 @@
-"""Local mesh refinement: intervals are split in proportion to their contribution to the replay error.
+"""Local mesh refinement: intervals that contribute most to the replay error, or pass a limit, are split.
 
 The error of an interval is measured with the rollouts' own integrator: from the plan's state at the start of
 the interval, the plan's torques lead to a state at its end that differs from the plan's. This moves a tip by
@@ -88,9 +88,9 @@ def sharper_meshes(phased_motion: PhasedMotion, max_intervals: int) -> tuple[Mes
         phased_motion: The motion.
         max_intervals: Maximum number of intervals of each phase.
 
-    tuple or None: A mesh for each phase; None if there are no such forces, or no interval may be split
-    further.
-            any more.
+    Returns:
+        tuple or None: A mesh for each phase; None if there are no such forces, or no interval may be split
+            further.
     """
     counts = []
     for motion in phased_motion.motions:
