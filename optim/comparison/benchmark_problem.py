@@ -93,7 +93,7 @@ class ProblemComparison:
     def trials(self, method: str) -> list[MethodRun]:
         """Independent runs of a method.
 
-        A method that starts from another's best includes the cost of its runs.
+        One that starts from another method's best is charged all runs of that method too.
         """
         outcome = self.outcomes[method]
         before = EvaluationCost()

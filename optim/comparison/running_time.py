@@ -69,12 +69,12 @@ class RunningTime:
 
 
 def trial_of(run: SearchRun, cost_unit: CostUnit, before: EvaluationCost | None = None) -> MethodRun:
-    """A run's history as costs in rollouts.
+    """Costs in rollouts and objectives at which a run improved.
 
     Args:
         run: The run.
         cost_unit: Cost of the evaluations in rollouts.
-        before: Cost of the runs that the method builds on [rollouts].
+        before: Cost of the runs that the method builds on, which is added; none if None.
     """
     before = before or EvaluationCost()
     costs, objectives = list[float](), list[float]()

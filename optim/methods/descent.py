@@ -1,10 +1,12 @@
 """Local search by a trust-region method, as a generator of evaluation requests.
 
-The generator yields the points that it needs and is sent their values, so that many searches advance in
-lockstep and share vectorised rollouts. For objectives made of rows (a maximum, a sum of squares), the
-derivatives of all rows are first computed by differences in one batch; Broyden's update corrects them after
-each rollout. They are recomputed when steps no longer reduce the merit. For a smooth objective exact
-gradients are evaluated at every point, and BFGS approximates the curvature.
+The generator yields requests for values or derivatives at points and is sent the answers, so that many
+searches advance in lockstep and share vectorised rollouts. For objectives made of rows (a maximum, a sum of
+squares), the derivatives of all rows are first computed by differences in one batch; Broyden's update
+corrects them after each rollout. They are recomputed when steps no longer reduce the merit. A smooth
+objective has its gradient evaluated at every accepted point, and BFGS approximates the curvature. Exact
+derivatives replace differences if they cost less (:attr:`DescentSettings.exact`), or if rollouts at the
+points of the differences diverge.
 """
 
 from __future__ import annotations
@@ -53,7 +55,7 @@ FLAT = (
     "all derivatives of the objective are zero here, as where pulses are rounded to a `resolution` (set it "
     "to 0) or an event does not happen; evolutionary methods need none"
 )
-"""Final status of a descent if the variables have no effect on the objective."""
+"""Final message of a descent if all derivatives of the objective are zero; its status is ``settled``."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,7 @@ class _State:
         return max(abs(self.at.objective), share * self._largest, np.finfo(float).tiny)
 
     def renew(self) -> Asking:
-        """Recompute the derivatives at the point; returns whether there are any."""
+        """Recompute the derivatives at the point; returns whether they are finite."""
         if self._manner.exact:
             (linearisation,) = yield EvaluationRequest("linearise", self.at.u[None])
             slopes = _exact(linearisation, self._manner.form)
@@ -152,12 +154,12 @@ class _State:
         self._fresh, self._failed = True, 0
 
     def advance(self) -> Asking:
-        """Try one step; returns the final status if the descent ends."""
+        """Try one step; returns the final status and message if the descent ends, else None."""
         assert self.model is not None
         model, tolerance = self.model, self._manner.tolerance
         d, fall = model.step(self._radius)
         if fall < tolerance:
-            # recompute the derivatives, enlarge the region, or end
+            # recompute the derivatives, enlarge the region, weigh violations more, or end
             if not self._fresh:
                 self.model = None
                 return None

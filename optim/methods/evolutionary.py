@@ -2,8 +2,8 @@
 
 Each method evaluates the problem's own start first, as the NLP does, so that all have the same information. A
 population that has converged or stagnates is restarted with another seed until the budget is spent. CMA-ES
-restarts by itself with the BIPOP rule: populations that double at each restart alternate with small ones, and
-each run ends by CMA-ES's own tolerances.
+restarts by itself with the BIPOP rule: beside populations that double from one restart to the next it runs
+smaller ones, as long as these have cost less. Each of its runs ends by its own tolerances.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class EvolutionaryMethod(TuningMethod):
 
         Args:
             protocol: Population, budget and probabilities.
-            first: First points (n, k) of the unit cube; for CMA-ES its first mean (k,).
+            first: First points (n, k) of the unit cube; the best of them is the first mean of CMA-ES.
         """
         raise NotImplementedError
 
@@ -121,7 +121,7 @@ class PointSearch(EvolutionaryMethod):
         raise NotImplementedError
 
     def run(self, search: Search, protocol: EvolutionSettings) -> int:
-        """Evaluate points in sequence, the start first."""
+        """Evaluate the start, then batches of points until the budget is spent; returns 0 restarts."""
         from scipy.stats import qmc
 
         k, rng = len(search.problem.names), np.random.default_rng(search.seed)
@@ -142,7 +142,8 @@ def evolve(search: Search, protocol: EvolutionSettings) -> SearchRun:
         protocol: Population, budget and probabilities.
 
     Returns:
-        Run: Status ``budget spent`` or ``interrupted``; the message states the number of restarts.
+        Run: Status ``budget spent`` or ``interrupted``; the message says how often the population was begun,
+            if more than once.
 
     Raises:
         SpaceRobotError: If there is no such method.
@@ -179,7 +180,10 @@ class _Stagnation:
 
 
 class _Fitness:
-    """Conversion of values for pymoo's ranking; a diverged rollout is infeasible instead of NaN."""
+    """Conversion of values for pymoo: a diverged rollout is a violation of :data:`DIVERGED` instead of NaN.
+
+    If ``penalised``, as for CMA-ES, violations are added to the objective instead of given as constraints.
+    """
 
     def __init__(self, *, penalised: bool) -> None:
         self._penalised = penalised

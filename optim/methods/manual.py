@@ -79,7 +79,7 @@ class _Trials:
     def raise_gain(self, step: str, name: str, gains: dict[str, float]) -> bool:
         """Raise a gain while the error falls, and store the best one in ``gains``.
 
-        Returns whether it oscillated.
+        Returns whether the loop oscillates with the stored gain.
 
         A loop that diverges before it ever followed its reference has not converged yet: the gain is raised
         on.
@@ -99,7 +99,7 @@ class _Trials:
         return oscillated
 
     def calm(self, step: str, name: str, gains: dict[str, float]) -> None:
-        """Raise a gain while oscillations or the error decrease."""
+        """Raise a gain while oscillations or the error decrease, or the loop still diverges."""
         error, swings = self._try(step, gains)
         value = FIRST
         for _ in range(TRIALS):

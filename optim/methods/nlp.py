@@ -102,7 +102,11 @@ class _MultiStart:
         self._offered += self.screened(u)
 
     def chosen(self, count: int) -> list[EvaluatedPoint]:
-        """The best offered points that are apart from each other; they are removed from the offer."""
+        """The best offered points; they are removed from the offer.
+
+        They lie apart from each other, from earlier starts and from optima; if there are too few of these,
+        nearer ones follow.
+        """
         ranked = sorted(self._offered, key=lambda p: (not p.known, max(p.excess, FEASIBLE), p.objective))
         points: list[EvaluatedPoint] = []
         for apart in (APART, 0.0):

@@ -6,22 +6,22 @@ surface g + g' . (y - z) = 0 nearest to the origin,
 
     d = ((g' . z - g) / |g'|^2) g' - z,
 
-and shortens the step until the merit |z|^2 / 2 + c |g| decreases. All starts advance together, so that their
-rollouts are vectorised.
+and shortens the step until the merit |z|^2 / 2 + c |g| decreases. The starts of a round advance together, so
+that their rollouts are vectorised.
 
 A limit state may have several design points, of which each start finds one. Starts are drawn independently
 until :data:`QUIET` of them in succession find nothing new. The mirror image of each design point is a start
 too, since many systems fail alike in opposite directions.
 
 The confidence that no design point is missing follows from the random starts that converge. Let p be the
-probability that a start converges to an undiscovered design point. If p > e, the probability that m starts in
-succession find none is at most (1 - e)^m. With D design points there are D + 1 occasions for such a sequence,
-so that with confidence 1 - a
+probability that one of them converges to an undiscovered design point. If p > e, the probability that m of
+them in succession find none is at most (1 - e)^m. With D design points there are D + 1 occasions for such a
+sequence, so that with confidence 1 - a
 
     p <= 1 - (a / (D + 1))^(1 / m).
 
 This bounds what further search would find, not the probability of failure in regions that no start reaches.
-Only the samples of the estimators cover such regions (:mod:`optim.reliability.kinds.importance`).
+Such regions are left to the samples of the estimators (:mod:`optim.reliability.kinds.importance`).
 """
 
 from __future__ import annotations

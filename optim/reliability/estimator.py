@@ -17,9 +17,9 @@ from spacerobot.registry import ESTIMATORS, Registry, required
 class SamplingEffort:
     """Required accuracy of an estimate, and its budget.
 
-    variation: Coefficient of variation (standard deviation over value) at which sampling ends.
+    Attributes:
+        variation: Coefficient of variation (standard deviation over value) at which sampling ends.
         budget: Maximum number of rollouts.
-        budget: Rollouts at most.
         seed: Seed of everything random.
     """
 
@@ -39,7 +39,7 @@ class ProbabilityEstimate:
 
     Attributes:
         probability, variation: The estimate and its coefficient of variation; infinite if no failure was
-            sampled.
+            found.
         largest: Share of the estimate that the sample with the largest weight contributes.
         points: Design points found from samples, in addition to those of the search.
     """

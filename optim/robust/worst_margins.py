@@ -40,8 +40,8 @@ class WorstMargin:
     Attributes:
         label, time_s: Label and time [s] of the instant.
         nominal, nominal_loop: Minimum margin at the scenario's own values, and its break point.
-        value, loop: Minimum margin over the parameters, and its break point; negative if the loop is
-            unstable.
+        value, loop: Minimum margin that was found over the parameters, and its break point; negative if the
+            closed loop is unstable.
         parameters: Values of the variables at the minimum, by name.
         simulated: The loop's margin there at the state of a simulation with these parameters; NaN if it does
             not reach the instant. The search keeps the nominal simulation's state.

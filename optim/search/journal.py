@@ -2,7 +2,7 @@
 
 A search is a deterministic function of its settings and of the values that it receives. Its journal holds
 these values in order of request. A restarted search requests the same points, receives the stored values
-without a rollout, and so reaches its previous state, without access to the state of the method's library.
+without a rollout, and so reaches its previous state, whatever library keeps that state.
 
 A record is written whole or is ignored: each carries its length and checksum.
 """
@@ -61,7 +61,7 @@ class Journal:
         return len(self._records)
 
     def replay(self, kind: str, point: Array) -> Mapping[str, Array] | None:
-        """Next record if it is for this point; otherwise that record and all later ones are dropped."""
+        """Next record if it is of this kind and point; else None, and it and all later ones are dropped."""
         if self._next >= len(self._records):
             return None
         record = self._records[self._next]

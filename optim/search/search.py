@@ -264,7 +264,7 @@ class Search:
         )
 
     def _note(self, u: Array, evaluation: Evaluation, each: EvaluationCost) -> None:
-        """Record points u (N, k) in order, with a history entry for each improvement."""
+        """Record points u (N, k) in order, with a history entry for each improvement and for the last one."""
         violation, before = evaluation.violation, self.cost
         for i in range(len(u)):
             value, excess = float(evaluation.objective[i]), float(violation[i])

@@ -90,6 +90,6 @@ class TurnLock:
 
 
 def _wait(futures: Sequence[Future[Ended | None]]) -> None:
-    """Wait for futures with timeouts, so that Ctrl-C is handled; it would be lost in ``Thread.join``."""
+    """Wait for futures with timeouts, so that Ctrl-C is handled; ``Thread.join`` takes it for the end."""
     while wait(futures, timeout=TICK_S).not_done:
         pass

@@ -28,8 +28,8 @@ class Approach(NamedTuple):
     Attributes:
         to_go, lateral: Distance to the mating frame along the axis of the capture and across it (n,) [m].
         closing, sliding: Speed along the axis, towards the mating frame, and across it (n,) [m/s].
-        misaligned, turning: Angle from the mated orientation (n,) [rad], NaN if the result lacks it; relative
-            angular velocity (n,) [rad/s].
+        misaligned, turning: Angle from the mated orientation (n,) [rad], NaN if the result lacks it; size of
+            the relative angular velocity (n,) [rad/s].
         captured: Whether the last row is the capture.
     """
 
@@ -47,8 +47,9 @@ def approach_of(result: Result, scene: Scene, grasp: SceneGrasp, capture: Captur
 
     All quantities are in the axes of the mating frame. The gap is ``grasp_gap``; its rate is the velocity of
     the tip relative to the target's coincident point, from configurations and velocities. The axis is
-    ``capture.axis``, with the sign that makes the initial distance to go positive. The last row is at the
-    capture: the velocity before the impact is the event's, and the gap is extrapolated from the previous row.
+    ``capture.axis``, with the sign that makes the initial distance to go positive. After a capture the
+    last row is at its time: the velocity is the event's, before the impact, and the gap follows from the row
+    before by the mean of both velocities.
     """
     data, time = result.data, result.data.time.values
     captured = (

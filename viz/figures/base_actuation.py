@@ -20,7 +20,10 @@ from viz.figures.style import Drawing, legend_over, line, panels, shown_axes, st
 )
 @styled
 def base_control(result: Result) -> Drawing:
-    """Attitude error and actuators (thrusters or wheels) of each controlled base, one row for each base."""
+    """Attitude error and actuators (thrusters or wheels) of bases, one row for each base that acts.
+
+    Without attitude control the rotation since the start is drawn instead of the error.
+    """
     bodies = acting_bases(result)
     figure, axes = panels(len(bodies), 2, sharex=True)
     for row, body in zip(axes, bodies, strict=True):

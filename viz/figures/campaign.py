@@ -129,7 +129,7 @@ def _draw(panel: Axes, spread: SampleSpread, *, numbers: bool) -> None:
 
 
 def _apart(marks: Mapping[float, float]) -> dict[float, str]:
-    """Values as texts with the fewest digits that keep them distinct."""
+    """Values as texts with the fewest digits, at least three, that keep them distinct."""
     texts: dict[float, str] = {}
     for digits in range(3, 16):
         texts = {level: f"{value:.{digits}g}" for level, value in marks.items()}

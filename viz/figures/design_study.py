@@ -16,9 +16,9 @@ TANGENT = 0.35
 
 @styled
 def study(data: Mapping[str, Any]) -> Drawing:
-    """Optimal cost over each variable, the others at their optimum.
+    """Optimal cost over each variable, the others as in the best design that was found.
 
-    With tangents, and refused designs at the edge.
+    Each design has a tangent; refused ones are dotted vertical lines.
 
     Args:
         data: Data of ``design.json``.

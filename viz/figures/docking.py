@@ -33,10 +33,10 @@ def docking(result: Result, *, frames: int = 6) -> Drawing:
 def strip(result: Result, rows: Rows, words: Sequence[str] = ()) -> Drawing:
     """The scene at rows of a result's data, in reading order, each with its time and what it is.
 
-    result: Result to be drawn.
-        rows: Indices of its data, ascending.
-        words: Caption of each frame; no captions if empty.
-        words: What happens at each; nothing is written where there are none.
+    Args:
+        result: Result to be drawn.
+        rows: Indices of its times, ascending.
+        words: Caption of each frame; nothing is written where it is empty.
     """
     scene = result.scene()
     view = view_of(result, scene)

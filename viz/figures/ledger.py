@@ -60,7 +60,7 @@ def ledger(result: Result) -> Drawing:
 def _momentum(panel: Axes, result: Result, kind: str) -> None:
     data = result.data
     bodies, total = data[f"body_momentum_{kind}"], data[f"momentum_{kind}"]
-    # the axis with the largest change
+    # the axis with the largest momentum of a body
     axis = int(np.abs(bodies.values).max(axis=(0, 1)).argmax())
     for k, body in enumerate(data.body.values):
         values = bodies.sel(body=body).values[:, axis]

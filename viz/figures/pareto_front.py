@@ -11,7 +11,7 @@ from viz.figures.style import COLOURS, Drawing, legend_over, panels, styled
 
 @styled
 def front(data: Mapping[str, Any]) -> Drawing:
-    """One term over the other: plans on the front as a line, dominated ones hollow, refused ones at the edge.
+    """One term over the other: plans on the front as a line, dominated ones hollow, refused ones dotted.
 
     Args:
         data: Data of ``front.json``.

@@ -28,7 +28,7 @@ from viz.figures.style import (
 )
 
 ACTIVE = 1e-4
-"""Distance from a limit below which it is active, as a share of the limit's magnitude."""
+"""Distance from a limit up to which it is active, as a share of the greater one of a pair of limits."""
 ROOM = 0.6
 """Maximum distance of drawn limits from the curves, as a share of the curves' range."""
 HELD: dict[str, Any] = {"marker": "s", "markersize": 3, "linestyle": "", "color": "#B00020", "zorder": 4}
@@ -236,7 +236,7 @@ def _held(panel: Axes, time: Array, values: Array, limits: Array) -> None:
 def _near_limits(panel: Axes, limits: Array, names: Sequence[str]) -> None:
     """Draw the limits (k, 2) near the curves, with the names of their curves.
 
-    The limit of a single curve has its line style; a limit common to several is grey.
+    The limit of a single curve has its colour; a limit common to several is grey.
     """
     low, high = panel.get_ylim()
     room = ROOM * (high - low)

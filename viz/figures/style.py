@@ -255,7 +255,7 @@ def panels(
 
 
 def below_last(axes: np.ndarray[Any, Any]) -> None:
-    """Keep labels and ticks of horizontal axes only under the last panel of each column."""
+    """Keep labels and tick labels of horizontal axes only under the last panel of each column."""
     for panel in axes.flat:
         place = panel.get_subplotspec()
         if place is not None and not place.is_last_row():

@@ -59,7 +59,7 @@ class CampaignReport:
         worst: By set of gains: its worst sample, simulated.
         bands: Percentile bands of each recorded signal, by set of gains.
         spreads: Data of all samples for the animated page, one entry for each set of gains; see
-            :func:`viz.page.campaign_spread.spread_data`.
+            :func:`viz.report.campaign_data.spreads`.
         faults: Reason why the worst sample cannot be simulated, by set of gains.
     """
 
@@ -72,7 +72,7 @@ class CampaignReport:
 
 
 def campaign_report(shown: CampaignReport) -> str:
-    """HTML of a campaign's report, with the animated worst sample of each set of gains."""
+    """HTML of a campaign's report; the worst samples of the first sets of gains are animated."""
     summary = shown.summary
     written = {
         "campaign": ("In short", _in_short(summary)),
@@ -246,7 +246,7 @@ def _worst(shown: CampaignReport) -> str:
 
 
 def animated_worst(shown: CampaignReport) -> dict[str, Any]:
-    """Data of the page that animates each set's worst sample, with the spread of all samples."""
+    """Data of the page that animates the first sets' worst samples, with the spread of all samples."""
     named = {
         f"Gains {name}, sample {shown.summary['gains'][name]['worst'][0]['sample']}": result
         for name, result in list(shown.worst.items())[:MOST_ANIMATED]

@@ -58,7 +58,7 @@ def report(*results: Result, title: str | None = None, sections: Sequence[Report
     Args:
         results: Results to be reported, the main one first.
         title: Heading; composed of the results' names if None.
-        sections: Sections of the report.
+        sections: Sections of the report; other packages may add theirs.
 
     Raises:
         ResultError: If the results cannot be compared.

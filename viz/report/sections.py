@@ -28,7 +28,7 @@ from viz.report.verdict import verdict
 MOST_DIFFERENCES = 12
 """Maximum number of differing values that are shown without unfolding."""
 MOST_COMPARED = 4
-"""Maximum number of results in one drawing; more are only listed in tables."""
+"""Maximum number of results in one drawing; of more only the first is drawn, and tables list all."""
 
 
 @dataclass(frozen=True)

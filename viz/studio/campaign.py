@@ -28,7 +28,7 @@ def cloud(_: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float], j
         SpaceRobotError: If the request names an unknown metric or parameter.
     """
     request, metric = job.request, plant.metrics[job.request.text("metric")]
-    # # campaign section with the uncertain numbers of the request
+    # campaign section with the uncertain numbers of the request
     spreads = request.pairs("spreads")
     if not spreads:
         raise ScenarioError("pin the numbers that are uncertain first")

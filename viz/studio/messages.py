@@ -118,7 +118,7 @@ class Request:
 
 
 def _check(node: Any, where: tuple[str, ...] = ()) -> None:
-    """Refuse deep nesting, and numbers beyond the range of floating point.
+    """Refuse deep nesting, and numbers that are not finite or reach :data:`LARGEST`.
 
     Raises:
         SpaceRobotError: If there is such a value; the message names its place.

@@ -1,4 +1,4 @@
-"""Derivatives of a metric by finite differences, shown while exact gradients are being compiled."""
+"""Derivatives of a metric by differences: while exact ones are being compiled, or where there are none."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from viz.studio.metrics import Metric
 from viz.studio.prepared_design import PreparedDesign
 
 SHARE = 1e-4
-"""Half-width of a difference, relative to the value, or to the slider's range if the value is zero."""
+"""Half-width of a difference, relative to the value, or to half the slider's range if the value is zero."""
 
 PART_S = 0.3
-"""Interval between partial results [s]."""
+"""Minimum interval between partial results [s]."""
 
 
 def differences(
@@ -28,11 +28,11 @@ def differences(
         plant, numbers: The design.
         metric: Metric to be differentiated.
         paths: Paths of the numbers; those that need another compilation are left out.
-        halted: Called before each rollout; ends the computation if it returns True.
+        halted: Called before each rollout; if it returns True, the computation ends without a further result.
 
     Yields:
-        dict: Derivatives so far by path, in the metric's unit per unit of the number; None where a rollout
-            diverged.
+        dict: Derivatives since the last part, by path, in the metric's unit per unit of the number; None
+            where a rollout diverged.
     """
     nominal, told_at = plant.nominal | dict(numbers), time.monotonic()
     found: dict[str, float | None] = {}

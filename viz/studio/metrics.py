@@ -24,7 +24,7 @@ class Metric:
     """Scalar metric of each rollout, to be minimised.
 
     Attributes:
-        key: Name of the quantity, with its component if there are several.
+        key: Name of the quantity for its total, else with the component.
         label, text: Label and description.
         unit: Unit of the displayed value.
         factor: Displayed units per unit of the rollout: 1000 for mm.

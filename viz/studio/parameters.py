@@ -43,7 +43,7 @@ class Leaf:
         unit, text: Unit and description from the schema.
         low, high: Minimum and maximum allowed value; None without a limit.
         open_ends: Whether the limits themselves are excluded.
-        choices: Allowed alternatives.
+        choices: Allowed words of a choice.
         joint_range: Least and greatest position of the joint whose initial position this is, infinite where
             the URDF gives none; None for any other number.
     """
@@ -143,7 +143,10 @@ def find_leaves(scene: Scene) -> dict[str, Leaf]:
 
 
 def suggested(scene: Scene, free: Collection[str]) -> dict[str, tuple[float, float, str] | None]:
-    """Paths that have a slider initially, with the bounds from the tuning section."""
+    """Paths that have a slider initially: those of the tuning section, with its bounds.
+
+    If there are none, some gains, stiffnesses and dampings without bounds.
+    """
     document = to_document(scene.scenario)
     found: dict[str, tuple[float, float, str] | None] = {}
     for variable in scene.scenario.tuning.variables.values() if scene.scenario.tuning else ():

@@ -1,4 +1,7 @@
-"""Scene compiled for the studio, where a rollout of any design of its structure takes milliseconds."""
+"""Scene prepared for the studio, where a rollout of any design of its structure takes milliseconds.
+
+A compiler, if there is one, works in the background; until it is done, rollouts are interpreted.
+"""
 
 from __future__ import annotations
 
@@ -35,12 +38,12 @@ Values = Mapping[str, Any]
 Tell = Callable[[str], None]
 
 MOST_KEPT = 4
-"""Maximum number of compiled structures, so that designs of different structures can be compared."""
+"""Maximum number of prepared structures, so that designs of different structures can be compared."""
 
 
 @dataclass(frozen=True, eq=False)
 class PreparedDesign:
-    """Compiled structure of designs.
+    """Prepared structure of designs.
 
     Attributes:
         scene: Scene with the structural changes of the designs.
@@ -166,7 +169,7 @@ class Origin:
 
 
 class DesignCache:
-    """Compiled structures of a scene, built on first use.
+    """Prepared structures of a scene, built on first use.
 
     Args:
         origin: Scene from which designs differ.
@@ -185,7 +188,7 @@ class DesignCache:
         self._free = self.base.free
 
     def find(self, values: Values) -> tuple[PreparedDesign, dict[str, float]] | None:
-        """Compiled structure of a design, with the design's numbers; None if it is not compiled.
+        """Prepared structure of a design, with the design's numbers; None if it is not prepared.
 
         Raises:
             ScenarioError: If a value is not allowed at its path.
@@ -200,7 +203,7 @@ class DesignCache:
         return plant, inner
 
     def make(self, values: Values) -> PreparedDesign:
-        """Compile the structure of a design.
+        """Prepare the structure of a design.
 
         Raises:
             ScenarioError, DescriptionError: If the design is not valid.

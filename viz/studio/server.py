@@ -25,7 +25,7 @@ FOLDER = Path("out/studio")
 """Default folder of files."""
 
 MOST_BEHIND = 2
-"""Maximum number of unsent messages to a page before further ones wait."""
+"""Number of unsent messages to a page from which its requests wait."""
 
 
 class Studio(Loopback):
@@ -128,7 +128,7 @@ class Peer:
 
     @property
     def behind(self) -> bool:
-        """Whether an earlier message has not been sent completely."""
+        """Whether :data:`MOST_BEHIND` messages or more have not been sent completely."""
         return self._sending >= MOST_BEHIND
 
     def send(self, parts: Sequence[str | bytes]) -> None:

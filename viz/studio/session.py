@@ -1,4 +1,4 @@
-"""Session of the studio: the newest designs are rolled out first, other requests in between."""
+"""Session of the studio: newest designs are rolled out first; files and jobs have threads of their own."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class PageConnection(Protocol):
 
     @property
     def behind(self) -> bool:
-        """Whether an earlier message has not been sent completely."""
+        """Whether so many messages have not been sent completely that its requests wait."""
 
 
 class StudioSession:
@@ -79,7 +79,7 @@ class StudioSession:
         _begin(self._write)
 
     def greet(self, page: PageConnection) -> None:
-        """Send the initial data to a newly connected page."""
+        """Queue the initial data for a newly connected page."""
         with self._change:
             self._pages[page] = self.plants.base
             self._newest[page, "set"] = Request("hello")
@@ -96,7 +96,7 @@ class StudioSession:
         self._jobs.stop_all(page)
 
     def ask(self, page: PageConnection, text: str | bytes) -> None:
-        """Queue a request of a page; returns at once."""
+        """Queue a request of a page, or begin or stop a job; returns at once."""
         request = Request("message")
         try:
             request = read(text)
@@ -120,7 +120,7 @@ class StudioSession:
             self._fail(page, request, fault)
 
     def wake(self) -> None:
-        """Continue after a page has received its messages."""
+        """Continue after a message to a page has been sent."""
         with self._change:
             self._change.notify_all()
 
@@ -133,7 +133,7 @@ class StudioSession:
         self._thread.join(5)
 
     def _work(self) -> None:
-        """Answer the newest request; check the design while it does not change."""
+        """Answer requests, the most urgent first; check a design once it no longer changes."""
         while True:
             with self._change:
                 work = self._change.wait_for(
@@ -358,7 +358,7 @@ class StudioSession:
             self._send(page, {**answer, "d": part, "status": status})
 
     def _is_hurried(self) -> bool:
-        """Whether a design is waiting to be rolled out."""
+        """Whether a design is waiting to be rolled out, or the session is closed."""
         with self._change:
             return self._closed or any(kind == "set" for _, kind in self._newest)
 
@@ -397,7 +397,7 @@ class StudioSession:
 
 
 def _begin(work: Callable[[], None]) -> threading.Thread:
-    """Daemon thread, which does not keep the program running."""
+    """Start a daemon thread, which does not keep the program running."""
     thread = threading.Thread(target=work, name="studio", daemon=True)
     thread.start()
     return thread

@@ -28,7 +28,7 @@ class QuantileBands:
         time: Times of recording (nt,) [s].
         least, low, median, high, greatest: Minimum, 5 %, 50 %, 95 % and maximum over the samples, each (nt,
             c). A diverged rollout counts until its divergence; NaN where no sample remains.
-        left: Number of samples that have not diverged (nt,).
+        left: Number of samples that have not diverged by each time (nt,).
         sample, shown: Number of one sample, and its values over time (nt, c).
     """
 

@@ -60,7 +60,7 @@ def what_matters(draws: Array, values: Array, campaign: Campaign, *, complete: b
 
 
 def noise_of(count: int, campaign: Campaign) -> float:
-    """Rank correlation that no parameter exceeds by chance, at the campaign's confidence for all of them."""
+    """Size that no rank correlation exceeds by chance, at the campaign's confidence for all of them."""
     tries = 2 * len(campaign.parameters)
     return rank_noise(count, 1 - (1 - campaign.confidence) / tries)
 

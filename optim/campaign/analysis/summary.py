@@ -281,7 +281,7 @@ def _worst(
 
     First the diverged ones, the earliest first; then by the share of the limit that a metric reaches, with
     missed captures first, or by the first recorded metric if there is no limit; last the samples that did not
-    start. Ties are ordered by miss distance.
+    start. Of equal ones, as without a time of capture, the largest miss distance is first.
     """
     name, times = str(data.gains.values[index]), data.diverged_at.values[:, index]
     metrics, badness = sampled.badness(evaluator.campaign)

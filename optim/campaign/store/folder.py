@@ -1,8 +1,8 @@
 """A campaign's folder: atomically written chunks, and a netCDF file merged from them.
 
 ``campaign.json`` identifies the campaign. ``chunks/BEGIN-END.npz`` holds samples BEGIN to END - 1, so that
-the file names show which samples exist. ``campaign.nc`` is merged from the chunks at the end and after an
-interruption; once it is complete, the chunks are deleted.
+the file names show which samples exist; each is stored once. ``campaign.nc`` is merged from the chunks at the
+end and after an interruption; once it is complete, the chunks are deleted.
 """
 
 from __future__ import annotations
@@ -206,7 +206,7 @@ def difference(head: Mapping[str, Any], identity: Mapping[str, Any]) -> str | No
 
 
 def check_place(folder: Path) -> None:
-    """Refuse a path that is no directory or holds something else, before any work is done.
+    """Refuse a path that is a file, or a folder that holds something else, before any work is done.
 
     Raises:
         ResultError: If the folder holds something else; the message states the reason.

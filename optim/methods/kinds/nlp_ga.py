@@ -23,7 +23,7 @@ class NlpFromGa(TuningMethod):
     starts_from: ClassVar[str | None] = "ga"
 
     def searches(self, request: MethodRequest) -> Sequence[Callable[[], SearchRun]]:
-        """One descent from the GA's best point."""
+        """One descent from the request's first point, as a rule the GA's best."""
         first, effort = request.first, request.effort
         assert first is not None
 

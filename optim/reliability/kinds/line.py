@@ -53,7 +53,7 @@ class LineSampling(ProbabilityEstimator):
         return mean_of(line_probabilities) if len(line_probabilities) else ProbabilityEstimate(0.0, np.inf)
 
     def missing_share(self, points: Sequence[DesignPoint]) -> float:
-        """First-order share of all failure regions except the most probable one."""
+        """First-order share of all failure regions except the most probable one; opposite ones count too."""
         shares = stats.norm.sf([point.beta for point in points])
         return float(1 - shares[0] / shares.sum()) if len(points) else 0.0
 
