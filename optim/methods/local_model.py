@@ -79,14 +79,17 @@ def outer(form: Form, rows: Array) -> float:
 
 @dataclass(frozen=True)
 class LocalModel:
-    """First derivatives at a point, perhaps from secants, and curvature of what is beside the rows.
+    """Local model phi(d) of the objective and the constraints about a point, as in the module's formula.
+
+    The derivatives are exact or come from secants.
 
     Attributes:
-        form: Of the objective.
-        at: The point.
-        slopes: Derivative of y, (1 + m + n, k).
-        curvature: B, (k, k).
-        scale, weight: Of the objective, and of the largest violation beside it.
+        form: Form of the objective.
+        at: Evaluated point.
+        slopes: Derivative of y by the variables, (1 + m + n, k).
+        curvature: B (k, k), which multiplies the step twice in the part of the objective without rows.
+        scale: Magnitude by which the merit function divides the objective.
+        weight: Weight of the largest violation in the merit function.
     """
 
     form: Form

@@ -253,6 +253,17 @@ class Quantity:
     exists: Callable[[Any], Columns] | None = None
 
     @property
+    def keys(self) -> dict[str, set[str]]:
+        """Keys of the quantity by the section that reads them."""
+        single = {
+            "campaign.limits": self.limit,
+            "tuning.objective": self.weight,
+            "plan.costs": self.cost,
+        }
+        keys = {section: {key} for section, key in single.items() if key is not None}
+        return keys | {"plan.limits": {bound.key for bound in self.bounds}}
+
+    @property
     def is_root(self) -> bool:
         """Whether it is the root of squares, which objectives and plans weigh in its place."""
         return self.reducer in ("rms", "final_length")
@@ -325,7 +336,8 @@ def register_quantity(quantity: Quantity) -> Quantity:
     """Add a quantity; a plugin calls it as the files of this package do.
 
     Raises:
-        SpaceRobotError: If another quantity has its name, or it has bounds and is no ``rms`` or ``peak``.
+        SpaceRobotError: If another quantity has its name or one of its keys, or it has bounds and is no
+            ``rms`` or ``peak``.
     """
     _load()
     return _add(quantity)
@@ -339,6 +351,11 @@ def _add(quantity: Quantity) -> Quantity:
         raise SpaceRobotError(
             f"the quantity {quantity.name!r}: bounds of plans are of `rms` or `peak` quantities"
         )
+    for other in (each for each in _REGISTERED.values() if each.name != quantity.name):
+        for section, keys in other.keys.items():
+            for key in sorted(keys & quantity.keys.get(section, set())):
+                message = f"its key {key!r} in `{section}` is that of {other.name!r}"
+                raise SpaceRobotError(f"the quantity {quantity.name!r}: {message}")
     _REGISTERED[quantity.name] = quantity
     return quantity
 

@@ -13,6 +13,7 @@ from spacerobot.closedloop import build_closed_loop
 from spacerobot.errors import ResultError, ScenarioError, SpaceRobotError
 from spacerobot.quantities import (
     Context,
+    PlanBound,
     Quantity,
     find_quantity,
     limited,
@@ -136,6 +137,24 @@ def test_a_name_is_taken_once():
     with pytest.raises(SpaceRobotError, match="joint_torque_peak"):
         find_quantity("joint_torque")
     assert all(key for key in limited())
+
+
+@pytest.mark.parametrize(
+    ("keys", "section"),
+    [
+        ({"limit": "joint_torque"}, "campaign.limits"),
+        ({"weight": "propellant"}, "tuning.objective"),
+        ({"cost": "torque"}, "plan.costs"),
+        ({"bounds": (PlanBound("base_force", "N", "another"),)}, "plan.limits"),
+    ],
+)
+def test_a_key_is_that_of_one_quantity(keys, section):
+    other = Quantity(
+        name="other", label="o", description="o", unit="N", reducer="peak", expression="joint_torque", **keys
+    )
+    with pytest.raises(SpaceRobotError, match=f"in `{section}` is that of"):
+        register_quantity(other)
+    assert "other" not in quantities()
 
 
 def test_gradients_of_quantities_agree_with_differences(tmp_path):

@@ -188,7 +188,7 @@ def unseen_steps(
         twists = [pin.getVelocity(model, data, k, pin.LOCAL_WORLD_ALIGNED) for k in joints]
         linear.append([twist.linear.copy() for twist in twists])
         angular.append([twist.angular.copy() for twist in twists])
-    speeds, spins, found = np.array(linear), np.array(angular), np.zeros(len(time) - 1, dtype=bool)
+    speeds, spins, may_overlap = np.array(linear), np.array(angular), np.zeros(len(time) - 1, dtype=bool)
     rotations = np.array([[place.rotation for place in row] for row in places])
     origins = np.array([[place.translation for place in row] for row in places])
     for pair in pairs:
@@ -211,8 +211,8 @@ def unseen_steps(
             for k in near:
                 gap[k] = -overlap_depth(a, b, places[k][a.joint], places[k][b.joint])
             if gap[near].min() >= -ALLOWED:
-                found[steps] |= (gap[steps] + gap[steps + 1]) / 2 - change[steps] < -depth
-    return np.flatnonzero(found)
+                may_overlap[steps] |= (gap[steps] + gap[steps + 1]) / 2 - change[steps] < -depth
+    return np.flatnonzero(may_overlap)
 
 
 def collisions(pairs: Sequence[LinkPair], model: Any, q: Array, time: Array) -> list[Collision]:

@@ -44,7 +44,7 @@ def implicit_values(implicit: Sequence[Implicit], inputs: Array, call: Call) -> 
         matching = [
             k for k, one in enumerate(implicit) if one.function is not None and one.function.name() == name
         ]
-        columns = _found(implicit[matching[0]], np.hstack([parts[k] for k in matching]), call)
+        columns = _solve_implicit(implicit[matching[0]], np.hstack([parts[k] for k in matching]), call)
         for k, value in zip(matching, np.hsplit(columns, len(matching)), strict=True):
             values[k] = value
     return np.vstack([np.empty((0, count)), *values])
@@ -56,29 +56,33 @@ def functions_of(implicits: Sequence[Implicit]) -> dict[str, ca.Function]:
     return {function.name(): function for function in functions if function is not None}
 
 
-def _found(implicit: Implicit, given: Array, call: Call) -> Array:
-    """Results of one inner iteration for columns (n, N); few Newton steps for shapes that are apart."""
+def _solve_implicit(implicit: Implicit, inputs: Array, call: Call) -> Array:
+    """Solutions (m, N) of one inner iteration for columns of inputs (n, N).
+
+    Newton steps find the direction between convex shapes that are apart. Columns of shapes that overlap, or
+    that do not converge, are solved by the fixed iteration.
+    """
     assert implicit.function is not None
     if implicit.ascent is None:
-        return call(implicit.function.name(), given)
-    count = given.shape[1]
-    found, left, rest = np.empty((implicit.symbol.numel(), count)), np.arange(count), list[int]()
+        return call(implicit.function.name(), inputs)
+    count = inputs.shape[1]
+    solutions, active, remaining = np.empty((implicit.symbol.numel(), count)), np.arange(count), list[int]()
     directions = np.zeros((3, count))
     for k in range(STEPS):
-        step = call(implicit.ascent.name(), given[:, left], directions)
-        directions, here, (value, slope) = step[:3], step[3:9], step[9:]
-        done = (value > 0) & (slope < SLOPE)
-        found[:, left[done]] = here[:, done]
-        overlaps = ~done & ~(value > 0) & (k >= APART_AFTER)
-        rest += left[overlaps].tolist()
-        goes_on = ~done & ~overlaps
-        left, directions = left[goes_on], directions[:, goes_on]
-        if not left.size:
+        step = call(implicit.ascent.name(), inputs[:, active], directions)
+        directions, solution, (value, slope) = step[:3], step[3:9], step[9:]
+        converged = (value > 0) & (slope < SLOPE)
+        solutions[:, active[converged]] = solution[:, converged]
+        overlaps = ~converged & ~(value > 0) & (k >= APART_AFTER)
+        remaining += active[overlaps].tolist()
+        continuing = ~converged & ~overlaps
+        active, directions = active[continuing], directions[:, continuing]
+        if not active.size:
             break
-    rest += left.tolist()
-    if rest:
-        found[:, rest] = call(implicit.function.name(), given[:, rest])
-    return found
+    remaining += active.tolist()
+    if remaining:
+        solutions[:, remaining] = call(implicit.function.name(), inputs[:, remaining])
+    return solutions
 
 
 def row_values(rows: Sequence[BoundedRow], at: ca.SX, columns: Array) -> Array:

@@ -283,8 +283,8 @@ def _bounded_between(
         if not steps.size:
             break
         middles = (shares[steps] + shares[steps + 1]) / 2
-        found = row_values([row], z, motion.along(middles).T)[0]
-        shares, values = np.insert(shares, steps + 1, middles), np.insert(values, steps + 1, found)
+        middle_values = row_values([row], z, motion.along(middles).T)[0]
+        shares, values = np.insert(shares, steps + 1, middles), np.insert(values, steps + 1, middle_values)
         rates = np.insert(rates, steps + 1, rates_at(middles))
     return shares, values
 

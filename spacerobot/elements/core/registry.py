@@ -134,10 +134,10 @@ def create(family: str, kind: str, **values: Any) -> Any:
         pydantic.ValidationError: If the kind does not allow a value.
         KeyError: If the family or kind is unknown.
     """
-    found = find_kind(family, kind)
-    if found is None:
+    kind_class = find_kind(family, kind)
+    if kind_class is None:
         raise KeyError(kind)
-    return found.model_validate({"kind": kind} | values)
+    return kind_class.model_validate({"kind": kind} | values)
 
 
 def only_shipped() -> bool:
@@ -278,7 +278,7 @@ class Family:
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        """Schema for editors: any kind there is; a section without ``kind`` is of the default kind alone."""
+        """Schema for editors: all kinds of the family; a section without ``kind`` has the default kind."""
         del schema
         union: Any = functools.reduce(operator.or_, kinds(self.name).values())
         json_schema = handler(TypeAdapter[Any](Annotated[union, Field(discriminator="kind")]).core_schema)
