@@ -176,10 +176,10 @@ class Registry:
         Raises:
             SpaceRobotError: If there is none; with the near names.
         """
-        if name not in self._entries and self.named_by_file and name in self._shipped():
-            importlib.import_module(f"{self.package}.{name}")
-        elif name not in self._entries:
+        if name not in self._entries and not self.named_by_file:
             self.entries()
+        elif name not in self._entries and name in self._shipped():
+            importlib.import_module(f"{self.package}.{name}")
         if name not in self._entries:
             raise SpaceRobotError(f"no {self.family} {name!r}; {near_names(name, self.names())}")
         return self._entries[name]

@@ -162,7 +162,13 @@ def test_a_docking_in_phases(tmp_path):
     grasp = {"kind": "weld", "capture": {"distance": 0.05}}
     loop = build_closed_loop(free_bodies(tmp_path, FLAT, grasp, phases=phases))
     run = roll(loop, 5.0)
-    assert run.names == ["left.captured", "approach.captured", "carry.timeout", "left.told", "part.released"]
+    assert run.names == [
+        "left.captured",
+        "approach.captured",
+        "carry.timeout",
+        "left.release_commanded",
+        "part.released",
+    ]
     assert run.events[1].time == run.events[0].time
     assert run.events[2].time == pytest.approx(run.events[0].time + 0.3, abs=1e-9)
     assert run.events[-1].time == run.t

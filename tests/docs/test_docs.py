@@ -155,7 +155,7 @@ def test_the_docking_pages_scenario_is_caught_carried_and_let_go(tmp_path):
         "hand.captured",
         "approach.captured",
         "carry.settled",
-        "hand.told",
+        "hand.release_commanded",
         "part.timeout",
     ]
     assert told == carried

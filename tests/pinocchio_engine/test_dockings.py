@@ -131,7 +131,7 @@ PHASES = {
 def test_phases_follow_each_other_and_end(tmp_path, bases):
     grasp = {"kind": "compliant", "capture": {"distance": 0.05, "dwell": 0.05}}
     names = hold_together(free_bodies(tmp_path, bases, grasp, phases=PHASES), 3.0)
-    expected = ["left.entered", "left.captured", "approach.captured", "carry.time", "left.told"]
+    expected = ["left.entered", "left.captured", "approach.captured", "carry.time", "left.release_commanded"]
     assert names == [*expected, "part.timeout"]
 
 
@@ -212,7 +212,7 @@ def test_references_numbers_and_feedback_differ_by_phase():
     reference |= {"standoff": 0.1, "approach_time": 0.27, "duration": 0.6}
     scene = build_scene(Scenario.model_validate(document))
     names = hold_together(scene, 1.5, step=0.0025)
-    assert names == ["hand.captured", "come.captured", "stop.time", "carry.time", "hand.told"]
+    assert names == ["hand.captured", "come.captured", "stop.time", "carry.time", "hand.release_commanded"]
 
 
 @BASES

@@ -69,7 +69,9 @@ def command(
 
         spacerobot tune my.yaml --method ga --budget 2000 --runs 3 --dask local:4
     """
-    scene = sr.vary(sr.load_scene(scenario, parse_changes(changes)), vary or [])
+    scene = sr.load_scene(scenario, parse_changes(changes))
+    TUNING_METHODS.find(method)  # refused before anything is built
+    scene = sr.vary(scene, vary or [])
     from optim import effort_of
     from optim.problem.scene_recipe import tuning_of
 

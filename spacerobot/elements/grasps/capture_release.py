@@ -284,7 +284,7 @@ class _GraspLifecycle:
             )
         if not lets_go.is_zero():
             command_event = self._opened("released", ca.SX(1), both(lets_go, *self._moves), loss)
-            yield dataclasses.replace(command_event, name=f"{self.grasp.name}.told")
+            yield dataclasses.replace(command_event, name=f"{self.grasp.name}.release_commanded")
 
     def _slipping(self, outputs: Iterable[Output], loss: ca.SX | None) -> Iterator[Event]:
         """Events at which the grasp breaks away, by the outputs of its force and torque."""
