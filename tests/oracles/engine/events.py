@@ -193,7 +193,7 @@ def _held(engine: Engine, grasp: SceneGrasp, life: Life) -> Iterator[Event]:
         at = release.at
         yield opened("released", "released", lambda m: m.t - at)
     if phase and name in engine.scene.scenario.phases[phase].releases:
-        yield opened("told", "released", lambda _: 1.0)
+        yield opened("release_commanded", "released", lambda _: 1.0)
     for place, key in enumerate(("force", "torque")):
         most = None if release is None else getattr(release, key)
         if most is not None:
